@@ -294,8 +294,5 @@ class MemoryFolder:
     def delete_pick(self, pick_id: int) -> None:
         self.picks = tuple(p for p in self.picks if p.id != pick_id)
 
-    def reload(self) -> None:
-        """Nothing else keeps the session."""
-
     def close(self) -> None:
         pass

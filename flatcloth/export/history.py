@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +24,10 @@ from flatcloth.session.machine import (
     Followed,
     Propose,
     Proposed,
-    Redo,
     Reject,
     Reopen,
     Restart,
     Skip,
-    Undo,
 )
 
 _log = logging.getLogger(__name__)
@@ -95,7 +93,7 @@ class SessionHistory:
 
 
 @dataclass(frozen=True)
-class _Made:
+class _Origin:
     """The origin of a document: the numbers of its decisions, and whether the operator chose its proposal."""
 
     document: Document
@@ -103,46 +101,39 @@ class _Made:
     by_hand: bool = False
 
 
-@dataclass
-class _Told:
-    """The content of a journal in addition to the resulting state."""
+class _Verdicts:
+    """The verdicts of a journal, gathered line by line, and which of them stand in the present document."""
 
-    replay: Replay
-    decisions: list[Decision] = field(default_factory=list)
-    asked_by_hand: bool = False
-    # Undo and redo restore the same document objects. They are kept, so that no id is reused.
-    made: list[_Made] = field(default_factory=list)
+    def __init__(self, document: Document) -> None:
+        self.decisions: list[Decision] = []
+        self.present = _Origin(document)
+        # Undo and redo restore the same document objects. They are kept, so that no id is used twice.
+        self._origins = {id(document): self.present}
+        self._chosen_by_hand = False
 
-    def present(self) -> _Made:
-        """Return the origin of the present document."""
-        document = self.replay.state.document
-        return next((m for m in reversed(self.made) if m.document is document), _Made(document))
-
-    def take(self, line: Line, before: _Made) -> None:
-        """Process a replayed line."""
-        entry, document = line.entry, self.replay.state.document
+    def add(self, line: Line, document: Document) -> None:
+        """Take a line and the document after it."""
+        entry, before = line.entry, self.present
         if isinstance(entry, Propose | Reopen):
-            self.asked_by_hand = entry.view_index is not None
-        if document is before.document or isinstance(entry, Undo | Redo):
-            return
+            self._chosen_by_hand = entry.view_index is not None
         made = replace(before, document=document)
         match entry:
+            case _ if document is before.document:
+                return
             case Accept() | Reject() | Skip():
                 self.decisions.append(_decision(len(self.decisions) + 1, line.time, entry, before))
                 made = replace(made, standing=(*before.standing, len(self.decisions)), by_hand=False)
             case Reopen() | Followed(holds=False):
-                made = replace(made, standing=self._without(before.standing, entry.view_index), by_hand=True)
+                kept = (n for n in before.standing if self.decisions[n - 1].view_index != entry.view_index)
+                made = replace(made, standing=tuple(kept), by_hand=True)
             case Proposed():
-                made = replace(made, by_hand=self.asked_by_hand)
+                made = replace(made, by_hand=self._chosen_by_hand)
             case Restart():
-                made = _Made(document)
-        self.made.append(made)
-
-    def _without(self, standing: tuple[int, ...], view_index: int) -> tuple[int, ...]:
-        return tuple(n for n in standing if self.decisions[n - 1].view_index != view_index)
+                made = _Origin(document)
+        self.present = self._origins.setdefault(id(document), made)
 
 
-def _decision(number: int, time: str, verdict: Accept | Reject | Skip, before: _Made) -> Decision:
+def _decision(number: int, time: str, verdict: Accept | Reject | Skip, before: _Origin) -> Decision:
     pending = before.document.pending
     assert pending is not None  # a verdict is only allowed on a proposal
     word = {Accept: ACCEPTED, Reject: REJECTED, Skip: SKIPPED}[type(verdict)]
@@ -169,8 +160,19 @@ def read_history(folder: Path) -> SessionHistory:
         If it is not a session folder or is damaged; the message names the file and the line.
     """
     header = read_header(folder)
-    told = _told(folder / JOURNAL, Replay.of(header))
-    standing = told.present().standing
+    replay = Replay.of(header)
+    verdicts, path = _Verdicts(replay.state.document), folder / JOURNAL
+    try:
+        for line, after in read_journal(path, read_plain(path, MOST_JOURNAL_BYTES), replay):
+            verdicts.add(line, after.state.document)
+            replay = after
+    except FileNotFoundError:
+        pass
+    except OutOfBoundsLineError as error:
+        _log.warning("%s It is shown as it was before.", error)
+    except OSError as error:
+        raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
+    standing = verdicts.present.standing
     return SessionHistory(
         folder=folder,
         recording_name=header.recording.name,
@@ -182,24 +184,8 @@ def read_history(folder: Path) -> SessionHistory:
         config=header.effective_config,
         created=header.created,
         versions=header.versions,
-        document=told.replay.state.document,
-        decisions=tuple(replace(d, stands=d.number in standing) for d in told.decisions),
-        picks=tuple(told.replay.picks.values()),
+        document=replay.state.document,
+        decisions=tuple(replace(d, stands=d.number in standing) for d in verdicts.decisions),
+        picks=tuple(replay.picks.values()),
         grips=read_grips(folder),
     )
-
-
-def _told(path: Path, replay: Replay) -> _Told:
-    told = _Told(replay)
-    before = told.present()
-    try:
-        for line in read_journal(path, read_plain(path, MOST_JOURNAL_BYTES), replay):
-            told.take(line, before)
-            before = told.present()
-    except FileNotFoundError:
-        pass
-    except OutOfBoundsLineError as error:
-        _log.warning("%s It is shown as it was before.", error)
-    except OSError as error:
-        raise JournalError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
-    return told

@@ -7,10 +7,10 @@ and all lines before it; journals of earlier versions have none.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import re
+import typing
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -24,8 +24,6 @@ import numpy as np
 from flatcloth.core.decoding import fitted
 from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBoundsError
 from flatcloth.core.types import Float64
-from flatcloth.session import garment
-from flatcloth.session import machine as session
 from flatcloth.session.header import Header
 from flatcloth.session.machine import Command, Event, SessionState, apply
 
@@ -84,45 +82,9 @@ PickChange = PickAdded | PickRenamed | PickDeleted
 Entry = Command | Event | PickChange
 
 _KINDS: dict[str, type[Any]] = {
-    "start": session.Start,
-    "propose": session.Propose,
-    "accept": session.Accept,
-    "reject": session.Reject,
-    "skip": session.Skip,
-    "reopen": session.Reopen,
-    "nudge": session.Nudge,
-    "take part": session.TakePart,
-    "leave out": session.LeaveOut,
-    "paint image": session.PaintImage,
-    "paint space": session.PaintSpace,
-    "cut cloth": session.CutCloth,
-    "set kind": garment.SetKind,
-    "hold point": garment.HoldPoint,
-    "release points": garment.ReleasePoints,
-    "decide piece": garment.DecidePiece,
-    "decide link": garment.DecideLink,
-    "undo": session.Undo,
-    "redo": session.Redo,
-    "cancel": session.Cancel,
-    "restart": session.Restart,
-    "started": session.Started,
-    "proposed": session.Proposed,
-    "followed": session.Followed,
-    "nothing more": session.NothingMore,
-    "failed": session.Failed,
-    "pick added": PickAdded,
-    "pick renamed": PickRenamed,
-    "pick deleted": PickDeleted,
+    re.sub(r"(?<=[a-z])(?=[A-Z])", " ", kind.__name__).lower(): kind for kind in typing.get_args(Entry)
 }
-_ADDED: dict[type[Any], set[str]] = {
-    session.Accept: {"score"},
-    session.Nudge: {"how"},
-    session.Proposed: {"why", "also"},
-    session.Followed: {"also"},
-    session.NothingMore: {"takes_largest"},
-}
-"""Fields that journals of earlier versions lack; they take the default."""
-
+"""The entries by their name in the journal: ``TakePart`` is "take part"."""
 _NAMES = {kind: name for name, kind in _KINDS.items()}
 _SEAL = re.compile(rb',"crc":"([0-9a-f]{8})"\}\Z')
 
@@ -155,7 +117,7 @@ def encode(
         If it could not be read back: a motion that is not finite, or text that is not Unicode.
     """
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
-    table = {"line": number, "time": now, "kind": _NAMES[type(entry)], **_fields(entry)}
+    table = {"line": number, "time": now, "kind": _NAMES[type(entry)], **vars(entry)}
     if score_parts is not None:
         table["score_parts"] = dict(score_parts)
     body = msgspec.json.encode(table, enc_hook=_plain)
@@ -179,11 +141,8 @@ def decode(number: int, line: bytes) -> Line:
     try:
         about = fitted(table, _Envelope)
         kind = _KINDS[about.kind]
-        names = {f.name for f in dataclasses.fields(kind)}
-        if not names - _ADDED.get(kind, set()) <= table.keys():
-            raise ValueError("a field is missing")
-        # Null is an unknown number; missing fields take the entry's default.
-        entry: Entry = fitted({k: table[k] for k in names if table.get(k) is not None}, kind)
+        # Null is an unknown number; fields that journals of earlier versions lack take the entry's default.
+        entry: Entry = fitted({k: v for k, v in table.items() if v is not None}, kind)
         for name, value in msgspec.to_builtins(entry).items():
             if isinstance(value, dict) and value.keys() != table[name].keys():
                 raise ValueError(f"{name} has other fields")
@@ -192,10 +151,6 @@ def decode(number: int, line: bytes) -> Line:
     if about.line != number:
         raise ValueError(f"it is numbered {about.line}")
     return Line(number, about.time, entry)
-
-
-def _fields(entry: Entry) -> dict[str, Any]:
-    return {f.name: getattr(entry, f.name) for f in dataclasses.fields(entry)}
 
 
 def _plain(value: Any) -> Any:
@@ -211,15 +166,18 @@ def _without_lone_surrogates(line: bytes) -> bytes:
     return json.dumps(json.loads(line), ensure_ascii=False).encode("utf-8", "replace")
 
 
-# --- the one reader -------------------------------------------------------------------------------
+# --- the session of a journal -------------------------------------------------------------------
 
 
-@dataclass
+@dataclass(frozen=True)
 class Replay:
-    """A session that is restored line by line; the only owner of its state and its picks."""
+    """The session that the lines of a journal make; its readers and its writer advance it in the same way.
+
+    ``lines`` were read or written, and ``link`` is the checksum over them; ``sealed`` once a line had one.
+    """
 
     state: SessionState
-    picks: dict[int, Pick] = field(default_factory=dict)
+    picks: Mapping[int, Pick] = field(default_factory=dict)
     next_pick: int = 1
     lines: int = 0
     link: int = 0
@@ -231,29 +189,8 @@ class Replay:
         state = SessionState(n_views=header.recording.views)
         return cls(state, link=header.seed, sealed=bool(header.id))
 
-    def read(self, number: int, line: bytes) -> Line:
-        """Return the content of the next line after comparing its checksum.
-
-        Raises
-        ------
-        ValueError
-            If it is damaged.
-        """
-        found = decode(number, line)
-        seal = _SEAL.search(line)
-        if seal is None:
-            if self.sealed:
-                raise ValueError("it has no checksum")
-            link = zlib.crc32(line, self.link)
-        else:
-            link = zlib.crc32(line[: seal.start()] + b"}", self.link)
-            if link != int(seal[1], 16):
-                raise ValueError("its checksum does not match")
-        self.link, self.sealed = link, self.sealed or seal is not None
-        return found
-
-    def take(self, entry: Entry) -> None:
-        """Apply an entry.
+    def after(self, entry: Entry) -> Replay:
+        """Return the session after an entry; the same object if the entry changes nothing.
 
         Raises
         ------
@@ -262,16 +199,40 @@ class Replay:
         """
         match entry:
             case PickAdded(id=pick_id):
-                self.picks[pick_id] = _pick(entry)
-                self.next_pick = max(self.next_pick, pick_id + 1)
+                following = max(self.next_pick, pick_id + 1)
+                return replace(self, picks={**self.picks, pick_id: _pick(entry)}, next_pick=following)
             case PickRenamed(id=pick_id) | PickDeleted(id=pick_id) if pick_id not in self.picks:
                 raise IllegalDecisionError(f"Pick {pick_id} is not in the list; it may have been deleted.")
             case PickRenamed(id=pick_id, name=name):
-                self.picks[pick_id] = replace(self.picks[pick_id], name=name)
+                return replace(self, picks={**self.picks, pick_id: replace(self.picks[pick_id], name=name)})
             case PickDeleted(id=pick_id):
-                del self.picks[pick_id]
-            case _:
-                self.state = apply(self.state, entry)
+                return replace(self, picks={n: pick for n, pick in self.picks.items() if n != pick_id})
+        state = apply(self.state, entry)
+        return self if state is self.state else replace(self, state=state)
+
+    def with_line(self, link: int) -> Replay:
+        """Return the session with one more line, which ends with this checksum."""
+        return replace(self, lines=self.lines + 1, link=link, sealed=True)
+
+    def read(self, line: bytes) -> tuple[Line, Replay]:
+        """Return the content of the next line, and the session after it.
+
+        Raises
+        ------
+        ValueError
+            If the line is damaged.
+        IllegalDecisionError
+            If its entry is not allowed.
+        """
+        found = decode(self.lines + 1, line)
+        seal = _SEAL.search(line)
+        if seal is None and self.sealed:
+            raise ValueError("it has no checksum")
+        link = zlib.crc32(line if seal is None else line[: seal.start()] + b"}", self.link)
+        if seal is not None and link != int(seal[1], 16):
+            raise ValueError("its checksum does not match")
+        after = self.after(found.entry).with_line(link)
+        return found, replace(after, sealed=self.sealed or seal is not None)
 
 
 def _pick(added: PickAdded) -> Pick:
@@ -297,10 +258,10 @@ class OutOfBoundsLineError(JournalError):
         self.number, self.start, self.cause = number, start, cause
 
 
-def read_journal(path: Path, data: bytes, replay: Replay) -> Iterator[Line]:
-    """Replay the complete lines of a journal; each is yielded once it is applied.
+def read_journal(path: Path, data: bytes, replay: Replay) -> Iterator[tuple[Line, Replay]]:
+    """Yield each complete line of a journal with the session after it.
 
-    ``data`` is the content of the file ``path``.
+    ``data`` is the content of the file ``path``, ``replay`` the session before its first line.
 
     Raises
     ------
@@ -309,18 +270,14 @@ def read_journal(path: Path, data: bytes, replay: Replay) -> Iterator[Line]:
     """
     start = 0
     for number, text in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], start=1):
-        before = replay.link, replay.sealed
         try:
-            line = replay.read(number, text)
-            replay.take(line.entry)
+            line, replay = replay.read(text)
         except OutOfBoundsError as error:
-            replay.link, replay.sealed = before
             raise OutOfBoundsLineError(path, number, start, str(error)) from error
         except (ValueError, IllegalDecisionError) as error:
             raise JournalError(
                 f"{path}: line {number} is damaged ({error}). Restore it from a copy,"
                 " cut the file before that line to continue from there, or use another folder."
             ) from error
-        replay.lines = number
+        yield line, replay
         start += len(text) + 1
-        yield line

@@ -29,7 +29,6 @@ from flatcloth.session.journal import (
     OutOfBoundsLineError,
     Pick,
     PickAdded,
-    PickChange,
     PickDeleted,
     PickRenamed,
     Replay,
@@ -37,7 +36,7 @@ from flatcloth.session.journal import (
     read_journal,
 )
 from flatcloth.session.journal_file import JournalFile, LockedError, open_locked
-from flatcloth.session.machine import Cancel, Command, Event, SessionState, apply
+from flatcloth.session.machine import Cancel, SessionState
 
 _log = logging.getLogger(__name__)
 
@@ -53,7 +52,7 @@ class SessionFolder:
         self._header = header
         self._lock_fd: int | None = lock_fd
         self._journal = journal
-        self._kept = Replay.of(header)
+        self._replay = Replay.of(header)
         self._notices: list[str] = []
 
     @classmethod
@@ -108,29 +107,28 @@ class SessionFolder:
     @property
     def state(self) -> SessionState:
         """The session as recorded in the journal."""
-        return self._kept.state
+        return self._replay.state
 
     @property
     def picks(self) -> tuple[Pick, ...]:
         """The picks in the order in which they were added."""
-        return tuple(self._kept.picks.values())
+        return tuple(self._replay.picks.values())
 
-    def record(self, command: Command | Event, score_parts: Mapping[str, float] | None = None) -> None:
-        """Append a command or an answer and wait until it is on disk; a stale answer is dropped.
+    def record(self, entry: Entry, score_parts: Mapping[str, float] | None = None) -> None:
+        """Append an entry and wait until it is on disk; a stale answer is dropped.
 
         ``score_parts`` are added to a proposal for readers of the journal; replaying ignores them.
 
         Raises
         ------
         IllegalDecisionError
-            If the session does not allow the command; nothing is written.
+            If the session does not allow it; nothing is written.
         JournalError
-            If it cannot be written; the journal then stays unchanged.
+            If it cannot be written; the journal and the session then stay unchanged.
         """
-        state = apply(self.state, command)
-        if state is not self.state:
-            self._append(command, score_parts)
-            self._kept.state = state
+        after = self._replay.after(entry)
+        if after is not self._replay:
+            self._replay = after.with_line(self._append(entry, score_parts))
 
     def add_pick(
         self,
@@ -148,35 +146,39 @@ class SessionFolder:
             If it cannot be written.
         """
         change = PickAdded(
-            self._kept.next_pick,
+            self._replay.next_pick,
             name,
             _coordinates(position_held_m),
             _coordinates(normal_held),
             view_index,
             (float(source_rc[0]), float(source_rc[1])),
         )
-        self._change_picks(change)
-        return self._kept.picks[change.id]
+        self.record(change)
+        return self._replay.picks[change.id]
 
     def rename_pick(self, pick_id: int, name: str) -> None:
         """Rename a pick.
 
         Raises
         ------
+        IllegalDecisionError
+            If there is no such pick.
         JournalError
-            If there is no such pick, or it cannot be written.
+            If it cannot be written.
         """
-        self._change_picks(PickRenamed(pick_id, name))
+        self.record(PickRenamed(pick_id, name))
 
     def delete_pick(self, pick_id: int) -> None:
         """Remove a pick from the list; the journal keeps its record.
 
         Raises
         ------
+        IllegalDecisionError
+            If there is no such pick.
         JournalError
-            If there is no such pick, or it cannot be written.
+            If it cannot be written.
         """
-        self._change_picks(PickDeleted(pick_id))
+        self.record(PickDeleted(pick_id))
 
     def keep_axis(self, axis: RotationAxis) -> None:
         """Save a turning axis that was set by hand with the session, in ``axis.json``.
@@ -187,19 +189,6 @@ class SessionFolder:
             If it cannot be written.
         """
         write_axis(self._folder, axis)
-
-    def reload(self) -> None:
-        """Take the session anew from the journal.
-
-        Raises
-        ------
-        JournalError
-            If the journal is damaged.
-        """
-        kept = Replay.of(self._header)
-        for _ in read_journal(self._folder / JOURNAL, self._journal.data, kept):
-            pass
-        self._kept = kept
 
     def take_notices(self) -> tuple[str, ...]:
         """Return what the user must be told, once: sentences on where the session is kept."""
@@ -212,12 +201,6 @@ class SessionFolder:
         if self._lock_fd is not None:
             os.close(self._lock_fd)
         self._lock_fd = None
-
-    def _change_picks(self, change: PickChange) -> None:
-        if not isinstance(change, PickAdded) and change.id not in self._kept.picks:
-            raise JournalError(f"Pick {change.id} is not in the list; it may have been deleted.")
-        self._append(change)
-        self._kept.take(change)
 
     def _notice(self, text: str) -> None:
         _log.warning("%s", text)
@@ -234,8 +217,8 @@ class SessionFolder:
     def _resume(self) -> None:
         path, data = self._folder / JOURNAL, self._journal.data
         try:
-            for _ in read_journal(path, data, self._kept):
-                pass
+            for _, after in read_journal(path, data, self._replay):
+                self._replay = after
         except OutOfBoundsLineError as error:
             aside = self._set_aside(data)
             self._journal.cut(error.start)
@@ -257,11 +240,12 @@ class SessionFolder:
         replace_file(path, data)
         return path
 
-    def _append(self, entry: Entry, score_parts: Mapping[str, float] | None = None) -> None:
+    def _append(self, entry: Entry, score_parts: Mapping[str, float] | None) -> int:
+        """Write an entry as the next line, and return its checksum."""
         if not self._journal.is_open:
             raise JournalError(f"{self._folder}: the session is closed. Open it again.")
         try:
-            line, link = encode(self._kept.lines + 1, entry, score_parts, self._kept.link)
+            line, link = encode(self._replay.lines + 1, entry, score_parts, self._replay.link)
         except ValueError as error:
             raise JournalError(
                 f"The decision has numbers that are not finite, or text that is not Unicode ({entry!r:.200})."
@@ -275,8 +259,7 @@ class SessionFolder:
                 f"{self._folder / JOURNAL}: cannot be written ({error.strerror}). "
                 "The decision was not made. Free disk space and repeat it."
             ) from error
-        self._kept.lines += 1
-        self._kept.link, self._kept.sealed = link, True
+        return link
 
     def _move(self) -> None:
         """Continue in a fresh folder, since somebody removed or replaced the journal, or wrote into it."""

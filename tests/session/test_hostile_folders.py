@@ -18,7 +18,7 @@ from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBound
 from flatcloth.core.plain_files import open_own, replace_file
 from flatcloth.core.types import Rigid2
 from flatcloth.export.history import read_history
-from flatcloth.session.journal import Replay, encode
+from flatcloth.session.journal import encode
 from flatcloth.session.machine import (
     Command,
     Event,
@@ -263,8 +263,7 @@ def absurd_journal(place: Path) -> bytes:
     folder = opened(place)
     for step in SCRIPT[:5]:
         folder.record(step)
-    kept: Replay = folder._kept
-    lines, link = [], kept.link
+    lines, link = [], folder._replay.link
     for number, entry in enumerate((Nudge(1, Rigid2(0.0, 1e9, 0.0)), Nudge(1, Rigid2(0.0, 1e308, 0.0))), 6):
         line, link = encode(number, entry, None, link)
         lines.append(line)
@@ -291,16 +290,6 @@ def test_a_journal_with_an_absurd_number_opens_at_the_decision_before_it_and_say
     assert again.state == states()[6]
     assert again.take_notices() == ()
     again.close()
-
-
-def test_the_session_can_be_taken_anew_from_its_journal(place: Path) -> None:
-    folder = played_in(place)
-    kept = folder.state
-    folder._kept.state = apply(kept, Undo())  # as if something had gone wrong half-way
-    folder.reload()
-    assert folder.state == kept
-    folder.record(Undo())
-    folder.close()
 
 
 def test_a_journal_of_another_session_of_the_same_recording_is_refused(place: Path) -> None:

@@ -312,9 +312,9 @@ def test_picks_and_decisions_do_not_disturb_each_other(place: Path) -> None:
 
 def test_a_pick_that_is_not_in_the_list_is_refused(place: Path) -> None:
     folder = opened(place)
-    with pytest.raises(JournalError, match="Pick 7 is not in the list"):
+    with pytest.raises(IllegalDecisionError, match="Pick 7 is not in the list"):
         folder.rename_pick(7, "x")
-    with pytest.raises(JournalError, match="Pick 7 is not in the list"):
+    with pytest.raises(IllegalDecisionError, match="Pick 7 is not in the list"):
         folder.delete_pick(7)
     assert (place / "journal.jsonl").read_bytes() == b""
     folder.close()

@@ -46,8 +46,8 @@ def prefixes(data: bytes) -> dict[int, tuple[SessionState, tuple[int, ...]]]:
     header_link = _links[data[:40]]
     replay = Replay(SessionState(len(RECORDING)), link=header_link, sealed=True)
     found: dict[int, tuple[SessionState, tuple[int, ...]]] = {0: (replay.state, ())}
-    for line in read_journal(place, b"".join(text + b"\n" for text in lines), replay):
-        found[line.number] = (replay.state, tuple(replay.picks))
+    for line, after in read_journal(place, b"".join(text + b"\n" for text in lines), replay):
+        found[line.number] = (after.state, tuple(after.picks))
     return found
 
 
@@ -107,7 +107,7 @@ def test_nothing_acknowledged_is_lost_by_a_kill(place: Path) -> None:
         time.sleep(rng.uniform(0, 0.03))
         told = int((writer.killed() or first).split()[0])
         folder = opened(place)
-        lines = folder._kept.lines
+        lines = folder._replay.lines
         # A line may be on disk whose acknowledgement was not heard any more, and resuming may add one.
         assert told <= lines <= told + 3, (told, lines)
         counts["lost"] += lines < told
@@ -248,7 +248,7 @@ def test_a_folder_that_is_removed_under_a_running_program_loses_nothing(
         lines, kept_in = (writer.killed() or heard).strip().split(maxsplit=1)
         assert Path(kept_in) != place
         folder = opened(Path(kept_in))
-        counts["lost"] += folder._kept.lines < int(lines)
+        counts["lost"] += folder._replay.lines < int(lines)
         counts["harms"] += 1
         folder.close()
     print(f"\n{harm.__name__[1:]}: {dict(counts)}")

@@ -62,7 +62,7 @@ def main(place: Path) -> None:
             folder.record(next_step(folder.state, n))
             if n % 5 == 0:
                 folder.add_pick(f"pick {n}", np.array([0.1, 0.2, n]), np.zeros(3), 1, (1.0, 2.0))
-            sys.stdout.write(f"{folder._kept.lines} {folder.folder}\n")
+            sys.stdout.write(f"{folder._replay.lines} {folder.folder}\n")
             sys.stdout.flush()
     except JournalError as error:
         sys.stdout.write(f"refused {error}\n")

@@ -142,7 +142,6 @@ class Application(PageController):
         self._stop_work()
         self._cancel = self._asked = None
         self._page_status = replace(self._page_status, auto=False, progress=None)
-        self._folder.reload()
         self._settle()
 
     def _stop_work(self) -> None:
