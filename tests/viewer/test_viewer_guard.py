@@ -151,7 +151,7 @@ def test_a_client_that_does_not_speak_viser_s_language_leaves_one_line(server, c
         opened.send(b"\xc1")
         for _ in opened:
             pass
-    (line,) = [r for r in caplog.records if r.name.endswith("private_viser") and r.levelname == "ERROR"]
+    (line,) = [r for r in caplog.records if r.name == "websockets.server" and r.levelname == "ERROR"]
     assert "not understood" in line.getMessage()
     assert line.exc_info is None
 
