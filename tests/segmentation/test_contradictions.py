@@ -136,3 +136,15 @@ def test_a_stroke_that_agrees_with_the_first_confirms_it(observed, front):
     solver = solver_with(observed, Priced(cost=100.0))
     strokes = [on_front(119.0, 119.0), on_front(150.0, 119.0), on_back(0.0, 0.0), on_back(0.03, 0.0)]
     assert (solver.solve(strokes).side[front] == OTHER).all()
+
+
+def test_a_stroke_over_an_earlier_one_turns_over_what_lies_around_it_too(observed, front):
+    """The earlier stroke holds what the later one does not touch; it must not hold the mark of the later."""
+    solver = SideSolver(observed)
+    earlier, later = on_front(119.0, 119.0, "this"), on_front(119.0, 119.0)
+    found = solver.solve([earlier, later])
+    assert len(found.conflicts) == 1
+    marked = solver._state((earlier, later)).strokes[1][1]
+    around = np.setdiff1d(np.flatnonzero(front), marked)
+    print((found.side[around] != OF_INTEREST).mean())
+    assert (found.side[around] != OF_INTEREST).mean() > 0.9
