@@ -49,7 +49,7 @@ COMPARED = {
     "within_3_std_share": 0.002,
 }  # fmt: skip
 """Figures of ``accuracy``, each with the smallest change that is listed: as processors differ."""
-TABLES = ("garments/kinds/", "garments/tops.py", "garments/bottoms.py", "garments/example.py")
+TABLES = ("garments/kinds/", "garments/example.py")
 """Dimensions of garments, with their means, deviations and ranges: data, not free numbers of the method."""
 
 

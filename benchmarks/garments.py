@@ -25,11 +25,11 @@ from flatcloth.engine.garment.recognition import evidence_of_shape, seen_from
 from flatcloth.engine.garment.truth import GarmentEvaluation, compare_garment, read_true_points, summary
 from flatcloth.engine.integration import Integration
 from flatcloth.garments import recognition
+from flatcloth.garments.deciding import pixels_of_part
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.example import seen_outline
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.links import SUSPECT_MISFIT, DoubtedLink, doubted_links, is_offered, is_wrong
-from flatcloth.garments.parting import pixels_of_part
 from flatcloth.session.document import Document
 from flatcloth.session.garment import GarmentDecisions
 

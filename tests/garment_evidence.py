@@ -7,7 +7,7 @@ import numpy as np
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.garments.distance import inside_outline
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.registry import kind_named
+from flatcloth.garments.kinds import kind_named
 
 
 def sampled(outline: np.ndarray, spacing: float = 0.006) -> tuple[np.ndarray, np.ndarray]:
@@ -42,7 +42,6 @@ def evidence_from(
         edge_uv_m=motion.apply(edges),
         edge_normal=Rigid2(motion.theta_rad).apply(normals),
         edge_std_m=np.zeros(len(edges)),
-        edge_free=np.ones(len(edges), dtype=bool),
         edge_trust=np.ones(len(edges)),
         unseen_uv_m=np.zeros((0, 2)),
         inside_uv_m=motion.apply(inside),

@@ -32,8 +32,8 @@ from flatcloth.engine.following import follow, laid_beside, plan_put_off
 from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place_all
+from flatcloth.garments.deciding import parts_taken_off, with_doubts
 from flatcloth.garments.links import Cloth
-from flatcloth.garments.parting import parts_taken_off, with_doubts
 from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan, SurfaceEdges
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of

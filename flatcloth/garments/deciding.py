@@ -1,4 +1,4 @@
-"""Application of an operator's decisions to a recognised garment: kind, held points, placed pieces.
+"""Application of decisions to a recognised garment: kind, held points, placed pieces, parts taken off.
 
 The plane of the shape may change when views are added. So a place is kept with points of the cloth near
 it, and found again by where these points lie then.
@@ -10,15 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import FlattenedView, Float64, Rigid2
+from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, Rigid2
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Pull
+from flatcloth.garments.links import Cloth, DoubtedLink, side_of
 from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import (
+    FOLLOWED_M,
     SEEN_STD_M,
     Recognition,
     dimensions_of,
@@ -26,18 +27,15 @@ from flatcloth.garments.recognition import (
     pixel_near,
     points_of,
 )
-from flatcloth.session.garment import ClothPlaces, GarmentDecisions, HeldPoint, PlacedPiece
+from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions, HeldPoint, PlacedPiece
 
 HELD_STD_M = 0.003
 """Standard deviation of a point that was placed by hand: two pixels of the flattened view. Set by hand."""
 _SAME_M = 0.015
-"""A point of cloth found again: joint registration moves measured points by less."""
-_NEAR_M = 0.05
-"""A decided point is tied to cloth within this distance, beyond its nearest pixel. Chosen: it survives the
-loss of a view."""
-_POINT_COUNT, _SHAPE_COUNT = 12, 40
-"""Points of cloth that a decided point and a decided piece are tied to. Chosen: more cost space in the
-journal."""
+"""A point of cloth found again: joint registration moves measured points by less. Set by hand."""
+_LEAST_FOUND = 0.5  # by definition: most of the points of a decision, or its cloth is gone
+_TIED = 40
+"""Points of cloth that each decision is tied to. Chosen: more cost space in the journal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,16 +106,14 @@ def with_placed_cloth(
     return replace(found, points=points)
 
 
-# --- places tied to cloth -------------------------------------------------------------------------
-
-
 def held_point(name: str, uv_m: Float64, shape: FlattenedView) -> HeldPoint:
     """Return a place of the plane tied to the cloth nearest to it."""
-    pixels = np.argwhere(shape.valid)
-    off = np.linalg.norm(shape.uv_from_rc(pixels) - uv_m, axis=1)
-    near = pixels[off <= off.min() + _NEAR_M]
+    places = shape.uv_from_rc(np.argwhere(shape.valid))
+    off = np.linalg.norm(places - uv_m, axis=1)
+    # Cloth a little farther off, too: the decision outlives the loss of a view.
+    near = off <= off.min() + FOLLOWED_M
     u_m, v_m = (float(x) for x in uv_m)
-    return HeldPoint(name, (u_m, v_m), _cloth_at(near, shape, _POINT_COUNT))
+    return HeldPoint(name, (u_m, v_m), _tied(shape.xyz_m[shape.valid][near], places[near]))
 
 
 def pulls_of(decisions: GarmentDecisions, shape: FlattenedView) -> tuple[Pull, ...]:
@@ -139,12 +135,12 @@ def placed_piece(
     accepted: bool,
 ) -> PlacedPiece:
     """Return a decision about a floating piece, tied to its cloth and to that of the shape."""
-    own = _cloth_at(np.argwhere(piece.valid), piece, _SHAPE_COUNT)
+    own = _cloth_of(piece)
     laid = shape_from_piece.apply(np.array(own.uv_m))
     return PlacedPiece(
         accepted=accepted,
         piece=replace(own, uv_m=tuple((float(u), float(v)) for u, v in laid)),
-        shape=_cloth_at(np.argwhere(shape.valid), shape, _SHAPE_COUNT),
+        shape=_cloth_of(shape),
         probability=float(probability),
     )
 
@@ -160,7 +156,7 @@ def decided_pieces(
         points = np.array(decision.piece.points_m)
         shares = [float((tree.query(points)[0] <= _SAME_M).mean()) for tree in trees]
         index = int(np.argmax(shares)) if shares else -1
-        if index < 0 or shares[index] < 0.5:
+        if index < 0 or shares[index] < _LEAST_FOUND:
             continue  # seen views join it to the shape by now
         moved = _now_from_then(decision.shape, shape)
         own = _now_from_then(decision.piece, floating[index])
@@ -173,13 +169,16 @@ def decided_pieces(
     return DecidedPieces(shape_from_piece=motions, refused=frozenset(refused))
 
 
-def _cloth_at(pixels: NDArray[np.intp], view: FlattenedView, count: int) -> ClothPlaces:
-    chosen = pixels[np.linspace(0, len(pixels) - 1, min(count, len(pixels))).astype(int)]
-    points = view.xyz_m[chosen[:, 0], chosen[:, 1]].astype(np.float64)
-    places = view.uv_from_rc(chosen)
+def _cloth_of(view: FlattenedView) -> ClothPlaces:
+    return _tied(view.xyz_m[view.valid], view.uv_from_rc(np.argwhere(view.valid)))
+
+
+def _tied(xyz_m: Floats, uv_m: Float64) -> ClothPlaces:
+    """Return some of the places (N, 2) of the plane with their points (N, 3) in space."""
+    chosen = np.linspace(0, len(xyz_m) - 1, min(_TIED, len(xyz_m))).astype(int)
     return ClothPlaces(
-        points_m=tuple((float(x), float(y), float(z)) for x, y, z in points),
-        uv_m=tuple((float(u), float(v)) for u, v in places),
+        points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[chosen]),
+        uv_m=tuple((float(u), float(v)) for u, v in uv_m[chosen]),
     )
 
 
@@ -198,3 +197,80 @@ def _now_from_then(cloth: ClothPlaces, view: FlattenedView) -> Rigid2 | None:
         residual = np.linalg.norm(motion.apply(then) - now, axis=1)
         kept = (off <= _SAME_M) & (residual <= max(0.01, 3.0 * float(np.median(residual[kept]))))
     return motion
+
+
+def decided_part(
+    cloth: Cloth, link: DoubtedLink, *, taken_off: bool, is_doubted: bool = False
+) -> DoubtedPart:
+    """Return a decision about a part, tied to its cloth and to that of the rest; or that it is doubted."""
+    rest = cloth.placed & ~link.part
+    return DoubtedPart(
+        taken_off=taken_off,
+        part=_tied(cloth.xyz_m[link.part], cloth.uv_m[link.part]),
+        rest=_tied(cloth.xyz_m[rest], cloth.uv_m[rest]),
+        probability=float(link.probability),
+        std_m=link.std_m if is_doubted else 0.0,
+    )
+
+
+def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
+    """Return the samples (N,) of a decided part on a shape as it is now; None if it is not on it."""
+    placed = np.flatnonzero(cloth.placed)
+    tree = cKDTree(cloth.xyz_m[placed])
+    ends = []
+    for tied in (decision.part, decision.rest):
+        off, nearest = tree.query(np.array(tied.points_m))
+        if (off <= _SAME_M).mean() < _LEAST_FOUND:
+            return None
+        ends.append(placed[nearest[off <= _SAME_M]])
+    own, others = np.setdiff1d(ends[0], ends[1]), np.setdiff1d(ends[1], ends[0])
+    if not (own.size and others.size):
+        return None
+    return side_of(cloth, own, others)
+
+
+def is_decided(cloth: Cloth, link: DoubtedLink, decisions: Sequence[DoubtedPart]) -> bool:
+    """Return whether one of the decisions is about the part of a link."""
+    return any(_is_same(part, link.part) for _, part in _last_decisions(cloth, decisions))
+
+
+def parts_taken_off(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[Bool]:
+    """Return the samples (N,) of each part that is taken off now; of a part, the last decision counts."""
+    return [part for decision, part in _last_decisions(cloth, decisions) if decision.taken_off]
+
+
+def _last_decisions(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[tuple[DoubtedPart, Bool]]:
+    """Return the last decision about each part that is found again, and its samples (N,)."""
+    found: list[tuple[DoubtedPart, Bool]] = []
+    for decision in decisions:
+        part = found_again(cloth, decision)
+        if part is not None:
+            found = [(before, other) for before, other in found if not _is_same(part, other)]
+            found.append((decision, part))
+    return found
+
+
+def _is_same(part: Bool, other: Bool) -> bool:
+    return bool((part & other).sum() > 0.5 * (part | other).sum())
+
+
+def with_doubts(view: FlattenedView, cloth: Cloth, decisions: Sequence[DoubtedPart]) -> FlattenedView:
+    """Return the shape with larger standard deviations where the link of a part is doubted.
+
+    Joined or lying elsewhere are two hypotheses; the variance of a place is that between them.
+    """
+    doubted = [(d.std_m, part) for d, part in _last_decisions(cloth, decisions) if d.std_m]
+    if not doubted or view.placement_std_m is None:
+        return view
+    std = view.placement_std_m.copy()
+    for std_m, part in doubted:
+        own = pixels_of_part(view, cloth, part)
+        std[own] = np.hypot(std[own], np.float32(std_m))
+    return replace(view, placement_std_m=std)
+
+
+def pixels_of_part(view: FlattenedView, cloth: Cloth, part: Bool) -> Bool:
+    """Return the pixels (H, W) of the shape that a part (N,) of its samples carries."""
+    own = np.zeros(view.shape, dtype=np.bool_)
+    own[view.valid] = cloth.at(view.uv_from_rc(np.argwhere(view.valid)), part)
+    return own

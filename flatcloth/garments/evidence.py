@@ -76,8 +76,7 @@ class PieceEvidence:
     """Evidence of one piece, in its own plane (u, v), metres.
 
     ``edge_uv_m`` (E, 2) places of true edges, ``edge_normal`` (E, 2) outwards, ``edge_std_m`` (E,) their
-    standard deviation, ``edge_free`` (E,) True where nothing of the item went on behind the edge,
-    ``edge_trust`` (E,) from 0 to 1 how well it was seen;
+    standard deviation, ``edge_trust`` (E,) from 0 to 1 how well each was seen;
     ``unseen_uv_m`` (U, 2) the rest of the border; ``inside_uv_m`` (I, 2) places with cloth, with their
     ``inside_std_m`` (I,) and their points ``inside_xyz_m`` (I, 3), held frame; ``area_m2`` of the cloth;
     ``hole_edge_m`` the length of true edges round holes in it; ``depth_m`` (R, C) how far each pixel of
@@ -89,7 +88,6 @@ class PieceEvidence:
     edge_uv_m: Float64
     edge_normal: Float64
     edge_std_m: Float64
-    edge_free: Bool
     edge_trust: Float64
     unseen_uv_m: Float64
     inside_uv_m: Float64
@@ -121,7 +119,6 @@ class PieceEvidence:
             edge_uv_m=self.edge_uv_m[edges],
             edge_normal=self.edge_normal[edges],
             edge_std_m=self.edge_std_m[edges],
-            edge_free=self.edge_free[edges],
             edge_trust=self.edge_trust[edges],
             inside_uv_m=self.inside_uv_m[insides],
             inside_std_m=self.inside_std_m[insides],
@@ -138,7 +135,6 @@ class PieceEvidence:
             edge_uv_m=self.edge_uv_m[e],
             edge_normal=self.edge_normal[e],
             edge_std_m=self.edge_std_m[e],
-            edge_free=self.edge_free[e],
             edge_trust=self.edge_trust[e],
             inside_uv_m=self.inside_uv_m[i],
             inside_std_m=self.inside_std_m[i],
@@ -176,7 +172,7 @@ def evidence_of(
     inside_std = np.zeros(len(inside_rc)) if std is None else std[tuple(inside_rc.T)].astype(np.float64)
     border_rc, outward, hole = _border(solid, piece.pixel_size_m)
     border_uv = piece.uv_from_rc(border_rc)
-    at, free, trust, known = _ends(piece, border_rc, outward, seen_from, others)
+    at, trust, known = _ends(piece, border_rc, outward, seen_from, others)
     nearest = np.rint(border_rc).astype(int)
     edge_std = np.zeros(len(border_rc))
     if std is not None and len(border_rc):
@@ -188,7 +184,6 @@ def evidence_of(
         edge_uv_m=border_uv[known] + at[known, None] * outward[known],
         edge_normal=outward[known],
         edge_std_m=edge_std[known],
-        edge_free=free[known],
         edge_trust=trust[known],
         unseen_uv_m=border_uv[~known],
         inside_uv_m=piece.uv_from_rc(inside_rc),
@@ -282,15 +277,13 @@ def _ends(
     outward: Float64,
     seen_from: Sequence[SeenFrom],
     others: Sequence[FlattenedView],
-) -> tuple[Float64, Bool, Float64, Bool]:
+) -> tuple[Float64, Float64, Bool]:
     """Return where the cloth ends beyond each place of the border.
 
     Returns
     -------
     at_m : (K,) float64
         How far outwards.
-    free : (K,) bool
-        Whether nothing of the item was right behind.
     trust : (K,) float64
         From 0 to 1: much where many views saw it end, and frontally, and no cloth of the other side hides it.
     known : (K,) bool
@@ -300,16 +293,14 @@ def _ends(
     start, normal, along, fine = _tangents(piece, border_rc, outward)
     steps = np.arange(-0.004, _FARTHEST_M, _STEP_M)
     ended, went_on = np.zeros(count), np.zeros(count)
-    moved, behind = np.zeros(count), np.zeros(count)
-    level, deeper_m = np.zeros(count), np.zeros(count)
+    moved, level, deeper_m = np.zeros(count), np.zeros(count), np.zeros(count)
     for view in seen_from:
-        weight, at, is_free, goes_on, level_m = _ends_in(view, start, normal, along, steps)
+        weight, at, goes_on, level_m = _ends_in(view, start, normal, along, steps)
         weight = np.where(fine, weight, 0.0)
         stops = weight * ~goes_on
         ended += stops
         went_on += weight * goes_on
         moved += stops * np.nan_to_num(at)
-        behind += stops * is_free
         level += stops * np.isfinite(level_m)
         deeper_m += stops * np.nan_to_num(level_m)
     stops_here = (ended > 0.15) & (ended > 1.2 * went_on) & ~_goes_on_in(others, start, normal, along)
@@ -318,7 +309,7 @@ def _ends(
         trust = ended / (ended + _HALF_TRUSTED)
         # Cloth of the other side beside it may lie on it, too, nearer by less than one view can tell.
         trust *= np.where(level > 0.5 * ended, ndtr(deeper_m / level / _LEVEL_STD_M), 1.0)
-        return moved / ended, behind > 0.5 * ended, trust, known
+        return moved / ended, trust, known
 
 
 def _goes_on_in(others: Sequence[FlattenedView], start: Float64, normal: Float64, along: Float64) -> Bool:
@@ -395,7 +386,7 @@ def _tangents(
 
 def _ends_in(
     view: SeenFrom, start: Float64, normal: Float64, along: Float64, steps: Float64
-) -> tuple[Float64, Float64, Bool, Bool, Float64]:
+) -> tuple[Float64, Float64, Bool, Float64]:
     """Return how well one view sees each place of the border, and whether the cloth continues there.
 
     Returns
@@ -404,8 +395,6 @@ def _ends_in(
         0 where the view says nothing, up to 1 where it faces the surface.
     at_m : (K,) float64
         Where the cloth ends.
-    is_free : (K,) bool
-        Whether nothing of the item is right behind.
     goes_on : (K,) bool
         Whether the cloth goes on as far as is looked.
     level_m : (K,) float64
@@ -440,11 +429,10 @@ def _ends_in(
     pick = np.arange(count)[:, None]
     hidden = front[pick, window].mean(axis=1) > 0.25
     outside = ~inside[pick, window].all(axis=1)
-    right_behind = (has & (measured < expected + 0.08))[pick, window].mean(axis=1)
     weight = np.clip((cos - _FACING_COS) / (1.0 - _FACING_COS), 0.0, 1.0)
     weight = np.where(seen & ~(~goes_on & (hidden | outside)), weight, 0.0)
     other_side = (level & ~of_interest)[pick, window]
     deeper_m = np.where(other_side, (measured - expected)[pick, window], 0.0).mean(axis=1)
     share = other_side.mean(axis=1)
     level_m = np.where(share > 0.5, deeper_m / np.maximum(share, 0.5), np.nan)
-    return weight, steps[first] - 0.5 * _STEP_M, right_behind < 0.5, goes_on, level_m
+    return weight, steps[first] - 0.5 * _STEP_M, goes_on, level_m

@@ -10,7 +10,7 @@ import numpy as np
 from flatcloth.core.types import Bool, Float64, Rigid2
 from flatcloth.garments.distance import inside_outline
 from flatcloth.garments.evidence import SPACING_M, PieceEvidence
-from flatcloth.garments.registry import kind_named
+from flatcloth.garments.kinds import kind_named
 
 _INSIDE_M = 0.018
 """Spacing of places with cloth. Chosen: as ``evidence._INSIDE_M``."""
@@ -47,7 +47,6 @@ def seen_outline(loops: Sequence[Float64], noise_m: float = 0.004) -> PieceEvide
         edge_uv_m=edges + noise_m * random.standard_normal(edges.shape),
         edge_normal=np.concatenate(normals),
         edge_std_m=np.zeros(len(edges)),
-        edge_free=np.ones(len(edges), dtype=np.bool_),
         edge_trust=np.ones(len(edges)),
         unseen_uv_m=np.zeros((0, 2)),
         inside_uv_m=inside,

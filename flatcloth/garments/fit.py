@@ -8,27 +8,30 @@ taken with iteratively reweighted least squares (Holland and Welsch 1977).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from flatcloth.core.types import Float64, Int64, Rigid2
 from flatcloth.garments.distance import accumulate, cost_of_poses, outside, to_edges
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.model import Kind
+from flatcloth.garments.model import Kind, with_slope
 
-EDGE_STD_M = 0.008
-"""Of a true edge from the outline: patterns and their flattened cloth differ by 3 to 8 mm (NUMERICS)."""
-INSIDE_STD_M = EDGE_STD_M
-"""Of points inside from the outline. Chosen equal to ``EDGE_STD_M``."""
+OUTLINE_STD_M = 0.008
+"""Standard deviation of cloth and true edges from the outline: patterns and flattened cloth differ by 3 to
+8 mm (NUMERICS)."""
 TEMPERATURE = 3.0
 """Divisor of differences in evidence: errors of neighbouring edges are correlated; see the reliability in
 docs/garments.md."""
+SURE = 0.90
+"""Probability from which an answer is given without reserve, and acted on without asking: a kind, the place
+of a floating piece, a link of the shape. Chosen; docs/garments.md has the measured reliability."""
 _CROSSING_SPACING_M = 0.010
 """Spacing of the places of the outline that are tested for seen cloth. Chosen: finer than the slack costs
 time."""
 _CROSSING_SLACK_M = 0.006
 """Depth inside seen cloth at which an outline does not count as crossing it. Chosen: less than
-``EDGE_STD_M``."""
+``OUTLINE_STD_M``."""
 _CROSSING_WEIGHT = 0.25
 """Of each place of the outline that runs through seen cloth: as true edges, but 10 mm apart. Set by hand."""
 _EDGE_BOUND = 3.0
@@ -148,7 +151,7 @@ def _poses(outline: Float64, extents: list[tuple[float, Float64, Float64]]) -> F
     return np.concatenate(rows)
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Problem:
     """The residuals of a kind and its pieces, and their derivatives."""
 
@@ -159,100 +162,50 @@ class _Problem:
     def normal_equations(self, x: Float64, widened: float) -> tuple[float, Float64, Float64, float]:
         """Return E, its gradient (D,), the matrix (D, D) of a step, and the mean bounded cost of edges."""
         kind, count = self.kind, len(self.kind.parameters)
-        parameters = x[:count]
-        outline, slope = kind.jacobian(parameters)
-        size = len(x)
-        gradient, matrix = np.zeros(size), np.zeros((size, size))
-        off = (parameters - kind.mean) / kind.std
-        energy = 0.5 * float(off @ off)
-        gradient[:count] += off / kind.std
-        matrix[np.arange(count), np.arange(count)] += 1.0 / np.square(kind.std)
-        edge_cost, edges = 0.0, 0.0
+        outline, slope = with_slope(kind.outline, x[:count])
+        outline = np.ascontiguousarray(outline)
+        off = (x[:count] - kind.mean) / kind.std
+        gradient, matrix = np.zeros(len(x)), np.zeros((len(x), len(x)))
+        gradient[:count] = off / kind.std
+        matrix[np.arange(count), np.arange(count)] = 1.0 / np.square(kind.std)
+        energy, edge_cost, most = 0.5 * float(off @ off), 0.0, 0.0
         for n, piece in enumerate(self.pieces):
             at = count + 3 * n
-            pose = x[at : at + 3]
-            cost, own_edges = self._add_edges(piece, pose, at, outline, slope, widened, gradient, matrix)
-            edge_cost, edges = edge_cost + cost, edges + own_edges
-            energy += self._add_insides(piece, pose, at, outline, slope, widened, gradient, matrix)
-        energy += edge_cost
-        energy += self._add_pulls(x, gradient, matrix)
-        most = 0.5 * _EDGE_BOUND**2 * edges
-        return energy, gradient, matrix, edge_cost / max(most, 1e-9)
-
-    def _add_edges(
-        self, piece: PieceEvidence, pose: Float64, at: int, outline: Float64, slope: Float64,
-        widened: float, gradient: Float64, matrix: Float64,
-    ) -> tuple[float, float]:  # fmt: skip
-        if not len(piece.edge_uv_m):
-            return 0.0, 0.0
-        turn = _turn(pose[0])
-        q = piece.edge_uv_m @ turn.T + pose[1:]
-        found = _Found(len(q))
-        turned, outline = piece.edge_normal @ turn.T, np.ascontiguousarray(outline)
-        to_edges(q, turned, outline, found.side, found.share, found.away, found.distance)
-        std = widened * np.hypot(EDGE_STD_M, piece.edge_std_m)
-        z = found.distance / std
-        bounded = _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))
-        each = piece.edge_weight * piece.edge_trust
-        cost = float((0.5 * each * np.square(z) * bounded).sum())
-        found.add(q - pose[1:], slope, at, z / std, each * np.square(bounded), std, gradient, matrix)
-        return cost, float(each.sum())
-
-    def _add_insides(
-        self, piece: PieceEvidence, pose: Float64, at: int, outline: Float64, slope: Float64,
-        widened: float, gradient: Float64, matrix: Float64,
-    ) -> float:  # fmt: skip
-        q = piece.inside_uv_m @ _turn(pose[0]).T + pose[1:]
-        found = _Found(len(q))
-        outside(q, np.ascontiguousarray(outline), found.side, found.share, found.away, found.distance)
-        std = widened * np.hypot(INSIDE_STD_M, piece.inside_std_m)
-        z = found.distance / std
-        # Huber's cost: cloth far outside keeps its influence.
-        far = np.maximum(z, _INSIDE_BOUND)
-        cost = np.where(z <= _INSIDE_BOUND, 0.5 * z * z, _INSIDE_BOUND * (z - 0.5 * _INSIDE_BOUND))
-        weight = piece.inside_weight * _INSIDE_BOUND / far
-        found.add(q - pose[1:], slope, at, z / std, weight, std, gradient, matrix)
-        return float(piece.inside_weight * cost.sum())
-
-    def _add_pulls(self, x: Float64, gradient: Float64, matrix: Float64) -> float:
-        if not self.pulls:
-            return 0.0
-        count = len(self.kind.parameters)
-        step = 1e-5
-        energy = 0.0
-        for pull in self.pulls:
-
-            def off(y: Float64, pull: Pull = pull) -> Float64:
-                place = self.kind.named(y[:count, None])[pull.name][:, 0]
-                there = _turn(y[count]) @ pull.uv_m + y[count + 1 : count + 3]
-                away: Float64 = (place - there) / pull.std_m
-                return away
-
-            residual = off(x)
-            jacobian = np.stack(
-                [(off(x + step * unit) - off(x - step * unit)) / (2 * step) for unit in np.eye(len(x))],
-                axis=1,
+            turn, shift = _turn(x[at]), x[at + 1 : at + 3]
+            q = piece.edge_uv_m @ turn.T + shift
+            edges = to_edges(q, piece.edge_normal @ turn.T, outline)
+            std = widened * np.hypot(OUTLINE_STD_M, piece.edge_std_m)
+            z = edges.distance / std
+            bounded = _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))
+            weight = piece.edge_weight * piece.edge_trust
+            edge_cost += float((0.5 * weight * np.square(z) * bounded).sum())
+            most += 0.5 * _EDGE_BOUND**2 * float(weight.sum())
+            accumulate(
+                edges, q - shift, slope, at, z / std, weight * np.square(bounded), std, gradient, matrix
             )
-            gradient += jacobian.T @ residual
-            matrix += jacobian.T @ jacobian
+            q = piece.inside_uv_m @ turn.T + shift
+            cloth = outside(q, outline)
+            std = widened * np.hypot(OUTLINE_STD_M, piece.inside_std_m)
+            z = cloth.distance / std
+            # Huber's cost: cloth far outside keeps its influence.
+            near = np.minimum(z, _INSIDE_BOUND)
+            energy += float(piece.inside_weight * (near * (z - 0.5 * near)).sum())
+            weight = piece.inside_weight * _INSIDE_BOUND / np.maximum(z, _INSIDE_BOUND)
+            accumulate(cloth, q - shift, slope, at, z / std, weight, std, gradient, matrix)
+        for pull in self.pulls:
+            residual, slope_of_pull = with_slope(partial(self._off, pull), x)
+            gradient += slope_of_pull.T @ residual
+            matrix += slope_of_pull.T @ slope_of_pull
             energy += 0.5 * float(residual @ residual)
-        return energy
+        return energy + edge_cost, gradient, matrix, edge_cost / max(most, 1e-9)
 
-
-class _Found:
-    """Where places lie beside an outline."""
-
-    def __init__(self, count: int) -> None:
-        self.side = np.zeros(count, dtype=np.int64)
-        self.share, self.distance = np.zeros(count), np.zeros(count)
-        self.away = np.zeros((count, 2))
-
-    def add(
-        self, arm: Float64, slope: Float64, at: int, pull: Float64, weight: Float64, std: Float64,
-        gradient: Float64, matrix: Float64,
-    ) -> None:  # fmt: skip
-        """Add the terms of the distances to the normal equations; see :func:`distance.accumulate`."""
-        accumulate(self.side, self.share, self.away, arm, slope, at, pull, weight, std, gradient, matrix)
+    def _off(self, pull: Pull, x: Float64) -> Float64:
+        """Return how far (2, n) a held point is off, for n arguments (D, n), in standard deviations."""
+        count = len(self.kind.parameters)
+        cos, sin = np.cos(x[count]), np.sin(x[count])
+        held = np.stack([cos * pull.uv_m[0] - sin * pull.uv_m[1], sin * pull.uv_m[0] + cos * pull.uv_m[1]])
+        off: Float64 = self.kind.named(x[:count])[pull.name] - held - x[count + 1 : count + 3]
+        return off / pull.std_m
 
 
 def _turn(angle_rad: float) -> Float64:
@@ -291,7 +244,8 @@ def refine(
         x = _descended(problem, x, widened, steps)
     energy, _, matrix, edge_cost = problem.normal_equations(x, 1.0)
     energy += crossing_energy(kind.outline(x[:count, None])[:, :, 0], pieces, x[count:].reshape(-1, 3))
-    known = matrix + np.diag(np.concatenate([np.zeros(count), *([_POSE_PRECISION] * len(poses))]))
+    pose_precision = np.tile(1.0 / np.square(_POSE_STD), len(poses))
+    known = matrix + np.diag(np.concatenate([np.zeros(count), pose_precision]))
     covariance: Float64 = np.linalg.inv(known).astype(np.float64)
     sign, logdet = np.linalg.slogdet(known)
     prior = 2.0 * np.log(kind.std).sum() + len(poses) * 2.0 * np.log(_POSE_STD).sum()
@@ -320,13 +274,9 @@ def crossing_energy(outline: Float64, pieces: tuple[PieceEvidence, ...], poses: 
     energy = 0.0
     for piece, pose in zip(pieces, poses, strict=True):
         depth = piece.depth_at((places - pose[1:]) @ _turn(pose[0]))
-        z = np.maximum(depth - _CROSSING_SLACK_M, 0.0) / EDGE_STD_M
+        z = np.maximum(depth - _CROSSING_SLACK_M, 0.0) / OUTLINE_STD_M
         energy += float((0.5 * np.square(z) * _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))).sum())
     return _CROSSING_WEIGHT * energy
-
-
-_POSE_PRECISION = 1.0 / np.square(np.array(_POSE_STD))
-"""Of ``_POSE_STD``."""
 
 
 def _descended(problem: _Problem, x: Float64, widened: float, steps: int) -> Float64:

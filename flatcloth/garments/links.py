@@ -14,21 +14,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import cKDTree
+from scipy.special import expit
 
+from flatcloth.core.graphs import minimum_cut
 from flatcloth.core.types import Bool, Float64, Int32, Int64
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.fit import TEMPERATURE, Fit, refine
+from flatcloth.garments.fit import SURE, TEMPERATURE, Fit, refine
 from flatcloth.garments.placing import LEAST_AREA_M2, contradiction, place_piece
 
 SUSPECT_MISFIT = 0.08
 """Below this misfit the shape is a garment as it is, and no link is doubted: all 26 right shapes of the
 development are below it (``python -m benchmarks garments``)."""
-OFFERED_PROBABILITY = 0.90
-"""A link less probable than this is offered for rejection. Chosen: one in ten of these would be wrong."""
 WRONG_PROBABILITY = 0.5
 """A link less probable than this is taken for wrong without asking: it is more probably so. By definition;
 who looks at the shape sees the part beside it, and can undo that."""
@@ -38,22 +36,16 @@ links have 0.2 to 1.8, right ones 0.2 and more, most of them more than this (doc
 _RIGHT_TO_WRONG = 3.0
 """Links that are right for one that is wrong, on a shape that no garment fits. Set by hand: of seven links
 looked into on such shapes, most made for this, three are wrong (docs/garments.md). So few tell little."""
-_LEAST_CORE = 45
-"""Samples, 12 mm apart, of an area that may be a part. Chosen: 65 cm2, as ``placing.LEAST_AREA_M2``."""
 _SADDLE = 0.8
 """Two areas are told apart if less than this share of the evidence within the smaller one joins them.
 Chosen: less than the unevenness of one area."""
 _SMOOTHED = 2
-"""Times that the evidence of a sample is averaged with its neighbours'. Chosen; 1 and 3 give the same."""
+"""Times that the evidence of a sample is averaged with its neighbours'. Chosen."""
 _TRIED_FITS = 3
 """Kinds that are fitted without the part. Chosen for speed."""
 _ELSEWHERE_M = 0.08
 """A part that the garment has a place for nearer than this belongs where it is joined: flattened sleeves and
 legs are turned by some degrees, which moves them 2 to 5 cm. Set by hand."""
-_MOST_SHARE = 0.45
-"""A part is the smaller one. By definition, with some room."""
-_EVIDENCE_UNITS = 1000
-"""Evidence in whole numbers, as the maximum flow needs it. By definition."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +60,30 @@ class Cloth:
     xyz_m: Float64
     edges: Int32
     evidence: Float64
+
+    @property
+    def placed(self) -> Bool:
+        """(N,) which samples lie on the shape."""
+        placed: Bool = np.isfinite(self.uv_m[:, 0])
+        return placed
+
+    @property
+    def joined(self) -> Bool:
+        """(M,) which pairs join samples of the shape."""
+        joined: Bool = self.placed[self.edges].all(axis=1) & (self.evidence > 0.0)
+        return joined
+
+    @property
+    def spacing_m(self) -> float:
+        """Median distance of joined samples on the plane."""
+        ends = self.uv_m[self.edges[self.joined]]
+        return float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
+
+    def at(self, uv_m: Float64, part: Bool) -> Bool:
+        """Return whether the samples nearest to places (K, 2) of the plane belong to a part (N,)."""
+        nearest = cKDTree(self.uv_m[self.placed]).query(uv_m)[1]
+        found: Bool = part[self.placed][nearest]
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +109,7 @@ class DoubtedLink:
 
 def is_offered(link: DoubtedLink) -> bool:
     """Return whether an operator is asked about a link."""
-    return link.probability < OFFERED_PROBABILITY
+    return link.probability < SURE
 
 
 def is_wrong(link: DoubtedLink) -> bool:
@@ -119,15 +135,16 @@ def doubted_links(fits: Sequence[Fit], main: PieceEvidence, cloth: Cloth) -> lis
     together = max(fit.log_evidence for fit in fits)
     found: list[DoubtedLink] = []
     for core, other in basins(cloth):
-        part = _smaller_side(cloth, core, other)
-        if not 0.0 < part.sum() <= _MOST_SHARE * np.isfinite(cloth.uv_m[:, 0]).sum():
+        part = side_of(cloth, core, other)
+        if 2 * part.sum() > cloth.placed.sum():  # the core lies on the larger side
+            part = cloth.placed & ~part
+        if not part.any():
             continue
         own, rest = split(main, cloth, part)
-        if not LEAST_AREA_M2 <= own.area_m2 <= _MOST_SHARE * main.area_m2:
+        if own.area_m2 < LEAST_AREA_M2:
             continue
         apart, moved_m = _apart(fits, rest, own)
-        gain = (apart - together) / TEMPERATURE
-        chance = 1.0 / (1.0 + math.exp(min(max(gain, -30.0), 30.0)) / _RIGHT_TO_WRONG)
+        chance = float(expit((together - apart) / TEMPERATURE + math.log(_RIGHT_TO_WRONG)))
         found.append(
             DoubtedLink(
                 part=part,
@@ -147,7 +164,7 @@ def basins(cloth: Cloth) -> list[tuple[Int64, Int64]]:
     neighbours; where two areas meet that are both large, the smaller one is a candidate of a part.
     """
     n = len(cloth.uv_m)
-    kept = np.isfinite(cloth.uv_m[cloth.edges, 0]).all(axis=1) & (cloth.evidence > 0.0)
+    kept = cloth.joined
     ends = cloth.edges[kept]
     rows, columns = np.concatenate([ends, ends[:, ::-1]]).T
     joined = coo_matrix((np.tile(cloth.evidence[kept], 2), (rows, columns)), shape=(n, n)).tocsr()
@@ -156,6 +173,7 @@ def basins(cloth: Cloth) -> list[tuple[Int64, Int64]]:
     around = (joined > 0).astype(np.float64)
     for _ in range(_SMOOTHED):
         strength = (strength + around @ strength) / (1 + counts)
+    least = LEAST_AREA_M2 / cloth.spacing_m**2
     area = np.full(n, -1)
     members: dict[int, list[int]] = {}
     found = []
@@ -167,37 +185,18 @@ def basins(cloth: Cloth) -> list[tuple[Int64, Int64]]:
                 continue
             if len(members[one]) < len(members[two]):
                 one, two = two, one  # an area is called by its first sample
-            if len(members[two]) >= _LEAST_CORE and strength[node] < _SADDLE * strength[two]:
+            if len(members[two]) >= least and strength[node] < _SADDLE * strength[two]:
                 found.append((np.array(members[two]), np.array(members[one])))
             area[members[two]] = one
             members[one] += members.pop(two)
     return found
 
 
-def side_of(cloth: Cloth, own: NDArray[np.int64], others: NDArray[np.int64]) -> Bool:
+def side_of(cloth: Cloth, own: Int64, others: Int64) -> Bool:
     """Return the samples (N,) on the side of ``own`` of the cut with the least evidence to ``others``."""
-    n = len(cloth.uv_m)
-    units = np.maximum(np.rint(_EVIDENCE_UNITS * cloth.evidence), 1).astype(np.int64)
-    both = np.isfinite(cloth.uv_m[cloth.edges, 0]).all(axis=1) & (cloth.evidence > 0.0)
-    edges, units = cloth.edges[both], units[both]
-    unbounded = int(units.sum()) + 1
-    rows = np.concatenate([edges[:, 0], edges[:, 1], np.full(own.size, n), others])
-    columns = np.concatenate([edges[:, 1], edges[:, 0], own, np.full(others.size, n + 1)])
-    capacity = np.concatenate([units, units, np.full(own.size + others.size, unbounded)])
-    network = coo_matrix((capacity, (rows, columns)), shape=(n + 2, n + 2)).tocsr().astype(np.int32)
-    rest = network - maximum_flow(network, n, n + 1).flow
-    rest.data[rest.data < 0] = 0
-    rest.eliminate_zeros()
-    side = np.zeros(n + 2, dtype=np.bool_)
-    side[breadth_first_order(rest, n, return_predecessors=False)] = True
-    part: Bool = side[:n] & np.isfinite(cloth.uv_m[:, 0])
-    return part
-
-
-def _smaller_side(cloth: Cloth, own: NDArray[np.int64], others: NDArray[np.int64]) -> Bool:
-    """Return the samples (N,) on the smaller side of that cut: the core may lie on either."""
-    part, placed = side_of(cloth, own, others), np.isfinite(cloth.uv_m[:, 0])
-    return part if 2 * part.sum() <= placed.sum() else placed & ~part
+    joined, unbounded = cloth.joined, np.zeros((2, len(cloth.uv_m)))
+    unbounded[0, own] = unbounded[1, others] = np.inf
+    return minimum_cut(cloth.edges[joined], cloth.evidence[joined], *unbounded) & cloth.placed
 
 
 def evidence_per_row(cloth: Cloth, part: Bool) -> float:
@@ -205,23 +204,19 @@ def evidence_per_row(cloth: Cloth, part: Bool) -> float:
 
     Layers that touch are joined by a false pair here and there: the longer they touch, the more there are.
     """
-    placed = np.isfinite(cloth.uv_m[cloth.edges, 0]).all(axis=1) & (cloth.evidence > 0.0)
-    across = placed & (part[cloth.edges[:, 0]] != part[cloth.edges[:, 1]])
+    across = cloth.joined & (part[cloth.edges[:, 0]] != part[cloth.edges[:, 1]])
     ends = cloth.uv_m[cloth.edges]
-    spacing_m = np.median(np.linalg.norm(ends[placed, 0] - ends[placed, 1], axis=1))
     middles = ends[across].mean(axis=1)
     along = np.linalg.svd(middles - middles.mean(axis=0), full_matrices=False)[2][0]
-    rows = 1.0 + np.ptp(middles @ along) / spacing_m
+    rows = 1.0 + np.ptp(middles @ along) / cloth.spacing_m
     return float(cloth.evidence[across].sum() / rows)
 
 
 def split(main: PieceEvidence, cloth: Cloth, part: Bool) -> tuple[PieceEvidence, PieceEvidence]:
     """Return the evidence of a part (N,) of the samples, and that of the rest."""
-    placed = np.flatnonzero(np.isfinite(cloth.uv_m[:, 0]))
-    tree, of_part = cKDTree(cloth.uv_m[placed]), part[placed]
-    edges, insides = (of_part[tree.query(uv)[1]] for uv in (main.edge_uv_m, main.inside_uv_m))
+    edges, insides = cloth.at(main.edge_uv_m, part), cloth.at(main.inside_uv_m, part)
     pixels = np.argwhere(main.depth_m > 0)
-    there = of_part[tree.query(main.depth_origin_uv_m + main.depth_pixel_m * pixels[:, ::-1])[1]]
+    there = cloth.at(main.depth_origin_uv_m + main.depth_pixel_m * pixels[:, ::-1], part)
     return main.part(edges, insides, pixels[there]), main.part(~edges, ~insides, pixels[~there])
 
 

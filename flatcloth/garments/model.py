@@ -14,10 +14,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.core.types import Bool, Float64
+from flatcloth.core.types import Float64
 
-CURVE_STEPS = 6
+_CURVE_STEPS = 6
 """Straight pieces that a curved stretch is drawn with. Set by hand."""
+
+ARTF = "ranges of the aRTF templates (Lips et al. 2024, synthetic-cloth-data, cloth_meshes.py), widened"
+SIZES = "EN 13402-3 body girths, children 116 to adult 3XL, with 0 to 30 % ease; half of the girth lies flat"
+FREE = "no table: wide"
+"""Sources of priors and ranges, which are wide: a standard deviation covers small children's to large adults'
+sizes."""
 
 
 @dataclass(frozen=True)
@@ -36,19 +42,6 @@ class Parameter:
     unit: str = "m"
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """A stretch of the right half outline between two nodes, straight or bent towards ``control``.
-
-    ``is_open`` tells an open edge (hem, neck, cuff, waist) from a sewn or folded one.
-    """
-
-    begin: int
-    end: int
-    control: int | None = None
-    is_open: bool = False
-
-
 @dataclass(frozen=True, kw_only=True)
 class Kind:
     """A kind of garment.
@@ -62,8 +55,9 @@ class Kind:
     nodes : callable
         Takes the parameters (P, n) of n outlines and returns the nodes of the right half and the
         control points of its curves, (M, 2, n).
-    stretches : tuple of Stretch
-        The right half, from the middle of the top to the middle of the bottom.
+    stretches : tuple of (int, int) or (int, int, int)
+        The right half, from the middle of the top to the middle of the bottom: the nodes where each stretch
+        begins and ends, and of a curved one the control point that it is bent towards.
     points : mapping of str to int
         The node of each named point of the right half. A name that ends in ``_right`` has a mirror
         image ``_left``; others lie on the middle line.
@@ -76,7 +70,7 @@ class Kind:
     name: str
     parameters: tuple[Parameter, ...]
     nodes: Callable[[Float64], Float64]
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[tuple[int, ...], ...]
     points: Mapping[str, int]
     dimensions: Mapping[str, tuple[str, str]]
     corners: Mapping[str, str] | None = None
@@ -102,34 +96,23 @@ class Kind:
         return np.array([p.high for p in self.parameters])
 
     @cached_property
-    def _half(self) -> tuple[Float64, Bool]:
-        """Return the weights (V, M) that make the right half of the nodes, and (V - 1,) what is open."""
-        count = len(self.nodes(self.mean[:, None]))
+    def _half(self) -> Float64:
+        """(V, M) the weights of nodes and control points in each vertex of the right half."""
+        unit = np.eye(len(self.nodes(self.mean[:, None])))
         rows: list[Float64] = []
-        opened: list[bool] = []
-        unit = np.eye(count)
-        for stretch in self.stretches:
-            steps = 1 if stretch.control is None else CURVE_STEPS
-            for t in np.arange(steps) / steps:
-                if stretch.control is None:
-                    rows.append((1 - t) * unit[stretch.begin] + t * unit[stretch.end])
-                else:
-                    a, b, c = unit[stretch.begin], unit[stretch.control], unit[stretch.end]
-                    rows.append((1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c)
-                opened.append(stretch.is_open)
-        rows.append(unit[self.stretches[-1].end])
-        return np.array(rows), np.array(opened)
-
-    @cached_property
-    def is_open(self) -> Bool:
-        """(V,) whether the side from each vertex of :meth:`outline` to the next is an open edge."""
-        opened = self._half[1]
-        both: Bool = np.concatenate([opened, opened[::-1]])
-        return both
+        for begin, end, *control in self.stretches:
+            if not control:
+                rows.append(unit[begin])
+                continue
+            a, b, c = unit[[begin, *control, end]]
+            steps = np.arange(_CURVE_STEPS) / _CURVE_STEPS
+            rows += [(1 - t) ** 2 * a + 2 * t * (1 - t) * b + t**2 * c for t in steps]
+        rows.append(unit[self.stretches[-1][1]])
+        return np.array(rows)
 
     def outline(self, parameters: Float64) -> Float64:
         """Return the closed outlines (V, 2, n) of parameters (P, n); the first vertex is not repeated."""
-        half = np.einsum("vm,mcn->vcn", self._half[0], self.nodes(parameters))
+        half = np.einsum("vm,mcn->vcn", self._half, self.nodes(parameters))
         left = half[-1:0:-1] * np.array([-1.0, 1.0])[None, :, None]
         closed: Float64 = np.concatenate([half[:-1], left])
         return closed
@@ -147,14 +130,16 @@ class Kind:
             found = {corner: found[name] for corner, name in self.corners.items()}
         return found
 
-    def jacobian(self, parameters: Float64) -> tuple[Float64, Float64]:
-        """Return the outline (V, 2) of parameters (P,) and its derivatives (V, 2, P), by differences."""
-        step = 1e-5
-        count = len(parameters)
-        offsets = np.concatenate([np.zeros((count, 1)), step * np.eye(count), -step * np.eye(count)], axis=1)
-        drawn = self.outline(parameters[:, None] + offsets)
-        slope = (drawn[:, :, 1 : count + 1] - drawn[:, :, count + 1 :]) / (2 * step)
-        return drawn[:, :, 0], slope
+
+def with_slope(function: Callable[[Float64], Float64], x: Float64) -> tuple[Float64, Float64]:
+    """Return the values (...) of a function at x (D,) and their derivatives (..., D), by central differences.
+
+    The function takes n arguments at once, (D, n), and returns (..., n).
+    """
+    step = 1e-5 * np.eye(len(x))
+    values = function(x[:, None] + np.concatenate([np.zeros((len(x), 1)), step, -step], axis=1))
+    slope: Float64 = (values[..., 1 : len(x) + 1] - values[..., len(x) + 1 :]) / 2e-5
+    return values[..., 0], slope
 
 
 def stacked(*points: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]) -> Float64:

@@ -15,7 +15,8 @@ import numpy as np
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.garments.distance import cost_of_poses, inside_outline
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.fit import EDGE_STD_M, TEMPERATURE, Fit, refine
+from flatcloth.garments.fit import OUTLINE_STD_M, TEMPERATURE, Fit, refine
+from flatcloth.garments.model import with_slope
 
 LEAST_AREA_M2 = 0.006
 """Smaller pieces have too little border to be placed. Set by hand."""
@@ -29,8 +30,8 @@ _ROUGH, _ROUGHLY_RATED = 4, 500
 _APART_SLACK_M, _APART_STD_M = 0.03, 0.03
 """Cloth may look this much shorter on the plane than in space before it counts, and the scale beyond.
 Chosen."""
-_LAID_ON_M = EDGE_STD_M
-"""Depth inside other cloth at which a piece counts as laid on it. Chosen equal to ``fit.EDGE_STD_M``."""
+_LAID_ON_M = OUTLINE_STD_M
+"""Depth inside other cloth at which a piece counts as laid on it. Chosen equal to ``fit.OUTLINE_STD_M``."""
 _ALONG = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
 """Shares of the line between two pieces at which it must run over the garment. Chosen."""
 _PAIR_WEIGHT, _LAID_WEIGHT = 8.0, 0.1
@@ -178,11 +179,12 @@ def _std_m(fit: Fit, piece: PieceEvidence) -> float:
     main, own = fit.garment_from_piece
 
     def place(x: Float64) -> Float64:
-        a, b = Rigid2(*x[:3].tolist()), Rigid2(*x[3:].tolist())
-        moved: Float64 = (a.inverse() @ b).apply(middle)
-        return moved
+        (a, u, v), (b, own_u, own_v) = x[:3], x[3:]
+        off_u = np.cos(b) * middle[0] - np.sin(b) * middle[1] + own_u - u
+        off_v = np.sin(b) * middle[0] + np.cos(b) * middle[1] + own_v - v
+        return np.stack([np.cos(a) * off_u + np.sin(a) * off_v, np.cos(a) * off_v - np.sin(a) * off_u])
 
-    x = np.array([main.theta_rad, main.u_m, main.v_m, own.theta_rad, own.u_m, own.v_m])
-    step = 1e-5
-    jacobian = np.stack([(place(x + step * e) - place(x - step * e)) / (2 * step) for e in np.eye(6)], axis=1)
-    return float(np.sqrt(np.trace(jacobian @ shape @ jacobian.T)))
+    _, slope = with_slope(
+        place, np.array([main.theta_rad, main.u_m, main.v_m, own.theta_rad, own.u_m, own.v_m])
+    )
+    return float(np.sqrt(np.trace(slope @ shape @ slope.T)))

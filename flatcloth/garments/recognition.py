@@ -13,15 +13,16 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
+from scipy.special import expit
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.garments.distance import to_edges
 from flatcloth.garments.evidence import LEAST_AREA_M2, SPACING_M, PieceEvidence
-from flatcloth.garments.fit import EDGE_STD_M, TEMPERATURE, Fit, Pull, refine, starts
-from flatcloth.garments.model import Kind
+from flatcloth.garments.fit import OUTLINE_STD_M, SURE, TEMPERATURE, Fit, Pull, refine, starts
+from flatcloth.garments.kinds import known_kinds
+from flatcloth.garments.model import Kind, with_slope
 from flatcloth.garments.placing import Placed, place_pieces
-from flatcloth.garments.registry import known_kinds
 
 NONE = "none of these"
 MISFIT, MISFIT_STD = 0.135, 0.016
@@ -33,9 +34,6 @@ inside its outline. Chosen; in no recording of the development is an inner borde
 (``python -m benchmarks garments``)."""
 LEAST_EDGES = 40
 """With fewer true edges (24 cm) no kind is given. Set by hand."""
-SURE = 0.90
-"""Probability from which a kind is told without reserve. Chosen; docs/garments.md has the measured
-reliability."""
 POINT_STD_M = 0.012
 """Error of a named point besides that of the fit: patterns and flattened cloth differ by 3 to 8 mm. Set by
 hand."""
@@ -46,7 +44,7 @@ SEEN_STD_M = 2 * SEEN_M
 FOLLOWED_M = 0.09
 """True edges this near to a named point tell where it is: about the width of a cuff or a strap. Set by
 hand."""
-PLACED_PROBABILITY, PLACED_STD_M = 0.90, 0.022
+PLACED_STD_M = 0.022
 """A loose piece above this probability, and below this standard deviation, is placed. Chosen: higher, fewer
 are."""
 OFFERED_PROBABILITY = 0.05
@@ -124,7 +122,7 @@ class Recognition:
 
 def is_sure(piece: Placed) -> bool:
     """Return whether a piece may be placed without asking the operator."""
-    return piece.probability >= PLACED_PROBABILITY and piece.std_m <= PLACED_STD_M
+    return piece.probability >= SURE and piece.std_m <= PLACED_STD_M
 
 
 def is_offered(piece: Placed) -> bool:
@@ -261,8 +259,7 @@ def _probabilities(
     shares = np.exp(logs - logs.max())
     shares /= shares.sum()
     misfit = misfit_of(fits[0], main)
-    turn = (misfit - MISFIT) / MISFIT_STD + main.hole_edge_m / HOLE_M
-    none = 1.0 / (1.0 + math.exp(-min(max(turn, -30.0), 30.0)))
+    none = float(expit((misfit - MISFIT) / MISFIT_STD + main.hole_edge_m / HOLE_M))
     found = {f.kind.name: float(share * (1.0 - none)) for f, share in zip(fits, shares, strict=True)}
     return {**found, NONE: none}
 
@@ -286,7 +283,7 @@ def dimensions_of(fit: Fit, points: Mapping[str, Point]) -> dict[str, Measure]:
         pairs = fit.kind.dimensions.values()
         return np.stack([np.linalg.norm(named[a] - named[b], axis=0) for a, b in pairs])
 
-    _, slope = _with_slope(lengths, fit.parameters)
+    _, slope = with_slope(lengths, fit.parameters)
     outline_std = np.sqrt(np.einsum("kp,pq,kq->k", slope, covariance, slope))
     found: dict[str, Measure] = {}
     for (name, (a, b)), std in zip(fit.kind.dimensions.items(), outline_std, strict=True):
@@ -332,7 +329,7 @@ def points_of(
         return np.stack([cos * u + sin * v, -sin * u + cos * v], axis=1).reshape(-1, x.shape[1])
 
     x = np.concatenate([fit.parameters, [pose.theta_rad, pose.u_m, pose.v_m]])
-    value, slope = _with_slope(places, x)
+    value, slope = with_slope(places, x)
     variance = np.einsum("kp,pq,kq->k", slope, joint, slope)
     outline_uv = pose.inverse().apply(fit.outline)
     points: dict[str, Point] = {}
@@ -400,24 +397,11 @@ def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidenc
     shift: Float64 = np.zeros(2)
     precision = np.eye(2) / std_m**2
     for _ in range(4):
-        count = len(q)
-        side, share = np.zeros(count, dtype=np.int64), np.zeros(count)
-        away, distance = np.zeros((count, 2)), np.zeros(count)
-        to_edges(q - shift, normal, outline_uv, side, share, away, distance)
-        z = distance / EDGE_STD_M
-        weight = trust * np.square(9.0 / (9.0 + np.square(z))) / EDGE_STD_M**2
+        _, _, away, distance = to_edges(q - shift, normal, outline_uv)
+        z = distance / OUTLINE_STD_M
+        weight = trust * np.square(9.0 / (9.0 + np.square(z))) / OUTLINE_STD_M**2
         matrix = precision + (away * weight[:, None]).T @ away
         pull: Float64 = away.T @ (weight * (distance + away @ shift))
         shift = np.linalg.solve(matrix, pull).astype(np.float64)
     variance = float(np.trace(np.linalg.inv(matrix))) / 2
     return uv + shift, math.hypot(math.sqrt(variance), POINT_STD_M)
-
-
-def _with_slope(function: object, x: Float64) -> tuple[Float64, Float64]:
-    """Return a function's values (K,) at x (D,) and their derivatives (K, D), by differences."""
-    assert callable(function)
-    step = 1e-5
-    size = len(x)
-    offsets = np.concatenate([np.zeros((size, 1)), step * np.eye(size), -step * np.eye(size)], axis=1)
-    values = function(x[:, None] + offsets)
-    return values[:, 0], (values[:, 1 : size + 1] - values[:, size + 1 :]) / (2 * step)

@@ -14,8 +14,8 @@ from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.sheet import TAKEN_OFF, beyond, lay_out
+from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink
-from flatcloth.garments.parting import decided_part
 from flatcloth.session.garment import DecideLink
 from flatcloth.session.machine import (
     UNSURE,

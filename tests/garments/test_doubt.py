@@ -8,8 +8,8 @@ import numpy as np
 from garment_evidence import at_mean, blank_view, evidence_from
 
 from flatcloth.core.types import Rigid2
+from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.recognition import POINT_STD_M, best_fit, points_of
-from flatcloth.garments.registry import kind_named
 
 VIEW = blank_view(np.ones((10, 10), dtype=bool))
 

@@ -10,8 +10,16 @@ from garment_evidence import at_mean, blank_view, evidence_from
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Rigid2
+from flatcloth.garments.deciding import (
+    decided_part,
+    found_again,
+    is_decided,
+    parts_taken_off,
+    pixels_of_part,
+)
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Fit
+from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.links import (
     SUSPECT_MISFIT,
     Cloth,
@@ -24,15 +32,7 @@ from flatcloth.garments.links import (
     side_of,
     split,
 )
-from flatcloth.garments.parting import (
-    decided_part,
-    found_again,
-    is_decided,
-    parts_taken_off,
-    pixels_of_part,
-)
 from flatcloth.garments.recognition import best_fit, misfit_of
-from flatcloth.garments.registry import kind_named
 
 WEAK = 0.05
 

@@ -146,5 +146,4 @@ def test_a_stroke_over_an_earlier_one_turns_over_what_lies_around_it_too(observe
     assert len(found.conflicts) == 1
     marked = solver._state((earlier, later)).strokes[1][1]
     around = np.setdiff1d(np.flatnonzero(front), marked)
-    print((found.side[around] != OF_INTEREST).mean())
     assert (found.side[around] != OF_INTEREST).mean() > 0.9

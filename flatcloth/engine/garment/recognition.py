@@ -12,14 +12,15 @@ from flatcloth.engine.integration import Integration
 from flatcloth.garments.deciding import (
     DecidedPieces,
     decided,
+    decided_part,
     decided_pieces,
+    is_decided,
     placed_piece,
     pulls_of,
     with_placed_cloth,
 )
 from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
 from flatcloth.garments.links import SUSPECT_MISFIT, Cloth, DoubtedLink, doubted_links, is_offered, is_wrong
-from flatcloth.garments.parting import decided_part, is_decided
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import (
     NONE,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from flatcloth.core.types import Float64
-from flatcloth.garments.model import Kind, Parameter, Stretch, stacked
-from flatcloth.garments.sizes import FREE, SIZES
+from flatcloth.garments.model import FREE, SIZES, Kind, Parameter, stacked
 
 
 def _nodes(p: Float64) -> Float64:
@@ -33,7 +32,7 @@ KIND = Kind(
         Parameter("side_curve", 0.0, 0.012, -0.05, 0.06, FREE),
     ),
     nodes=_nodes,
-    stretches=(Stretch(0, 1, 4, is_open=True), Stretch(1, 2, 5), Stretch(2, 3, 6, is_open=True)),
+    stretches=((0, 1, 4), (1, 2, 5), (2, 3, 6)),
     points={"waist_right": 1, "hem_right": 2},
     dimensions={
         "waist_width": ("waist_left", "waist_right"),

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from flatcloth.core.types import Float64
-from flatcloth.garments.model import Kind, Parameter, Stretch, stacked
-from flatcloth.garments.sizes import FREE, SIZES
+from flatcloth.garments.model import FREE, SIZES, Kind, Parameter, stacked
 
 
 def _nodes(p: Float64) -> Float64:
@@ -44,13 +43,7 @@ KIND = Kind(
         Parameter("side_curve", 0.0, 0.012, -0.05, 0.05, FREE),
     ),
     nodes=_nodes,
-    stretches=(
-        Stretch(0, 1, 6, is_open=True),
-        Stretch(1, 2),
-        Stretch(2, 3, 7, is_open=True),
-        Stretch(3, 4, 8),
-        Stretch(4, 5, 9, is_open=True),
-    ),
+    stretches=((0, 1, 6), (1, 2), (2, 3, 7), (3, 4, 8), (4, 5, 9)),
     points={"neck_right": 1, "shoulder_right": 2, "armpit_right": 3, "hem_right": 4},
     dimensions={
         "chest_width": ("armpit_left", "armpit_right"),

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from flatcloth.core.types import Float64
-from flatcloth.garments.model import Kind, Parameter, Stretch, stacked
-from flatcloth.garments.sizes import ARTF, FREE
+from flatcloth.garments.model import ARTF, FREE, Kind, Parameter, stacked
 
 
 def _nodes(p: Float64) -> Float64:
@@ -25,11 +24,7 @@ KIND = Kind(
         Parameter("end_bulge", 0.0, 0.006, -0.03, 0.03, FREE),
     ),
     nodes=_nodes,
-    stretches=(
-        Stretch(0, 1, 5, is_open=True),
-        Stretch(1, 2, 4, is_open=True),
-        Stretch(2, 3, 6, is_open=True),
-    ),
+    stretches=((0, 1, 5), (1, 2, 4), (2, 3, 6)),
     points={"top_right": 1, "bottom_right": 2},
     corners={
         "corner_0": "bottom_left",

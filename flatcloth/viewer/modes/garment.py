@@ -16,11 +16,10 @@ from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment.recognition import link_decision, piece_decision
 from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
-from flatcloth.garments.deciding import decided, held_point, pulls_of, with_placed_cloth
+from flatcloth.garments.deciding import decided, held_point, pixels_of_part, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.parting import pixels_of_part
+from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.recognition import NONE, is_offered, is_sure
-from flatcloth.garments.registry import known_kinds
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import GarmentPreview, ServerMessage

@@ -1,12 +1,11 @@
-"""What shirts have in common: a body with a neck, shoulders, sleeves and a bottom hem."""
+"""Shirts: a body with a neck, shoulders, sleeves and a bottom hem; T-shirts and long-sleeved shirts."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from flatcloth.core.types import Float64
-from flatcloth.garments.model import Kind, Parameter, Stretch, stacked
-from flatcloth.garments.sizes import ARTF, FREE, SIZES
+from flatcloth.garments.model import ARTF, FREE, SIZES, Kind, Parameter, stacked
 
 
 def _nodes(p: Float64) -> Float64:
@@ -55,15 +54,7 @@ def shirt(name: str, sleeve: Parameter, angle: Parameter, cuff: Parameter) -> Ki
             Parameter("hem_bulge", 0.0, 0.010, -0.04, 0.06, FREE),
         ),
         nodes=_nodes,
-        stretches=(
-            Stretch(0, 1, 8, is_open=True),
-            Stretch(1, 2),
-            Stretch(2, 3),
-            Stretch(3, 4, is_open=True),
-            Stretch(4, 5),
-            Stretch(5, 6),
-            Stretch(6, 7, 9, is_open=True),
-        ),
+        stretches=((0, 1, 8), (1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (6, 7, 9)),
         points={
             "neck_right": 1,
             "shoulder_right": 2,
@@ -82,3 +73,17 @@ def shirt(name: str, sleeve: Parameter, angle: Parameter, cuff: Parameter) -> Ki
             "cuff_width": ("sleeve_top_right", "sleeve_bottom_right"),
         },
     )
+
+
+TSHIRT = shirt(
+    "tshirt",
+    Parameter("sleeve_length", 0.21, 0.05, 0.08, 0.34, ARTF),
+    Parameter("sleeve_angle", 0.55, 0.22, 0.0, 1.2, ARTF, "rad"),
+    Parameter("cuff_width", 0.16, 0.03, 0.09, 0.28, ARTF),
+)
+LONG_SLEEVED_SHIRT = shirt(
+    "long_sleeved_shirt",
+    Parameter("sleeve_length", 0.54, 0.08, 0.34, 0.75, SIZES),
+    Parameter("sleeve_angle", 0.70, 0.25, 0.0, 1.35, ARTF, "rad"),
+    Parameter("cuff_width", 0.11, 0.025, 0.06, 0.22, SIZES),
+)
