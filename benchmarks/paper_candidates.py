@@ -25,7 +25,8 @@ from flatcloth.core.types import FlattenedView, Float64, Int64, Rigid2
 from flatcloth.engine.evaluation import CELL_M, look_up, reachable_cells
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.methods.paper.method import Aligned, PaperMethod
+from flatcloth.methods.paper.departures import Aligned
+from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.methods.registry import MethodEntry, register, unregister
 from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
 from flatcloth.recordings import open_recording
@@ -130,8 +131,8 @@ def rows_of(source: str) -> dict[str, Any]:
     class Traced(PaperMethod):
         name = "paper-traced"
 
-        def _aligned(self, document: Any, front: int, view_index: int, component: int, *rest: Any) -> Aligned:
-            found = super()._aligned(document, front, view_index, component, *rest)
+        def aligned(self, document: Any, front: int, view_index: int, component: int, *rest: Any) -> Aligned:
+            found = super().aligned(document, front, view_index, component, *rest)
             shape = rest[1] if len(rest) > 1 else self.canonical(document).view
             alignment = found.alignment
             off_mm = displacement_mm(

@@ -29,8 +29,9 @@ from flatcloth.engine.evaluation import compare
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.base import Alignment
+from flatcloth.methods.paper.departures import Aligned, Aligner
 from flatcloth.methods.paper.matching import FINE_SMOOTHING_M, Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
-from flatcloth.methods.paper.method import Aligned, Aligner, PaperMethod
+from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.methods.paper.occlusion import near_samples, occluding_edge_length_m
 from flatcloth.methods.registry import MethodEntry, register, unregister
 from flatcloth.methods.starting import start_by_view

@@ -73,6 +73,7 @@ def align_by_z_angle(
         If the views have no Z-angle in common.
     """
     matcher = matcher or Matcher(current, new, axis)
+    # The Z-angle A_m in the middle of the common range; its lines, and a point of equal height on each.
     correspondence = correspond(
         current,
         new,
@@ -82,7 +83,8 @@ def align_by_z_angle(
         z_angle_limit_deg,
         matcher.z_angle_smoothing_m,
     )
-    return align_from(from_lines(correspondence), matcher, progress, correspondence)
+    initial = from_lines(correspondence)  # both lines and both points coincide (Fig. 4e)
+    return align_from(initial, matcher, progress, correspondence)  # intensity and height
 
 
 def align_by_places(

@@ -10,6 +10,7 @@ as the rotation is known, the same cloth is at the same place in both views.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -67,6 +68,23 @@ _Z_ANGLE_SCALE_DEG = 8.0
 Z-angle (alignment.py)."""
 
 
+class Disagreement(NamedTuple):
+    """How far two views disagree, each (n,) under n motions, from 0 (equal) to 1.
+
+    ``total`` is the weighted mean of ``intensity``, ``height`` and ``z_angle``; ``place`` compares the places
+    in space, and is no part of it. ``overlap_share`` is the compared share of the new view, ``height_rms_m``
+    the root mean square of the difference in height.
+    """
+
+    total: Float64
+    overlap_share: Float64
+    intensity: Float64
+    height: Float64
+    height_rms_m: Float64
+    z_angle: Float64
+    place: Float64
+
+
 class Matcher:
     """Compares two flattened views at a placement by intensity, height, Z-angle and place.
 
@@ -115,8 +133,8 @@ class Matcher:
         stride: int,
         smoothing_m: float | None = None,
         z_angle_weight: float | None = None,
-    ) -> Float64:
-        """Compute the disagreement under each motion.
+    ) -> Disagreement:
+        """Compute the disagreement under each of n motions.
 
         Parameters
         ----------
@@ -128,16 +146,10 @@ class Matcher:
             Coarse or fine texture; by default fine.
         z_angle_weight : float, optional
             By default that of the search.
-
-        Returns
-        -------
-        (n, 7) float64
-            Mean disagreement, overlap share, its intensity and height parts, rms of height (m), its
-            Z-angle part, and the mean disagreement of the places, which is no part of it.
         """
         which = FINE_SMOOTHING_M if smoothing_m is None else smoothing_m
         poses = np.array([[m.theta_rad, m.u_m, m.v_m] for m in motions])
-        return _compare(
+        compared = _compare(
             self._fields[which],
             self._uv[::stride],
             self._values[which][::stride],
@@ -150,11 +162,12 @@ class Matcher:
             PLACE_SCALE_M,
             math.cos(math.radians(OTHER_FACING_DEG)),
         )
+        return Disagreement(*compared.T)
 
     def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
         """Search around the initial estimate: a coarse grid, then each of its best placements in detail."""
         center = self._uv.mean(axis=0)
-        share = max(float(self.disagreement([initial], 4)[0, 1]), _MIN_OVERLAP_SHARE)
+        share = max(float(self.disagreement([initial], 4).overlap_share[0]), _MIN_OVERLAP_SHARE)
         shifts = _symmetric(_SEARCH_TRANSLATION_M, _SEARCH_STEP_M)
         turns = np.radians(_symmetric(_SEARCH_ROTATION_DEG, _SEARCH_STEP_DEG))
         offsets = np.array([(t, u, v) for t in turns for u in shifts for v in shifts])
@@ -171,7 +184,7 @@ class Matcher:
     def refine(self, initial: Rigid2) -> Rigid2:
         """Descend to the nearest minimum from a placement."""
         center = self._uv.mean(axis=0)
-        share = max(float(self.disagreement([initial], 4)[0, 1]), _MIN_OVERLAP_SHARE)
+        share = max(float(self.disagreement([initial], 4).overlap_share[0]), _MIN_OVERLAP_SHARE)
         _, best = self._refine(initial, np.zeros(3), center, share)
         return _disturbed(initial, self._polish(initial, best, center, share), center)
 
@@ -184,20 +197,21 @@ class Matcher:
         noise or where the view is bent otherwise than the shape (``docs/method.md``). They are told beside
         the score; intensity and height relative to randomly paired pixels.
         """
-        result = self.disagreement([current_from_new], 1, self.score_smoothing_m)[0]
-        area = float(result[1]) * len(self._uv) * self._pixel_size_m**2
-        by_intensity = max(0.0, 1.0 - float(result[2]) / max(self._chance[0], 1e-6))
-        by_height = max(0.0, 1.0 - float(result[3]) / max(self._chance[1], 1e-6))
-        by_z_angle = 1.0 - float(result[5]) if result[1] > 0 else 0.0
-        by_place = 1.0 - float(result[6]) if result[1] > 0 else 0.0
+        found = self.disagreement([current_from_new], 1, self.score_smoothing_m)
+        share = float(found.overlap_share[0])
+        area = share * len(self._uv) * self._pixel_size_m**2
+        by_intensity = max(0.0, 1.0 - float(found.intensity[0]) / max(self._chance[0], 1e-6))
+        by_height = max(0.0, 1.0 - float(found.height[0]) / max(self._chance[1], 1e-6))
+        by_z_angle = 1.0 - float(found.z_angle[0]) if share > 0 else 0.0
+        by_place = 1.0 - float(found.place[0]) if share > 0 else 0.0
         parts = {
             "place_agreement": by_place,
             "intensity_agreement": by_intensity,
             "height_agreement": by_height,
             "z_angle_agreement": by_z_angle,
-            "height_rms_mm": float(result[4]) * 1e3,
+            "height_rms_mm": float(found.height_rms_m[0]) * 1e3,
             "overlap_cm2": area * 1e4,
-            "overlap_share": float(result[1]),
+            "overlap_share": share,
         }
         return AlignmentScore(self.total(parts) * min(1.0, area / _ENOUGH_OVERLAP_M2), parts, "height_rms_mm")
 
@@ -228,10 +242,10 @@ class Matcher:
         """Return the cost that is minimised: disagreement, missing overlap, and a small cost of distance."""
         stride = max(1, len(self._uv) // points)
         result = self.disagreement(motions, stride, smoothing_m, z_angle_weight)
-        missing = np.clip(1.0 - result[:, 1] / expected_share, 0.0, 1.0)
+        missing = np.clip(1.0 - result.overlap_share / expected_share, 0.0, 1.0)
         far = np.square(offsets[:, 1:]).sum(axis=1) / _SEARCH_TRANSLATION_M**2
         far += np.square(offsets[:, 0]) / math.radians(_SEARCH_ROTATION_DEG) ** 2
-        cost: Float64 = result[:, 0] + _MISSING_OVERLAP_COST * missing + _DISTANCE_COST * far
+        cost: Float64 = result.total + _MISSING_OVERLAP_COST * missing + _DISTANCE_COST * far
         return cost
 
     def _refine(
@@ -347,7 +361,7 @@ def _compare(
     place_scale: float,
     same_facing: float,
 ) -> Float64:
-    """Compare under each pose (theta, u, v): the columns of :meth:`Matcher.disagreement`."""
+    """Compare under each pose (theta, u, v): the fields of :class:`Disagreement` as columns."""
     rows, cols = fields.shape[0], fields.shape[1]
     result = np.zeros((poses.shape[0], 7))
     for p in range(poses.shape[0]):

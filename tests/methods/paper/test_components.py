@@ -13,9 +13,10 @@ from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.base import Alignment, AlignmentScore
 from flatcloth.methods.paper.alignment import align_by_z_angle, not_worse_than_start
+from flatcloth.methods.paper.departures import Aligned
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import without
-from flatcloth.methods.paper.method import Aligned, PaperMethod
+from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.session.machine import PlacedPart
 
 LEAST = 0.6
