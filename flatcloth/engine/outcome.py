@@ -17,7 +17,7 @@ from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.segmenting import summary
 from flatcloth.engine.sheet import SheetPiece, sheet_of
-from flatcloth.registration.cameras import describe
+from flatcloth.registration.registered import describe
 from flatcloth.session.document import Accepted, Document
 
 FORMAT = "flatcloth-outcome/1"

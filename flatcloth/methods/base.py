@@ -30,7 +30,7 @@ from flatcloth.session.document import Document, Later, PlacedPart, Side
 
 if TYPE_CHECKING:
     from flatcloth.flattening.flatten import Flattening
-    from flatcloth.registration.cameras import Registered
+    from flatcloth.registration.registered import Registered
 
 
 @dataclass(frozen=True, kw_only=True)

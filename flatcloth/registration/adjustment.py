@@ -1,17 +1,15 @@
 """The adjustment: the axis, turns and swings that explain the motions of all pairs of views together.
 
 Input: what each pair of views tells about its motion. Output: the unknowns, their covariance, and how
-probable each grade of the recording's errors is. See :mod:`.cameras`, of which this is the numerical part.
+probable each grade of the recording's errors is. :mod:`.cameras` adds the views and pairs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64, Int64
 from flatcloth.registration.pairwise import PairFit
 from flatcloth.registration.pose_prior import (
@@ -24,10 +22,8 @@ from flatcloth.registration.pose_prior import (
     twists_between,
     variances,
 )
+from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import UNKNOWNS, ViewFeatures
-
-if TYPE_CHECKING:
-    from flatcloth.registration.cameras import Registered
 
 _LEAST_CHANCE = 1e-3
 """Grades less probable than this, against all, are left out of the next step. Chosen for speed."""
@@ -184,30 +180,3 @@ def _assembled(registered: Registered, pairs: _Linear | None, *, trusting: bool)
     matrix += np.bincount(where, (weighed @ pairs.form @ pairs.rows).ravel(), size * size)
     right -= np.bincount(pairs.at.ravel(), np.einsum("pij,pj->pi", weighed, pull).ravel(), size)
     return matrix.reshape(size, size), right
-
-
-def middle_m(seen: ViewFeatures, held_from_camera: Rigid3) -> Float64:
-    """Return the middle (3,) of what a view shows, object frame."""
-    return held_from_camera.apply(seen.middle_m)
-
-
-def relative_stds(registered: Registered) -> Float64:
-    """Return the standard deviations (N, 6) of each view's twist about its middle, relative to its partners.
-
-    Views without partners: relative to the recorded motion. Rotation (rad), then position (m).
-    """
-    views = len(registered.features)
-    points = np.zeros((views, views))  # that two views share
-    for p in registered.pairs:
-        points[p.first, p.second] = points[p.second, p.first] = p.count
-    share = np.eye(views) - points / np.maximum(points.sum(axis=1, keepdims=True), 1.0)
-    middles = [middle_m(seen, held) for seen, held in zip(registered.features, registered.known, strict=True)]
-    of, by = np.nonzero(share)
-    change = at_center(np.stack(registered.jacobians)[by], np.stack(middles)[of]) * share[of, by, None, None]
-    common, own = np.zeros((views, 6, COMMON)), np.zeros((views, 6, views, OWN))
-    np.add.at(common[:, :, :4], of, change[:, :, OWN:])
-    own[of, :, by] = change[:, :, :OWN]
-    rows = np.concatenate([common, own.reshape(views, 6, -1)], axis=2)
-    spread: Float64 = rows.reshape(6 * views, -1) @ registered.covariance
-    variance = (spread.reshape(rows.shape) * rows).sum(axis=2)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

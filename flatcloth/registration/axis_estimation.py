@@ -72,7 +72,7 @@ def coarse_features(frame: RgbdFrame, config: SurfaceConfig) -> ViewFeatures | N
         return None
     pixel = grid_points(usable, _MOST_POINTS)
     at = pixel[:, 0], pixel[:, 1]
-    images = ComparedImages(normals, np.zeros((CHANNELS, 1, 1), dtype=np.float32))
+    images = ComparedImages(np.zeros((CHANNELS, 1, 1), dtype=np.float32), normals)
     return ViewFeatures(
         view_index=frame.view_index,
         angle_deg=frame.angle_deg,

@@ -50,11 +50,12 @@ every new view is compared with up to six others."""
 class ComparedImages(NamedTuple):
     """The images (H, W, ...) float32 that a comparison reads, made from a view's surface.
 
-    ``normals`` (smoothed if the depth is noisy, NaN off the surface); ``texture`` (3, H, W).
+    ``texture`` (3, H, W); ``normals``, smoothed, NaN off the surface; None: those of the surface, which need
+    no smoothing.
     """
 
-    normals: Float32
     texture: Float32
+    normals: Float32 | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,41 +93,34 @@ class ViewFeatures:
     @property
     def images(self) -> ComparedImages:
         """The images that a comparison reads."""
-        kept = _images.get(self.key, lambda: self.own_images(self.make_images()))
-        if kept.normals is None:
-            assert self.surface is not None
-            return ComparedImages(self.surface.normal, kept.texture)
-        return ComparedImages(kept.normals, kept.texture)
+        return _images.get(self.key, self.make_images)
 
-    def own_images(self, images: ComparedImages) -> _KeptImages:
-        """Return the images without normals that are those of the surface."""
-        shared = self.surface is not None and images.normals is self.surface.normal
-        return _KeptImages(None if shared else images.normals, images.texture)
+    @property
+    def normals(self) -> Float32:
+        """The normals (H, W, 3) that a comparison reads."""
+        normals = self.images.normals
+        if normals is None:
+            assert self.surface is not None
+            return self.surface.normal
+        return normals
 
     def compared(self) -> ComparedView:
         """Return the arrays as the compiled loops take them."""
-        k, images = self.intrinsics, self.images
+        k = self.intrinsics
         return ComparedView(
             points_m=self.points_m,
             normal=self.normal,
             pixel=self.pixel,
             xyz_m=self.xyz_m,
-            normals=images.normals,
+            normals=self.normals,
             usable=self.usable,
-            texture=images.texture,
+            texture=self.images.texture,
             inner=self.inner,
             camera=np.array([k.fx, k.fy, k.cx, k.cy]),
         )
 
 
-class _KeptImages(NamedTuple):
-    """As :class:`ComparedImages`, but without normals (None) that are those of the surface."""
-
-    normals: Float32 | None
-    texture: Float32
-
-
-_images: Cache[_KeptImages] = Cache(_IMAGES_KEPT, _IMAGES_BYTES)
+_images: Cache[ComparedImages] = Cache(_IMAGES_KEPT, _IMAGES_BYTES)
 """Of the views compared last, whichever shape they belong to; a key keeps no view in memory."""
 
 
@@ -185,6 +179,7 @@ def extract_features(surface: Surface) -> ViewFeatures:
     pixel = grid_points(surface.usable)
     at = pixel[:, 0], pixel[:, 1]
     images = _images_of(surface)
+    normals = surface.normal if images.normals is None else images.normals
     made = ViewFeatures(
         surface=surface,
         view_index=surface.frame.view_index,
@@ -195,19 +190,18 @@ def extract_features(surface: Surface) -> ViewFeatures:
         usable=surface.usable,
         pixel_pitch_m=surface.pixel_pitch_m,
         points_m=surface.xyz_m[at].astype(np.float64),
-        normal=images.normals[at].astype(np.float64),
+        normal=normals[at].astype(np.float64),
         pixel=pixel,
         inner=cv2.erode(surface.usable.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0,
         make_images=lambda: _images_of(surface),
     )
-    _images.put(made.key, made.own_images(images))
+    _images.put(made.key, images)
     return made
 
 
 def _images_of(surface: Surface) -> ComparedImages:
-    normals = _smoothed(surface, _NORMAL_SMOOTHING_PX) if surface.noisy else surface.normal
     texture = _texture(surface, _TEXTURE_SIZE_M / surface.pixel_pitch_m)
-    return ComparedImages(normals, texture)
+    return ComparedImages(texture, _smoothed(surface, _NORMAL_SMOOTHING_PX) if surface.noisy else None)
 
 
 def grid_points(usable: Bool, most: int = POINTS_PER_VIEW) -> Int32:
@@ -303,7 +297,17 @@ def compare(
     """
     block_px = max(4.0, _BLOCK_SIZE_M / one.pixel_pitch_m)
     rows, cols = (int(size / block_px) + 1 for size in one.usable.shape)
-    sums = _no_sums(rows * cols, len(one.points_m) + len(other.points_m))
+    blocks, points = rows * cols, len(one.points_m) + len(other.points_m)
+    sums = Sums(
+        matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
+        scores=np.zeros((TERMS, blocks, UNKNOWNS)),
+        products=np.zeros((CHANNELS, 3)),
+        parts=np.zeros(blocks),
+        moments=np.zeros((4, 4)),
+        tally=np.zeros(3),
+        found=np.zeros((TERMS, points)),
+        counts=np.zeros(2, dtype=np.int64),
+    )
     limits = Limits(
         search_radius_m=search_radius_m,
         same_normal_cos=gates.same_normal_cos,
@@ -342,19 +346,6 @@ def compare(
         parts=sums.parts,
         inertia=_inertia(sums.moments),
         tally=sums.tally,
-    )
-
-
-def _no_sums(blocks: int, points: int) -> Sums:
-    return Sums(
-        matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
-        scores=np.zeros((TERMS, blocks, UNKNOWNS)),
-        products=np.zeros((CHANNELS, 3)),
-        parts=np.zeros(blocks),
-        moments=np.zeros((4, 4)),
-        tally=np.zeros(3),
-        found=np.zeros((TERMS, points)),
-        counts=np.zeros(2, dtype=np.int64),
     )
 
 

@@ -6,8 +6,9 @@ from scenes import Cylinder
 
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod
-from flatcloth.registration.cameras import Registered, register_all
+from flatcloth.registration.cameras import register_all
 from flatcloth.registration.pairwise import LEAST_POINTS
+from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 
 ANGLES = (0.0, 20.0, 340.0)

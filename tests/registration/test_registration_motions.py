@@ -15,15 +15,10 @@ from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import Surface, observe_surface
-from flatcloth.registration.cameras import (
-    Registered,
-    begin_registration,
-    describe,
-    extend_registration,
-    register_all,
-)
+from flatcloth.registration.cameras import begin_registration, extend_registration, register_all
 from flatcloth.registration.normal_equations import _fattening
 from flatcloth.registration.pose_prior import PosePrior, motion, twist_of
+from flatcloth.registration.registered import Registered, describe
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 
 HELD_M = AXIS.point_m + np.array([0.0, -0.12, 0.0])
@@ -195,10 +190,10 @@ def test_a_sensor_that_makes_what_is_near_larger_is_not_taken_for_wrong_poses() 
     true, _ = render(bumps, printed, EXACT.camera_from_held(0, 0.0))
     seen = features[0]
     inner = cv2.erode(seen.usable.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    inner &= seen.images.normals[..., 2] < -0.6
+    inner &= seen.normals[..., 2] < -0.6
     before = np.median(seen.xyz_m[..., 2][inner] - true[inner])
     k, points = seen.intrinsics, seen.xyz_m[inner].astype(np.float64)
-    normals = seen.images.normals[inner].astype(np.float64)
+    normals = seen.normals[inner].astype(np.float64)
     pulled = [
         _fattening(x, y, z, normal, k.fx, k.fy) for (x, y, z), normal in zip(points, normals, strict=True)
     ]

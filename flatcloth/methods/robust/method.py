@@ -36,7 +36,7 @@ from flatcloth.methods.robust.placement_search import PlacementSearch, choose_pl
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
 from flatcloth.methods.robust.shapes import Certainty, JointShapes, RegisteredViews, prefix
 from flatcloth.methods.starting import start_by_view
-from flatcloth.registration.cameras import Registered, describe
+from flatcloth.registration.registered import Registered, describe
 from flatcloth.session.document import Accepted, Document, Later, Side
 
 _MOST_CONTRADICTION = 0.1

@@ -26,7 +26,8 @@ from flatcloth.methods.robust.joint_shape import JointShape, with_largest_piece,
 from flatcloth.methods.robust.observations import Association, Observation, associate
 from flatcloth.methods.robust.scoring import TextureFeatures, texture_features
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined
-from flatcloth.registration.cameras import Registered, begin_registration, extend_registration
+from flatcloth.registration.cameras import begin_registration, extend_registration
+from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.document import Accepted, Document
 

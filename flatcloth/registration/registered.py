@@ -1,0 +1,193 @@
+"""The views registered so far: the unknowns with their covariance, and what follows from them.
+
+:mod:`.adjustment` solves for the unknowns, :mod:`.cameras` adds views.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Float64, RotationAxis
+from flatcloth.registration.pairwise import PairFit
+from flatcloth.registration.pose_prior import COMMON, OWN, PosePrior, at_center, grades, moved_axis, poses
+from flatcloth.registration.view_features import ViewFeatures
+
+_LOOSE_TURN_DEG = 0.4
+"""The recorded rotation is kept unless the estimated errors of angles, ..."""
+_LOOSE_AXIS_M = 0.0025
+"""... axis, ..."""
+_LOOSE_SWING_DEG = 0.5
+"""... or swing exceed these limits. Set by hand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Registration:
+    """The pose of a view's camera, the change by registration, and its uncertainty.
+
+    ``held_from_camera`` is the refined motion. ``turned_deg`` is the rotation of the item in addition to
+    the recorded one, ``swung_deg`` its tilt about the held point, ``moved_m`` the displacement of the
+    centre of the view's surface by all changes, including the axis. ``std_deg`` and ``std_m`` (3,) are
+    standard deviations of rotation and position of that centre (object frame: x, y, z) relative to the
+    views it was compared with, or to the recorded motion if there are none. ``views`` are those views,
+    ``points`` is the number of compared points, ``distance_m`` their typical distance before and after.
+    """
+
+    view_index: int
+    held_from_camera: Rigid3
+    turned_deg: float
+    swung_deg: float
+    moved_m: float
+    std_deg: Float64
+    std_m: Float64
+    views: tuple[int, ...]
+    points: int
+    distance_m: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Registered:
+    """All accepted views, registered together. Immutable: undo by keeping the previous object.
+
+    ``axis``, ``held_point_m`` as recorded; ``features`` and ``known`` (held from camera) in order of
+    acceptance; ``pairs`` the result of each pair. ``common`` (5,): shift (m) and tilt (rad) of the
+    axis, fattening (px); ``own`` (N, 3): turn and swing of each view, rad; ``covariance`` of both, in
+    this order; ``posterior`` (G,): probability of each grade of the pose prior.
+    """
+
+    axis: RotationAxis
+    held_point_m: Float64
+    prior: PosePrior
+    features: tuple[ViewFeatures, ...] = ()
+    known: tuple[Rigid3, ...] = ()
+    jacobians: tuple[Float64, ...] = ()
+    pairs: tuple[PairFit, ...] = ()
+    common: Float64
+    own: Float64
+    covariance: Float64
+    posterior: Float64
+
+    @property
+    def refined_axis(self) -> RotationAxis:
+        """The axis as estimated from the views."""
+        return moved_axis(self.axis, self.common)
+
+    @property
+    def error_stds(self) -> tuple[float, float, float]:
+        """Estimated errors of the recording: standard deviations of turn (deg), axis (m) and swing (deg)."""
+        turn, axis, swing = np.sqrt(self.posterior @ np.square(grades(self.prior)))
+        return math.degrees(turn), float(axis), math.degrees(swing)
+
+    @property
+    def is_loose(self) -> bool:
+        """Whether the views show that the recorded poses are wrong."""
+        turn_deg, axis_m, swing_deg = self.error_stds
+        return turn_deg > _LOOSE_TURN_DEG or axis_m > _LOOSE_AXIS_M or swing_deg > _LOOSE_SWING_DEG
+
+    @property
+    def fattening_px(self) -> float:
+        """Edge fattening of the sensor in pixels."""
+        return float(self.common[4])
+
+    @property
+    def fattening_std_px(self) -> float:
+        """Standard deviation of the edge fattening."""
+        return math.sqrt(float(self.covariance[4, 4]))
+
+    @property
+    def axis_moved_m(self) -> float:
+        """Distance of the estimated axis from the recorded one, at its point."""
+        return math.hypot(*self.common[:2])
+
+    @property
+    def axis_std_m(self) -> float:
+        """Standard deviation of the axis' position, in the less certain direction."""
+        return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+
+    @property
+    def angles_deg(self) -> list[float]:
+        """Recorded angle of each view."""
+        return [seen.angle_deg for seen in self.features]
+
+    @cached_property
+    def held_from_camera(self) -> tuple[Rigid3, ...]:
+        """Pose of the camera of each view."""
+        return poses(self.axis, self.held_point_m, self.angles_deg, self.common, self.own)
+
+    @cached_property
+    def stds(self) -> Float64:
+        """(N, 6) standard deviations of rotation (rad) and position (m); see :class:`Registration`."""
+        return _relative_stds(self)
+
+    @cached_property
+    def views(self) -> tuple[Registration, ...]:
+        """The report of each view, in order of acceptance."""
+        return tuple(_report(self, n) for n in range(len(self.features)))
+
+
+def describe(registered: Registered) -> str:
+    """Summarise the registration and its uncertainty in one line."""
+    if not registered.pairs:
+        return "No two views share enough cloth for registration; the recorded poses are used."
+    paired = np.unique([end for pair in registered.pairs for end in (pair.first, pair.second)])
+    sure_mm = 1e3 * float(np.median(np.linalg.norm(registered.stds[paired, 3:], axis=1)))
+    if not registered.is_loose:
+        return f"Recorded angles and axis are confirmed; neighbouring views agree to about {sure_mm:.1f} mm."
+    turned = math.degrees(np.abs(registered.own[:, 0]).max())
+    swung = math.degrees(np.hypot(registered.own[:, 1], registered.own[:, 2]).max())
+    return (
+        f"Cameras registered: the axis moved by {1e3 * registered.axis_moved_m:.1f} mm "
+        f"(+-{1e3 * registered.axis_std_m:.1f}), angles by up to {turned:.1f} degrees, swing up to "
+        f"{swung:.1f} degrees; neighbouring views agree to about {sure_mm:.1f} mm."
+    )
+
+
+def _report(registered: Registered, n: int) -> Registration:
+    seen, known, pose = registered.features[n], registered.known[n], registered.held_from_camera[n]
+    own, middle = registered.own[n], known.apply(seen.middle_m)
+    pairs = [p for p in registered.pairs if n in (p.first, p.second)]
+    partners = [p.second if p.first == n else p.first for p in pairs]
+    counts = np.array([float(p.count) for p in pairs])
+    typical = [math.nan, math.nan]
+    if pairs:
+        typical = [float(counts @ [p.distance_m[i] for p in pairs] / counts.sum()) for i in (0, 1)]
+    return Registration(
+        view_index=seen.view_index,
+        held_from_camera=pose,
+        turned_deg=math.degrees(own[0]),
+        swung_deg=math.degrees(math.hypot(own[1], own[2])),
+        moved_m=float(np.linalg.norm((pose @ known.inverse()).apply(middle) - middle)),
+        std_deg=np.degrees(registered.stds[n, :3]),
+        std_m=registered.stds[n, 3:],
+        views=tuple(registered.features[i].view_index for i in partners),
+        points=int(counts.sum()),
+        distance_m=(typical[0], typical[1]),
+    )
+
+
+def _relative_stds(registered: Registered) -> Float64:
+    """Return the standard deviations (N, 6) of each view's twist about its middle, relative to its partners.
+
+    Views without partners: relative to the recorded motion. Rotation (rad), then position (m).
+    """
+    views = len(registered.features)
+    points = np.zeros((views, views))  # that two views share
+    for p in registered.pairs:
+        points[p.first, p.second] = points[p.second, p.first] = p.count
+    share = np.eye(views) - points / np.maximum(points.sum(axis=1, keepdims=True), 1.0)
+    middles = [
+        held.apply(seen.middle_m) for seen, held in zip(registered.features, registered.known, strict=True)
+    ]
+    of, by = np.nonzero(share)
+    change = at_center(np.stack(registered.jacobians)[by], np.stack(middles)[of]) * share[of, by, None, None]
+    common, own = np.zeros((views, 6, COMMON)), np.zeros((views, 6, views, OWN))
+    np.add.at(common[:, :, :4], of, change[:, :, OWN:])
+    own[of, :, by] = change[:, :, :OWN]
+    rows = np.concatenate([common, own.reshape(views, 6, -1)], axis=2)
+    spread: Float64 = rows.reshape(6 * views, -1) @ registered.covariance
+    variance = (spread.reshape(rows.shape) * rows).sum(axis=2)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
