@@ -83,3 +83,19 @@ def test_nodes_behind_a_nearer_layer_are_covered() -> None:
     assert _uncovered(np.concatenate([behind, before])).tolist() == [False, True, True]
     close = np.array([[0.0, 0.0, 0.89]])
     assert _uncovered(np.concatenate([behind, close])).all()
+
+
+def test_a_view_of_the_gap_to_a_floating_piece_may_join_it(shape: JointShape) -> None:
+    """Half of the upper part floats next to the rest: it may be joined where both sides of the gap are seen."""
+    upper = shape.nodes.xyz_m[:, 1] < np.median(shape.nodes.xyz_m[:, 1])
+    apart = replace(shape, piece=np.where(upper & (shape.piece == 0), 1, shape.piece).astype(np.int32))
+    whole, found = rated(shape), rated(apart)
+    assert all(candidate.joining_m2 == 0.0 for candidate in whole.values())
+    area_m2 = whole[3].overlap_m2 / found[3].overlap_m2
+    assert area_m2 == pytest.approx(1.0, rel=0.05)
+    share = upper[shape.piece == 0].mean()
+    cloth_m2 = np.radians(2 * 72.0) * RADIUS_M * HEIGHT_M
+    assert found[3].joining_m2 == pytest.approx(0.5 * share * cloth_m2, rel=0.25)
+    assert found[1].joining_m2 == pytest.approx(found[3].joining_m2 / 3.0, rel=0.05)  # as little of it is new
+    assert found[18].joining_m2 == 0.0  # from behind nothing of the gap is seen
+    assert found[3].new_m2 > whole[3].new_m2

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scenes import AXIS, CAMERA, box, frame, plane
 
 from flatcloth.core.config import SurfaceConfig
@@ -35,6 +36,18 @@ def test_the_error_of_a_noisy_view_moves_no_node_along_steep_cloth() -> None:
     np.testing.assert_allclose(exact.rc, project(foot[exact.node], CAMERA), atol=0.02)
     moved_px = np.abs(exact.rc - inner[exact.node]).max()
     assert moved_px > 0.4 * OFF_M * CAMERA.fx / own[:, 2].max() * SLOPE / (1.0 + SLOPE**2)
+
+
+@pytest.mark.parametrize("width", [3, 5, 7])
+def test_the_nodes_of_a_strip_lie_in_its_middle_first(width: int) -> None:
+    usable = np.zeros((40, 120), dtype=np.bool_)
+    usable[20 : 20 + width] = True
+    row, col = _in_narrow_places(usable, 6, np.zeros((0, 2))).T
+    middle = 20 + width // 2
+    assert (row == middle).sum() >= 120 // 3 - 1
+    assert np.ptp(col[row == middle]) > 110
+    inner = (col > 10) & (col < 110)  # the ends of the strip are outlines, too
+    assert ((row == middle) | (np.abs(row - middle) >= 3))[inner].all()
 
 
 def test_no_strip_of_the_surface_is_too_narrow_for_nodes() -> None:

@@ -87,6 +87,24 @@ def test_the_right_placement_agrees_in_everything(
     assert [name for name in score.parts if f"  {name}: " not in explained] == []
 
 
+def test_cloth_is_other_cloth_if_it_faces_another_way_or_lies_elsewhere_in_space(
+    reference: ReferenceShape, component: SampledComponent
+) -> None:
+    half = np.arange(len(component.uv_m)) % 2 == 0
+    covered, _, _ = reference.surface_at(component.uv_m)
+    share = half[covered].mean()
+    turned = replace(component, normal=np.where(half[:, None], -1.0, 1.0) * component.normal)
+    score = score_placement(reference, turned, Rigid2())
+    assert score.parts["other_cloth_share"] == pytest.approx(share)
+    assert score.parts["place_agreement"] == pytest.approx(1.0 - share, abs=0.01)
+    scale = PLACE_STD_M + 2.0 * reference.noise_m
+    for times, expected in ((3.5, 0.0), (4.5, share)):
+        off = np.where(half[:, None], (0.0, 0.0, times * scale), 0.0)
+        moved = replace(component, xyz_m=component.xyz_m + off)
+        found = score_placement(reference, moved, Rigid2()).parts["other_cloth_share"]
+        assert found == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("shift_m", [0.003, 0.010, 0.030])
 def test_a_flat_sheet_that_is_shifted_lies_that_far_apart_in_space(
     reference: ReferenceShape, component: SampledComponent, shift_m: float
@@ -158,6 +176,26 @@ def test_refinement_comes_back_to_the_right_place(
     found = refine(reference, component, start).shape_from_component
     moved = found.apply(component.uv_m) - component.uv_m
     assert np.linalg.norm(moved, axis=1).max() < 2e-4
+
+
+def test_refinement_says_which_direction_a_strip_leaves_open(
+    reference: ReferenceShape, component: SampledComponent
+) -> None:
+    """On a plane place and height determine all; how well depends on the samples, and turns on the arm."""
+    std = refine(reference, component, Rigid2()).std
+    few = np.arange(len(component.uv_m)) % 4 == 0
+    fewer = SampledComponent(
+        uv_m=component.uv_m[few],
+        rc=component.rc[few],
+        xyz_m=component.xyz_m[few],
+        normal=component.normal[few],
+        texture=component.texture[few],
+        node=component.node[few],
+        area_m2=component.area_m2,
+    )
+    np.testing.assert_allclose(refine(reference, fewer, Rigid2()).std, 2.0 * std, rtol=0.05)
+    arm_m = np.sqrt(np.square(component.uv_m - component.uv_m.mean(axis=0)).sum(axis=1).mean())
+    assert std[0] == pytest.approx(std[1] / arm_m, rel=0.05)
 
 
 def test_refinement_without_any_overlap_knows_nothing(
