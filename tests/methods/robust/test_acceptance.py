@@ -46,7 +46,7 @@ def test_nodes_that_the_placement_takes_elsewhere_are_other_cloth() -> None:
 def test_the_gate_is_a_distance_on_the_plane(off_m: float, is_kept: bool) -> None:
     own = MOTION.inverse().apply(UV)
     one = np.arange(len(UV)) == 57
-    found = kept(np.where(one[:, None], own + (0.0, off_m), own), 0)
+    found = kept(np.where(one[:, None], own + np.array([0.0, off_m]), own), 0)
     assert found[57] == is_kept
     assert found[~one].all()
 

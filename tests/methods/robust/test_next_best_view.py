@@ -86,7 +86,7 @@ def test_nodes_behind_a_nearer_layer_are_covered() -> None:
 
 
 def test_a_view_of_the_gap_to_a_floating_piece_may_join_it(shape: JointShape) -> None:
-    """Half of the upper part floats next to the rest: it may be joined where both sides of the gap are seen."""
+    """The upper half floats next to the rest: it may be joined where both sides of the gap are seen."""
     upper = shape.nodes.xyz_m[:, 1] < np.median(shape.nodes.xyz_m[:, 1])
     apart = replace(shape, piece=np.where(upper & (shape.piece == 0), 1, shape.piece).astype(np.int32))
     whole, found = rated(shape), rated(apart)

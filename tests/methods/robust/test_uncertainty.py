@@ -39,6 +39,21 @@ def test_the_rim_is_the_outline_beside_the_layer_as_wide_as_depths_are_mixed(lay
     assert not rims[:, first + 6 :].any()  # other outlines, beside which nothing lies
 
 
+def test_the_rim_around_a_single_pixel_of_another_layer_is_round() -> None:
+    depth = plane()
+    own = np.zeros(depth.shape, dtype=np.bool_)
+    own[40:200, 40:200] = True
+    surface = observe_surface(frame(depth, own), AXIS, SurfaceConfig())
+    nearer, usable = surface.frame.depth_m.copy(), surface.usable.copy()
+    nearer[60, 80], usable[60, 80] = 0.82, False
+    rims = _layer_rims(
+        replace(surface, noisy=True, usable=usable, frame=replace(surface.frame, depth_m=nearer))
+    )
+    row, col = np.indices(usable.shape)
+    around = np.hypot(row - 60, col - 80)
+    np.testing.assert_array_equal(rims, (around <= 3.5) & (around > 0))
+
+
 def test_a_layer_that_is_hardly_nearer_or_farther_makes_no_rim() -> None:
     for layer_m in (0.843, 0.857):
         assert not rims_beside(layer_m)[0].any()
