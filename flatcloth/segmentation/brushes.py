@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import SegmentationError
@@ -94,12 +92,7 @@ def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
             f"{name}: no cloth of interest lies beyond it; point at the cloth to cut off."
         )
     open_ = of_interest & ~wall
-    linked = (graph.weight > 0) & open_[graph.first] & open_[graph.second]
-    links = coo_matrix(
-        (np.ones(int(linked.sum())), (graph.first[linked], graph.second[linked])),
-        shape=(graph.count, graph.count),
-    )
-    _, part = connected_components(links, directed=False)
+    part = graph.components((graph.weight > 0) & open_[graph.first] & open_[graph.second])
     # What lies on the other side of the line must not be reached round its ends.
     here = part[begin]
     side = np.asarray(cut.points_m).mean(axis=0) - np.asarray(cut.beyond_m)

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from flatcloth.core.types import Float32, Float64, Int32, Int64
-from flatcloth.segmentation.settings import SegmentationConfig
+from flatcloth.segmentation.settings import THREADS, SegmentationConfig
 
 _BUCKETS = 1 << 17
 """Size of the hash table. Chosen: several times the clusters of a garment (20 000); a smaller one
@@ -26,8 +26,6 @@ _COARSE = 3
 _NEAREST_FIRST = np.array(sorted(np.ndindex(3, 3, 3), key=lambda cell: sum(abs(n - 1) for n in cell))) - 1
 """Offsets (27, 3) to a cell and its neighbours, the nearest first, by definition: a near cluster, found
 early, bounds the search in the other cells."""
-_THREADS = 2
-"""Shares in which pixels are given their clusters. Chosen for two cores."""
 _AREA = 1.11
 """Cloth of a cluster over its squared radius; tests/segmentation compares it with a plate of known area."""
 
@@ -200,13 +198,13 @@ def _assign_together(
     of_pixel: Int32,
 ) -> None:
     """Do :func:`_assign` in shares, side by side."""
-    ends = np.linspace(0, len(points), _THREADS + 1).astype(int)
+    ends = np.linspace(0, len(points), THREADS + 1).astype(int)
     shares = [slice(*pair) for pair in itertools.pairwise(ends)]
 
     def share(own: slice) -> None:
         _assign(points[own], normals[own], limits, cells, place, normal, of_pixel[own])
 
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         list(pool.map(share, shares))
 
 

@@ -10,17 +10,14 @@ for optimal boundary and region segmentation of objects in N-D images").
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
-from scipy.spatial import cKDTree
+from scipy.sparse import csr_matrix
 
+from flatcloth.core.graphs import minimum_cut
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.clusters import Clusters
-from flatcloth.segmentation.relations import SignedGraph
+from flatcloth.segmentation.relations import SignedGraph, back_to_back
 from flatcloth.segmentation.settings import SegmentationConfig
 
-_LEAST_PIXELS = 4
-"""Clusters of fewer pixels give no thickness: their normals are noise. Chosen."""
 _ENOUGH_PIXELS = 20.0
 """Pixels at which a cluster's thickness has half of its full weight. Chosen."""
 _ENOUGH = 1.0
@@ -40,8 +37,6 @@ _AROUND = 12
 """Steps to neighbours over which the thickness is averaged, each half. Chosen: it reaches about 2 cm."""
 _LEAST_KNOWN = 0.02
 """Weight of an averaged thickness from which it tells. Chosen: what is measured 2 cm away still counts."""
-_SCALE = 100.0
-"""Capacities of the cut are whole numbers: the evidence times this. Chosen."""
 
 
 def inner_faces(clusters: Clusters, graph: SignedGraph, config: SegmentationConfig) -> Bool:
@@ -63,7 +58,9 @@ def inner_faces(clusters: Clusters, graph: SignedGraph, config: SegmentationConf
     one layer. Takes about 0.06 s for 20 000 clusters.
     """
     known, thin = _thin(clusters, config)
-    inner = _minimum_cut(graph, config.thickness_weight * thin * known)
+    evidence, attracts = config.thickness_weight * thin * known, graph.weight > 0
+    edges = np.stack([graph.first[attracts], graph.second[attracts]], axis=1)
+    inner = minimum_cut(edges, graph.weight[attracts], np.maximum(evidence, 0.0), np.maximum(-evidence, 0.0))
     return _faces(graph, inner) >= 0
 
 
@@ -102,28 +99,14 @@ def _thin(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Floa
 
 def _faces(graph: SignedGraph, chosen: Bool) -> Int64:
     """Return the number (M,) of the face of each chosen cluster; -1 off them, and on small faces."""
-    links = (graph.weight > 0) & chosen[graph.first] & chosen[graph.second]
-    pairs = (np.ones(int(links.sum())), (graph.first[links], graph.second[links]))
-    _, face = connected_components(coo_matrix(pairs, shape=(graph.count, graph.count)), directed=False)
+    face = graph.components((graph.weight > 0) & chosen[graph.first] & chosen[graph.second])
     kept: Bool = chosen & (np.bincount(face)[face] >= _LEAST_FACE)
     return np.where(kept, face, -1).astype(np.int64)
 
 
 def thicknesses(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Float64]:
     """Return the distance (M,) to what lies at the back of each cluster, m, and its weight, 0 if unknown."""
-    reach_m = float(np.hypot(config.thickest_m, config.opposite_beside_m))
-    pairs = cKDTree(clusters.place_m).query_pairs(reach_m, output_type="ndarray")
-    a, b = pairs[:, 0], pairs[:, 1]
-    used = (clusters.pixels[a] >= _LEAST_PIXELS) & (clusters.pixels[b] >= _LEAST_PIXELS)
-    used &= np.einsum("nk,nk->n", clusters.normal[a], clusters.normal[b]) < config.opposite_cos
-    a, b = a[used], b[used]
-    offset = clusters.place_m[b] - clusters.place_m[a]
-    axis = clusters.normal[a] - clusters.normal[b]
-    axis /= np.linalg.norm(axis, axis=1)[:, None]
-    depth = -np.einsum("nk,nk->n", offset, axis)
-    beside = np.sqrt(np.maximum(np.einsum("nk,nk->n", offset, offset) - depth**2, 0.0))
-    used = (beside < config.opposite_beside_m) & (depth > -config.opposite_m) & (depth < config.thickest_m)
-    a, b, depth = a[used], b[used], depth[used]
+    a, b, depth = back_to_back(clusters, -config.opposite_m, config.thickest_m, config)
     pixels = np.minimum(clusters.pixels[a], clusters.pixels[b])
     sure = np.minimum(clusters.facing[a], clusters.facing[b]) ** 2 * pixels / (pixels + _ENOUGH_PIXELS)
     ends = np.concatenate([a, b])
@@ -131,23 +114,3 @@ def thicknesses(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64
     total = np.bincount(ends, np.tile(sure * depth, 2), clusters.count)
     thickness_m: Float64 = total / np.maximum(weight, 1e-12)
     return thickness_m, weight
-
-
-def _minimum_cut(graph: SignedGraph, evidence: Float64) -> Bool:
-    """Return the set of clusters (M,) with most evidence (M,), less the attraction across its border."""
-    attracts = graph.weight > 0
-    a, b = graph.first[attracts], graph.second[attracts]
-    between = np.rint(_SCALE * graph.weight[attracts]).astype(np.int32)
-    own = np.rint(_SCALE * evidence).astype(np.int32)
-    source, sink = graph.count, graph.count + 1
-    inside, outside = np.flatnonzero(own > 0), np.flatnonzero(own < 0)
-    rows = np.concatenate([a, b, np.full(len(inside), source), outside])
-    cols = np.concatenate([b, a, inside, np.full(len(outside), sink)])
-    data = np.concatenate([between, between, own[inside], -own[outside]])
-    capacity = csr_matrix((data, (rows, cols)), shape=(graph.count + 2, graph.count + 2), dtype=np.int32)
-    left = capacity - maximum_flow(capacity, source, sink).flow
-    left.eliminate_zeros()
-    reached = breadth_first_order(left, source, return_predecessors=False)
-    result = np.zeros(graph.count + 2, dtype=np.bool_)
-    result[reached] = True
-    return result[: graph.count]

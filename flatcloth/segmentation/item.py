@@ -20,9 +20,8 @@ from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SegmentationError, SurfaceError
 from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import about_axis, foreground_mask
+from flatcloth.segmentation.settings import THREADS
 
-_THREADS = 2
-"""Views worked on at a time. Chosen for two cores."""
 _APART_M = 0.03
 """Regions farther than this from the largest are something else. Set by hand."""
 _SECOND_SHARE = 0.4
@@ -96,7 +95,7 @@ def find_item(
     SegmentationError
         If no view shows an item, or most show two.
     """
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         parts = list(pool.map(lambda frame: _hanging(frame, axis, config), frames))
     masks, doubles = [part.mask for part in parts], [part.doubled for part in parts]
     if not any(mask.any() for mask in masks):
@@ -109,7 +108,7 @@ def find_item(
             f"View {view}: two items hang side by side, about as large; take one away, or give masks."
         )
     still = _still(frames)
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         freed = list(
             pool.map(
                 lambda n: _without_holder(frames[n], masks[n], still, axis, held_point_m), range(len(frames))

@@ -10,8 +10,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError, SurfaceError
@@ -36,10 +34,8 @@ from flatcloth.segmentation.inner import doubtful_faces, inner_faces
 from flatcloth.segmentation.item import CutOff, Item, find_item
 from flatcloth.segmentation.partition import Int8, Partition, partition, sampled_sides
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
-from flatcloth.segmentation.settings import SegmentationConfig
+from flatcloth.segmentation.settings import THREADS, SegmentationConfig
 
-_THREADS = 2
-"""Views worked on at a time. Chosen for two cores; more need more memory."""
 _PARTNERS = 3
 """Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand. Set
 by hand."""
@@ -104,8 +100,6 @@ class Observed:
     doubtful: Int64
     start_view: int
     cut_off: tuple[CutOff, ...]
-    noise_m: float
-    moved: bool
     config: SegmentationConfig
 
 
@@ -151,10 +145,10 @@ def observe(
     progress(0.1, "surfaces of the views")
     surfaces = _surfaces(frames, item, axis, config, sensor_blurs)
     progress(0.3, "where the cameras stand")
-    poses, moved = _poses(surfaces, axis, held_point_m, config)
+    poses = _poses(surfaces, axis, held_point_m, config)
     progress(0.6, "clusters of the surface")
     noise_m = float(np.median([surface.noise_m for surface in surfaces]))
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         facing = list(pool.map(_facing, surfaces))
         clusters, labels = _clustered(surfaces, poses, facing, noise_m, settings)
         links = list(pool.map(links_of_view, labels, facing, (surface.steps for surface in surfaces)))
@@ -175,14 +169,12 @@ def observe(
         graph=graph,
         partition=found.result(),
         samples=sampled_sides(
-            graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text), _THREADS
+            graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text), THREADS
         ),
         inner=inner,
         doubtful=doubtful,
         start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
         cut_off=item.cut_off,
-        noise_m=noise_m,
-        moved=moved,
         config=settings,
     )
 
@@ -190,7 +182,7 @@ def observe(
 def _surfaces(
     frames: Sequence[RgbdFrame], item: Item, axis: RotationAxis, config: Config, blurs: Callable[[], bool]
 ) -> list[Surface]:
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         seen = pool.map(lambda n: _surface(frames[n], item, n, axis, config, blurs), range(len(frames)))
         surfaces = [surface for surface in seen if surface is not None]
     if not surfaces:
@@ -214,24 +206,24 @@ def _surface(
 
 def _poses(
     surfaces: Sequence[Surface], axis: RotationAxis, held_point_m: Float64, config: Config
-) -> tuple[Sequence[Rigid3], bool]:
+) -> Sequence[Rigid3]:
     """Where the cameras stand: as known, unless the views say that this is not so."""
     known = [held_from_camera(axis, surface.frame.angle_deg) for surface in surfaces]
     if len(surfaces) < 2:
-        return known, False
-    with ThreadPoolExecutor(_THREADS) as pool:
+        return known
+    with ThreadPoolExecutor(THREADS) as pool:
         features = dict(enumerate(pool.map(_features, surfaces[::_LOOK])))
         features = {_LOOK * n: seen for n, seen in features.items()}
-        look = register_together(list(features.values()), axis, held_point_m, partners=1, threads=_THREADS)
+        look = register_together(list(features.values()), axis, held_point_m, partners=1, threads=THREADS)
         if not look.is_loose:
-            return known, False
+            return known
         rest = [n for n in range(len(surfaces)) if n not in features]
         features |= zip(rest, pool.map(_features, [surfaces[n] for n in rest]), strict=True)
     registered = register_together(
         [features[n] for n in range(len(surfaces))], axis, held_point_m,
-        partners=_PARTNERS, fattening_px=look.fattening_px, threads=_THREADS,
+        partners=_PARTNERS, fattening_px=look.fattening_px, threads=THREADS,
     )  # fmt: skip
-    return (registered.held_from_camera if registered.is_loose else known), registered.is_loose
+    return registered.held_from_camera if registered.is_loose else known
 
 
 def _features(surface: Surface) -> ViewFeatures:
@@ -367,10 +359,7 @@ def start_sheet(observed: Observed) -> Int64:
         )
     g = observed.graph
     joined = (g.weight > 0) & good[g.first] & good[g.second] & (side[g.first] == side[g.second])
-    links = coo_matrix(
-        (np.ones(int(joined.sum())), (g.first[joined], g.second[joined])), shape=(g.count, g.count)
-    )
-    _, label = connected_components(links, directed=False)
+    label = g.components(joined)
     sheet = good & (label == np.bincount(label[good], shown[good]).argmax())
     # Its middle only: where the sheet ends, the evidence may be wrong.
     inside = np.zeros(view.cluster.shape, dtype=np.uint8)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT
 from flatcloth.segmentation.clusters import Clusters
@@ -38,6 +39,10 @@ class SignedGraph:
     first: Int64
     second: Int64
     weight: Float64
+
+    def components(self, kept: Bool) -> Int64:
+        """Return the number (M,) of the component of each cluster that the kept edges (E,) join."""
+        return components(self.count, self.first[kept], self.second[kept])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,21 +124,29 @@ def _repulsion(
     clusters: Clusters, noise_m: float, config: SegmentationConfig
 ) -> tuple[Int64, Int64, Float64]:
     behind = config.noisy_opposite_m if noise_m > config.noisy_depth_m else config.opposite_m
-    near = cKDTree(clusters.place_m).query_pairs(
-        float(np.hypot(behind, config.opposite_beside_m)), output_type="ndarray"
-    )
-    a, b = near[:, 0].astype(np.int64), near[:, 1].astype(np.int64)
-    enough = (clusters.pixels[a] >= _LEAST_PIXELS) & (clusters.pixels[b] >= _LEAST_PIXELS)
-    enough &= (clusters.normal[a] * clusters.normal[b]).sum(axis=1) < config.opposite_cos
-    a, b = a[enough], b[enough]
-    offset = clusters.place_m[b] - clusters.place_m[a]
-    axis = clusters.normal[a] - clusters.normal[b]
-    axis /= np.linalg.norm(axis, axis=1)[:, None]
-    depth = -(offset * axis).sum(axis=1)
-    beside = np.sqrt(np.maximum((offset**2).sum(axis=1) - depth**2, 0.0))
-    kept = (depth < behind) & (depth > -config.opposite_behind_m) & (beside < config.opposite_beside_m)
-    a, b, depth = a[kept], b[kept], depth[kept]
+    a, b, depth = back_to_back(clusters, -config.opposite_behind_m, behind, config)
     pixels = np.minimum(clusters.pixels[a], clusters.pixels[b])
     facing = np.minimum(clusters.facing[a], clusters.facing[b])
     thick = np.interp(depth / behind, (0.6, 1.0), (1.0, 0.4))
     return a, b, _FULL * pixels / (pixels + _ENOUGH_PIXELS) * facing**4 * thick
+
+
+def back_to_back(
+    clusters: Clusters, least_m: float, most_m: float, config: SegmentationConfig
+) -> tuple[Int64, Int64, Float64]:
+    """Return pairs of clusters (P,), (P,) that face away from each other, and how far apart they lie (P,).
+
+    The distance is along their normals, between ``least_m`` and ``most_m``; negative if they face each other.
+    """
+    farthest_m = float(np.hypot(most_m, config.opposite_beside_m))
+    near = cKDTree(clusters.place_m).query_pairs(farthest_m, output_type="ndarray").astype(np.int64)
+    used = (clusters.pixels[near] >= _LEAST_PIXELS).all(axis=1)
+    used &= (clusters.normal[near[:, 0]] * clusters.normal[near[:, 1]]).sum(axis=1) < config.opposite_cos
+    a, b = near[used].T
+    offset = clusters.place_m[b] - clusters.place_m[a]
+    axis = clusters.normal[a] - clusters.normal[b]
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    depth: Float64 = -(offset * axis).sum(axis=1)
+    beside = np.sqrt(np.maximum((offset**2).sum(axis=1) - depth**2, 0.0))
+    kept = (depth < most_m) & (depth > least_m) & (beside < config.opposite_beside_m)
+    return a[kept], b[kept], depth[kept]

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.strokes import Decision
-from flatcloth.core.types import Bool, Float32, Float64, Floats
+from flatcloth.core.types import Bool, Float32, Floats
 from flatcloth.segmentation.item import CutOff
 from flatcloth.segmentation.observed import Observed
 from flatcloth.segmentation.partition import Int8
 
 OF_INTEREST, OTHER, UNDECIDED, NO_ITEM = 1, -1, 0, 2
-"""Sides of pixels; ``NO_ITEM`` is what was not measured or cut off."""
+"""Sides of pixels, numbers by definition; ``NO_ITEM`` is what was not measured or cut off."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,20 +167,6 @@ class Segmentation:
         return side, np.where(any_, self.certainty[cluster], 0.0).astype(np.float32)
 
 
-def weights_of(observed: Observed) -> Float64:
-    """Return the area (M,) of the pixels of each cluster over all views, m2."""
-    total = np.zeros(observed.clusters.count)
-    for view in observed.views.values():
-        at = view.surface
-        total += np.bincount(view.cluster[at], view.area_m2[at], observed.clusters.count)
-    return total
-
-
 def views_showing(observed: Observed, clusters: Bool) -> tuple[int, ...]:
     """Return the views in which any of the clusters (M,) is seen."""
     return tuple(n for n, view in sorted(observed.views.items()) if clusters[view.shows].any())
-
-
-def conflict_texts(conflicts: Sequence[Conflict]) -> list[str]:
-    """Return one line for each conflict."""
-    return [conflict.text for conflict in conflicts]

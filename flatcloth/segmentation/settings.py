@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+THREADS = 2
+"""Views, and samples, worked on at a time. Chosen for two cores; more need more memory."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentationConfig:

@@ -14,8 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.partition import partition
@@ -159,8 +157,7 @@ class Spreading:
         moved = joined & (found.side[:-1] * found.side[-1] != side)
         moved[turn], moved[keep] = True, False
         links = moved[g.first] & moved[g.second] & (weight != 0)
-        pairs = (np.ones(int(links.sum())), (g.first[links], g.second[links]))
-        _, label = connected_components(coo_matrix(pairs, shape=(g.count, g.count)), directed=False)
+        label = g.components(links)
         region = moved & np.isin(label, label[turn])
         border = region[g.first] != region[g.second]
         size = int(region.sum())
