@@ -13,6 +13,22 @@ from flatcloth.core.errors import FlatteningError
 from flatcloth.viewer import PageServer
 
 
+def test_a_proposal_comes_with_its_picture(server):
+    with Tab(server) as tab:
+        tab.ready()
+        tab.say(type="do", action="step")
+        seen = []
+
+        def proposed(state):
+            seen.append(state)
+            return state["pending"]
+
+        tab.state_where(proposed)
+        assert [s["phase"] for s in seen[:-1]] == ["computing"] * (len(seen) - 1)
+        assert seen[-1]["layers"]["overlay"]["view_index"] == seen[-1]["pending"]["view_index"]
+        assert not seen[-1]["drawing"]
+
+
 def test_an_empty_session_starts_by_itself_and_waits_for_a_step(server):
     with Tab(server) as tab:
         state = tab.ready()

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-import threading
-import time
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +27,6 @@ from flatcloth.session.machine import (
     Phase,
     Propose,
     Reject,
-    Request,
     SessionState,
     Skip,
     Start,
@@ -39,16 +37,15 @@ from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneV
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.review import ReviewService
-from flatcloth.viewer.modes.session_work import answered, chosen, drawn, placing_piece, turned_about
+from flatcloth.viewer.modes.session_work import Answer, SessionWork, chosen, placing_piece, turned_about
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE
 from flatcloth.viewer.protocol.allowed import command_of, nudge_about
 from flatcloth.viewer.protocol.picture import Overlay, Picture
-from flatcloth.viewer.protocol.sent import NoteLevel, Progress
+from flatcloth.viewer.protocol.sent import NoteLevel
 from flatcloth.viewer.protocol.snapshot import center_uv_m
 from flatcloth.viewer.protocol.state import PageState
-from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
     from starlette.routing import BaseRoute
@@ -58,9 +55,6 @@ if TYPE_CHECKING:
     from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
-
-PROGRESS_INTERVAL_S = 0.05
-"""Interval between messages of progress. Chosen."""
 
 
 class Application(PageController):
@@ -80,21 +74,24 @@ class Application(PageController):
         self, integration: Integration, folder: SessionFolder, scene_view: SceneView, sink: ClientSink
     ) -> None:
         super().__init__(integration, folder, scene_view, sink)
-        self._made: Picture | None = None
-        self._asked: Document | None = None
-        self._cancel: tuple[int, threading.Event] | None = None
-        self._progress_at_s = 0.0
         self._going_on = False
-        self._back = Worker("flatcloth-work")
+        on_thread = partial(self._put, None)
+        self._work = SessionWork(
+            integration, on_thread, self._answered, self._drawn, partial(sink.tell, None)
+        )
         self._repair = repair.RepairService(integration, sink.tell)
-        self._diagnostics = DiagnosticsService(integration, lambda: self._picture, scene_view, self._back.put)
+        self._diagnostics = DiagnosticsService(
+            integration, lambda: self._picture, scene_view, self._work.later
+        )
         self._review = ReviewService(
-            integration, folder, lambda: self._picture, self._back.put, lambda: self._put(None, self._publish)
+            integration,
+            folder,
+            lambda: self._picture,
+            self._work.later,
+            lambda: self._put(None, self._publish),
         )
-        self._sides = SideController(integration, lambda job: self._put(None, job), self._sides_told)
-        self._garment = GarmentController(
-            self.garments, lambda job: self._put(None, job), self._publish, sink.tell
-        )
+        self._sides = SideController(integration, on_thread, self._sides_told)
+        self._garment = GarmentController(self.garments, on_thread, self._publish, sink.tell)
 
     @property
     def _state(self) -> SessionState:
@@ -117,9 +114,9 @@ class Application(PageController):
 
     def stop(self) -> None:
         """Stop the running work and both threads; the journal keeps the session."""
-        self._put(None, self._stop_work)
+        self._put(None, self._work.cancel)
         self._front.stop(timeout_s=5.0)
-        self._back.stop(timeout_s=2.0)
+        self._work.stop()
         self._repair.stop(timeout_s=2.0)
         self._sides.stop()
         self._garment.stop()
@@ -139,14 +136,10 @@ class Application(PageController):
             self._settle()
 
     def _restart(self) -> None:
-        self._stop_work()
-        self._cancel = self._asked = None
-        self._page_status = replace(self._page_status, auto=False, progress=None)
+        self._work.cancel()
+        self._work.forget_picture()
+        self._page_status = replace(self._page_status, auto=False)
         self._settle()
-
-    def _stop_work(self) -> None:
-        if self._cancel is not None:
-            self._cancel[1].set()
 
     def _take(self, client: int, message: messages.Message) -> None:
         match message:
@@ -158,19 +151,22 @@ class Application(PageController):
             case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
                 self._by_hand(Nudge(view, self._meant(theta, u, v)))
             case messages.TakePart(view_index=view, component=component):
-                overlay = None if self._picture is None else self._picture.overlay
                 pending = repair.meant(self._state.document, view)
-                self._by_hand(TakePart(view, component, repair.place_of_part(pending, overlay, component)))
+                place = repair.place_of_part(pending, self._overlay, component)
+                self._by_hand(TakePart(view, component, place))
             case messages.LeaveOut(view_index=view, part_view=part_view, component=component):
                 self._by_hand(LeaveOut(view, part_view, component))
             case messages.PlacePiece(label=label):
-                self._place_piece(label)
+                # Decide again about the view that shows most of the piece, with that component of it.
+                sheet = None if self._picture is None else self._picture.sheet
+                for command in placing_piece(self._integration, self._state.document, sheet, label):
+                    self._by_hand(command)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
                 self._fit(client, message)
             case messages.Choose(view_index=view, index=index):
-                self._choose(view, index)
+                self._by_hand(chosen(self._state.document.pending, self._overlay, view, index))
             case messages.PickAt(u_m=u, v_m=v):
                 self._pick_at(u, v)
             case messages.ShowEdges(show=show):
@@ -205,10 +201,13 @@ class Application(PageController):
         elif do.action == "redo":
             self._tell(client, "info", f"Redone: {before.redo[-1].name}.")
 
+    @property
+    def _overlay(self) -> Overlay | None:
+        return None if self._picture is None else self._picture.overlay
+
     def _placed(self) -> tuple[Pending, Overlay] | None:
         """Return the proposal with the picture of it, None while there is none."""
-        overlay = None if self._picture is None else self._picture.overlay
-        pending = self._state.document.pending
+        overlay, pending = self._overlay, self._state.document.pending
         if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
             return None
         return pending, overlay
@@ -220,12 +219,6 @@ class Application(PageController):
             return nudge_about((0.0, 0.0), theta_rad, u_m, v_m)
         pending, overlay = placed
         return overlay.meant(pending, nudge_about(center_uv_m(pending, overlay), theta_rad, u_m, v_m))
-
-    def _place_piece(self, label: str) -> None:
-        """Decide again about the view that shows most of a floating piece, with that component of it."""
-        sheet = None if self._picture is None else self._picture.sheet
-        for command in placing_piece(self._integration, self._state.document, sheet, label):
-            self._by_hand(command)
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
@@ -290,19 +283,19 @@ class Application(PageController):
             raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
         self._folder.keep_axis(axis)
         self._page_status = replace(self._page_status, auto=False)
-        self._back.put(lambda: self._work_on_axis(axis))
+
+        def work() -> None:
+            text = turned_about(self._integration, axis)  # later jobs of the queue use the new axis
+            self._put(None, lambda: self._turned_about(axis, text))
+
+        self._work.later(work)
 
     def _turned_about(self, axis: RotationAxis, text: str) -> None:
         self._picks.turn_about(axis)
         self._scene_view.set_axis(axis)
-        self._asked = None
+        self._work.forget_picture()
         self._settle()
         self._tell(None, "info", text)
-
-    def _choose(self, view: int, index: int) -> None:
-        """Move the proposal to one of its hypotheses."""
-        overlay = None if self._picture is None else self._picture.overlay
-        self._by_hand(chosen(self._state.document.pending, overlay, view, index))
 
     def _by_hand(self, command: Command) -> None:
         # A decision by hand stops Auto.
@@ -320,16 +313,12 @@ class Application(PageController):
         """Update the work, the picture, Auto and the tabs to the state."""
         document = self._state.document
         self._sides.follow(document)
-        self._settle_work()
+        self._work.follow(self._state)
         self._follow_garment()
-        if document.start_view is None:
-            if self._picture is not None or self._asked is not None:
-                self._picture = self._asked = None
-                self._scene_view.show(None)
-                self._diagnostics.picture_changed()
-        elif self._asked is not document:
-            self._asked = document
-            self._back.put(lambda: self._work_on_picture(document))
+        if document.start_view is None and self._picture is not None:
+            self._picture = None
+            self._scene_view.show(None)
+            self._diagnostics.picture_changed()
         self._publish()
         if self._page_status.auto:
             self._put(None, self._auto_step)
@@ -341,19 +330,6 @@ class Application(PageController):
         if self._going_on and self._state.phase is Phase.READY:
             self._going_on = False
             self._do(Propose())
-
-    def _settle_work(self) -> None:
-        request = self._state.request
-        if self._cancel is not None and (request is None or self._cancel[0] != request.token):
-            self._cancel[1].set()
-            self._cancel = None
-            self._page_status = replace(self._page_status, progress=None)
-        if request is not None and self._cancel is None:
-            cancelled = threading.Event()
-            self._cancel = (request.token, cancelled)
-            self._page_status = replace(self._page_status, progress=Progress(share=0.0, text="Waiting"))
-            document = self._state.document
-            self._back.put(lambda: self._work_on_request(document, request, cancelled))
 
     def _auto_step(self) -> None:
         state, status, threshold = self._state, self._page_status, self._page_settings.now.auto_threshold
@@ -385,71 +361,43 @@ class Application(PageController):
         self._tell(None, level, text)
 
     def _page_state(self) -> PageState:
+        self._page_status = replace(self._page_status, progress=self._work.progress)
         state = self._state_of(self._picture, session=self._state)
         views, review = self._review.of_views(state.views, self._state.document)
         return structs.replace(
             state, views=views, review=review, sides=self._sides.info(), garment=self._garment.info()
         )
 
-    # --- the worker --------------------------------------------------------------------------
+    # --- what the worker has found -----------------------------------------------------------
 
-    def _work_on_request(self, document: Document, request: Request, cancelled: threading.Event) -> None:
-        answer = answered(
-            self._integration,
-            document,
-            request,
-            cancelled,
-            lambda share, text: self._put(None, lambda: self._note_progress(request, share, text)),
-        )
-        if isinstance(answer, str):
-            self._put(None, lambda: self._failed(request, answer))
-        elif answer is not None:
-            self._put(None, lambda: self._answered(answer))
-
-    def _answered(self, event: Event) -> None:
-        current = self._state.request is not None and self._state.request.token == event.token
-        self._do(event)
-        if current and isinstance(event, Followed) and not event.holds:
+    def _answered(self, answer: Answer) -> None:
+        before, event = self._state, answer.event
+        if event is None:
+            self._page_status = replace(self._page_status, auto=False)
+            self._do(Failed(answer.state.request.token if answer.state.request else 0))
+            self._tell(None, "error", answer.trouble)
+            return
+        self._folder.record(event)
+        # A stroke may have come meanwhile: the picture is another then, and follows.
+        picture = self._work.answers(answer, self._state) if before is answer.state else None
+        try:
+            if picture is not None:
+                self._take_picture(picture)
+        finally:
+            self._settle()
+        if isinstance(event, Followed) and not event.holds:
             self._tell(None, "warning", f"View {event.view_index} is asked again. {event.why}")
 
-    def _failed(self, request: Request, text: str) -> None:
-        if self._state.request != request:
-            return
-        self._page_status = replace(self._page_status, auto=False)
-        self._do(Failed(request.token))
-        self._tell(None, "error", text)
-
-    def _note_progress(self, request: Request, share: float, text: str) -> None:
-        if self._state.request != request:
-            return
-        progress = Progress(share=share, text=text)
-        self._page_status = replace(self._page_status, progress=progress)
-        now_s = time.monotonic()
-        if now_s - self._progress_at_s >= PROGRESS_INTERVAL_S:
-            self._progress_at_s = now_s
-            self._sink.tell(None, progress)
-
-    def _work_on_axis(self, axis: RotationAxis) -> None:
-        text = turned_about(self._integration, axis)  # later jobs of the queue use the new axis
-        self._put(None, lambda: self._turned_about(axis, text))
-
-    def _work_on_picture(self, document: Document) -> None:
-        if self._asked is not document:
-            return  # outdated by a decision
-        # Revisions continue from the last picture, even if it was never shown.
-        picture = drawn(self._integration, document, self._made)
+    def _drawn(self, picture: Picture | str) -> None:
         if isinstance(picture, str):
-            self._put(None, lambda: self._end_auto("error", picture))
+            self._end_auto("error", picture)
         else:
-            self._made = picture
-            self._put(None, lambda: self._show_picture(picture))
+            self._take_picture(picture)
+            self._settle()
 
-    def _show_picture(self, picture: Picture) -> None:
-        if self._asked is not picture.document:
-            return
+    def _take_picture(self, picture: Picture) -> None:
         self._picture = picture
         self._scene_view.show(picture)
         self._picks.redraw(picture)
         self._review.follow(picture)
         self._diagnostics.picture_changed()
-        self._settle()

@@ -1,50 +1,198 @@
-"""The heavy jobs of a session's page, for its worker thread: their results, or what failed in one line."""
+"""The computations of a session's page, on a thread of their own."""
 
 from __future__ import annotations
 
 import logging
 import threading
-from typing import TYPE_CHECKING
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import Progress, RotationAxis
+from flatcloth.core.types import RotationAxis
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, place_of_piece
 from flatcloth.engine.warmup import wait_until_compiled
-from flatcloth.session.machine import Command, Document, Event, Nudge, Pending, Reopen, Request, TakePart
+from flatcloth.session.machine import (
+    Command,
+    Document,
+    Event,
+    Nudge,
+    Pending,
+    Reopen,
+    Request,
+    SessionState,
+    TakePart,
+    apply,
+)
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
-
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
+from flatcloth.viewer.protocol.sent import Progress
+from flatcloth.viewer.worker import Worker
 
 _log = logging.getLogger(__name__)
 
 
-def answered(
-    integration: Integration,
-    document: Document,
-    request: Request,
-    cancelled: threading.Event,
-    tell: Progress,
-) -> Event | str | None:
-    """Answer a request of a session; None if it was cancelled, a text if it failed."""
+PROGRESS_INTERVAL_S = 0.05
+"""Interval between messages of progress. Chosen."""
 
-    def progress(share: float, text: str) -> None:
-        if cancelled.is_set():
-            raise CancelledError
-        tell(share, text)
 
-    try:
-        progress(0.0, "Starting")
-        wait_until_compiled(progress)
-        return integration.answer(document, request, progress)
-    except CancelledError:
-        return None
-    except FlatclothError as error:
-        _log.warning("%s", error)
-        return str(error)
-    except Exception as error:  # noqa: BLE001 - reported and logged
-        _log.exception("the work on %s failed", request)
-        return f"Unexpected error while computing: {error!r}. See the terminal."
+@dataclass(frozen=True)
+class Answer:
+    """The answer to the request of a state, and the picture of the session after it.
+
+    ``event`` is None if the computation failed, for the reason ``trouble``; ``picture`` is None if another
+    request follows.
+    """
+
+    state: SessionState
+    event: Event | None = None
+    picture: Picture | None = None
+    trouble: str = ""
+
+
+class SessionWork:
+    """Computes the answers and the pictures of a session on a thread of its own, one job at a time.
+
+    Its methods and the callbacks run on the application thread.
+
+    Parameters
+    ----------
+    integration : Integration
+        Does the computations.
+    put : callable
+        Runs a job on the application thread.
+    on_answer : callable
+        Called with each :class:`Answer` to the present request.
+    on_picture : callable
+        Called with the present picture, or with the reason if it cannot be drawn.
+    on_progress : callable
+        Called with the progress, at most every ``PROGRESS_INTERVAL_S``.
+    """
+
+    def __init__(
+        self,
+        integration: Integration,
+        put: Callable[[Callable[[], None]], None],
+        on_answer: Callable[[Answer], None],
+        on_picture: Callable[[Picture | str], None],
+        on_progress: Callable[[Progress], None],
+    ) -> None:
+        self._integration, self._put = integration, put
+        self._on_answer, self._on_picture, self._on_progress = on_answer, on_picture, on_progress
+        self._worker = Worker("flatcloth-work")
+        self._running: tuple[Request, threading.Event] | None = None
+        self._asked: Document | None = None
+        self._told_at_s = 0.0
+        # The last picture, even if it was never shown: revisions continue from it. The worker's.
+        self._made: Picture | None = None
+        self.progress: Progress | None = None
+
+    def later(self, job: Callable[[], None]) -> None:
+        """Add a job of others; it runs after those that wait."""
+        self._worker.put(job)
+
+    def stop(self) -> None:
+        """End the thread after the current job."""
+        self._worker.stop(timeout_s=2.0)
+
+    def cancel(self) -> None:
+        """Cancel the running computation, if there is one."""
+        if self._running is not None:
+            self._running[1].set()
+        self._running = self.progress = None
+
+    def forget_picture(self) -> None:
+        """Draw the next picture again, though its document is the same."""
+        self._asked = None
+
+    def follow(self, state: SessionState) -> None:
+        """Start what a state waits for, and cancel what it does not wait for any more."""
+        request = state.request
+        if self._running is not None and self._running[0] != request:
+            self.cancel()
+        if request is not None and self._running is None:
+            cancelled = threading.Event()
+            self._running = request, cancelled
+            self.progress = Progress(share=0.0, text="Waiting")
+            self._worker.put(lambda: self._answer(state, request, cancelled))
+        document = state.document
+        if document.start_view is None:
+            self._asked = None
+        elif self._asked is not document:
+            self._asked = document
+            self._worker.put(lambda: self._draw(document))
+
+    def answers(self, answer: Answer, after: SessionState) -> Picture | None:
+        """Return the picture that came with an answer if it is that of the session after it."""
+        self._running = self.progress = None
+        if answer.picture is None:
+            return None
+        self._asked = after.document
+        return replace(answer.picture, document=after.document)
+
+    def _took(self, answer: Answer) -> None:
+        if self._running is not None and self._running[0] == answer.state.request:
+            self._on_answer(answer)
+
+    def _show(self, document: Document, picture: Picture | str) -> None:
+        if self._asked is document:
+            self._on_picture(picture)
+
+    def _note_progress(self, request: Request, progress: Progress) -> None:
+        if self._running is None or self._running[0] != request:
+            return
+        self.progress = progress
+        now_s = time.monotonic()
+        if now_s - self._told_at_s >= PROGRESS_INTERVAL_S:
+            self._told_at_s = now_s
+            self._on_progress(progress)
+
+    # --- the worker ----------------------------------------------------------------------------
+
+    def _answer(self, state: SessionState, request: Request, cancelled: threading.Event) -> None:
+        """Answer the request of a state, and draw the session as it is then: one job."""
+
+        def progress(share: float, text: str) -> None:
+            if cancelled.is_set():
+                raise CancelledError
+            self._put(lambda: self._note_progress(request, Progress(share=share, text=text)))
+
+        try:
+            progress(0.0, "Starting")
+            wait_until_compiled(progress)
+            event = self._integration.answer(state.document, request, progress)
+            after = apply(state, event)
+            answer = Answer(state, event)
+            if after.request is None and not cancelled.is_set():
+                picture = self._drawn(after.document)
+                if not isinstance(picture, str):  # otherwise it fails again, and says so, once it is recorded
+                    answer = replace(answer, picture=picture)
+        except CancelledError:
+            return
+        except FlatclothError as error:
+            _log.warning("%s", error)
+            answer = Answer(state, trouble=str(error))
+        except Exception as error:  # noqa: BLE001 - reported and logged
+            _log.exception("the work on %s failed", request)
+            answer = Answer(state, trouble=f"Unexpected error while computing: {error!r}. See the terminal.")
+        self._put(lambda: self._took(answer))
+
+    def _draw(self, document: Document) -> None:
+        if self._asked is document:  # otherwise a decision has changed it
+            wait_until_compiled()
+            picture = self._drawn(document)
+            self._put(lambda: self._show(document, picture))
+
+    def _drawn(self, document: Document) -> Picture | str:
+        """Return the picture of a document, or the reason if it cannot be drawn."""
+        try:
+            self._made = make_picture(self._integration, document, self._made)
+            return self._made
+        except FlatclothError as error:
+            return str(error)
+        except Exception as error:  # noqa: BLE001 - reported and logged
+            _log.exception("a picture could not be computed")
+            return f"Unexpected error while drawing: {error!r}. See the terminal."
 
 
 def turned_about(integration: Integration, axis: RotationAxis) -> str:
@@ -54,18 +202,6 @@ def turned_about(integration: Integration, axis: RotationAxis) -> str:
         return f"The turning axis was set by hand. {integration.axis_agreement()}"
     except FlatclothError as error:
         return f"The turning axis was set by hand. {error}"
-
-
-def drawn(integration: Integration, document: Document, previous: Picture | None) -> Picture | str:
-    """Draw a document; a text if it failed."""
-    wait_until_compiled()
-    try:
-        return make_picture(integration, document, previous)
-    except FlatclothError as error:
-        return str(error)
-    except Exception as error:  # noqa: BLE001 - reported and logged
-        _log.exception("a picture could not be computed")
-        return f"Unexpected error while drawing: {error!r}. See the terminal."
 
 
 def chosen(pending: Pending | None, overlay: Overlay | None, view: int, index: int) -> Nudge:

@@ -91,66 +91,74 @@ class Picture:
 
 
 def make_picture(integration: Integration, document: Document, previous: Picture | None) -> Picture:
-    """Compute the picture of a document with a start view; revisions continue from ``previous``."""
-    canonical = integration.canonical(document)
+    """Compute the picture of a document with a start view; revisions continue from ``previous``.
+
+    The shape is laid out on a sheet with its floating pieces; the proposal is laid on the sheet; the cloud
+    is that of the present view. What has not changed since ``previous`` is taken from it.
+    """
     present = document.present_view
     assert present is not None
-    kept = None if previous is None else previous.sheet
-    placed = decided_pieces(document.garment, canonical.view, canonical.floating).shape_from_piece
-    if kept is None or kept.canonical is not canonical or kept.placed != placed:
-        kept = None
-    sheet = kept or lay_out(canonical, placed)
-    view = sheet.view
-    same = previous if sheet is kept else None
-    revision = 1 if previous is None else previous.revision + (same is None)
+    angles_deg = integration.recording.angles_deg
+    sheet = _sheet(integration, document, None if previous is None else previous.sheet)
+    same = previous if previous is not None and previous.sheet is sheet else None
+    if same is not None:
+        shape_legends = same.legends
+    else:
+        shape_legends = typed(legends(sheet.view, integration.axis, angles_deg), dict[str, Legend])
     overlay = None
     if document.pending is not None:
         before = None if previous is None else previous.overlay
-        overlay = _overlay(integration, document, sheet, before)
-    angles_deg = integration.recording.angles_deg
+        overlay = _overlay(integration, document, document.pending, sheet, before)
     return Picture(
-        revision=revision,
+        revision=1 if previous is None else previous.revision + (same is None),
         document=document,
-        view=view,
+        view=sheet.view,
         present_view=present,
         angle_deg=angles_deg[present],
         cloud=integration.cloud(present),
         energies=tuple(tuple(level.energy) for level in integration.flattening(present).levels),
-        legends=same.legends
-        if same
-        else typed(legends(view, integration.axis, angles_deg), dict[str, Legend]),
+        legends=shape_legends,
         overlay=overlay,
         sheet=sheet,
     )
 
 
+def _sheet(integration: Integration, document: Document, before: Sheet | None) -> Sheet:
+    """Return the sheet of a document: the one before if nothing on it has changed."""
+    canonical = integration.canonical(document)
+    placed = decided_pieces(document.garment, canonical.view, canonical.floating).shape_from_piece
+    if before is not None and before.canonical is canonical and before.placed == placed:
+        return before
+    return lay_out(canonical, placed)
+
+
 _overlay_revisions = itertools.count(1)
 
 
-def _overlay(integration: Integration, document: Document, sheet: Sheet, before: Overlay | None) -> Overlay:
-    pending = document.pending
-    assert pending is not None
-    part = integration.part(pending.view_index, pending.component)
-    center = center_uv_m(part)
+def _overlay(
+    integration: Integration, document: Document, pending: Pending, sheet: Sheet, before: Overlay | None
+) -> Overlay:
+    """Return the proposal on the sheet, with what accepting it would do, and the checks of it."""
     view = overlay_on(integration, document, sheet)
     if before is not None and before.view is view and before.sheet is sheet:
         return before
-    made = Overlay(
+    center = center_uv_m(integration.part(pending.view_index, pending.component))
+    own_piece = sheet.piece_on_plane(pending.current_from_new.apply(np.array(center)))
+    new_points = beyond(view, sheet.view)
+    proposal, score = integration.proposal(document), integration.score(document)
+    others = _other_components(integration, document, pending, sheet, proposal)
+    return Overlay(
         revision=next(_overlay_revisions),
         view=view,
         own_center_uv_m=center,
-        new_points=beyond(view, sheet.view),
+        new_points=new_points,
         sheet=sheet,
-        score=integration.score(document),
-        proposal=integration.proposal(document),
+        score=score,
+        proposal=proposal,
         joined_piece=integration.algorithm.joined_piece(document),
         also=_placed_with_it(integration, pending, sheet),
-    )
-    others = _other_components(integration, document, sheet, made.proposal)
-    return replace(
-        made,
-        foreseen=foreseen(made, made.piece(pending), others),
-        checks=checks(made, integration.axis),
+        foreseen=_foreseen(sheet, own_piece, [(view, new_points), *others]),
+        checks=_checks(sheet, view, score, integration.axis),
     )
 
 
@@ -176,60 +184,57 @@ def _placed_with_it(integration: Integration, pending: Pending, sheet: Sheet) ->
 
 
 def _other_components(
-    integration: Integration, document: Document, sheet: Sheet, proposal: Proposal
+    integration: Integration, document: Document, pending: Pending, sheet: Sheet, proposal: Proposal
 ) -> list[tuple[FlattenedView, Bool]]:
     """Return the other components of the proposed view, and where each has cloth that the sheet has not.
 
     They join the shape together with the chosen one; one without a place floats, and is new altogether.
     """
-    pending, found = document.pending, []
-    assert pending is not None
+    found = []
     for other in proposal.placement.parts:
         if other.component == pending.component:
             continue
-        part = integration.part(pending.view_index, other.component)
-        if other.hypothesis is None:
-            found.append((part, part.valid))
-            continue
-        shown = sheet.shown(other.hypothesis.current_from_new, np.array(center_uv_m(part)))
-        placed = replace(pending, component=other.component, proposed=shown, nudge=Rigid2())
-        view = integration.overlay(replace(document, pending=placed))
-        found.append((view, beyond(view, sheet.view)))
+        view = integration.part(pending.view_index, other.component)
+        new = view.valid
+        if other.hypothesis is not None:
+            shown = sheet.shown(other.hypothesis.current_from_new, np.array(center_uv_m(view)))
+            placed = replace(pending, component=other.component, proposed=shown, nudge=Rigid2())
+            view = integration.overlay(replace(document, pending=placed))
+            new = beyond(view, sheet.view)
+        found.append((view, new))
     return found
 
 
-def foreseen(overlay: Overlay, own: int, others: Sequence[tuple[FlattenedView, Bool]]) -> Foreseen:
-    """Return what accepting a proposal on the piece ``own`` would add (cm2), measure again, and join.
+def _foreseen(sheet: Sheet, own_piece: int, components: Sequence[tuple[FlattenedView, Bool]]) -> Foreseen:
+    """Return what accepting a proposal on a piece would add (cm2), measure again, and join.
 
-    ``others`` are the other components of the view, each with where it is new: they come along.
+    ``components`` are those of the view, the chosen one first, each with where it is new.
     """
-    view, sheet = overlay.view, overlay.sheet
+    view = components[0][0]
     pixel_cm2 = 1e4 * view.pixel_size_m**2
-    added = int((overlay.new_points & view.valid).sum()) + sum(int(fresh.sum()) for _, fresh in others)
-    whole = int(view.valid.sum()) + sum(int(part.valid.sum()) for part, _ in others)
+    added = sum(int(new.sum()) for _, new in components)
+    whole = sum(int(part.valid.sum()) for part, _ in components)
     rc = np.rint(sheet.view.rc_from_uv(view.uv_from_rc(np.argwhere(view.valid)))).astype(int)
     inside = ((rc >= 0) & (rc < sheet.view.shape)).all(axis=1)
     on = sheet.piece[rc[inside, 0], rc[inside, 1]]
     covered = np.bincount(on[on >= 0], minlength=len(sheet.pieces) + 1) * view.pixel_size_m**2
-    joins = [label_of(n) for n, area_m2 in enumerate(covered) if n != own and area_m2 >= _JOINS_M2]
+    joins = [label_of(n) for n, area_m2 in enumerate(covered) if n != own_piece and area_m2 >= _JOINS_M2]
     return Foreseen(added_cm2=pixel_cm2 * added, again_cm2=pixel_cm2 * (whole - added), joins=tuple(joins))
 
 
-def checks(overlay: Overlay, axis: RotationAxis) -> tuple[Check, ...]:
-    """Return the checks: title, value and limit with their unit, whether it is passed, where it is worst.
-
-    ``passed`` is None if the cloth in common does not tell.
-    """
-    apart = difference(overlay.sheet.view, overlay.view, axis)
+def _checks(
+    sheet: Sheet, view: FlattenedView, score: AlignmentScore, axis: RotationAxis
+) -> tuple[Check, ...]:
+    """Return the checks: title, value and limit with their unit, whether it is passed, where it is worst."""
+    apart = difference(sheet.view, view, axis)
     common = apart.common
     median_mm = 1000 * float(np.median(apart.distance_m[common])) if common.any() else float("nan")
     with np.errstate(invalid="ignore"):
         far = common & (apart.distance_m * 1000 > APART_LIMIT_MM)
-    parts = overlay.score.parts
-    crossed = 1.0 - parts["outline_agreement"] if "outline_agreement" in parts else float("nan")
-    twice = parts.get("twice_share", float("nan"))
-    shared = _middle(overlay.view, common)
-    worst = _middle(overlay.view, far) or shared
+    crossed = 1.0 - score.parts.get("outline_agreement", float("nan"))
+    twice = score.parts.get("twice_share", float("nan"))
+    shared = _middle(view, common)
+    worst = _middle(view, far) or shared
     limit = 100 * SHARE_LIMIT
     return (
         _check("apart", "Distance in space", median_mm, APART_LIMIT_MM, "mm", worst),
