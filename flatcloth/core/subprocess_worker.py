@@ -1,13 +1,12 @@
 """A worker process for libraries that may crash, hang or fill the memory on a damaged file.
 
 The worker runs a module of this package that calls :func:`serve`. Both processes exchange messages:
-one line of JSON followed by the bytes of arrays. Nothing else of the worker reaches the parent.
+JSON with arrays (:mod:`flatcloth.core.parcel`). Nothing else of the worker reaches the parent.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import os
 import resource
@@ -23,12 +22,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import numpy as np
-from numpy.typing import NDArray
-
+from flatcloth.core.parcel import Arrays, Parcel, unpack
 from flatcloth.core.types import Progress, no_progress
-
-Arrays = Mapping[str, NDArray[Any]]
 
 MEMORY_BYTES = 1_200_000_000
 """Memory that a worker may use in addition to its libraries; real recordings need less."""
@@ -159,7 +154,7 @@ class Worker:
                 missing -= len(piece)
             return b"".join(pieces)
 
-        return _read(read)
+        return Message(*unpack(read))
 
     def _end_of_it(self) -> str:
         try:
@@ -192,7 +187,7 @@ def serve(answer: Callable[[Mapping[str, Any], Progress], Message], known: type[
     _write(out, Message({"ready": True}))
     while True:
         try:
-            question = _read(_exactly(sys.stdin.buffer))
+            question = Message(*unpack(_exactly(sys.stdin.buffer)))
         except EOFError:
             return
         _write(out, _answered(answer, known, question, out))
@@ -251,23 +246,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _write(out: BinaryIO, message: Message) -> None:
-    arrays = {name: np.ascontiguousarray(array) for name, array in message.arrays.items()}
-    kinds = [[name, array.dtype.str, list(array.shape)] for name, array in arrays.items()]
-    line = json.dumps([message.table, kinds]).encode()
-    out.write(len(line).to_bytes(8, "little") + line)
-    for array in arrays.values():
-        out.write(array.tobytes())
+    out.write(Parcel(message.table, message.arrays).pack(allow_nan=True))
     out.flush()
-
-
-def _read(read: Callable[[int], bytes]) -> Message:
-    table, kinds = json.loads(read(int.from_bytes(read(8), "little")))
-    arrays = {}
-    for name, kind, shape in kinds:
-        dtype = np.dtype(kind)
-        data = read(math.prod(shape) * dtype.itemsize)
-        arrays[name] = np.frombuffer(data, dtype).reshape(shape)
-    return Message(table, arrays)
 
 
 def _exactly(file: BinaryIO) -> Callable[[int], bytes]:

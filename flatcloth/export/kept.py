@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zlib
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.cache import Cache
+from flatcloth.core.parcel import Arrays, Parcel, unpack
 from flatcloth.core.types import FlattenedView, RotationAxis
 from flatcloth.engine.sheet import Sheet
 from flatcloth.session.machine import Document
@@ -61,7 +63,7 @@ class Kept:
         self.garments = garments
         self.growths: Cache[GrownArrays] = Cache(_MOST, _GROWTHS_BYTES)
         self.pictures: Cache[PngPicture] = Cache(_MOST, _PICTURES_BYTES, lambda kept: len(kept.png))
-        self._sheets: Cache[_PackedSheet] = Cache(_MOST, _SHEETS_BYTES, lambda kept: kept.size)
+        self._sheets: Cache[_PackedSheet] = Cache(_MOST, _SHEETS_BYTES, lambda kept: len(kept.data))
 
     def keep_sheet(self, key: Hashable, sheet: Sheet) -> None:
         """Keep what a picture shows of a shape."""
@@ -87,47 +89,32 @@ def key_of(axis: RotationAxis, document: Document) -> Hashable:
 
 @dataclass(frozen=True)
 class _PackedSheet:
-    """A sheet whose views are without arrays, and those that a picture needs, compressed."""
+    """A sheet whose views are without arrays, and the arrays that a picture needs, compressed."""
 
     bare: Sheet
-    valid: bytes
-    rgb: bytes
-    piece: bytes
+    data: bytes
 
     @classmethod
     def of(cls, sheet: Sheet) -> _PackedSheet:
-        canonical = replace(
-            sheet.canonical,
-            view=_bare(sheet.canonical.view),
-            floating=tuple(_bare(view) for view in sheet.canonical.floating),
-        )
+        canonical, view = sheet.canonical, sheet.view
+        floating = tuple(_bare(each) for each in canonical.floating)
         bare = Sheet(
-            canonical=canonical,
-            view=_bare(sheet.view),
+            canonical=replace(canonical, view=_bare(canonical.view), floating=floating),
+            view=_bare(view),
             piece=np.zeros((0, 0), dtype=np.int16),
             pieces=tuple(replace(piece, view=_bare(piece.view)) for piece in sheet.pieces),
         )
-        view = sheet.view
-        return cls(
-            bare,
-            zlib.compress(np.packbits(view.valid).tobytes(), 1),
-            zlib.compress(view.rgb[view.valid].tobytes(), 1),
-            zlib.compress(sheet.piece.tobytes(), 1),
-        )
-
-    @property
-    def size(self) -> int:
-        return len(self.valid) + len(self.rgb) + len(self.piece)
+        arrays: Arrays = {"valid": np.packbits(view.valid), "rgb": view.rgb[view.valid], "piece": sheet.piece}
+        return cls(bare, zlib.compress(Parcel(arrays=arrays).pack(), 1))
 
     @property
     def sheet(self) -> Sheet:
-        shape = self.bare.view.shape
-        bits = np.frombuffer(zlib.decompress(self.valid), np.uint8)
-        valid = np.unpackbits(bits, count=shape[0] * shape[1]).reshape(shape).astype(np.bool_)
-        rgb = np.zeros((*shape, 3), dtype=np.uint8)
-        rgb[valid] = np.frombuffer(zlib.decompress(self.rgb), np.uint8).reshape(-1, 3)
-        piece = np.frombuffer(zlib.decompress(self.piece), np.int16).reshape(shape)
-        return replace(self.bare, view=replace(self.bare.view, valid=valid, rgb=rgb), piece=piece)
+        view = self.bare.view
+        _, arrays = unpack(io.BytesIO(zlib.decompress(self.data)).read)
+        valid = np.unpackbits(arrays["valid"], count=view.valid.size).reshape(view.shape).astype(np.bool_)
+        rgb = np.zeros((*view.shape, 3), dtype=np.uint8)
+        rgb[valid] = arrays["rgb"]
+        return replace(self.bare, view=replace(view, valid=valid, rgb=rgb), piece=arrays["piece"])
 
 
 def _bare(view: FlattenedView) -> FlattenedView:

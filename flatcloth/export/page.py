@@ -8,17 +8,18 @@ import itertools
 import json
 import re
 import zlib
-from dataclasses import dataclass, field
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.parcel import Parcel
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
-from flatcloth.export.bundle import bundle
 from flatcloth.export.figures import verdict_text, words_of
 from flatcloth.export.garment import summary
 from flatcloth.export.growth import Growth
@@ -38,70 +39,81 @@ AROUND_SPACING_M = 0.007
 """Distance of the points around the item in the offline page. Chosen for the size of the file."""
 
 
-@dataclass
-class _Parcel:
-    """Arrays and pictures as one sequence of bytes, with a table of their positions."""
-
-    data: bytearray = field(default_factory=bytearray)
-    arrays: dict[str, dict[str, Any]] = field(default_factory=dict)
-
-    def add(self, name: str, values: NDArray[Any]) -> None:
-        """Add an array, little-endian, aligned to its elements."""
-        start = self.add_bytes(
-            np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"))).tobytes(), 4
-        )
-        self.arrays[name] = {"kind": values.dtype.name, "start": start, "count": int(values.size)}
-
-    def add_bytes(self, data: bytes, align: int = 1) -> int:
-        """Add bytes and return their position."""
-        self.data += bytes(-len(self.data) % align)
-        start = len(self.data)
-        self.data += data
-        return start
-
-    def packed(self) -> str:
-        """Return all data compressed, as text; reproducible."""
-        squeeze = zlib.compressobj(9, zlib.DEFLATED, 31)
-        return base64.b64encode(squeeze.compress(bytes(self.data)) + squeeze.flush()).decode("ascii")
-
-
+ENTRY = "offline/offline.js"
+"""The module of ``static/`` that the page starts with."""
+_IMPORTED = re.compile(r'from "/static/([^"]+)"')
 _STYLES = "page/page.css", "canvas/canvas.css", "garment/garment.css", "offline/offline.css"
 
 
 def page(session: OpenedSession) -> str:
     """Return the page as HTML text, with all its data."""
-    parcel = _Parcel()
+    parcel = Parcel()
     history = _history(session, parcel)
     static = static_folder()
     style = "\n".join((static / name).read_text("utf-8") for name in _STYLES)
-    script = bundle(static, "offline/offline.js")
+    modules = import_map(static, ENTRY)
+    script = f'import "{_bare(ENTRY)}";'
     parts = {
-        "policy": _policy(script, style),
+        "policy": _policy(script, modules, style),
         "title": escape(f"{session.history.recording_name} \u00b7 flatcloth"),
         "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
         "style": style,
         # No text can close its own element.
         "history": json.dumps(history, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
-        "arrays": parcel.packed(),
+        "arrays": base64.b64encode(zlib.compress(parcel.pack(), 9, 31)).decode("ascii"),
+        "modules": modules,
         "script": script,
     }
     template = (static / "offline" / "offline.html").read_text("utf-8")
     return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
 
 
-def _policy(script: str, style: str) -> str:
-    """Return a content security policy that allows only the page's own script and no loading."""
+def import_map(folder: Path, entry: str) -> str:
+    """Return an import map (HTML standard) that holds a module of a folder, and all that it imports.
+
+    A data URL has no folder, so each ``/static/NAME`` that a module imports gets the bare name
+    ``flatcloth/NAME``, which the map resolves to the module's data URL.
+
+    Raises
+    ------
+    FlatclothError
+        If a module cannot be read; the message names it.
+    """
+    found: dict[str, str] = {}
+    waiting = [entry]
+    while waiting:
+        name = waiting.pop()
+        if _bare(name) in found:
+            continue
+        try:
+            source = (folder / name).read_text("utf-8")
+        except OSError as error:
+            raise FlatclothError(
+                f"{folder / name}: cannot be read ({error.strerror}). Reinstall flatcloth."
+            ) from error
+        waiting += _IMPORTED.findall(source)
+        bare = _IMPORTED.sub(lambda path: f'from "{_bare(path[1])}"', source)
+        found[_bare(name)] = data_url(bare.encode(), "text/javascript")
+    return json.dumps({"imports": found})
+
+
+def _bare(name: str) -> str:
+    return f"flatcloth/{name}"
+
+
+def _policy(script: str, modules: str, style: str) -> str:
+    """Return a content security policy that allows only the page's own scripts and no loading."""
 
     def digest(text: str) -> str:
-        return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
+        return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
 
     return (
-        f"default-src 'none'; script-src 'sha256-{digest(script)}'; style-src 'sha256-{digest(style)}';"
-        " img-src data: blob:; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src {digest(script)} {digest(modules)} data:;"
+        f" style-src {digest(style)}; img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
 
 
-def _history(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
+def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
     history, growth, integration = session.history, session.growth, session.integration
     view, axis, recording = growth.view, integration.axis, integration.recording
     window = _window(view)
@@ -111,14 +123,15 @@ def _history(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
     every = np.concatenate([xyz, *around])
     low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
     step_m = float(max((high - low).max() / 65535, 1e-9))
-    parcel.add("first", growth.first_step[window].ravel())
-    parcel.add("source", growth.source_step[window].ravel())
-    parcel.add("xyz", _levels(xyz, low, step_m))
-    parcel.add("normal", np.rint(127 * np.nan_to_num(view.normal[window][cloth])).astype(np.int8))
-    parcel.add("z_angle", np.rint(10 * np.nan_to_num(view.z_angle_deg[window][cloth])).astype(np.int16))
-    parcel.add("source_rc", np.clip(np.rint(10 * view.source_rc[window][cloth]), 0, 65535).astype(np.uint16))
-    parcel.add("around_xyz", _levels(np.concatenate(around), low, step_m))
-    parcel.add("around_rgb", np.concatenate(around_rgb))
+    parcel.array("first", growth.first_step[window].ravel())
+    parcel.array("source", growth.source_step[window].ravel())
+    parcel.array("xyz", _levels(xyz, low, step_m))
+    parcel.array("normal", np.rint(127 * np.nan_to_num(view.normal[window][cloth])), "int8")
+    parcel.array("z_angle", np.rint(10 * np.nan_to_num(view.z_angle_deg[window][cloth])), "int16")
+    source_rc = np.clip(np.rint(10 * view.source_rc[window][cloth]), 0, 65535)
+    parcel.array("source_rc", source_rc, "uint16")
+    parcel.array("around_xyz", _levels(np.concatenate(around), low, step_m))
+    parcel.array("around_rgb", np.concatenate(around_rgb))
     starts = np.cumsum([0, *(len(points) for points in around)]).tolist()
     origin = view.uv_from_rc(np.array([window[0].start, window[1].start]))
     shown_low, shown_high = np.nanpercentile(every, 0.5, axis=0), np.nanpercentile(every, 99.5, axis=0)
@@ -165,7 +178,6 @@ def _history(session: OpenedSession, parcel: _Parcel) -> dict[str, Any]:
         if isinstance(session.garment, str)
         else {"text": "", "found": summary(session.garment)},
         "layers": _layers(session, parcel, window),
-        "arrays": parcel.arrays,
     }
 
 
@@ -267,14 +279,15 @@ def _finite(values: Floats) -> list[float | None]:
     return [float(x) if np.isfinite(x) else None for x in np.asarray(values)]
 
 
-def _layers(session: OpenedSession, parcel: _Parcel, window: tuple[slice, slice]) -> list[dict[str, Any]]:
+def _layers(session: OpenedSession, parcel: Parcel, window: tuple[slice, slice]) -> list[dict[str, Any]]:
     view, integration = session.growth.view, session.integration
     angles_deg = integration.recording.angles_deg
     made = []
     for name in LAYERS:
         if name in QUALITY_LAYERS and view.quality is None:
             continue
-        picture = png_of(rgba(view, name, integration.axis, len(angles_deg))[window])
+        image = rgba(view, name, integration.axis, len(angles_deg))[window]
+        parcel.picture(f"layer {name}", png_of(image), image.shape[:2])
         title, about = words_of(name)
         made.append(
             {
@@ -282,8 +295,6 @@ def _layers(session: OpenedSession, parcel: _Parcel, window: tuple[slice, slice]
                 "title": title,
                 "about": about,
                 "legend": legend(view, name, integration.axis, angles_deg),
-                "start": parcel.add_bytes(picture),
-                "count": len(picture),
             }
         )
     return made

@@ -1,23 +1,19 @@
 // The data of the exported page, unpacked from the page itself; nothing is loaded.
 
 import { boxOf } from "/static/canvas/geometry.js";
-
-const KINDS = { uint8: Uint8Array, int8: Int8Array, uint16: Uint16Array, int16: Int16Array };
+import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
 
 /** Unpack the page's own data: `history` (texts and numbers), its arrays and its pictures. */
 export async function unpack(historyText, packedText) {
   const history = JSON.parse(historyText);
   const packed = Uint8Array.from(atob(packedText.trim()), (c) => c.charCodeAt(0));
   const unzipped = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const bytes = await new Response(unzipped).arrayBuffer();
-  const arrays = {};
-  for (const [name, { kind, start, count }] of Object.entries(history.arrays)) {
-    arrays[name] = new KINDS[kind](bytes, start, count);
-  }
+  const bytes = new Uint8Array(await new Response(unzipped).arrayBuffer());
+  const end = 8 + lengthsOf(bytes)[0];
+  const arrays = partsOf(valuesOf(bytes.subarray(8, end)).parts, bytes.subarray(end));
   const layers = {};
   for (const layer of history.layers) {
-    const png = new Blob([new Uint8Array(bytes, layer.start, layer.count)], { type: "image/png" });
-    layers[layer.name] = { ...layer, pixels: await pixelsOf(png) };
+    layers[layer.name] = { ...layer, pixels: await pixelsOf(arrays[`layer ${layer.name}`]) };
   }
   return { history, layers, cloth: new Cloth(history, arrays), around: aroundOf(history, arrays) };
 }

@@ -1,6 +1,6 @@
 // The lessons: asked for, taken as they arrive, and prepared for drawing.
 
-const ARRAYS = { int8: Int8Array, uint8: Uint8Array, int16: Int16Array, int32: Int32Array, float32: Float32Array };
+import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
 
 /** The reason why a lesson cannot be made; its message is for the learner. */
 export class LessonError extends Error {}
@@ -51,21 +51,20 @@ async function* records(stream, signal) {
     return joined.slice(0, length);
   };
   for (let head = await more(8); head; head = await more(8)) {
-    const lengths = new DataView(head.buffer);
-    const text = await more(lengths.getUint32(0, true));
-    const body = text && (await more(lengths.getUint32(4, true)));
+    const [textBytes, bodyBytes] = lengthsOf(head);
+    const text = await more(textBytes);
+    const body = text && (await more(bodyBytes));
     if (!body) return;
-    yield [JSON.parse(new TextDecoder().decode(text)), body];
+    yield [valuesOf(text), body];
   }
 }
 
 async function unpack(values, body) {
   const lesson = { ...values, array: {}, picture: {} };
   await Promise.all(
-    Object.entries(values.parts).map(async ([name, { kind, at, bytes }]) => {
-      const data = body.buffer.slice(at, at + bytes);
-      if (kind === "png") lesson.picture[name] = await createImageBitmap(new Blob([data], { type: "image/png" }));
-      else lesson.array[name] = new ARRAYS[kind](data);
+    Object.entries(partsOf(values.parts, body)).map(async ([name, part]) => {
+      if (part instanceof Blob) lesson.picture[name] = await createImageBitmap(part);
+      else lesson.array[name] = part;
     }),
   );
   for (const level of lesson.levels ?? []) Object.assign(level, prepared(lesson.array, level.name));

@@ -16,9 +16,10 @@ import pytest
 from exported_sessions import NAME, PICKS, cylinder_session
 from PIL import Image
 
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.parcel import unpack
 from flatcloth.core.resources import static_folder
-from flatcloth.export.bundle import BundleError, bundle
-from flatcloth.export.page import page
+from flatcloth.export.page import ENTRY, import_map, page
 from flatcloth.export.session import OpenedSession
 
 
@@ -71,15 +72,16 @@ def history(parts: Parts) -> dict:
 
 
 @pytest.fixture(scope="module")
-def data(parts: Parts) -> bytes:
-    return zlib.decompress(base64.b64decode(parts.one("script", id="arrays")[1]), 31)
+def arrays(parts: Parts) -> dict[str, np.ndarray]:
+    """The arrays and the pictures of the page."""
+    packed = zlib.decompress(base64.b64decode(parts.one("script", id="arrays")[1]), 31)
+    return unpack(io.BytesIO(packed).read)[1]
 
 
-def array(history: dict, data: bytes, name: str) -> np.ndarray:
-    where = history["arrays"][name]
-    dtype = np.dtype(where["kind"]).newbyteorder("<")
-    assert where["start"] % dtype.itemsize == 0  # a browser's arrays begin at multiples of their element
-    return np.frombuffer(data, dtype, where["count"], where["start"])
+def modules(text: str) -> dict[str, str]:
+    """The modules of an import map."""
+    packed = json.loads(text)["imports"]
+    return {name: base64.b64decode(url.partition(",")[2]).decode() for name, url in packed.items()}
 
 
 def test_the_same_session_gives_the_same_page(session: OpenedSession, text: str) -> None:
@@ -100,12 +102,13 @@ def test_the_policy_allows_the_pages_own_script_and_style_and_nothing_else(parts
     policy = parts.one("meta", http_equiv="Content-Security-Policy")[0]["content"]
     assert policy is not None
     assert policy.startswith("default-src 'none'")
-    for kind, content in (
-        ("script", parts.one("script", type="module")[1]),
-        ("style", parts.one("style")[1]),
-    ):
-        digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
-        assert f"{kind}-src 'sha256-{digest}'" in policy
+
+    def digest(content: str) -> str:
+        return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()}'"
+
+    scripts = (digest(parts.one("script", type=kind)[1]) for kind in ("module", "importmap"))
+    assert f"; script-src {' '.join(scripts)} data:;" in policy  # the modules are data
+    assert f"; style-src {digest(parts.one('style')[1])};" in policy
     assert "unsafe" not in policy
 
 
@@ -114,35 +117,30 @@ def test_no_text_of_a_recording_or_an_operator_becomes_markup(parts: Parts, text
     assert [p["name"] for p in history["picks"]] == list(PICKS)
     assert parts.one("title")[1] == f"{NAME} \u00b7 flatcloth"
     assert "<b>" not in text
-    assert len([1 for tag, _, _ in parts.found if tag == "script"]) == 3
+    assert len([1 for tag, _, _ in parts.found if tag == "script"]) == 4
 
 
-def test_the_cloth_comes_back_as_it_was(session: OpenedSession, history: dict, data: bytes) -> None:
+def test_the_cloth_comes_back_as_it_was(session: OpenedSession, history: dict, arrays: dict) -> None:
     growth = session.growth
     grid, view = history["grid"], growth.view
-    first = array(history, data, "first").reshape(grid["rows"], grid["cols"])
+    first = arrays["first"].reshape(grid["rows"], grid["cols"])
     row, col = grid["corner_rc"]
     window = np.s_[row : row + grid["rows"], col : col + grid["cols"]]
     np.testing.assert_array_equal(first, growth.first_step[window])
     assert (first >= 0).sum() == view.valid.sum() == history["count"]
     cloth = first >= 0
-    xyz = np.array(history["bounds"]["low"]) + history["bounds"]["step"] * array(
-        history, data, "xyz"
-    ).reshape(-1, 3)
+    xyz = np.array(history["bounds"]["low"]) + history["bounds"]["step"] * arrays["xyz"].reshape(-1, 3)
     np.testing.assert_allclose(xyz, view.xyz_m[window][cloth], atol=1e-5)
-    normal = array(history, data, "normal").reshape(-1, 3) / 127
+    normal = arrays["normal"].reshape(-1, 3) / 127
     np.testing.assert_allclose(normal, view.normal[window][cloth], atol=0.005)
-    np.testing.assert_allclose(
-        array(history, data, "z_angle") / 10, view.z_angle_deg[window][cloth], atol=0.051
-    )
-    rc = array(history, data, "source_rc").reshape(-1, 2) / 10
+    np.testing.assert_allclose(arrays["z_angle"] / 10, view.z_angle_deg[window][cloth], atol=0.051)
+    rc = arrays["source_rc"].reshape(-1, 2) / 10
     np.testing.assert_allclose(rc, view.source_rc[window][cloth], atol=0.051)
     np.testing.assert_allclose(grid["origin_uv_m"], view.uv_from_rc(np.array([row, col])))
-    around = array(history, data, "around_xyz").reshape(-1, 3)
+    around = arrays["around_xyz"].reshape(-1, 3)
     assert len(around) == sum(a["count"] for a in history["around"])
-    assert len(array(history, data, "around_rgb")) == around.size
-    color = next(layer for layer in history["layers"] if layer["name"] == "color")
-    image = np.asarray(Image.open(io.BytesIO(data[color["start"] : color["start"] + color["count"]])))
+    assert arrays["around_rgb"].size == around.size
+    image = np.asarray(Image.open(io.BytesIO(arrays["layer color"].tobytes())))
     np.testing.assert_array_equal(image[..., :3][cloth], view.rgb[window][cloth])
 
 
@@ -162,55 +160,43 @@ def test_the_steps_and_decisions_are_those_of_the_session(session: OpenedSession
 
 
 def test_every_element_that_a_script_asks_for_is_in_the_page(parts: Parts) -> None:
-    script = parts.one("script", type="module")[1]
+    scripts = modules(parts.one("script", type="importmap")[1])
+    own = "".join(source for name, source in scripts.items() if "/offline/" in name)
     ids = {attributes.get("id") for _, attributes, _ in parts.found}
-    asked = set(re.findall(r'byId\("([\w-]+)"\)', script[script.index("module_offline") :]))
+    asked = set(re.findall(r'byId\("([\w-]+)"\)', own))
     assert asked
     assert asked <= ids
     assert {"canvas", "stage"} <= ids  # asked for by the canvas that the operator page has too
 
 
-# --- joining modules ------------------------------------------------------------------------------
+# --- the page's modules ---------------------------------------------------------------------------
 
 
-def test_modules_are_joined_in_the_order_in_which_they_need_each_other(tmp_path: Path) -> None:
-    (tmp_path / "a.js").write_text("export const SIZE = 3;\nexport function twice(x) { return 2 * x; }\n")
-    (tmp_path / "b.js").write_text(
-        'import { SIZE } from "/static/a.js";\nexport class Box { size = SIZE; }\n'
-    )
-    (tmp_path / "main.js").write_text(
-        'import { Box } from "/static/b.js";\nimport {\n  SIZE as n,\n  twice,\n} from "/static/a.js";\n'
-        "export default_ = new Box(twice(n));\n".replace("export default_", "const made")
-    )
-    joined = bundle(tmp_path, "main.js")
-    assert not re.search(r"^\s*(?:import|export)\b", joined, re.MULTILINE)
-    assert joined.count("const module_a = ") == 1
-    assert joined.index("module_a = ") < joined.index("module_b = ") < joined.index("const made")
-    assert "const { SIZE: n, twice } = module_a;" in joined
-    assert "return { SIZE, twice };" in joined
+def test_the_map_holds_all_modules_that_are_needed_and_no_other(tmp_path: Path) -> None:
+    sources = {
+        "a.js": 'import { b } from "/static/b.js";\nexport const a = 1;\n',
+        "b.js": 'import {\n  a as c,\n} from "/static/a.js";\nexport default 3;\n',
+        "main.js": 'export * from "/static/a.js";\n',
+        "other.js": "",
+    }
+    for name, source in sources.items():
+        (tmp_path / name).write_text(source)
+    assert modules(import_map(tmp_path, "main.js")) == {
+        f"flatcloth/{name}": sources[name].replace("/static/", "flatcloth/")
+        for name in ("main.js", "a.js", "b.js")
+    }
 
 
-@pytest.mark.parametrize(
-    ("source", "cause"),
-    [
-        ('import thing from "/static/a.js";', "import thing"),
-        ('import * as a from "/static/a.js";', "import \\* as a"),
-        ('import "/static/a.js";', "import"),
-        ('import { a } from "./a.js";', "import { a }"),
-        ("export default 3;", "export default"),
-        ("export { x };", "export { x }"),
-        ('import { a } from "/static/missing.js";', "missing.js: cannot be read"),
-        ('import { a } from "/static/main.js";', "imports itself"),
-    ],
-)
-def test_forms_that_are_not_joined_are_told_and_not_broken(tmp_path: Path, source: str, cause: str) -> None:
-    (tmp_path / "main.js").write_text(source + "\n")
-    (tmp_path / "a.js").write_text("export const a = 1;\n")
-    with pytest.raises(BundleError, match=cause):
-        bundle(tmp_path, "main.js")
+def test_a_missing_module_is_named(tmp_path: Path) -> None:
+    (tmp_path / "main.js").write_text('import { a } from "/static/missing.js";\n')
+    with pytest.raises(FlatclothError, match=r"missing.js: cannot be read .* Reinstall flatcloth"):
+        import_map(tmp_path, "main.js")
 
 
-def test_the_pages_own_script_can_stand_in_a_page() -> None:
-    script = bundle(static_folder(), "offline/offline.js")
-    assert "</script" not in script.lower()
-    assert "<!--" not in script
+def test_the_pages_own_modules_are_all_named_as_the_map_names_them() -> None:
+    text = import_map(static_folder(), ENTRY)
+    assert "<" not in text
+    found = modules(text)
+    assert f"flatcloth/{ENTRY}" in found
+    for source in found.values():
+        assert set(re.findall(r'(?:from|import\() ?"([^"]+)"', source)) <= found.keys()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import struct
 from typing import Any
 
 import numpy as np
 
+from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import Bool, FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
 from flatcloth.engine.garment.lesson import GarmentLesson
 from flatcloth.engine.segmenting import SidesLesson
@@ -29,39 +28,10 @@ _OFF_THE_SURFACE_ALPHA = 70
 """Opacity (of 255) of pixels off the surface. Chosen."""
 _UNKNOWN_ANGLE = -128
 """Code of a pixel without an angle; angles are within 90 degrees."""
-_LENGTHS = struct.Struct("<II")
 
 
-class Parcel:
-    """A JSON object with the arrays and pictures that belong to it, in one body."""
-
-    def __init__(self) -> None:
-        self.values: dict[str, Any] = {}
-        self._body = bytearray()
-        self._parts: dict[str, dict[str, Any]] = {}
-
-    def array(self, name: str, values: np.ndarray[Any, Any], kind: str) -> None:
-        """Add an array as ``int8``, ``uint8``, ``int16``, ``int32`` or ``float32``."""
-        data = np.ascontiguousarray(values, dtype=kind)
-        self._add(name, data.astype(data.dtype.newbyteorder("<")).tobytes(), kind=kind, shape=data.shape)
-
-    def picture(self, name: str, rgba: Uint8) -> None:
-        """Add an image (H, W, 4)."""
-        self._add(name, layers.png(rgba), kind="png", shape=rgba.shape[:2])
-
-    def pack(self, more: dict[str, Any]) -> bytes:
-        """Return the record."""
-        return record({**more, **self.values, "parts": self._parts}, bytes(self._body))
-
-    def _add(self, name: str, data: bytes, kind: str, shape: tuple[int, ...]) -> None:
-        self._parts[name] = {"kind": kind, "shape": list(shape), "at": len(self._body), "bytes": len(data)}
-        self._body += data
-
-
-def record(values: dict[str, Any], body: bytes = b"") -> bytes:
-    """Return one record of an answer."""
-    text = json.dumps(values, allow_nan=False).encode()
-    return _LENGTHS.pack(len(text), len(body)) + text + body
+def _picture(parcel: Parcel, name: str, rgba: Uint8) -> None:
+    parcel.picture(name, layers.png(rgba), rgba.shape[:2])
 
 
 # --- Fig. 2 ----------------------------------------------------------------------------------------
@@ -72,7 +42,7 @@ def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis) -> Parcel:
     parcel = Parcel()
     flattening = lesson.flattening
     surface = flattening.surface
-    parcel.picture("image", _image(surface))
+    _picture(parcel, "image", _image(surface))
     view = flattening.view
     parcel.values = {
         "view_index": lesson.view_index,
@@ -92,9 +62,9 @@ def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis) -> Parcel:
         "triangles": len(flattening.triangles),
     }
     parcel.array("triangles", flattening.triangles, "int32")
-    parcel.picture("color", layers.rgba(view, "color", axis, 1))
-    parcel.picture("height", layers.rgba(view, "height", axis, 1))
-    parcel.picture("normal", _normals(view))
+    _picture(parcel, "color", layers.rgba(view, "color", axis, 1))
+    _picture(parcel, "height", layers.rgba(view, "height", axis, 1))
+    _picture(parcel, "normal", _normals(view))
     top, left = surface.frame.offset_rc
     valid = view.valid[..., None]
     parcel.array("source_rc", np.where(valid, np.rint(view.source_rc - (top, left)), -1), "int16")
@@ -152,7 +122,7 @@ def planning_parcel(lesson: PlanningLesson, axis: RotationAxis) -> Parcel:
     view, plan = lesson.view, lesson.plan
     angle = np.where(view.valid, np.nan_to_num(np.rint(view.z_angle_deg)).clip(-127, 127), _UNKNOWN_ANGLE)
     parcel.array("z_angle_deg", angle, "int8")
-    parcel.picture("color", layers.rgba(view, "color", axis, 1))
+    _picture(parcel, "color", layers.rgba(view, "color", axis, 1))
     _curves(parcel, "current", plan.sides[0].curves)
     parcel.values = {
         "view_index": lesson.view_index,
@@ -190,9 +160,9 @@ def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
     """Return what the page draws of the rest of Fig. 4."""
     parcel = Parcel()
     alignment = lesson.proposal.alignment
-    parcel.picture("image", _image(lesson.flattening.surface))
+    _picture(parcel, "image", _image(lesson.flattening.surface))
     for name, view in (("current", lesson.current), ("new", lesson.new), ("renewed", lesson.renewed.view)):
-        parcel.picture(f"{name}_color", layers.rgba(view, "color", axis, 1))
+        _picture(parcel, f"{name}_color", layers.rgba(view, "color", axis, 1))
     parcel.array("origin", lesson.origin, "uint8")
     search, first = lesson.search, alignment.initial_score
     parcel.array("cost", search.cost, "float32")
@@ -269,7 +239,7 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
     observed, frame = found.observed, lesson.frame
     view = observed.views[frame.view_index]
     item = view.whole(view.item)
-    parcel.picture("image", _faded(frame.color, item))
+    _picture(parcel, "image", _faded(frame.color, item))
     parcel.array("section_mm", 1e3 * section.place_m, "float32")
     parcel.array("section_normal", section.normal, "float32")
     parcel.array("section_side", found.side[section.cluster], "int8")
@@ -321,7 +291,7 @@ def garment_parcel(lesson: GarmentLesson, axis: RotationAxis) -> Parcel:
     """Return what the page draws of the recognition of the garment."""
     parcel, evidence, view = Parcel(), lesson.evidence, lesson.view
     if view is not None:
-        parcel.picture("shape", layers.rgba(view, "color", axis, 1))
+        _picture(parcel, "shape", layers.rgba(view, "color", axis, 1))
     parcel.array("edge_uv", evidence.edge_uv_m, "float32")
     parcel.array("edge_normal", evidence.edge_normal, "float32")
     parcel.array("edge_trust", evidence.edge_trust, "float32")

@@ -19,6 +19,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.types import Receive, Scope, Send
 
 from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.parcel import record
 from flatcloth.core.types import Progress
 from flatcloth.engine.garment.lesson import garment_lesson
 from flatcloth.engine.teaching import Parameters, Teaching
@@ -28,7 +29,6 @@ from flatcloth.viewer.modes.lessons import (
     flattening_parcel,
     garment_parcel,
     planning_parcel,
-    record,
     sides_parcel,
 )
 from flatcloth.viewer.worker import Worker
