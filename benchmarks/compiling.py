@@ -135,7 +135,7 @@ def _segment() -> None:
     recording = open_recording(RECORDING)
     integration = Integration(recording)
     frames = [recording[n] for n in range(0, len(recording), 6)]
-    solver = SideSolver(observe(frames, integration.axis, integration.held_point_m, Config()))
+    solver = SideSolver(observe(frames, integration.axis, integration.views.held_point_m, Config()))
     view = solver.observed.views[solver.observed.start_view]
     shown = solver.solve(()).view(view.view_index)
     assert shown is not None

@@ -103,7 +103,7 @@ def fuse(integration: Integration, views: Iterable[int]) -> tuple[Float64, Int64
     k = integration.recording.intrinsics
     camera = core.Tensor(np.array([[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]]))
     for n in views:
-        frame = integration.frame(n)
+        frame = integration.views.frame(n)
         item = item_mask(frame, integration.axis, integration.config.surface)
         masked = np.where(item, frame.depth_m, 0.0).astype(np.float32)
         depth = o3d.t.geometry.Image(core.Tensor(masked[..., None]))
@@ -183,7 +183,7 @@ def flattened(
     source = np.full((len(points), 2), np.nan, dtype=np.float32)
     rgb = np.zeros((len(points), 3), dtype=np.uint8)
     for n in views:
-        frame = integration.frame(n)
+        frame = integration.views.frame(n)
         motion = camera_from_held(integration.axis, frame.angle_deg)
         there = motion.apply(points)
         facing = -(motion.turn(normals) * there).sum(axis=1) / np.linalg.norm(there, axis=1)

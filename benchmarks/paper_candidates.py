@@ -101,7 +101,7 @@ def lacking(made: Integration, document: Document, truth: Any) -> dict[str, floa
     seen: dict[str, list[Int64]] = {reason: [] for reason in LACKS}
     for view in range(len(made.recording)):
         with contextlib.suppress(FlatclothError):
-            components = made.flattening(view).components
+            components = made.views.flattening(view).components
             for n, component in enumerate(components):
                 small = component.view.area_m2 < LEAST_COMPONENT_SHARE * components[0].view.area_m2
                 if (view, n) in placed:

@@ -206,7 +206,7 @@ def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
         )
         print("{recording:<24}{variant:<14}{coverage:>7.3f}{median_mm:>7.1f}{far_share:>7.1%}"
               "{relative_p95_mm:>7.1f}{views:>4}{parts:>4}".format(**rows[-1]), flush=True)  # fmt: skip
-    start, axis = first[False].part(rows[0]["start_view"], 0), first[False].axis
+    start, axis = first[False].views.part(rows[0]["start_view"], 0), first[False].axis
     noise = [round(z_angle_noise_deg(start, axis, by_m), 1) for by_m in (0.0, Z_ANGLE_SMOOTHING_M)]
     rows[0]["z_angle_noise_deg"] = noise
     print(f"{recording.name:<24}noise of the Z-angle {noise[0]} deg, averaged {noise[1]}", flush=True)

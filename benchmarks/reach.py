@@ -62,7 +62,7 @@ def largest_chain(
     joined = []
     for view in views:
         try:
-            surface = integration.flattening(view).surface
+            surface = integration.views.flattening(view).surface
         except FlatclothError:
             continue  # it shows too little
         true = truth[view]

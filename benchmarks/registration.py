@@ -90,15 +90,15 @@ def measured(
     axis = _spoiled_axis(integration.axis, spoiling, random)
     surfaces = []
     for view in views:
-        surface = integration.flattening(view).surface
+        surface = integration.views.flattening(view).surface
         angle = surface.frame.angle_deg + random.normal(0.0, spoiling.angle_deg)
         surfaces.append(replace(surface, frame=replace(surface.frame, angle_deg=angle)))
     features = [extract_features(surface) for surface in surfaces]  # once unmeasured: compiles
-    register_all(features[:3], axis, integration.held_point_m)
+    register_all(features[:3], axis, integration.views.held_point_m)
     started = time.perf_counter()
     features = [extract_features(surface) for surface in surfaces]
     scanned = time.perf_counter()
-    found = register_all(features, axis, integration.held_point_m)
+    found = register_all(features, axis, integration.views.held_point_m)
     ended = time.perf_counter()
     before, after = _slips_m(features, found.known, true), _slips_m(features, found.held_from_camera, true)
     return Row(
@@ -117,13 +117,13 @@ def measured(
 def _views(integration: Integration) -> list[int]:
     """Views from the best one on to either side by turns, as they are accepted."""
     angles = np.array(integration.recording.angles_deg)
-    start = int(np.argmax(integration.observed_areas_m2()))
+    start = int(np.argmax(integration.views.observed_areas_m2()))
     wanted = [angles[start] + sign * step for step in np.arange(0.0, 181.0, STEP_DEG) for sign in (1, -1)]
     found = [int(np.abs((angles - angle + 180.0) % 360.0 - 180.0).argmin()) for angle in wanted]
     views = []
     for view in dict.fromkeys(found):
         try:
-            integration.flattening(view)
+            integration.views.flattening(view)
         except FlatclothError:
             continue
         views.append(view)

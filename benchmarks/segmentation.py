@@ -236,7 +236,7 @@ def measured(
     integration = Integration(recording)
     frames = [recording[n] for n in range(len(recording))]
     began, cpu = time.perf_counter(), time.process_time()
-    observed = observe(frames, integration.axis, integration.held_point_m, Config())
+    observed = observe(frames, integration.axis, integration.views.held_point_m, Config())
     solver = SideSolver(observed)
     found = solver.solve(())
     prepare = time.perf_counter() - began, time.process_time() - cpu

@@ -55,9 +55,9 @@ from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 made = Integration(open_recording(sys.argv[1]))
 for view in range(len(made.recording)):
-    made.cloud(view)
+    made.views.cloud(view)
     try:
-        made.flattening(view)
+        made.views.flattening(view)
     except FlatclothError:
         pass
 print(json.dumps({}))

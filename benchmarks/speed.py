@@ -127,10 +127,10 @@ def frame_s(source: str) -> float:
     integration = Integration(open_recording(source))
     times = []
     for view in range(len(integration.recording)):
-        integration.frame(view)
+        integration.views.frame(view)
         began_s = time.perf_counter()
         try:
-            for component in integration.flattening(view).components:
+            for component in integration.views.flattening(view).components:
                 for attribute in fields(component.view):
                     getattr(component.view, attribute.name)
         except FlatclothError:

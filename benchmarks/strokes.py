@@ -46,8 +46,8 @@ def measured(source: str, strokes: int) -> dict[str, Any]:
         if not told.wait(WAIT_S):
             raise TimeoutError(f"{source}: the sides were not found in {WAIT_S:g} s.")
         first_s = time.perf_counter() - began
-        assert integration.sides is not None
-        solver = integration.sides.solver()
+        assert integration.views.sides is not None
+        solver = integration.views.sides.solver()
         seen = seen_truth(solver.observed, truth, truth.panel_of_interest, True)
         decisions, labels_ms, all_ms = list[Decision](), list[float](), list[float]()
         for _ in range(strokes):

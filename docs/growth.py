@@ -77,7 +77,7 @@ def show(axes: Axes, picture: Uint8, shape: NDArray[np.int64]) -> None:
 
 def seen(integration: Integration, view_index: int) -> Uint8:
     """Return the side of interest in the image of a view, on white."""
-    frame = integration.frame(view_index)
+    frame = integration.views.frame(view_index)
     shown = frame.depth_m > 0 if frame.mask is None else frame.mask
     rows, cols = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
     picture = np.where(shown[..., None], frame.color, np.uint8(255))

@@ -37,6 +37,7 @@ class CylinderViews:
     """What reasons ask of an integration; view 1 is turned by 30 deg, view 4 by 120 deg."""
 
     def __init__(self, method="robust"):
+        self.views = self
         self.recording, self.axis, self.config = RECORDING, RECORDING.rotation_axis, Config()
         self.planning = replace(self.config.planning, overlap_area_m2=0.03)
         self.algorithm = (_Neighbouring if method == "robust" else _Fronts)(self, RECORDING.angles_deg)

@@ -109,6 +109,7 @@ class CylinderIntegration:
     """Answers at once, unless ``gate`` is cleared; ``error`` is raised by the next answer."""
 
     def __init__(self, scores: float = 0.8) -> None:
+        self.views = self
         self.recording = CylinderRecording()
         self.config = Config()
         self.planning = self.config.planning

@@ -86,8 +86,8 @@ def flatten(
     """
     check_index(recording, view_index)
     integration = integration_of(recording, method, config)
-    integration.segment((), progress or no_progress)
-    return integration.flattening(view_index)
+    integration.views.segment((), progress or no_progress)
+    return integration.views.flattening(view_index)
 
 
 def integrate(
@@ -147,8 +147,8 @@ def integrate(
             if folder is not None:
                 keeper = SessionFolder.open(folder, recording, integration.config, name)
                 stack.callback(keeper.close)
-                settle_axis(folder, integration)
-            take_strokes(integration, keeper, strokes)
+                settle_axis(folder, integration.views)
+            take_strokes(integration.views, keeper, strokes)
         service = GarmentService(integration)
         run = Run(integration, keeper)
         if on_view is not None:

@@ -44,7 +44,7 @@ def coverage_estimate(integration: Integration, canonical: Canonical) -> float:
 
 def _seen(integration: Integration, view_index: int) -> Float64:
     try:
-        frame = integration.frame(view_index)
+        frame = integration.views.frame(view_index)
         item = item_mask(frame, integration.axis, integration.config.surface)
     except FlatclothError:  # a view that cannot be read, or shows nothing
         return np.zeros((0, 3))

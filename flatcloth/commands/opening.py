@@ -74,7 +74,7 @@ def _opened(
         return None
     folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
     try:
-        settle_axis(folder.folder, integration)
+        settle_axis(folder.folder, integration.views)
         compile_beside()
         if not options.live:
             begin_ahead(integration, folder.state)
@@ -138,7 +138,7 @@ def opened_camera(options: argparse.Namespace, serial: str) -> Opened:
         )
         folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
         stack.callback(folder.close)
-        settle_axis(folder.folder, integration)
+        settle_axis(folder.folder, integration.views)
         controller = capture_controller(integration, folder, feed, settings)
         return Opened(integration, folder, controller=controller, close=stack.pop_all().close)
 

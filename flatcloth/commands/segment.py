@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> None:
     integration = integration_of(options.source, None, source_options_of(options))
     recording = integration.recording
     with ProgressBar(recording.name) as bar:
-        found = prepare(integration, bar.show).solve(decisions)
+        found = prepare(integration.views, bar.show).solve(decisions)
         masked = MaskedRecording(recording, found)
         if options.copy:
             count = copy_recording(masked, options.out, progress=bar.show)

@@ -16,7 +16,7 @@ def begin_ahead(integration: Integration, state: SessionState) -> None:
     A session without a start view gets one chosen. Where the side of interest must be found first, nothing
     is done: that takes longer, and the session tells its progress.
     """
-    if integration.sides is None:
+    if integration.views.sides is None:
         threading.Thread(
             target=_compute, args=(integration, state), name="flatcloth-ahead", daemon=True
         ).start()

@@ -95,7 +95,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
     canonical = integration.canonical(document)
     front_from_current = canonical.current_from_view[front].inverse()
     turn = (angles[pending.view_index] - angles[front] + 180.0) % 360.0 - 180.0
-    new = integration.part(pending.view_index, pending.component)
+    new = integration.views.part(pending.view_index, pending.component)
     limit = config.planning.z_angle_limit_deg
     curves = column_curves(canonical.view, axis, angles[front], limit, front_from_current)
     u_b, a_0 = overlap_column(curves, side, integration.planning.overlap_area_m2)
@@ -124,7 +124,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
         shape_edges=strained_edges(algorithm.surface_edges(document)),
         new_edges=strained_edges(
             edges_of_view(
-                integration,
+                integration.views,
                 angles[pending.view_index],
                 pending.view_index,
                 pending.component,

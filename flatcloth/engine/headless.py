@@ -121,17 +121,8 @@ class Run:
             If no start view can be flattened.
         """
         self.integration.algorithm.is_unattended = not self.is_limited
-        self.integration.keep_frames()
+        self.integration.views.keep_frames()
         self.integration.flattens_ahead = cores > 1
-        if cores > 1:
-            self.integration.segment(self.state.document.strokes, progress)
-            self.integration.begin_beside()
-        try:
-            return self._finish(progress)
-        finally:
-            self.integration.end_beside()
-
-    def _finish(self, progress: Progress) -> SessionState:
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
         while self.state.phase is not Phase.FINISHED:
@@ -142,6 +133,7 @@ class Run:
                     self._answer(progress)
                 case _:
                     self._ask(Propose(), progress)
+        self.integration.views.flatten_ahead([])
         return self.state
 
     def _do(self, command: Command | Event) -> None:

@@ -26,6 +26,7 @@ from flatcloth.core.types import (
     FlattenedView,
     Float64,
     Progress,
+    RotationAxis,
     no_progress,
 )
 from flatcloth.engine.following import follow, laid_beside, plan_put_off
@@ -55,10 +56,10 @@ from flatcloth.session.machine import (
 _LIKELY_ROTATION_DEG = 30.0
 """Views about this far from the present one are decoded ahead. Chosen; not measured."""
 _VIEWS_AHEAD = 6
-"""Views that are decoded ahead. Chosen: more compete with what the operator waits for."""
-_NEXT_VIEWS, _NEXT_APART_DEG = 2, 30.0
-"""The best candidates beside the planned view, this far from it (nearer ones show the same cloth): four times
-in five the next planned view has been among them. Measured on two recordings."""
+"""Views that are decoded or flattened ahead. Chosen: more compete with what is waited for."""
+_NEXT_APART_DEG = 30.0
+"""Candidates this far from the planned view are flattened first, as nearer ones show the same cloth: in four
+of five cases the next planned view was among the best two of them. Measured on two recordings."""
 _FIRST_ROTATION_DEG = 60.0
 """From the start view to the next two, one to each side; 50 to 70 degrees on three recordings. Measured."""
 
@@ -95,7 +96,7 @@ class _ByGarment(NamedTuple):
     taken_off: Bool | None
 
 
-class Integration(RecordedViews):
+class Integration:
     """A recording, a configuration and a method, and everything computed from them.
 
     Parameters
@@ -108,9 +109,13 @@ class Integration(RecordedViews):
         The name of a method (:mod:`flatcloth.methods.registry`); by default the first.
     segmenter : Segmenter, optional
         Finds the side of interest where the recording has no masks; without it, all of the item is.
+    views : RecordedViews, optional
+        The views of this recording with these settings; by default they are made.
 
     Attributes
     ----------
+    views : RecordedViews
+        The single views, which also have the axis and the masks.
     algorithm : Method
         The method, made for this recording, axis and masks.
     notes : tuple of str
@@ -131,24 +136,42 @@ class Integration(RecordedViews):
         config: Config | None = None,
         method: str | None = None,
         segmenter: Segmenter | None = None,
+        views: RecordedViews | None = None,
     ) -> None:
         entry = method_entry(method)
         self._kind: type[Method] = entry.load()
         self.method = entry.name
-        super().__init__(
+        self.views = views or RecordedViews(
             recording, config or self._kind.default_config(), segmenter, is_default=config is None
         )
-        self.notes = (*_notes(self), *getattr(recording, "notes", ()), *self.axis_notes)
+        self.notes = (*_notes(self.views), *getattr(recording, "notes", ()), *self.views.axis_notes)
+        self.algorithm: Method = self._kind(self.views, recording.angles_deg)
+        self._forget()
+        self.views.on_change = self._forget
 
-    def derive_anew(self) -> None:
+    @property
+    def recording(self) -> Recording:
+        """The recording."""
+        return self.views.recording
+
+    @property
+    def config(self) -> Config:
+        """The settings in force."""
+        return self.views.config
+
+    @property
+    def axis(self) -> RotationAxis:
+        """The turning axis, object frame; estimated if the recording has none."""
+        return self.views.axis
+
+    def _forget(self) -> None:
         """Forget what was derived from the single views: the axis or the masks are others."""
         self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
         self._decided: Cache[_ByGarment] = Cache(2)
-        before: Method | None = getattr(self, "algorithm", None)
-        self.algorithm: Method = self._kind(self, self.recording.angles_deg)
-        if before is not None:
-            self.algorithm.is_unattended = before.is_unattended
+        before = self.algorithm
+        self.algorithm = self._kind(self.views, self.recording.angles_deg)
+        self.algorithm.is_unattended = before.is_unattended
 
     # ---------------------------------------------------------------- the shape
 
@@ -160,7 +183,7 @@ class Integration(RecordedViews):
     @property
     def planning(self) -> PlanningConfig:
         """The settings of the rotation (paper, 4.1), with S_0 as it is by the size of the item."""
-        return replace(self.config.planning, overlap_area_m2=overlap_area_m2(self))
+        return replace(self.config.planning, overlap_area_m2=overlap_area_m2(self.views))
 
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view of a document's accepted views (cached).
@@ -170,7 +193,7 @@ class Integration(RecordedViews):
         FlatclothError
             If the session has no start view.
         """
-        self.segment(document.strokes)
+        self.views.segment(document.strokes)
         whole = self.algorithm.canonical(document)
         if not document.garment.parts:
             return whole
@@ -216,7 +239,7 @@ class Integration(RecordedViews):
 
     def plan(self, document: Document) -> Plan:
         """Choose the next view."""
-        return self.algorithm.plan(document, self._unusable())
+        return self.algorithm.plan(document, self.views.unusable())
 
     # ---------------------------------------------------------------- proposals
 
@@ -236,7 +259,9 @@ class Integration(RecordedViews):
         parts = (placed, *pending.also_placed)
         return self._overlays.get(
             (*_shape_of(document), parts),
-            lambda: place_all([(self.part(p.view_index, p.component), p.current_from_new) for p in parts]),
+            lambda: place_all(
+                [(self.views.part(p.view_index, p.component), p.current_from_new) for p in parts]
+            ),
         )
 
     def score(self, document: Document) -> AlignmentScore:
@@ -268,11 +293,11 @@ class Integration(RecordedViews):
         CancelledError
             If ``progress`` raised it.
         """
-        self.segment(document.strokes, progress)
+        self.views.segment(document.strokes, progress)
         if request.kind == "start":
             view = self._start_view(progress) if request.view_index is None else request.view_index
             progress(0.9, f"flattening view {view}")
-            self.flattening(view)
+            self.views.flattening(view)
             return Started(request.token, view)
         if request.kind == "follow":
             progress(0.1, f"view {request.view_index} follows")
@@ -284,8 +309,8 @@ class Integration(RecordedViews):
     # ---------------------------------------------------------------- the work itself
 
     def _start_view(self, progress: Progress) -> int:
-        if self.is_beside:
-            self.flatten_ahead(self._likely_first(int(self.observed_areas_m2(progress).argmax())))
+        if self.flattens_ahead:
+            self.views.flatten_ahead(self._likely_first(int(self.views.observed_areas_m2(progress).argmax())))
         view = self.algorithm.start_view(progress)
         if view is None:
             raise FlatteningError(
@@ -308,7 +333,7 @@ class Integration(RecordedViews):
                     return NothingMore(token, reason, takes_largest=True)
                 return NothingMore(token, reason)
             if self.flattens_ahead:
-                self.flatten_ahead(self._likely_after(plan))
+                self.views.flatten_ahead(self._likely_after(plan))
             try:
                 proposal = self._propose(document, plan.view_index, plan.side, plan, progress)
             except (SurfaceError, FlatteningError, AlignmentError) as error:
@@ -337,7 +362,7 @@ class Integration(RecordedViews):
     ) -> Proposal:
         """Place the largest component without folds beside the shape; raise if all are folded."""
         most = self.config.flattening.max_folded_share
-        components = enumerate(self.flattening(view_index).components)
+        components = enumerate(self.views.flattening(view_index).components)
         parts = {n: component.view for n, component in components if component.folded_share <= most}
         if not parts:
             raise error
@@ -353,12 +378,12 @@ class Integration(RecordedViews):
 
     def _read_ahead_of(self, view_index: int) -> None:
         """Decode the views that a rotation from this one may lead to next, the likeliest first."""
-        if self.is_beside or self.keeps_frames:
+        if self.views.keeps_frames:
             return
         turn = self._turns_from(view_index)
         near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))
         likeliest = near[np.argsort(np.abs(turn[near] - _LIKELY_ROTATION_DEG), kind="stable")]
-        self._ahead.want(likeliest[:_VIEWS_AHEAD].tolist())
+        self.views.read_ahead(likeliest[:_VIEWS_AHEAD].tolist())
 
     def _likely_first(self, start: int) -> list[int]:
         """Return the views that will likely be planned after the start view, the likeliest first."""
@@ -378,9 +403,7 @@ class Integration(RecordedViews):
         assert planned is not None
         turns, views = self._turns_from(planned), [c.view_index for c in plan.candidates]
         likely = [view for view in views if turns[view] >= _NEXT_APART_DEG]
-        if not self.is_beside:
-            return likely[:_NEXT_VIEWS]
-        return list(dict.fromkeys([*likely, *(view for view in views if view != planned)]))
+        return list(dict.fromkeys([*likely, *(view for view in views if view != planned)]))[:_VIEWS_AHEAD]
 
     def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
         self._read_ahead_of(proposal.view_index)

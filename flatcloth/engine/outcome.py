@@ -28,7 +28,6 @@ def outcome_of(
     integration: Integration,
     document: Document,
     scores: Mapping[int, float] | None = None,
-    pixels: Mapping[str, int] | None = None,
 ) -> dict[str, Any]:
     """Return the report, ready for JSON: areas in cm2, lengths in mm, angles in degrees.
 
@@ -40,8 +39,6 @@ def outcome_of(
         The decisions, of an operator or of an unattended run.
     scores : dict of int to float, optional
         Scores of views whose acceptance keeps none; see :func:`earlier_scores`.
-    pixels : dict of str to int, optional
-        The result of :func:`pixel_counts`, if it is known.
     """
     canonical = integration.canonical(document)
     angles = integration.recording.angles_deg
@@ -67,7 +64,7 @@ def outcome_of(
         "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
         "floating": [_floating(piece) for piece in sheet_of(canonical, document).pieces],
         **uncertainty(canonical.view),
-        "pixels": dict(pixel_counts(integration, document) if pixels is None else pixels),
+        "pixels": pixel_counts(integration, document),
         **_cameras(integration, document),
         **_segmentation(integration),
     }
@@ -99,7 +96,7 @@ def _floating(piece: SheetPiece) -> dict[str, Any]:
 
 def _segmentation(integration: Integration) -> dict[str, Any]:
     """Return what the segmentation of a recording without masks found."""
-    masks = integration.masks
+    masks = integration.views.masks
     return {} if masks is None else {"segmentation": summary(masks.segmentation)}
 
 

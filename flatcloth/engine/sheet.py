@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +19,12 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Floats, Rigid2
+from flatcloth.engine.integration import Integration
 from flatcloth.flattening.resampling import place
 from flatcloth.garments.deciding import decided_pieces
-from flatcloth.methods.base import Canonical
+from flatcloth.methods.base import Canonical, Views
 
 if TYPE_CHECKING:
-    from flatcloth.flattening.flatten import Flattening
     from flatcloth.session.document import Document
 
 GAP_M = 0.04
@@ -223,27 +223,15 @@ def sheet_of(canonical: Canonical, document: Document) -> Sheet:
     return lay_out(canonical, placed.shape_from_piece)
 
 
-class Overlays(Protocol):
-    """What lays the components of views on a plane."""
-
-    def part(self, view_index: int, component: int) -> FlattenedView:
-        """Return one component of a flattened view."""
-        ...
-
-    def overlay(self, document: Document) -> FlattenedView:
-        """Return the pending view on the plane, at its placement."""
-        ...
-
-
-def overlay_on(views: Overlays, document: Document, sheet: Sheet) -> FlattenedView:
+def overlay_on(integration: Integration, document: Document, sheet: Sheet) -> FlattenedView:
     """Return the pending view of a document on the sheet."""
     pending = document.pending
     assert pending is not None
-    center = np.array(center_uv_m(views.part(pending.view_index, pending.component)))
+    center = np.array(center_uv_m(integration.views.part(pending.view_index, pending.component)))
     shown = sheet.shown(pending.current_from_new, center)
     if shown == pending.current_from_new:
-        return views.overlay(document)
-    return views.overlay(replace(document, pending=replace(pending, proposed=shown, nudge=Rigid2())))
+        return integration.overlay(document)
+    return integration.overlay(replace(document, pending=replace(pending, proposed=shown, nudge=Rigid2())))
 
 
 def beyond(overlay: FlattenedView, shape: FlattenedView) -> Bool:
@@ -273,15 +261,7 @@ class PiecePlace:
     placement: Rigid2
 
 
-class Parts(Protocol):
-    """What knows the single views."""
-
-    def flattening(self, view_index: int) -> Flattening:
-        """Return a flattened view with its components."""
-        ...
-
-
-def place_of_piece(views: Parts, piece: SheetPiece, accepted: Sequence[int]) -> PiecePlace:
+def place_of_piece(views: Views, piece: SheetPiece, accepted: Sequence[int]) -> PiecePlace:
     """Return the component of an accepted view that shows most of a piece, and where it lies.
 
     Raises

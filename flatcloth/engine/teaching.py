@@ -32,6 +32,7 @@ from flatcloth.core.types import (
 )
 from flatcloth.engine.integration import Integration, Proposal
 from flatcloth.engine.segmenting import SidesLesson, sides_lesson
+from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.flatten import Flattening, Level, flatten
 from flatcloth.flattening.surface import observe_item
 from flatcloth.methods.base import Canonical, Plan
@@ -154,7 +155,7 @@ class Teaching:
     def __init__(self, integration: Integration) -> None:
         self._session = integration
         self._flattenings: Cache[Flattening] = Cache(_FLATTENINGS_KEPT)
-        self._integrations: Cache[_PaperIntegration] = Cache(_INTERVALS_KEPT)
+        self._integrations: Cache[Integration] = Cache(_INTERVALS_KEPT)
         self._alignments: Cache[AlignmentLesson] = Cache(_ALIGNMENTS_KEPT)
         self._starts: Cache[int] = Cache(1)
         self._sides: Cache[SidesLesson] = Cache(1)
@@ -196,7 +197,7 @@ class Teaching:
             If the view shows too little cloth at this interval.
         """
         progress(0.1, f"flattening view {view_index}")
-        flattening = self._paper(parameters).flattening(view_index)
+        flattening = self._paper(parameters).views.flattening(view_index)
         return FlatteningLesson(
             view_index=view_index,
             flattening=flattening,
@@ -209,7 +210,7 @@ class Teaching:
         """Return Fig. 4a with one view as the current flattened view; errors as :meth:`flattening`."""
         progress(0.1, f"flattening view {view_index}")
         paper = self._paper(parameters)
-        view = paper.flattening(view_index).view
+        view = paper.views.flattening(view_index).view
         progress(0.8, "choosing the rotation")
         return PlanningLesson(
             view_index=view_index, view=view, plan=paper.plan(Document(start_view=view_index))
@@ -242,17 +243,17 @@ class Teaching:
 
     def sides(self, progress: Progress = no_progress) -> SidesLesson:
         """Return how the side of interest is found without masks; errors as :func:`sides_lesson`."""
-        return self._sides.get("sides", lambda: sides_lesson(self._session, progress))
+        return self._sides.get("sides", lambda: sides_lesson(self._session.views, progress))
 
-    def _paper(self, parameters: Parameters) -> _PaperIntegration:
+    def _paper(self, parameters: Parameters) -> Integration:
         config = paper_config(self._session.config, parameters)
         return self._integrations.get(
-            parameters, lambda: _PaperIntegration(self._session, config, self._flattenings)
+            parameters, lambda: _paper_integration(self._session.views, config, self._flattenings)
         )
 
 
 def _align(
-    paper: _PaperIntegration, document: Document, planned: int | None, progress: Progress
+    paper: Integration, document: Document, planned: int | None, progress: Progress
 ) -> AlignmentLesson:
     event = paper.answer(document, Request(0, "propose"), progress)
     if planned is None or not isinstance(event, Proposed):
@@ -261,7 +262,7 @@ def _align(
     pending = Pending(event.view_index, event.current_from_new, event.side, component=event.component)
     proposal = paper.proposal(replace(document, pending=pending))
     progress(0.9, "following the search")
-    current, new = paper.canonical(document).view, paper.part(event.view_index, event.component)
+    current, new = paper.canonical(document).view, paper.views.part(event.view_index, event.component)
     watched = WatchedMatcher(current, new, paper.axis)
     watched.search(proposal.alignment.initial)
     progress(0.98, "renewing the flattened view")
@@ -270,14 +271,14 @@ def _align(
         event.view_index, event.current_from_new, side=event.side, component=event.component, also=also
     )
     others = [
-        (paper.part(p.view_index, p.component), p.current_from_new.inverse() @ event.current_from_new)
+        (paper.views.part(p.view_index, p.component), p.current_from_new.inverse() @ event.current_from_new)
         for p in also
     ]
     renewed = paper.canonical(replace(document, accepted=(accepted,)))
     return AlignmentLesson(
         planned_view=planned,
         proposal=proposal,
-        flattening=paper.flattening(event.view_index),
+        flattening=paper.views.flattening(event.view_index),
         current=current,
         new=new,
         search=watched.seen(),
@@ -313,7 +314,7 @@ def paper_config(config: Config, parameters: Parameters) -> Config:
 class _SessionRecording:
     """The session's recording, read through its cache of frames, with the axis in use."""
 
-    def __init__(self, session: Integration) -> None:
+    def __init__(self, session: RecordedViews) -> None:
         self._session = session
         recording = session.recording
         self.name: str = recording.name
@@ -332,16 +333,15 @@ class _SessionRecording:
         return self._session.frame(view_index)
 
 
-class _PaperIntegration(Integration):
-    """The paper's method beside a session; its flattened views are recorded, and cached for each d."""
+class _PaperViews(RecordedViews):
+    """The views of a session for the paper's method; the minimisation is recorded, and cached for each d."""
 
-    def __init__(self, session: Integration, config: Config, flattenings: Cache[Flattening]) -> None:
-        self._beside = session
-        super().__init__(_SessionRecording(session), config, PaperMethod.name)
-        self._shared = flattenings
+    def __init__(self, session: RecordedViews, config: Config, flattenings: Cache[Flattening]) -> None:
+        super().__init__(_SessionRecording(session), config, None)
+        self._session, self._shared = session, flattenings
 
     def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:
-        return self._beside.observed_areas_m2(progress)
+        return self._session.observed_areas_m2(progress)
 
     def flattening(self, view_index: int) -> Flattening:
         def make() -> Flattening:
@@ -350,6 +350,11 @@ class _PaperIntegration(Integration):
             return flatten(surface, self.axis, self.config.flattening, min_area_m2=least, record=True)
 
         return self._shared.get((view_index, self.config.flattening.sampling_intervals_px), make)
+
+
+def _paper_integration(session: RecordedViews, config: Config, flattenings: Cache[Flattening]) -> Integration:
+    views = _PaperViews(session, config, flattenings)
+    return Integration(views.recording, config, PaperMethod.name, views=views)
 
 
 def _unused_pairs(level: Level) -> Int32:

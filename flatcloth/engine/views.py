@@ -7,16 +7,14 @@ import math
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar, cast
+from typing import Protocol, cast
 
-import cv2
 import numpy as np
 
 from flatcloth.core.cache import Cache, ReadAhead
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError, FlatteningError, SegmentationError, SurfaceError
 from flatcloth.core.geometry import back_project, held_from_camera
-from flatcloth.core.processes.forked import Forked, can_fork
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import (
     Bool,
@@ -43,11 +41,8 @@ from flatcloth.flattening.surface import (
 from flatcloth.flattening.wide_ramps import blurs_edges
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
-from flatcloth.recordings.folder import ImageRecording
 from flatcloth.registration.axis import axis_agreement, resolve_axis
 from flatcloth.segmentation.solver import SideSolver
-
-T = TypeVar("T")
 
 _MIB = 1 << 20
 """Bytes in a mebibyte."""
@@ -105,6 +100,8 @@ class RecordedViews:
         Finds the masks, if the recording has none of its own.
     masks : Masks or None
         The masks in force: those of the strokes asked for last.
+    on_change : callable
+        Called when the axis or the masks were replaced: what was derived from the views is outdated.
     """
 
     def __init__(
@@ -116,8 +113,8 @@ class RecordedViews:
         self.keeps_frames = False
         self._ahead = ReadAhead(self.recorded)
         self._flattening_ahead = ReadAhead(self._flatten_ahead)
-        self._forked: Forked[tuple[int, Flattening]] | None = None
         self._segmenting = threading.RLock()
+        self.on_change: Callable[[], None] = lambda: None
         hanging = resolve_axis(recording, self.recorded, config.surface)
         self.held_point_m: Float64 = hanging.held_point_m
         self.axis_notes = hanging.notes
@@ -132,7 +129,6 @@ class RecordedViews:
         """
         self._flattening_ahead.want([])
         self._flattening_ahead.wait()
-        self.end_beside()
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 16 * _MIB)
         self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 56 * _MIB)
@@ -146,10 +142,7 @@ class RecordedViews:
             if segmenter is None
             else Sides(lambda progress: segmenter(self, progress), len(self.recording))
         )
-        self.derive_anew()
-
-    def derive_anew(self) -> None:
-        """Forget what was derived from the single views: the axis or the masks are others."""
+        self.on_change()
 
     def axis_agreement(self) -> str:
         """Describe in a sentence how well the views agree with the present axis."""
@@ -177,7 +170,7 @@ class RecordedViews:
             changed = self.masks is None or found.keys != self.masks.keys
             self.masks = found
             if changed:
-                self.derive_anew()
+                self.on_change()
             return found
 
     def _mask_key(self, view_index: int) -> int:
@@ -229,62 +222,25 @@ class RecordedViews:
         failure = self._failures.kept(key)
         if failure is None:
             try:
-                return self._flattenings.get(key, lambda: self._made_beside(key) or self._flatten(view_index))
+                return self._flattenings.get(key, lambda: self._flatten(view_index))
             except (SurfaceError, FlatteningError) as error:
                 failure = self._failures.put(key, type(error)(str(error)))
         raise failure.with_traceback(None)  # so that no frame of an earlier call is kept alive
 
-    @property
-    def is_beside(self) -> bool:
-        """Whether views are flattened in a copy of this process, which reads them itself."""
-        return self._forked is not None
-
-    def copied(self, make: Callable[[int], T]) -> Forked[T] | None:
-        """Return a copy of this process that makes values; None if there can be none.
-
-        Both read the files of the recording: one that another process reads, for one caller, is not copied.
-        """
-        if not isinstance(self.recording, ImageRecording) or not can_fork():
-            return None
-        cv2.setNumThreads(1)  # the copy would wait for threads that it does not have
-        return Forked(make)
-
-    def begin_beside(self) -> None:
-        """From now on flatten ahead in a copy of this process, if it can be copied, and not on a thread."""
-        self._forked = self.copied(lambda view: (self._mask_key(view), self._flatten_beside(view)))
-        if self._forked is not None:
-            self._forked.want([0])  # any view: its compiled code loads while the start view is looked for
-
-    def end_beside(self) -> None:
-        """End the copy of this process, if there is one."""
-        if self._forked is not None:
-            self._forked.close()
-            self._forked = None
-
-    def _flatten_beside(self, view_index: int) -> Flattening:
-        made = self._flatten(view_index)
-        for component in made.components:
-            _ = component.view.z_angle_deg  # asked for where the view is placed, so read here with its points
-        return made
-
-    def _made_beside(self, key: tuple[int, int]) -> Flattening | None:
-        """Return a view that was flattened in the copy with these masks; None if there is none."""
-        view_index, mask = key
-        made = None if self._forked is None else self._forked.take(view_index)
-        return made[1] if made is not None and made[0] == mask else None
+    def read_ahead(self, view_indices: Iterable[int]) -> None:
+        """Read views that will likely be asked for, the likeliest first, on another core."""
+        self._ahead.want(view_indices)
 
     def flatten_ahead(self, view_indices: Iterable[int]) -> None:
         """Flatten views that will likely be asked for, on another core; no result depends on it."""
-        if self._forked is None:
-            self._flattening_ahead.want(view_indices)
-        else:
-            mine = (n for n in view_indices if (n, self._mask_key(n)) not in self._flattenings)
-            self._forked.want(list(mine))
+        self._flattening_ahead.want(view_indices)
 
     def _flatten_ahead(self, view_index: int) -> None:
         # A failure is not kept here: which views are known to be unusable decides which one is planned.
         key = view_index, self._mask_key(view_index)
-        self._flattenings.get(key, lambda: self._flatten(view_index))
+        made = self._flattenings.get(key, lambda: self._flatten(view_index))
+        for component in made.components:
+            _ = component.view.z_angle_deg  # computed when it is asked for, which placing the view does
 
     def part(self, view_index: int, component: int) -> FlattenedView:
         """Return one component of a view's flattened view; the largest is 0."""
@@ -320,7 +276,8 @@ class RecordedViews:
         except (SurfaceError, FlatteningError) as error:
             raise type(error)(f"{self.recording.location}: {error}") from None
 
-    def _unusable(self) -> set[int]:
+    def unusable(self) -> set[int]:
+        """Return the views that are known to show too little cloth, with the masks in force."""
         failed = (cast("tuple[int, int]", key) for key, _ in self._failures.items())
         return {view for view, key in failed if key == self._mask_key(view)}
 

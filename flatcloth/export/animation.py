@@ -126,7 +126,7 @@ class _Painter:
 
     def scene(self, step: Step, order: int, tinted: bool) -> _Scene:
         """Return the cloud of a step's view in pale colors, and the shape so far in space."""
-        growth, cloud = self._growth, self._integration.cloud(step.view_index)
+        growth, cloud = self._growth, self._integration.views.cloud(step.view_index)
         shown = growth.shown_after(order)
         pale = (0.25 * cloud.rgb + 0.75 * 205.0).astype(np.uint8)
         xyz = np.concatenate([cloud.xyz_m, growth.view.xyz_m[shown]])

@@ -197,7 +197,7 @@ def _around(session: OpenedSession) -> tuple[list[Float64], list[NDArray[np.uint
     """Return for each step the rest of its view, reduced to about one point per cube of the spacing."""
     points, colors = [], []
     for step in session.growth.steps:
-        cloud = session.integration.cloud(step.view_index)
+        cloud = session.integration.views.cloud(step.view_index)
         cell = np.floor(cloud.xyz_m / AROUND_SPACING_M).astype(np.int64)
         _, kept = np.unique(cell, axis=0, return_index=True)
         if len(kept) > MOST_AROUND:

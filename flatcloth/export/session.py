@@ -43,7 +43,7 @@ class ViewNumbers:
 
 
 def _numbers_of(integration: Integration, view_index: int) -> ViewNumbers:
-    flattening = integration.flattening(view_index)
+    flattening = integration.views.flattening(view_index)
     return ViewNumbers(
         energies_m2=tuple(np.array(level.energy) for level in flattening.levels),
         curves=column_curves(
@@ -205,7 +205,7 @@ def open_session(
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     axis = read_axis(folder)
     if axis is not None:
-        integration.turn_about(axis)  # the decisions were made with it
+        integration.views.turn_about(axis)  # the decisions were made with it
     return OpenedSession(history, integration, progress)
 
 

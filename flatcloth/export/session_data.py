@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import io
 import json
 import re
@@ -13,15 +12,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-import numpy as np
-
-from flatcloth.core.types import Uint8
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.outcome import FILE as OUTCOME
 from flatcloth.engine.outcome import outcome_of, outcome_text
 from flatcloth.export.data import (
     GARMENT,
-    GRASPS,
     GraspFrames,
     NamedPoint,
     remove_stale,
@@ -45,9 +40,7 @@ class SessionData:
     """What a session leaves behind as data; each part is computed on first use.
 
     ``scores`` are those of views whose acceptance keeps none, by view; ``garments`` recognises the garment, a
-    new service by default. ``pixels`` are counts of pixels that are known, as of
-    :func:`flatcloth.engine.results.pixel_states.pixel_counts`; ``made`` the bytes (N,) of files made
-    before, by name.
+    new service by default.
     """
 
     integration: Integration
@@ -56,8 +49,6 @@ class SessionData:
     frames: GraspFrames
     scores: Mapping[int, float] = field(default_factory=dict)
     garments: GarmentService | None = None
-    pixels: Mapping[str, int] | None = None
-    made: Mapping[str, Uint8] = field(default_factory=dict)
 
     @cached_property
     def canonical(self) -> Canonical:
@@ -78,7 +69,7 @@ class SessionData:
     @cached_property
     def outcome(self) -> dict[str, Any]:
         """The content of ``outcome.json``."""
-        outcome = outcome_of(self.integration, self.document, self.scores, self.pixels)
+        outcome = outcome_of(self.integration, self.document, self.scores)
         outcome["garment"] = outcome_entry(self.garment)
         return outcome
 
@@ -87,14 +78,7 @@ class SessionData:
 
     def _shape_files(self) -> dict[str, Writer]:
         shape = self.canonical
-        files = shape_files(shape.view, self.picks, self.frames, shape.floating, self._named)
-        return {**files, **{name: functools.partial(_write_made, data) for name, data in self.made.items()}}
-
-    def made_of_shape(self) -> dict[str, Uint8]:
-        """Return the bytes (N,) of the files that tell of the shape alone: all but the grasps and reports."""
-        files = self._shape_files()
-        del files[GRASPS]
-        return {name: np.frombuffer(_bytes_of(write), np.uint8) for name, write in files.items()}
+        return shape_files(shape.view, self.picks, self.frames, shape.floating, self._named)
 
     def _reports(self) -> dict[str, Writer]:
         reports: dict[str, Writer] = {}
@@ -141,10 +125,6 @@ class SessionData:
 def is_floating_file(name: str) -> bool:
     """Return whether a name is that of a floating piece's file."""
     return _FLOATING.fullmatch(name) is not None
-
-
-def _write_made(data: Uint8, file: BinaryIO) -> None:
-    file.write(data.data)
 
 
 def _bytes_of(write: Writer) -> bytes:

@@ -34,7 +34,7 @@ def test_a_view_is_flattened_as_in_the_integration() -> None:
     view = flat.view
     assert view.rgb.shape == (*view.valid.shape, 3)
     assert view.xyz_m.shape == view.rgb.shape
-    used = Integration(cylinder()).flattening(1).view
+    used = Integration(cylinder()).views.flattening(1).view
     assert np.array_equal(view.xyz_m, used.xyz_m, equal_nan=True)
     with pytest.raises(IndexError, match="view 3 of 3"):
         flatcloth.flatten(cylinder(), 3)

@@ -140,7 +140,7 @@ def test_app_starts_without_realsense_and_open3d() -> None:
         "import sys\nfor name in ('pyrealsense2', 'open3d', 'libusb_package'): sys.modules[name] = None\n"
         "import flatcloth.cli, flatcloth.engine.integration, flatcloth.recordings, flatcloth.viewer\n"
         "recording = flatcloth.recordings.open_recording('shirt-sleeve-clean')\n"
-        "flatcloth.engine.integration.Integration(recording).flattening(0)\n"
+        "flatcloth.engine.integration.Integration(recording).views.flattening(0)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -243,7 +243,7 @@ def test_a_floating_piece_is_placed_by_hand_and_is_part_of_the_shape_then() -> N
     assert plain.floating  # nothing seen connects it
     # Reopened, and its piece laid on the right border of the shape.
     state = done(made, state, Accept(pending.view_index), Reopen(pending.view_index))
-    shape, piece = made.canonical(state.document).view, made.part(pending.view_index, waiting[0])
+    shape, piece = made.canonical(state.document).view, made.views.part(pending.view_index, waiting[0])
     border = max(shape.uv_from_rc(np.argwhere(shape.valid)).tolist())
     edge = min(piece.uv_from_rc(np.argwhere(piece.valid)).tolist())
     there = Rigid2(0.0, border[0] - edge[0] - 0.02, border[1] - edge[1])
@@ -263,11 +263,11 @@ def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_p
     apart = made.canonical(state.document)
     (piece,) = lay_out(apart).pieces
     assert piece.views == (2, 3)
-    place = place_of_piece(made, piece, [3]).placement
+    place = place_of_piece(made.views, piece, [3]).placement
     state = done(made, state, Reopen(3))
     before = made.canonical(state.document)
     # Laid with 40 mm on the shape's right border.
-    part = made.part(3, 0)
+    part = made.views.part(3, 0)
     right = float(before.view.uv_from_rc(np.argwhere(before.view.valid))[:, 0].max())
     left = float(place.apply(part.uv_from_rc(np.argwhere(part.valid)))[:, 0].min())
     there = Rigid2(0.0, right - left - 0.04, 0.0) @ place

@@ -68,10 +68,10 @@ def test_unattended_two_threads_read_the_views_and_each_is_read_once() -> None:
             return super().__getitem__(view_index)
 
     made = Integration(Counted(**SHEET), method="paper")  # type: ignore[arg-type]
-    made.keep_frames()
-    areas = made.observed_areas_m2()
+    made.views.keep_frames()
+    areas = made.views.observed_areas_m2()
     assert sorted(reads) == list(range(len(STEPS)))
-    np.testing.assert_array_equal(areas, integration().observed_areas_m2())
+    np.testing.assert_array_equal(areas, integration().views.observed_areas_m2())
 
 
 def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
@@ -234,19 +234,18 @@ def test_without_masks_or_axis_the_notes_say_so() -> None:
 def test_flattening_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither the views that are used nor their shape, nor which views are known to be unusable."""
     results, threads = [], []
-    for flattens_ahead in (False, True):
+    for cores in (1, 2):
         made = Integration(Cylinder(angles_deg=STEPS[::2], span_deg=(-100.0, 100.0)))
-        made.flattens_ahead = flattens_ahead
-        flatten, own = made._flatten, set[str]()
+        flatten, own = made.views._flatten, set[str]()
 
         def watched(view: int, flatten: Any = flatten, own: set[str] = own) -> Any:
             own.add(threading.current_thread().name)
             return flatten(view)
 
-        monkeypatch.setattr(made, "_flatten", watched)
-        state = Run(made, MemorySession(SessionState(len(STEPS[::2])))).finish()
-        made._flattening_ahead.wait()
-        results.append((state.document, made.canonical(state.document).view, made._unusable()))
+        monkeypatch.setattr(made.views, "_flatten", watched)
+        state = Run(made, MemorySession(SessionState(len(STEPS[::2])))).finish(cores=cores)
+        made.views._flattening_ahead.wait()
+        results.append((state.document, made.canonical(state.document).view, made.views.unusable()))
         threads.append(own)
     assert threads == [{"MainThread"}, {"MainThread", "flatcloth-ahead"}]
     (document, view, unusable), (other, same, also) = results
@@ -361,7 +360,7 @@ def test_a_folded_view_is_neither_begun_with_nor_proposed() -> None:
 def test_the_cloud_of_a_view_lies_in_the_held_frame() -> None:
     made = integration()
     for view in (0, 3):
-        cloud = made.cloud(view)
+        cloud = made.views.cloud(view)
         offset = cloud.xyz_m - made.axis.point_m
         np.testing.assert_allclose(np.hypot(offset[:, 0], offset[:, 2]), 0.12, atol=1e-4)
         assert len(cloud.rgb) == len(cloud.xyz_m) == len(cloud.of_interest)

@@ -55,7 +55,7 @@ def test_cloth_of_a_rejected_view_is_left_out_with_its_reason_and_counted_once(
 def test_every_pixel_of_the_item_is_counted_with_what_became_of_it(session: OpenedSession) -> None:
     document, integration = session.history.document, session.integration
     found = pixel_counts(integration, document)
-    masks = [integration.frame(view).mask for view in document.used_views]
+    masks = [integration.views.frame(view).mask for view in document.used_views]
     assert sum(found.values()) == sum(int(mask.sum()) for mask in masks if mask is not None)
     assert found["shape"] > 0.8 * sum(found.values())
     assert found["unmeasured"] == found["ramp"] == found["floating"] == 0

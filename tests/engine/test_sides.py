@@ -67,20 +67,20 @@ def test_masks_that_are_found_count_as_recorded_ones() -> None:
 def test_a_stroke_changes_the_shape_and_only_the_views_whose_masks_change() -> None:
     found, solver = made()
     whole = found.canonical(Document(start_view=0)).view.area_m2
-    other = found.flattening(1)
+    other = found.views.flattening(1)
     half = found.canonical(Document(start_view=0, strokes=(LEFT_HALF,))).view.area_m2
     assert half < 0.7 * whole
-    assert found.flattening(1) is other
+    assert found.views.flattening(1) is other
     assert found.canonical(Document(start_view=0)).view.area_m2 == whole
     assert solver.solved == 2  # undo needs no new solution
 
 
 def test_strokes_on_a_recording_with_masks_are_refused_in_one_line() -> None:
     with pytest.raises(SegmentationError, match="has masks, so strokes have no effect"):
-        Integration(Cylinder(angles_deg=ANGLES)).segment((LEFT_HALF,))
+        Integration(Cylinder(angles_deg=ANGLES)).views.segment((LEFT_HALF,))
 
 
 def test_without_a_segmenter_all_of_the_item_is_of_interest() -> None:
     bare = Integration(Cylinder(angles_deg=ANGLES, masks=False))
-    assert bare.segment(()) is None
-    assert bare.frame(0).mask is None
+    assert bare.views.segment(()) is None
+    assert bare.views.frame(0).mask is None

@@ -69,7 +69,7 @@ def test_the_lessons_begin_with_the_numbers_of_the_session():
     assert Teaching(session).defaults == Parameters(
         sampling_interval_px=12,
         z_angle_limit_deg=40.0,
-        overlap_area_m2=round(2000 * float(session.observed_areas_m2().max())) / 1e4,
+        overlap_area_m2=round(2000 * float(session.views.observed_areas_m2().max())) / 1e4,
     )
     given = replace(config, planning=replace(config.planning, overlap_area_m2=0.03))
     assert Teaching(Integration(Cylinder(), given)).defaults.overlap_area_m2 == 0.03
@@ -87,15 +87,15 @@ def test_the_configuration_is_the_papers_with_the_learners_numbers():
 
 
 def test_the_start_view_shows_the_largest_surface_of_all_views(teaching, paper, session):
-    observed = session.observed_areas_m2()
-    largest_m2 = {n: paper.part(n, 0).area_m2 for n in np.flatnonzero(observed > 0.5 * observed.max())}
+    observed = session.views.observed_areas_m2()
+    largest_m2 = {n: paper.views.part(n, 0).area_m2 for n in np.flatnonzero(observed > 0.5 * observed.max())}
     assert largest_m2[teaching.start_view()] == max(largest_m2.values())
 
 
 def test_frames_are_read_once_for_the_session_and_the_lessons():
     recording = CountingCylinder(**CLOTH)
     session = Integration(recording)
-    session.flattening(0)
+    session.views.flattening(0)
     lessons = Teaching(session)
     lessons.alignment(0, lessons.defaults)
     assert recording.read.count(0) == 1

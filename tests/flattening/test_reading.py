@@ -9,7 +9,6 @@ from scenes import AXIS, box, frame, plane
 
 from flatcloth.core.cache import size_in_bytes
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
-from flatcloth.core.processes.packing import packed, unpacked
 from flatcloth.core.types import FlattenedView
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.surface import observe_item
@@ -58,14 +57,6 @@ def test_memory_counts_attributes_before_they_are_read() -> None:
         getattr(view, name)
     assert size_in_bytes(view) == pytest.approx(before, rel=0.01)
     assert size_in_bytes(replace(view)) < before  # it keeps no surface
-
-
-def test_attributes_can_be_read_after_a_way_through_shared_memory() -> None:
-    view = flattened()
-    _ = view.z_angle_deg
-    text, arrays = packed(view)
-    copy = unpacked(text, [memoryview(array.tobytes()) for array in arrays])
-    assert_same(copy, view)
 
 
 def test_threads_that_ask_at_once_get_the_same() -> None:

@@ -277,4 +277,4 @@ def test_a_recording_folder_without_an_axis_is_integrated(tmp_path: Path) -> Non
     made = Integration(open_recording(folder))
     assert made.axis.estimated
     assert any("estimated from 18 views" in note for note in made.notes)
-    assert made.flattening(0).components
+    assert made.views.flattening(0).components

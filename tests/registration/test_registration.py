@@ -15,11 +15,11 @@ ANGLES = (0.0, 20.0, 340.0)
 
 
 def features_of_views(made: Integration, views: tuple[int, ...]) -> list[ViewFeatures]:
-    return [extract_features(made.flattening(view).surface) for view in views]
+    return [extract_features(made.views.flattening(view).surface) for view in views]
 
 
 def registered(made: Integration, views: tuple[int, ...] = (0, 1, 2)) -> Registered:
-    return register_all(features_of_views(made, views), made.axis, made.held_point_m)
+    return register_all(features_of_views(made, views), made.axis, made.views.held_point_m)
 
 
 @pytest.fixture(scope="module")

@@ -86,28 +86,28 @@ def test_the_panel_previews_applies_and_counts_from_the_axis_in_force(viser_serv
 
 def test_another_axis_derives_everything_again() -> None:
     made = Integration(Cylinder(angles_deg=(0.0, 20.0, 40.0)))
-    before = made.flattening(1), made.cloud(1)
-    made.turn_about(SHIFTED)
+    before = made.views.flattening(1), made.views.cloud(1)
+    made.views.turn_about(SHIFTED)
     assert made.axis is SHIFTED
-    after = made.flattening(1), made.cloud(1)
+    after = made.views.flattening(1), made.views.cloud(1)
     assert after[0] is not before[0]
     assert not np.allclose(after[1].xyz_m, before[1].xyz_m)
-    made.turn_about(AXIS)
-    np.testing.assert_array_equal(made.cloud(1).xyz_m, before[1].xyz_m)
+    made.views.turn_about(AXIS)
+    np.testing.assert_array_equal(made.views.cloud(1).xyz_m, before[1].xyz_m)
 
 
 def test_the_agreement_tells_a_good_axis_from_a_bad_one() -> None:
     made = Integration(Cylinder(angles_deg=tuple(20.0 * n for n in range(18))))
-    good = made.axis_agreement()
-    made.turn_about(moved_axis(AXIS, right_m=0.03))
-    bad = made.axis_agreement()
+    good = made.views.axis_agreement()
+    made.views.turn_about(moved_axis(AXIS, right_m=0.03))
+    bad = made.views.axis_agreement()
 
     def share(text: str) -> int:
         return int(text.split("%")[0].split()[-1])
 
     assert share(good) > 2 * share(bad)
     lone = Integration(Cylinder(angles_deg=(0.0,)))
-    assert "No two views" in lone.axis_agreement()
+    assert "No two views" in lone.views.axis_agreement()
 
 
 # --- the page --------------------------------------------------------------------------------
@@ -202,17 +202,17 @@ def test_an_estimated_axis_belongs_to_the_session_and_a_set_one_replaces_it(tmp_
     bare = Cylinder(angles_deg=(0.0,), rotation_axis=None, held_point_m=None)
     made = Integration(bare)
     folder = SessionFolder.open(tmp_path / "session", bare, made.config, made.method)
-    settle_axis(folder.folder, made)
+    settle_axis(folder.folder, made.views)
     assert same(read_axis(folder.folder), made.axis)
     folder.keep_axis(SHIFTED)
     folder.close()
     resumed = Integration(bare)
-    settle_axis(tmp_path / "session", resumed)
+    settle_axis(tmp_path / "session", resumed.views)
     assert same(resumed.axis, SHIFTED)
 
 
 def test_a_recorded_axis_is_not_written_beside_the_session(tmp_path: Path) -> None:
-    settle_axis(tmp_path, Integration(Cylinder(angles_deg=(0.0,))))
+    settle_axis(tmp_path, Integration(Cylinder(angles_deg=(0.0,))).views)
     assert not (tmp_path / FILE).exists()
 
 

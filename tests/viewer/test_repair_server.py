@@ -232,9 +232,13 @@ def test_a_part_that_accepting_also_places_is_shown_and_left_out(server, folder,
     with Tab(server) as tab:
         (part,) = tab.proposed()["pending"]["also"]
         assert (part["view_index"], part["component"]) == (2, 0)
-        assert part["area_cm2"] == pytest.approx(1e4 * integration.part(2, 0).area_m2)
+        assert part["area_cm2"] == pytest.approx(1e4 * integration.views.part(2, 0).area_m2)
         place = np.array(part["place_uv_m"])
-        assert [bool(shows(integration.part(view, 0), place)) for view in (0, 1, 2)] == [False, False, True]
+        assert [bool(shows(integration.views.part(view, 0), place)) for view in (0, 1, 2)] == [
+            False,
+            False,
+            True,
+        ]
         tab.say(type="leave_out", view_index=1, part_view=2, component=0)
         state = tab.state_where(lambda s: not s["pending"]["also"])
         assert state["undo"] == "leave out part 1 of view 2"

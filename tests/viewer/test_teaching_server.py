@@ -170,7 +170,7 @@ def test_the_flattening_is_told_as_it_is(page, integration):
     assert values["defaults"] == {
         "sampling_interval_px": 12,
         "z_angle_limit_deg": 50.0,
-        "overlap_cm2": round(2000 * float(integration.observed_areas_m2().max())),
+        "overlap_cm2": round(2000 * float(integration.views.observed_areas_m2().max())),
     }
 
 

@@ -175,7 +175,7 @@ def test_without_masks_the_side_is_looked_for_and_the_frame_is_flattened_again(s
         assert found.wait(WAIT_S)
         return SimpleNamespace(segmentation=SimpleNamespace(text="Side of interest: 7 cm2 seen."))
 
-    integration.sides, integration.segment = object(), segment
+    integration.views.sides, integration.views.segment = object(), segment
     with LiveTab(serve(STILL)) as tab:
         tab.frame_where(lambda _: True)
         tab.until_told("all of the item is shown")

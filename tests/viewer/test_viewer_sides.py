@@ -34,7 +34,7 @@ def test_the_cloud_of_the_first_view_is_shown_while_the_sides_are_looked_for() -
         assert not failed.is_set()  # still looking
         (xyz, rgb) = shown[0]
         assert len(xyz) == len(rgb) > 100
-        expected = integration.cloud(0)
+        expected = integration.views.cloud(0)
         np.testing.assert_array_equal(xyz, expected.xyz_m)
     finally:
         looking.set()

@@ -55,7 +55,7 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
         held = {view.view_index: pose for view, pose in zip(registered.views, poses, strict=False)}
     views = []
     for index in sorted(document.used_views):
-        frame = integration.frame(index)
+        frame = integration.views.frame(index)
         pose = held.get(index) or held_from_camera(integration.axis, frame.angle_deg)
         views.append(
             SeenFrom(

@@ -54,11 +54,11 @@ class LivePlayer:
         FlatclothError
             If the view shows too little cloth; the next view then starts from its pixels.
         """
-        frame = self._integration.frame(view_index)
+        frame = self._integration.views.frame(view_index)
         view, took_ms = self.flattened(frame)
         return LiveFrame(
             view_index=view_index, angle_deg=frame.angle_deg, view=view,
-            cloud=self._integration.cloud(view_index), flatten_ms=took_ms,
+            cloud=self._integration.views.cloud(view_index), flatten_ms=took_ms,
         )  # fmt: skip
 
     def flattened(self, frame: RgbdFrame) -> tuple[FlattenedView, float]:

@@ -43,7 +43,7 @@ def pixel_states(integration: Integration, document: Document, view_index: int) 
         If the session has no start view, or the view cannot be read.
     """
     canonical = integration.canonical(document)
-    frame = integration.frame(view_index)
+    frame = integration.views.frame(view_index)
     item = item_mask(frame, integration.axis, integration.config.surface)
     known = [view.xyz_m[view.valid] for view in (canonical.view, *canonical.floating)]
     rows, cols = np.nonzero(item)
@@ -57,7 +57,7 @@ def pixel_states(integration: Integration, document: Document, view_index: int) 
 
 def states_of(integration: Integration, document: Document, view_index: int) -> Uint8:
     """Return the state (H, W) of each pixel of a view; see :class:`PixelState`."""
-    frame = integration.frame(view_index)
+    frame = integration.views.frame(view_index)
     item = frame.mask
     if item is None:
         item = item_mask(frame, integration.axis, integration.config.surface)
@@ -69,7 +69,7 @@ def states_of(integration: Integration, document: Document, view_index: int) -> 
     if found is not None:
         return found
     try:
-        flattening = integration.flattening(view_index)
+        flattening = integration.views.flattening(view_index)
     except (SurfaceError, FlatteningError):
         return states_of_view(frame, item, None, None)
     on_surface = component_states(flattening, document.components_of(view_index)) if is_used else None

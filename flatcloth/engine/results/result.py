@@ -223,10 +223,10 @@ def _parts(integration: Integration, view_index: int, states: Uint8 | None) -> I
     ``states`` (H, W) are those of its pixels, None if it is not part of the shape.
     """
     most = integration.config.flattening.max_folded_share
-    frame = integration.frame(view_index)
+    frame = integration.views.frame(view_index)
     states = np.zeros(frame.depth_m.shape, dtype=np.uint8) if states is None else states
     try:
-        components = integration.flattening(view_index).components
+        components = integration.views.flattening(view_index).components
     except (SurfaceError, FlatteningError):
         components = ()
     for component in components:

@@ -138,7 +138,7 @@ class DiagnosticsService:
             return PlainTextResponse(_GONE, status_code=410)
 
         def make() -> bytes:
-            new = self._integration.part(asked["view"], overlay.proposal.component)
+            new = self._integration.views.part(asked["view"], overlay.proposal.component)
             own = np.array(overlay.own_center_uv_m)
             placements = [overlay.sheet.shown(h.current_from_new, own) for h in hypotheses]
             return layers.png(thumbnail(picture.view, new, placements, asked["index"]))

@@ -81,7 +81,7 @@ class LiveApplication(PageController):
         """Start playing; without masks, the side of interest is found meanwhile."""
         self._put(None, self._begin)
         self._loop.start()
-        if self._integration.sides is not None:
+        if self._integration.views.sides is not None:
             self._beside.put(self._find_sides)
 
     def _find_sides(self) -> None:
@@ -89,7 +89,7 @@ class LiveApplication(PageController):
         look = "Looking for the side of interest in all views; until it is found, all of the item is shown."
         self._put(None, lambda: self._tell(None, "info", look))
         try:
-            masks = self._integration.segment(self._folder.state.document.strokes)
+            masks = self._integration.views.segment(self._folder.state.document.strokes)
         except FlatclothError as error:
             text = f"{error} All of the item is shown."
             self._put(None, lambda: self._tell(None, "warning", text))
@@ -106,7 +106,7 @@ class LiveApplication(PageController):
 
     def _prepare(self, frame: int) -> object:
         """Read a frame ahead, on a second thread."""
-        return self._integration.cloud(frame)
+        return self._integration.views.cloud(frame)
 
     def stop(self) -> None:
         """Stop playing, and both threads."""

@@ -160,7 +160,7 @@ class ReviewService:
         integration = self._integration
 
         def make(view: int) -> bytes:
-            frame = integration.frame(view)
+            frame = integration.views.frame(view)
             where = item_mask(frame, integration.axis, integration.config.surface)
             return jpeg_thumbnail(frame.color, where)
 
@@ -169,7 +169,7 @@ class ReviewService:
     async def _flat(self, request: Request) -> Response:
         def make(view: int) -> bytes:
             try:
-                flattened = self._integration.part(view, 0)
+                flattened = self._integration.views.part(view, 0)
             except FlatclothError:
                 return layers.png(picture_thumbnail(None))
             return layers.png(picture_thumbnail(flattened))

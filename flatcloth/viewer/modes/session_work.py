@@ -197,9 +197,9 @@ class SessionWork:
 
 def turned_about(integration: Integration, axis: RotationAxis) -> str:
     """Take a turning axis that was set by hand; return how well the views agree about it."""
-    integration.turn_about(axis)
+    integration.views.turn_about(axis)
     try:
-        return f"The turning axis was set by hand. {integration.axis_agreement()}"
+        return f"The turning axis was set by hand. {integration.views.axis_agreement()}"
     except FlatclothError as error:
         return f"The turning axis was set by hand. {error}"
 
@@ -237,5 +237,5 @@ def placing_piece(
     if piece is None:
         raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
     accepted = [a.view_index for a in document.accepted]
-    found = place_of_piece(integration, piece, accepted)
+    found = place_of_piece(integration.views, piece, accepted)
     return Reopen(found.view_index), TakePart(found.view_index, found.component, found.placement)

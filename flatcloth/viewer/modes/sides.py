@@ -80,7 +80,7 @@ class SideController:
     @property
     def available(self) -> bool:
         """Whether the side of interest is found by the program: the recording has no masks."""
-        return self._integration.sides is not None
+        return self._integration.views.sides is not None
 
     def stop(self) -> None:
         """End the thread."""
@@ -157,7 +157,7 @@ class SideController:
 
         def work() -> None:
             try:
-                seen = self._integration.cloud(0)
+                seen = self._integration.views.cloud(0)
             except FlatclothError as error:
                 _log.warning("view 0 cannot be shown yet: %s", error)
                 return
@@ -176,7 +176,7 @@ class SideController:
     def _work(self, strokes: tuple[Decision, ...]) -> None:
         if strokes != self._strokes:
             return  # another stroke came in the meantime
-        sides = self._integration.sides
+        sides = self._integration.views.sides
         assert sides is not None
         try:
             found = sides.solver().solve(strokes)  # the masks, which take longer, follow with the shape
@@ -210,7 +210,7 @@ class SideController:
 
     def where_next(self, strokes: tuple[Decision, ...], answer: Callable[[StrokeAdvice], None]) -> None:
         """Find where the next stroke would determine most; ``answer`` is called on another thread."""
-        sides = self._integration.sides
+        sides = self._integration.views.sides
         if sides is None:
             raise FlatclothError("This recording has masks; there is nothing to paint.")
 

@@ -115,8 +115,8 @@ def make_picture(integration: Integration, document: Document, previous: Picture
         view=sheet.view,
         present_view=present,
         angle_deg=angles_deg[present],
-        cloud=integration.cloud(present),
-        energies=tuple(tuple(level.energy) for level in integration.flattening(present).levels),
+        cloud=integration.views.cloud(present),
+        energies=tuple(tuple(level.energy) for level in integration.views.flattening(present).levels),
         legends=shape_legends,
         overlay=overlay,
         sheet=sheet,
@@ -142,7 +142,7 @@ def _overlay(
     view = overlay_on(integration, document, sheet)
     if before is not None and before.view is view and before.sheet is sheet:
         return before
-    center = center_uv_m(integration.part(pending.view_index, pending.component))
+    center = center_uv_m(integration.views.part(pending.view_index, pending.component))
     own_piece = sheet.piece_on_plane(pending.current_from_new.apply(np.array(center)))
     new_points = beyond(view, sheet.view)
     proposal, score = integration.proposal(document), integration.score(document)
@@ -163,11 +163,11 @@ def _overlay(
 
 
 def _placed_with_it(integration: Integration, pending: Pending, sheet: Sheet) -> tuple[PlacedPartInfo, ...]:
-    own = integration.part(pending.view_index, pending.component)
+    own = integration.views.part(pending.view_index, pending.component)
     own_from_plane = pending.current_from_new.inverse()
     found = []
     for placed in pending.also_placed:
-        part = integration.part(placed.view_index, placed.component)
+        part = integration.views.part(placed.view_index, placed.component)
         uv = placed.current_from_new.apply(part.uv_from_rc(np.argwhere(part.valid)))
         alone = uv[~shows(sheet.view, uv) & ~shows(own, own_from_plane.apply(uv))]
         points = alone if len(alone) else uv
@@ -194,7 +194,7 @@ def _other_components(
     for other in proposal.placement.parts:
         if other.component == pending.component:
             continue
-        view = integration.part(pending.view_index, other.component)
+        view = integration.views.part(pending.view_index, other.component)
         new = view.valid
         if other.hypothesis is not None:
             shown = sheet.shown(other.hypothesis.current_from_new, np.array(center_uv_m(view)))

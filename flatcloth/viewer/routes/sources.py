@@ -118,7 +118,7 @@ class SourceRoutes:
 
         def read() -> bytes:
             key = (kind, view, self._axis_key())
-            made: bytes = self._remembered(key, lambda: make(self._integration.frame(view)))
+            made: bytes = self._remembered(key, lambda: make(self._integration.views.frame(view)))
             return made
 
         try:
@@ -196,7 +196,7 @@ def views_that_saw(integration: Integration, position_held_m: Floats, normal_hel
         place = place_in_view(integration, view, position_held_m, normal_held)
         visibility = place.visibility
         if visibility is Visibility.SEEN:
-            frame = integration.frame(view)
+            frame = integration.views.frame(view)
             visibility = visibility_in(frame, place)
         if visibility is Visibility.SEEN:
             thumb = base64.b64encode(jpeg(crop(frame.color, place.row, place.col))).decode()

@@ -126,7 +126,7 @@ def all_views(integration: Integration, color: str) -> Cloud:
     shades = view_colors(len(views))
     for view in views:
         try:
-            cloud = integration.cloud(view)
+            cloud = integration.views.cloud(view)
         except FlatclothError:
             continue  # unreadable; the timeline reports it on request
         here = np.flatnonzero(cloud.of_interest)

@@ -54,7 +54,7 @@ def counted(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> list[int
 def test_small_caches_cost_no_work_as_a_shape_grows(monkeypatch: pytest.MonkeyPatch) -> None:
     extended, flattened = counted(monkeypatch, method, "extend_joint"), counted(monkeypatch, views, "flatten")
     made, own = integration()
-    own._shapes, own._prefixes, made._flattenings = Cache(1), Cache(1), Cache(1)
+    own._shapes, own._prefixes, made.views._flattenings = Cache(1), Cache(1), Cache(1)
     vars(made.algorithm)["_drawn"] = Cache(1)
     documents = grown(made, 1, 2, 3)
     assert (len(extended), len(flattened)) == (3, 4)

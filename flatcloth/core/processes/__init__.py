@@ -1,1 +1,0 @@
-"""Work on a second core: a copy of this process, and how its values come back."""
