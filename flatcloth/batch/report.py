@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
-import hashlib
 import json
 import os
 import re
@@ -20,7 +18,7 @@ from flatcloth.batch.rows import COLUMNS, DONE, ROW_FILE, Column, counted, rows_
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.resources import static_folder
-from flatcloth.export.bundle import bundle
+from flatcloth.export.page import common_parts
 from flatcloth.recordings.source import OPTION_NAMES, SourceOptions
 from flatcloth.rendering.drawing import data_url
 
@@ -65,33 +63,14 @@ def report_html(out: Path, *, served: bool) -> str:
         raise FlatclothError(
             f"{out}: has no results of a batch; run one: flatcloth batch SOURCE... --out {out}"
         )
-    static = static_folder()
-    style = "\n".join((static / name).read_text("utf-8") for name in ("page/page.css", "batch/report.css"))
-    script = bundle(static, "batch/report.js")
     parts = {
-        "policy": _policy(script, style),
+        **common_parts("batch/report.js", ("page/page.css", "batch/report.css"), "; connect-src 'self'"),
         "title": escape(f"{out.resolve().name} \u00b7 flatcloth batch"),
-        "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
-        "style": style,
         # So that no text can end the element that contains it.
         "data": json.dumps(_data(rows, out, served), allow_nan=False).replace("<", "\\u003c"),
-        "script": script,
     }
-    template = (static / "batch/report.html").read_text("utf-8")
+    template = (static_folder() / "batch" / "report.html").read_text("utf-8")
     return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
-
-
-def _policy(script: str, style: str) -> str:
-    """Return a policy by which the page runs its own script and speaks to its own server only."""
-
-    def digest(text: str) -> str:
-        return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
-
-    # Widths and heights of bars are set by script, which a policy for styles does not concern.
-    return (
-        f"default-src 'none'; script-src 'sha256-{digest(script)}'; style-src 'sha256-{digest(style)}';"
-        " img-src data:; connect-src 'self'; base-uri 'none'; form-action 'none'"
-    )
 
 
 def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import itertools
 import json
 import re
 import zlib
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -49,23 +50,33 @@ def page(session: OpenedSession) -> str:
     """Return the page as HTML text, with all its data."""
     parcel = Parcel()
     history = _history(session, parcel)
-    static = static_folder()
-    style = "\n".join((static / name).read_text("utf-8") for name in _STYLES)
-    modules = import_map(static, ENTRY)
-    script = f'import "{_bare(ENTRY)}";'
     parts = {
-        "policy": _policy(script, modules, style),
+        **common_parts(ENTRY, _STYLES),
         "title": escape(f"{session.history.recording_name} \u00b7 flatcloth"),
-        "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
-        "style": style,
         # No text can close its own element.
         "history": json.dumps(history, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
         "arrays": base64.b64encode(zlib.compress(parcel.pack(), 9, 31)).decode("ascii"),
+    }
+    template = (static_folder() / "offline" / "offline.html").read_text("utf-8")
+    return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
+
+
+def common_parts(entry: str, styles: Sequence[str], more_policy: str = "") -> dict[str, str]:
+    """Return what each page in one file has: policy, icon, style, modules, and the script that starts it.
+
+    ``entry`` is the module of ``static/`` that it starts with, ``styles`` its style sheets.
+    """
+    static = static_folder()
+    style = "\n".join((static / name).read_text("utf-8") for name in styles)
+    modules = import_map(static, entry)
+    script = f'import "{_bare(entry)}";'
+    return {
+        "policy": _policy(script, modules, style) + more_policy,
+        "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
+        "style": style,
         "modules": modules,
         "script": script,
     }
-    template = (static / "offline" / "offline.html").read_text("utf-8")
-    return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
 
 
 def import_map(folder: Path, entry: str) -> str:
