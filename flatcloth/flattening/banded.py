@@ -1,24 +1,24 @@
-"""Matrices of graphs as narrow bands, which are factored in place: by a plain loop, or by LAPACK where wide.
+"""Matrices of graphs as narrow bands, factored and solved by compiled loops.
 
 A band (N, B) holds the entry at (j + k, j) of the symmetric matrix at (j, k). Samples come in image
 order and garments hang long and narrow: with the points in a suitable order all entries of such a matrix
 lie near its diagonal.
+
+LAPACK (``scipy.linalg.cholesky_banded``) cannot be called from compiled code, and is no faster up to 70
+entries a row: factoring 4000 rows of 60 takes 1.5 ms (here 1.2), solving 0.28 ms (here 0.16). SciPy's
+``reverse_cuthill_mckee`` begins at any point of few neighbours. Its bands are wider: for the shapes of two
+recordings, factoring would take 1.6 and 1.9 times as long.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from numba import njit
-from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from flatcloth.core.types import Float64, Int32
-
-_WIDE = 72
-"""From so many entries a row on, LAPACK is faster than a loop, which costs no copies. Chosen: measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class Banding:
 
 def banding(n: int, edges: Int32) -> Banding:
     """Find an order with a narrow band for ``n`` points with pairs ``edges`` (M, 2) int32."""
-    order = _narrow_order(n, edges)
+    order = narrow_order(n, edges)
     place = np.empty(n, dtype=np.int32)
     place[order] = np.arange(n, dtype=np.int32)
     return Banding(order=order, place=place, pairs=np.sort(place[edges], axis=1).astype(np.int32))
@@ -59,25 +59,31 @@ class BandedLaplacian:
 
     def __init__(self, narrow: Banding, weight: Float64, held: float | Float64) -> None:
         self._narrow = narrow
-        band = laplacian_band(len(narrow.order), bandwidth_of(narrow.pairs), narrow.pairs, weight)
+        band = laplacian_band(len(narrow.order), narrow.pairs, weight)
         band[:, 0] += held if isinstance(held, float) else held[narrow.order]
-        self._factor = cast("Float64", banded_factor(band))
+        factor_in_place(band)
+        self._factor = band
 
     def solve(self, rhs: Float64) -> Float64:
         """Return the solution (N, 2) for a right-hand side (N, 2)."""
-        solved: Float64 = banded_solution(self._factor, rhs[self._narrow.order].T).T[self._narrow.place]
-        return solved
+        solved = substituted(self._factor, np.ascontiguousarray(rhs[self._narrow.order].T))
+        return np.ascontiguousarray(solved.T)[self._narrow.place]
 
 
+@njit(cache=True, nogil=True)
 def bandwidth_of(edges: Int32) -> int:
     """Return the largest difference between the numbers of pairs (M, 2)."""
-    return int(np.abs(edges[:, 0] - edges[:, 1]).max())
+    widest = 0
+    for e in range(edges.shape[0]):
+        widest = max(widest, abs(edges[e, 0] - edges[e, 1]))
+    return widest
 
 
-def _narrow_order(n: int, edges: Int32) -> Int32:
-    """Order of the points that brings pairs close together: the given order (image rows) if it does."""
+@njit(cache=True, nogil=True)
+def narrow_order(n: int, edges: Int32) -> Int32:
+    """Return an order (n,) that brings pairs close together: the given one (image rows) if it does."""
     if bandwidth_of(edges) <= 3.0 * math.sqrt(n) + 8:
-        return np.arange(n, dtype=np.int32)
+        return np.arange(n).astype(np.int32)
     return cuthill_mckee(n, edges)
 
 
@@ -132,25 +138,6 @@ _ORDERS = 3
 """Orders of the points that are tried. Chosen: no further one was narrower, of eight shapes."""
 
 
-def banded_factor(band: Float64) -> Float64 | None:
-    """Return the factor of a band for :func:`banded_solution`, None if it is not definite; overwrites it."""
-    if band.shape[1] < _WIDE:
-        return band if factor_in_place(band) else None
-    factor, failed = dpbtrf(band.T, lower=1, overwrite_ab=1)
-    return None if failed else factor.T
-
-
-def banded_solution(factor: Float64, rhs: Float64) -> Float64:
-    """Solve for (2, N): u and v separately with a Laplacian, interleaved with a Hessian of 2 N unknowns."""
-    is_apart = len(factor) == rhs.shape[1]
-    if factor.shape[1] >= _WIDE:
-        x, _ = dpbtrs(factor.T, rhs.T if is_apart else rhs.T.ravel(), lower=1)
-        return np.ascontiguousarray(x.reshape(-1, 2).T)
-    if is_apart:
-        return substituted(factor, rhs)
-    return np.ascontiguousarray(substituted(factor, rhs.T.reshape(1, -1)).reshape(-1, 2).T)
-
-
 @njit(cache=True, nogil=True)
 def factor_in_place(band: Float64) -> bool:
     """Overwrite a band (N, B) by its Cholesky factor, with the inverse of its diagonal.
@@ -197,9 +184,9 @@ def substituted(factor: Float64, rhs: Float64) -> Float64:
 
 
 @njit(cache=True, nogil=True)
-def laplacian_band(n: int, bandwidth: int, edges: Int32, weight: Float64) -> Float64:
+def laplacian_band(n: int, edges: Int32, weight: Float64) -> Float64:
     """Return the band (n, B) of a Laplacian; it is definite only after a point has been fixed."""
-    band = np.zeros((n, bandwidth + 1))
+    band = np.zeros((n, bandwidth_of(edges) + 1))
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
         band[a, 0] += weight[e]

@@ -19,7 +19,6 @@ from flatcloth.core.errors import ConfigError, FlatteningError
 from flatcloth.core.geometry import camera_from_held, fit_rigid2, held_from_camera, project
 from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
 from flatcloth.flattening.minimisation import Minimum, minimise
-from flatcloth.flattening.narrow import minimise_narrow
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
 from flatcloth.flattening.sampling import Samples, cut_necks, graph_components, sample_surface
 from flatcloth.flattening.surface import Surface
@@ -191,26 +190,21 @@ def _too_small(surface: Surface) -> str:
 
 def _solve_level(samples: Samples, initial: Float64, least_samples: int, record: bool) -> Level:
     component = _components(len(samples.points_rc), samples.edges)
-    wanted = np.bincount(component) >= least_samples
-    narrow = wanted if not record else wanted & (np.arange(len(wanted)) > 0)
-    pairs = samples.edges, samples.edge_length_m
-    uv, is_left, energy = minimise_narrow(
-        np.ascontiguousarray(initial), component, *pairs, narrow, MAJORISATIONS, ENERGY_TOLERANCE
-    )
-    largest = Minimum(uv_m=uv, energy=tuple(energy.tolist()))
-    for c in np.flatnonzero(is_left | (wanted & ~narrow)):
-        members = np.flatnonzero(component == c).astype(np.int32)
-        own = component[samples.edges[:, 0]] == c
-        result = minimise(
+    uv, largest = initial.copy(), Minimum(uv_m=initial, energy=(0.0,))
+    place, of_pair = np.empty(len(component), dtype=np.int32), component[samples.edges[:, 0]]
+    for c in np.flatnonzero(np.bincount(component) >= least_samples):
+        members, own = np.flatnonzero(component == c), np.flatnonzero(of_pair == c)
+        place[members] = np.arange(members.size)
+        found = minimise(
             initial[members],
-            np.searchsorted(members, samples.edges[own]).astype(np.int32),
+            place[samples.edges[own]],
             samples.edge_length_m[own],
             majorisations=MAJORISATIONS,
             energy_tolerance=ENERGY_TOLERANCE,
             record=record and c == 0,
         )
-        uv[members] = result.uv_m
-        largest = result if c == 0 else largest
+        uv[members] = found.uv_m
+        largest = found if c == 0 else largest
     return Level(
         samples=samples,
         component=component,

@@ -11,44 +11,45 @@ that would keep a step safe. Instead, two majorisations after each step remove t
 a linearised rotation leaves.
 
 All matrices are narrow bands (:mod:`flatcloth.flattening.banded`). Where a band is wide, conjugate
-gradients with the last factor as preconditioner are tried first.
+gradients with the last factor as preconditioner are tried first. All steps are compiled, because most
+components have so few points that calls from Python would take longer than the arithmetic.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar, cast
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Int32
 from flatcloth.flattening.banded import (
     Banding,
-    banded_factor,
-    banded_solution,
     banding,
     bandwidth_of,
+    factor_in_place,
     laplacian_band,
+    substituted,
 )
 
-T = TypeVar("T")
-ANDERSON_DEPTH = 6
-"""Past steps that Anderson acceleration combines (Walker and Ni, SINUM 2011). Chosen for speed."""
 MOST_STEPS = 60
 """Limit of Gauss-Newton steps. Chosen; the tolerance normally ends them earlier."""
-REPAIRS = 2
+_ANDERSON_DEPTH = 6
+"""Past steps that Anderson acceleration combines (Walker and Ni, SINUM 2011). Chosen for speed."""
+_REPAIRS = 2
 """Majorisations after each Gauss-Newton step. Set by hand."""
-WIDE_BAND = 24
+_WIDE_BAND = 24
 """From this bandwidth on, conjugate gradients are tried before a factorisation. Set by hand."""
 _MOST_CG_STEPS = 9
 """Conjugate gradients that need more steps than this are given up for a factorisation. Chosen for speed."""
-LEAST_DAMPING, MOST_DAMPING = 1e-9, 1e4
+_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e4
 """Range of the damping (Levenberg-Marquardt), shares of the diagonal. Chosen: none to a gradient step."""
-EXACT_M2 = 1e-14
+_EXACT_M2 = 1e-14
 """Below this H per pair the lengths count as met exactly. Set by hand."""
+_STATES = 20
+"""Recorded states that are kept at most. Chosen for the teaching view."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,10 +66,24 @@ class Minimum:
     state_iterations: tuple[int, ...] = ()
 
 
-class _Limits(NamedTuple):
-    """What ends a minimisation: a small relative gain, much damping, or many steps."""
+class Terms(NamedTuple):
+    """The terms of H: pairs (M, 2) int32, the lower number first, with their lengths and weights (M,)."""
 
+    pairs: Int32
+    length_m: Float64
+    weight: Float64
+
+
+class Limits(NamedTuple):
+    """How many majorisations come first, and what ends the Gauss-Newton steps after them.
+
+    ``tolerance`` is the share of H, with its part ``constant_m2`` that no place changes, that a step must
+    promise to lower. ``damping`` is the largest.
+    """
+
+    majorisations: int
     tolerance: float
+    constant_m2: float
     damping: float
     steps: int
 
@@ -127,23 +142,17 @@ def minimise(
     if edges.shape[0] == 0:
         return Minimum(uv_m=initial_uv_m.copy(), energy=(0.0,))
     narrow = narrow or banding(len(initial_uv_m), edges)
-    order, place, pairs = narrow.order, narrow.place, narrow.pairs
-    weights = np.ones(len(edges)) if weight is None else weight
-    x = np.ascontiguousarray((initial_uv_m[order] - initial_uv_m.mean(axis=0)).T)
-    trace = [x] if record else None
-    band = laplacian_band(x.shape[1], bandwidth_of(pairs), pairs, weights)
-    band[0, 0] += 1.0  # fixes point 0 and so makes the matrix definite
-    laplacian = banded_factor(band)
-    x, energy = _majorise(x, pairs, edge_length_m, weights, laplacian, majorisations, trace)
-    tolerance = energy_tolerance * (1.0 + least_energy_m2 / max(energy[-1], 1e-30))
-    limits = _Limits(tolerance, LEAST_DAMPING if is_near else MOST_DAMPING, most_steps)
-    x, energy = _gauss_newton(x, pairs, edge_length_m, weights, laplacian, energy, limits, trace)
-    states = [aligned_to(s.T[place], initial_uv_m) for s in _thinned(trace)] if trace else []
+    terms = Terms(narrow.pairs, edge_length_m, np.ones(len(edges)) if weight is None else weight)
+    damping = _LEAST_DAMPING if is_near else _MOST_DAMPING
+    limits = Limits(majorisations, energy_tolerance, least_energy_m2, damping, most_steps)
+    start = np.ascontiguousarray(initial_uv_m[narrow.order].T)
+    x, energy, states = _minimised(start, terms, limits, record)
+    shown = [round(i) for i in np.linspace(0, len(states) - 1, min(_STATES, len(states)))]
     return Minimum(
-        uv_m=aligned_to(x.T[place], initial_uv_m),
-        energy=tuple(energy),
-        states=tuple(states),
-        state_iterations=tuple(_thinned(list(range(len(energy))))) if record else (),
+        uv_m=x.T[narrow.place],
+        energy=tuple(energy.tolist()),
+        states=tuple(states[k].T[narrow.place] for k in shown),
+        state_iterations=tuple(shown),
     )
 
 
@@ -153,147 +162,160 @@ def energy_of(uv_m: Float64, edges: Int32, edge_length_m: Float64) -> float:
     return float(np.square(np.linalg.norm(along, axis=1) - edge_length_m).sum())
 
 
-def aligned_to(uv_m: Float64, reference_uv_m: Float64) -> Float64:
-    """Return the points moved rigidly, without a mirror, as close to the reference (N, 2) as possible."""
-    return fit_rigid2(uv_m, reference_uv_m).apply(uv_m)
+@njit(cache=True, nogil=True)
+def _minimised(
+    start: Float64, terms: Terms, limits: Limits, record: bool
+) -> tuple[Float64, Float64, Float64]:
+    """Return the points (2, N), the energies (K,), and if they are recorded the states (K, 2, N)."""
+    most = 1 + limits.majorisations + limits.steps
+    energy, states = np.empty(most), np.empty((most if record else 0, *start.shape))
+    start = start.copy()
+    center = _center(start)
+    laplacian = laplacian_band(start.shape[1], terms.pairs, terms.weight)
+    laplacian[0, 0] += 1.0  # fixes point 0 and so makes the matrix definite
+    factor_in_place(laplacian)
+    x = _majorise(start, terms, laplacian, limits.majorisations, energy, states)
+    x, count = _gauss_newton(x, terms, laplacian, limits, energy, states)
+    _lay_onto(x, start, center)
+    states = states[:count]
+    for k in range(len(states)):
+        _lay_onto(states[k], start, center)
+    return x, energy[:count], states
 
 
-def _thinned(items: list[T], most: int = 20) -> list[T]:
-    picked = np.linspace(0, len(items) - 1, min(most, len(items)))
-    return [items[round(i)] for i in picked]
-
-
+@njit(cache=True, nogil=True)
 def _majorise(
-    x: Float64,
-    edges: Int32,
-    lengths: Float64,
-    weight: Float64,
-    laplacian: Float64 | None,
-    iterations: int,
-    trace: list[Float64] | None,
-) -> tuple[Float64, list[float]]:
+    x: Float64, terms: Terms, laplacian: Float64, iterations: int, energy: Float64, states: Float64
+) -> Float64:
     """SMACOF with Anderson mixing on (2, N); a mixed step that raises H is replaced by a plain one."""
-    rhs = np.empty_like(x)
-    h = majorise_rhs(x, edges, lengths, weight, rhs)
-    energy = [h]
-    past_x, past_f = np.empty((ANDERSON_DEPTH, x.size)), np.empty((ANDERSON_DEPTH, x.size))
-    kept = 0
-    for iteration in range(iterations if laplacian is not None else 0):
-        plain = banded_solution(cast("Float64", laplacian), rhs)
-        plain -= plain.mean(axis=1, keepdims=True)
-        g, f = plain.ravel(), (plain - x).ravel()
-        candidate = anderson_mixed(past_x, past_f, kept, g, f).reshape(x.shape) if kept else plain
-        slot = iteration % ANDERSON_DEPTH
-        past_x[slot], past_f[slot] = g, f
-        kept = min(kept + 1, ANDERSON_DEPTH)
-        h_new = majorise_rhs(candidate, edges, lengths, weight, rhs)
-        if h_new > h:
+    rhs, kept = np.empty_like(x), 0
+    energy[0] = _majorise_rhs(x, terms, rhs)
+    _copy(x, states, 0)
+    past_x, past_f = np.empty((_ANDERSON_DEPTH, *x.shape)), np.empty((_ANDERSON_DEPTH, *x.shape))
+    for n in range(iterations):
+        plain = substituted(laplacian, rhs)
+        _center(plain)
+        moved = plain - x
+        candidate = _anderson_mixed(past_x[:kept], past_f[:kept], plain, moved)
+        _copy(plain, past_x, n % _ANDERSON_DEPTH)
+        _copy(moved, past_f, n % _ANDERSON_DEPTH)
+        kept = min(kept + 1, _ANDERSON_DEPTH)
+        h = _majorise_rhs(candidate, terms, rhs)
+        if h > energy[n]:
             candidate, kept = plain, 0
-            h_new = majorise_rhs(candidate, edges, lengths, weight, rhs)
-        x, h = candidate, h_new
-        energy.append(h)
-        if trace is not None:
-            trace.append(x)
-    return x, energy
+            h = _majorise_rhs(candidate, terms, rhs)
+        x, energy[n + 1] = candidate, h
+        _copy(x, states, n + 1)
+    return x
 
 
+@njit(cache=True, nogil=True)
 def _gauss_newton(
-    x: Float64,
-    edges: Int32,
-    lengths: Float64,
-    weight: Float64,
-    laplacian: Float64 | None,
-    energy: list[float],
-    limits: _Limits,
-    trace: list[Float64] | None,
-) -> tuple[Float64, list[float]]:
-    """Gauss-Newton steps on (2, N), each followed by majorisations, until the predicted gain is small."""
-    n, bandwidth = x.shape[1], bandwidth_of(edges)
-    gradient, unit, rhs = np.empty_like(x), np.empty((len(edges), 2)), np.empty_like(x)
-    damping, h, last_factor = LEAST_DAMPING, energy[-1], laplacian
-    tolerance = limits.tolerance
+    x: Float64, terms: Terms, laplacian: Float64, limits: Limits, energy: Float64, states: Float64
+) -> tuple[Float64, int]:
+    """Gauss-Newton steps on (2, N), each followed by majorisations, until the predicted gain is small.
+
+    Also returns how many energies and states there are now.
+    """
+    count = limits.majorisations + 1
+    h = energy[count - 1]
+    tolerance = limits.tolerance * (1.0 + limits.constant_m2 / max(h, 1e-30))
+    is_wide = bandwidth_of(terms.pairs) > _WIDE_BAND
+    gradient, unit, rhs = np.empty_like(x), np.empty((len(terms.pairs), 2)), np.empty_like(x)
+    damping, factor = _LEAST_DAMPING, laplacian
     for _ in range(limits.steps):
-        if h <= EXACT_M2 * len(edges):
+        if h <= _EXACT_M2 * len(terms.pairs):
             break
-        write_gradient(x, edges, lengths, weight, unit, gradient)
-        found = None
-        if bandwidth > WIDE_BAND and damping <= LEAST_DAMPING and last_factor is not None:
-            found = _conjugate_gradients(gradient, edges, unit, last_factor, h, tolerance)
-        if found is None:
-            factor = banded_factor(hessian_band(n, bandwidth, edges, unit, damping))
-            if factor is not None:
-                last_factor = factor
-                step = banded_solution(factor, gradient)
-                found = step, float(np.vdot(gradient, step))
-        step, gain = found if found is not None else (np.zeros_like(x), 0.0)
+        _write_gradient(x, terms, unit, gradient)
+        step, gain, is_found = np.zeros_like(x), 0.0, False
+        if is_wide and damping <= _LEAST_DAMPING:
+            step, gain, is_found = _conjugate_gradients(gradient, terms.pairs, unit, factor, tolerance * h)
+        if not is_found:
+            hessian = _hessian_band(x.shape[1], terms.pairs, unit, damping)
+            is_found = factor_in_place(hessian)
+            if is_found:
+                factor = hessian
+                step = _solved(factor, gradient)
+                gain = _product(gradient, step)
         candidate = x - step
-        h_new = majorise_rhs(candidate, edges, lengths, weight, rhs)
-        if laplacian is not None and (gain > tolerance * h or h_new >= h):
-            for _ in range(REPAIRS):
-                candidate = banded_solution(laplacian, rhs)
-                h_new = majorise_rhs(candidate, edges, lengths, weight, rhs)
+        h_new = _majorise_rhs(candidate, terms, rhs)
+        if gain > tolerance * h or h_new >= h:
+            for _repair in range(_REPAIRS):
+                candidate = substituted(laplacian, rhs)
+                h_new = _majorise_rhs(candidate, terms, rhs)
         if not h_new < h:
             damping *= 10
-            if found is None or damping > limits.damping:
+            if not is_found or damping > limits.damping:
                 break
             continue
-        x, h = candidate, h_new
-        energy.append(h)
-        if trace is not None:
-            trace.append(x - x.mean(axis=1, keepdims=True))
-        damping = max(0.1 * damping, LEAST_DAMPING)
+        x, h, energy[count] = candidate, h_new, h_new
+        _copy(x, states, count)
+        count += 1
+        damping = max(0.1 * damping, _LEAST_DAMPING)
         if gain <= tolerance * h:
             break
-    return x, energy
+    return x, count
 
 
+@njit(cache=True, nogil=True)
 def _conjugate_gradients(
-    gradient: Float64, edges: Int32, unit: Float64, factor: Float64, h: float, tolerance: float
-) -> tuple[Float64, float] | None:
-    """Solve the Gauss-Newton system roughly; return the step and its predicted gain, or None if slow.
+    gradient: Float64, pairs: Int32, unit: Float64, factor: Float64, negligible: float
+) -> tuple[Float64, float, bool]:
+    """Solve the Gauss-Newton system roughly: the step, its predicted gain, and whether that was quick.
 
     The iteration ends when the gain of further steps, predicted from the rate so far, is negligible.
     """
-    step, curved = np.zeros_like(gradient), np.empty_like(gradient)
-    rest = gradient.copy()
-    toward = banded_solution(factor, rest)
-    direction, power, gain = toward, float(np.vdot(rest, toward)), 0.0
+    step, curved, rest = np.zeros_like(gradient), np.empty_like(gradient), gradient.copy()
+    toward = _solved(factor, rest)
+    direction, power, gain = toward, _product(rest, toward), 0.0
     for iteration in range(_MOST_CG_STEPS):
-        _hessian_times(direction, edges, unit, curved)
-        length = power / max(float(np.vdot(direction, curved)), 1e-300)
+        _hessian_times(direction, pairs, unit, curved)
+        length = power / max(_product(direction, curved), 1e-300)
         step += length * direction
         rest -= length * curved
         added = length * power
         gain += added
-        toward = banded_solution(factor, rest)
-        new_power = float(np.vdot(rest, toward))
+        toward = _solved(factor, rest)
+        new_power = _product(rest, toward)
         rate = min(new_power / power, 0.95) if power > 0 else 0.0
         forecast = added * rate / (1.0 - rate)
-        if iteration >= 2 and forecast <= max(0.05 * gain, 0.2 * tolerance * h):
-            return step, gain + forecast
+        if iteration >= 2 and forecast <= max(0.05 * gain, 0.2 * negligible):
+            return step, gain + forecast, True
         direction = toward + (new_power / max(power, 1e-300)) * direction
         power = new_power
-    return None
+    return np.zeros_like(gradient), 0.0, False
 
 
 @njit(cache=True, nogil=True)
-def anderson_mixed(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: Float64) -> Float64:
-    """Combine the past images so that the combined residual is smallest."""
-    gram, share = np.zeros((kept, kept)), np.zeros(kept)
+def _solved(factor: Float64, rhs: Float64) -> Float64:
+    """Return the solution (2, N) with the factor of a Laplacian, or of a Hessian of 2 N unknowns."""
+    n = rhs.shape[1]
+    if len(factor) == n:
+        return substituted(factor, rhs)
+    mixed, step = np.empty((1, 2 * n)), np.empty_like(rhs)
+    for m in range(n):
+        mixed[0, 2 * m], mixed[0, 2 * m + 1] = rhs[0, m], rhs[1, m]
+    mixed = substituted(factor, mixed)
+    for m in range(n):
+        step[0, m], step[1, m] = mixed[0, 2 * m], mixed[0, 2 * m + 1]
+    return step
+
+
+@njit(cache=True, nogil=True)
+def _anderson_mixed(past_x: Float64, past_f: Float64, g: Float64, f: Float64) -> Float64:
+    """Combine the images g (2, N) of the past steps so that the combined residual f (2, N) is smallest.
+
+    The few equations are eliminated in place: ``np.linalg.solve`` takes longer to call.
+    """
+    kept = len(past_x)
+    gram, share, largest = np.zeros((kept, kept)), np.zeros(kept), 0.0
     for i in range(kept):
         for j in range(i + 1):
-            s = 0.0
-            for k in range(f.size):
-                s += (f[k] - past_f[i, k]) * (f[k] - past_f[j, k])
-            gram[i, j] = gram[j, i] = s
-        for k in range(f.size):
-            share[i] += (f[k] - past_f[i, k]) * f[k]
-    largest = 0.0
-    for i in range(kept):
+            gram[i, j] = gram[j, i] = ((f - past_f[i]) * (f - past_f[j])).sum()
+        share[i] = ((f - past_f[i]) * f).sum()
         largest = max(largest, gram[i, i])
     for i in range(kept):
         gram[i, i] += 1e-12 * largest + 1e-300
-    # Gaussian elimination: the matrix is definite.
     for i in range(kept):
         for j in range(i + 1, kept):
             s = gram[j, i] / gram[i, i]
@@ -305,18 +327,18 @@ def anderson_mixed(past_x: Float64, past_f: Float64, kept: int, g: Float64, f: F
         for j in range(i + 1, kept):
             share[i] -= gram[i, j] * share[j]
         share[i] /= gram[i, i]
-        for k in range(g.size):
-            mixed[k] += share[i] * (past_x[i, k] - g[k])
+        mixed += share[i] * (past_x[i] - g)
     return mixed
 
 
 @njit(cache=True, nogil=True)
-def majorise_rhs(x: Float64, edges: Int32, lengths: Float64, weight: Float64, rhs: Float64) -> float:
+def _majorise_rhs(x: Float64, terms: Terms, rhs: Float64) -> float:
     """Write B(x) x, the right-hand side of the majorising solve, and return H."""
+    pairs, lengths, weight = terms
     rhs[:] = 0.0
     h = 0.0
-    for e in range(edges.shape[0]):
-        a, b = edges[e, 0], edges[e, 1]
+    for e in range(pairs.shape[0]):
+        a, b = pairs[e, 0], pairs[e, 1]
         du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
         d = math.sqrt(du * du + dv * dv)
         h += weight[e] * (d - lengths[e]) ** 2
@@ -329,13 +351,12 @@ def majorise_rhs(x: Float64, edges: Int32, lengths: Float64, weight: Float64, rh
 
 
 @njit(cache=True, nogil=True)
-def write_gradient(
-    x: Float64, edges: Int32, lengths: Float64, weight: Float64, unit: Float64, gradient: Float64
-) -> None:
+def _write_gradient(x: Float64, terms: Terms, unit: Float64, gradient: Float64) -> None:
     """Write the unit vectors of all pairs, times the root of the weights, and the gradient of H / 2."""
+    pairs, lengths, weight = terms
     gradient[:] = 0.0
-    for e in range(edges.shape[0]):
-        a, b = edges[e, 0], edges[e, 1]
+    for e in range(pairs.shape[0]):
+        a, b = pairs[e, 0], pairs[e, 1]
         du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
         d = max(math.sqrt(du * du + dv * dv), 1e-12)
         root = math.sqrt(weight[e])
@@ -347,12 +368,12 @@ def write_gradient(
 
 
 @njit(cache=True, nogil=True)
-def hessian_band(n: int, bandwidth: int, edges: Int32, unit: Float64, damping: float) -> Float64:
+def _hessian_band(n: int, pairs: Int32, unit: Float64, damping: float) -> Float64:
     """Band (2 n, B) of the Gauss-Newton Hessian of H / 2, u and v interleaved."""
-    band = np.zeros((2 * n, 2 * bandwidth + 2))
+    band = np.zeros((2 * n, 2 * bandwidth_of(pairs) + 2))
     band[:, 0] = damping
-    for e in range(edges.shape[0]):
-        a, b = edges[e, 0], edges[e, 1]
+    for e in range(pairs.shape[0]):
+        a, b = pairs[e, 0], pairs[e, 1]
         uu, uv, vv = unit[e, 0] ** 2, unit[e, 0] * unit[e, 1], unit[e, 1] ** 2
         for end in (a, b):
             band[2 * end, 0] += uu
@@ -367,12 +388,59 @@ def hessian_band(n: int, bandwidth: int, edges: Int32, unit: Float64, damping: f
 
 
 @njit(cache=True, nogil=True)
-def _hessian_times(p: Float64, edges: Int32, unit: Float64, product: Float64) -> None:
+def _hessian_times(p: Float64, pairs: Int32, unit: Float64, product: Float64) -> None:
     """Write the Gauss-Newton Hessian of H / 2 times p (2, N)."""
     product[:] = 0.0
-    for e in range(edges.shape[0]):
-        a, b = edges[e, 0], edges[e, 1]
+    for e in range(pairs.shape[0]):
+        a, b = pairs[e, 0], pairs[e, 1]
         along = unit[e, 0] * (p[0, a] - p[0, b]) + unit[e, 1] * (p[1, a] - p[1, b])
         for k in range(2):
             product[k, a] += along * unit[e, k]
             product[k, b] -= along * unit[e, k]
+
+
+@njit(cache=True, nogil=True)
+def _copy(x: Float64, kept: Float64, n: int) -> None:
+    """Write points (2, N) to the n-th place of those that are kept (K, 2, N), if there is room."""
+    if n < len(kept):
+        for c in range(2):
+            for m in range(x.shape[1]):
+                kept[n, c, m] = x[c, m]
+
+
+@njit(cache=True, nogil=True)
+def _product(p: Float64, q: Float64) -> float:
+    """Return the scalar product of vectors (2, N)."""
+    total = 0.0
+    for m in range(p.shape[1]):
+        total += p[0, m] * q[0, m]
+        total += p[1, m] * q[1, m]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _center(x: Float64) -> tuple[float, float]:
+    """Move points (2, N) so that their centroid is 0; return where it was."""
+    u, v = x[0].sum() / x.shape[1], x[1].sum() / x.shape[1]
+    for m in range(x.shape[1]):
+        x[0, m] -= u
+        x[1, m] -= v
+    return u, v
+
+
+@njit(cache=True, nogil=True)
+def _lay_onto(x: Float64, target: Float64, center: tuple[float, float]) -> None:
+    """Move points (2, N) rigidly, without a mirror, as close as possible to a target (2, N) around 0.
+
+    The target is moved from 0 to ``center``.
+    """
+    _center(x)
+    along = (x[0] * target[0] + x[1] * target[1]).sum()
+    across = (x[0] * target[1] - x[1] * target[0]).sum()
+    length = math.sqrt(along * along + across * across)
+    cos, sin = (along / length, across / length) if length > 0.0 else (1.0, 0.0)
+    for m in range(x.shape[1]):
+        u, v = x[0, m], x[1, m]
+        x[0, m], x[1, m] = cos * u - sin * v, sin * u + cos * v
+        x[0, m] += center[0]
+        x[1, m] += center[1]

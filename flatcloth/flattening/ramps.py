@@ -26,13 +26,13 @@ from flatcloth.flattening.patches import median
 _RAMP_HALF_WIDTH_PX = 4
 """Half the width of the slopes by which a stereo sensor joins two layers. Set by hand."""
 RAMP_HEIGHT_M = 0.010
-"""A ramp rises by at least this more than the surface beside it explains. Set by hand."""
+"""A ramp rises by at least this more than the slopes on both sides of it explain. Set by hand."""
 _RAMP_SLOPE = 1.5
 """A ramp's middle is at least this steep (depth over width). Set by hand."""
 _RAMP_LENGTH_PX = 8
 """A ramp is at least this long; shorter ones are noise. Set by hand."""
 _WEAK_RAMP_SHARE = 0.7
-"""Where a ramp goes on with this share of its least height and slope, it is still one. Set by hand."""
+"""A ramp continues where its height and slope are at least this share of the least ones. Set by hand."""
 _LEAST_JUMP_M = 0.001
 """Least jump that separates layers. Measured once on the noiseless synthetic recordings, by no command of
 this repository: of steps between frontal pixels of cloth one in a thousand exceeds 0.7 to 0.9 mm, of steps
@@ -54,7 +54,7 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics) -> Bool:
         The camera.
     """
     focal = math.sqrt(intrinsics.fx * intrinsics.fy)
-    strength = _strength(inverse_depth, _RAMP_HALF_WIDTH_PX, RAMP_HEIGHT_M, _RAMP_SLOPE, focal)
+    strength = _strength(inverse_depth, focal)
     # An edge between layers is long; a short one is noise. Where the layers come closer together,
     # the edge continues as a weaker ramp, which could be a fold if it stood alone.
     edge = long_ones(strength >= 1.0, _RAMP_LENGTH_PX)
@@ -133,10 +133,12 @@ def _relax(values: Float64, holes: Int64, sweeps: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _strength(
-    inverse_depth: Float64, half: int, least_height: float, least_slope: float, focal: float
-) -> Float32:
-    """Ramp strength of each pixel (H, W): 1 where height and slope both reach their least values."""
+def _strength(inverse_depth: Float64, focal: float) -> Float32:
+    """Ramp strength of each pixel (H, W): 1 where height and slope both reach their least values.
+
+    0 where it is below ``_WEAK_RAMP_SHARE``.
+    """
+    half = _RAMP_HALF_WIDTH_PX
     rows, cols = inverse_depth.shape
     strength = np.zeros((rows, cols), dtype=np.float32)
     # With a rim as wide as is looked from a pixel, so that all positions in the flat array are inside.
@@ -147,7 +149,7 @@ def _strength(
         for c in range(cols):
             if inverse_depth[r, c] > 0.0:
                 depth[(r + rim) * width + c + rim] = 1.0 / inverse_depth[r, c]
-    per_m = focal / (4.0 * least_slope)
+    per_m = focal / (4.0 * _RAMP_SLOPE)
     for r in range(2, rows - 2):
         for c in range(2, cols - 2):
             q = inverse_depth[r, c]
@@ -163,13 +165,13 @@ def _strength(
                 if before <= 0 or after <= 0:
                     continue
                 steepness = abs(after - before) * q * (per_m / 1.4142 if k > 1 else per_m)
-                if steepness < 0.3 or steepness <= best:
+                if steepness < _WEAK_RAMP_SHARE or steepness <= best:
                     continue
-                height = _excess(depth, p, step, half, max(0.3, float(best)) * least_height)
-                found = np.float32(min(steepness, height / least_height))
+                height = _excess(depth, p, step, half, max(_WEAK_RAMP_SHARE, float(best)) * RAMP_HEIGHT_M)
+                found = np.float32(min(steepness, height / RAMP_HEIGHT_M))
                 if found > best:
                     best, best_dr, best_dc = found, dr, dc
-            if best > 0.3:
+            if best > 0.0:
                 # Only the steep middle is marked; its ends still lie on the layers.
                 spread = 1 if best >= 1.0 else 0
                 for k in range(-spread, spread + 1):

@@ -1,11 +1,11 @@
-"""Wide ramps: depth that changes over 10 to 24 pixels from one layer to the other, cut where the colour does.
+"""Wide ramps: depth that changes over 10 to 24 pixels between two layers, cut at edges of the colour.
 
 Stereo that matches large windows blurs a jump between two layers into a slope that cloth could have. The
-colour image is sharp: where it has an edge along such a slope, the front layer ends. Each layer is
-continued to that edge as it runs beside the ramp. Without an edge a ramp cannot be told from a
-fold, and the depth stays as measured; nor is anything changed if there are narrow edges: the sensor is sharp,
-and what looks like a wide ramp is cloth. One view may show no edge between layers, above all where only one
-side of the cloth is looked at, so that views are counted together.
+colour image is sharp: an edge of the colour along such a slope shows where the front layer ends. Each layer
+is extrapolated to that edge from the depth beside the ramp. A ramp without an edge of the colour could be a
+fold, and keeps its measured depth. If a sensor also shows narrow depth edges, it does not blur, and its wide
+ramps are cloth; nothing is changed then. One view may show no edge between layers, especially where it
+shows only one side of the cloth, so the edges of several views are counted together.
 """
 
 from __future__ import annotations
@@ -23,42 +23,49 @@ from flatcloth.core.types import Bool, Float32, Float64, Intrinsics
 from flatcloth.flattening.ramps import RAMP_HEIGHT_M, long_ones, regions_with
 
 _NARROWEST_PX, _WIDEST_PX = 5, 15
-"""Half the width of a wide ramp. Narrower ones are those of :mod:`flatcloth.flattening.ramps`. Chosen: a
-view of a ZED has up to 20 px."""
-_SIDE_PX = 6
-"""Each layer is continued as it runs over so many pixels beside the ramp. Chosen: about a normal's window."""
-_LEAST_SIDE = 4
-"""Pixels of these that must be measured. Chosen."""
+"""Half the width of a wide ramp. :mod:`flatcloth.flattening.ramps` finds narrower ones. Chosen: in a view
+of a ZED they have up to 20 px."""
+_SIDE_PX, _LEAST_SIDE = 6, 4
+"""Pixels beside a ramp from which a layer is extrapolated, and how many of them must be measured. Chosen:
+about the window of a normal."""
 _STEEPER = 3.0
-"""The ramp rises at least so many times as much as the layers beside it would. Chosen."""
+"""Least ratio of a ramp's height to what the layers beside it would rise over its width. Chosen."""
 _WIDE_SHARE = 0.8
-"""Less than this share of the height lies in the middle 8 pixels, or the ramp is not wide. Chosen: a
-linear ramp of 10 px has 0.8."""
+"""Largest share of a wide ramp's height that lies in its middle 8 pixels. Chosen: a linear ramp of 10 px
+has 0.8."""
+_LARGEST_STEP = 0.4
+"""Largest share of a wide ramp's height that lies between two pixels; more is a jump as measured. Chosen."""
 _CENTRED = 0.2
-"""The middle of a ramp is at its half height up to this share. Chosen."""
+"""The depth in the middle of a ramp differs from the mean of both ends by at most this share of the height.
+Chosen."""
 _WHOLE = 0.99
-"""Share of its height at which a ramp is whole. Chosen: with less, what is beside it lies in the ramp."""
+"""Share of the largest height over all widths from which a ramp counts as complete. Chosen: with less, its
+ends would be taken for the layers."""
 _EDGE_TO_TEXTURE = 4.0
-"""A colour edge is so many times as strong as the median of the item. Chosen: of Gaussian noise one pixel in
-10 000 is; on patterned cloth nothing is, and nothing is cut."""
+"""Least strength of a colour edge, in medians of the item's. Chosen: Gaussian noise exceeds it at one pixel
+in 10 000; patterned cloth never does, and is not cut."""
 _WEAK_EDGE_SHARE = 0.5
-"""Where an edge goes on with this share of that, it is still one. Chosen."""
+"""An edge continues where its strength is at least this share of that. Chosen."""
 _LEAST_EDGE = 3.0
-"""Nor is one weaker than this, in CIELAB. Chosen: the least difference that is seen at a glance."""
+"""Least strength of a colour edge in CIELAB. Chosen: the least difference that is seen at a glance."""
 _LEAST_SLOPE = 0.8
-"""A wide ramp is at least this steep (depth over width). Chosen: about 45 degrees without its ends."""
+"""Least slope (depth over width) of a wide ramp. Chosen: about 45 degrees without its ends."""
 _ASLANT = 0.4
-"""The colour changes along an edge by at most this share of the change across it, over as many pixels: it
-runs as the ramp does, up to 22 degrees. Chosen: the edge of a print does not."""
-_RIM_PX = 12
-"""Nearer to the outline of the item no edges are counted: the background may be missing. Chosen."""
+"""Largest ratio of the change of colour along an edge to that across it, over the same distance: the edge
+runs along the ramp to within 22 degrees. Chosen: the edge of a print does not."""
+_WINDOW_PX = 12
+"""Half of the window in which edges are compared, and so the distance from the outline within which none
+are counted (the background may be missing); also the least length of a cut. Chosen: half as long again as a
+narrow ramp, because colours have more edges than depth."""
+_NARROW_SHARE = 0.7
+"""An edge is narrow if its middle 4 pixels rise by more than this share of its height over the window.
+Chosen."""
 _LEAST_WIDE = 100
-"""Fewer middles of wide ramps do not show that the sensor blurs. Chosen: four edges of 25 px."""
+"""Least number of pixels in the middle of wide ramps in views of a sensor that blurs. Chosen: four edges of
+25 px."""
 _WIDE_TO_NARROW = 8.0
-"""A sensor that blurs has so many times as many wide ramps as edges that rise over 4 px by 7 tenths of what
-they do over 24. Chosen: a ZED view has 15 times; 81 simulated views, sharp or like a D435's, at most 4.7."""
-_LENGTH_PX = 12
-"""A cut is at least this long. Chosen: half as long again as a ramp, as colours have more edges."""
+"""A sensor blurs if the ratio of pixels in the middle of wide ramps to pixels on narrow edges exceeds this.
+Chosen: it is 15 in a ZED view, and at most 4.7 in 81 simulated views, sharp or like a D435's."""
 
 
 class EdgeWidths(NamedTuple):
@@ -120,7 +127,7 @@ def cut_wide_ramps(
     offset = _edges(lab, half, way, _WEAK_EDGE_SHARE * level)
     sure = _lines(_edges(lab, half, way, level), half, way)
     line = _lines(offset, half, way)
-    line &= regions_with(long_ones(_thick(sure), _LENGTH_PX) & sure, _thick(line))
+    line &= regions_with(long_ones(_thick(sure), _WINDOW_PX) & sure, _thick(line))
     if not line.any():
         return inverse_depth, none
     near, far = _continued(smooth, half, way, offset, line)
@@ -152,19 +159,21 @@ def blurs_edges(views: Iterable[EdgeWidths]) -> bool:
 def _ramps(smooth: Float64, intrinsics: Intrinsics) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     """Return half the width of the wide ramp whose middle a pixel is (H, W), 0 elsewhere; its direction."""
     half, way = _wide(smooth, math.sqrt(intrinsics.fx * intrinsics.fy))
-    return np.where(long_ones(_thick(half > 0), _LENGTH_PX), _middles(half, way), 0).astype(np.int8), way
+    return np.where(long_ones(_thick(half > 0), _WINDOW_PX), _middles(half, way), 0).astype(np.int8), way
 
 
 def _widths(inverse_depth: Float64, middles: Bool) -> EdgeWidths:
     item = cv2.morphologyEx((inverse_depth > 0).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-    inside = cv2.erode(item, np.ones((2 * _RIM_PX + 1, 2 * _RIM_PX + 1), np.uint8)) > 0
+    inside = cv2.erode(item, np.ones((2 * _WINDOW_PX + 1, 2 * _WINDOW_PX + 1), np.uint8)) > 0
     wide = np.count_nonzero(middles & inside)
     depth = np.where(inverse_depth > 0, 1.0 / np.where(inverse_depth > 0, inverse_depth, 1.0), np.nan)
     narrow = np.zeros(depth.shape, dtype=np.bool_)
     for whole, found in ((depth, narrow), (depth.T, narrow.T)):
         step = np.abs(whole[:, 14:-10] - whole[:, 10:-14])
-        found[:, 12:-12] |= (step > RAMP_HEIGHT_M) & (step > 0.7 * np.abs(whole[:, 24:] - whole[:, :-24]))
-    return EdgeWidths(int(wide), int(np.count_nonzero(long_ones(narrow & inside, _LENGTH_PX))))
+        found[:, 12:-12] |= (step > RAMP_HEIGHT_M) & (
+            step > _NARROW_SHARE * np.abs(whole[:, 24:] - whole[:, :-24])
+        )
+    return EdgeWidths(int(wide), int(np.count_nonzero(long_ones(narrow & inside, _WINDOW_PX))))
 
 
 def _thick(found: Bool) -> Bool:
@@ -235,7 +244,7 @@ def _excess(inverse_depth: Float64, r: int, c: int, dr: int, dc: int, half: int)
         q = _at(inverse_depth, r + t * dr, c + t * dc)
         if q <= 0:
             return 0.0
-        if sign * (1.0 / q - before) > 0.4 * sign * height:
+        if sign * (1.0 / q - before) > _LARGEST_STEP * sign * height:
             return 0.0  # a jump as measured
         before = 1.0 / q
     return min(sign * height - max(side_a, 0.0) - max(side_b, 0.0), sign * height - side_a - side_b)

@@ -297,17 +297,7 @@ def compare(
     """
     block_px = max(4.0, _BLOCK_SIZE_M / one.pixel_pitch_m)
     rows, cols = (int(size / block_px) + 1 for size in one.usable.shape)
-    blocks, points = rows * cols, len(one.points_m) + len(other.points_m)
-    sums = Sums(
-        matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
-        scores=np.zeros((TERMS, blocks, UNKNOWNS)),
-        products=np.zeros((CHANNELS, 3)),
-        parts=np.zeros(blocks),
-        moments=np.zeros((4, 4)),
-        tally=np.zeros(3),
-        found=np.zeros((TERMS, points)),
-        counts=np.zeros(2, dtype=np.int64),
-    )
+    sums = _no_sums(rows * cols, len(one.points_m) + len(other.points_m))
     limits = Limits(
         search_radius_m=search_radius_m,
         same_normal_cos=gates.same_normal_cos,
@@ -346,6 +336,19 @@ def compare(
         parts=sums.parts,
         inertia=_inertia(sums.moments),
         tally=sums.tally,
+    )
+
+
+def _no_sums(blocks: int, points: int) -> Sums:
+    return Sums(
+        matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
+        scores=np.zeros((TERMS, blocks, UNKNOWNS)),
+        products=np.zeros((CHANNELS, 3)),
+        parts=np.zeros(blocks),
+        moments=np.zeros((4, 4)),
+        tally=np.zeros(3),
+        found=np.zeros((TERMS, points)),
+        counts=np.zeros(2, dtype=np.int64),
     )
 
 

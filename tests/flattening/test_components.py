@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from flatcloth.flattening.banded import BandedLaplacian, banding, bandwidth_of, cuthill_mckee, narrow_order
+from flatcloth.flattening.flatten import Level, _solve_level
+from flatcloth.flattening.minimisation import energy_of, minimise
+from flatcloth.flattening.sampling import Samples
+
+Sheet = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]
+
+
+def sheet(rows: int, cols: int, seed: int = 0) -> Sheet:
+    """A grid of points, a centimetre apart, seen bent: start, pairs with diagonals, lengths."""
+    random = np.random.default_rng(seed)
+    r, c = np.divmod(np.arange(rows * cols), cols)
+    place = 0.01 * np.stack([c, r], axis=1)
+    apart = np.abs(r[:, None] - r), np.abs(c[:, None] - c)
+    edges = np.argwhere(np.triu(np.maximum(*apart) == 1)).astype(np.int32)
+    lengths = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1)
+    start = place * (1.0, 0.7) + 0.001 * random.standard_normal(place.shape) + 0.3
+    return start, edges, lengths * (1.0 + 0.01 * random.standard_normal(lengths.size))
+
+
+def together(*sheets: Sheet) -> tuple[Sheet, NDArray[np.int32]]:
+    """The points of some sheets in one list, and whose they are."""
+    first = np.cumsum([0, *(len(start) for start, _, _ in sheets)])
+    component = np.repeat(np.arange(len(sheets), dtype=np.int32), np.diff(first))
+    edges = np.concatenate([of[1] + first[k] for k, of in enumerate(sheets)]).astype(np.int32)
+    start, lengths = (np.concatenate([of[k] for of in sheets]) for k in (0, 2))
+    return (start, edges, lengths), component
+
+
+def shuffled(one: Sheet, seed: int = 7) -> tuple[Sheet, NDArray[np.int64]]:
+    """The same sheet with its points in another order, and where each point has gone."""
+    start, edges, lengths = one
+    place = np.random.default_rng(seed).permutation(len(start))
+    moved = np.empty_like(start)
+    moved[place] = start
+    return (moved, place[edges].astype(np.int32), lengths), place
+
+
+def shown(*sheets: Sheet) -> Samples:
+    """The points of some sheets as samples of one view."""
+    (start, edges, lengths), _ = together(*sheets)
+    nothing = np.zeros((len(start), 3))
+    return Samples(
+        sampling_interval_px=6,
+        points_rc=np.zeros((len(start), 2), dtype=np.int32),
+        points_m=nothing,
+        normal=nothing,
+        edges=edges,
+        edge_length_m=lengths,
+    )
+
+
+def solved(*sheets: Sheet, least: int = 1, record: bool = False) -> tuple[Level, list[NDArray[np.float64]]]:
+    """Return a level of these sheets, and its points by sheet."""
+    (start, _, _), component = together(*sheets)
+    level = _solve_level(shown(*sheets), start, least, record)
+    return level, [level.uv_m[component == k] for k in range(len(sheets))]
+
+
+def test_components_are_minimised_as_each_alone_and_the_largest_is_the_first() -> None:
+    sheets = [sheet(3, 7, 1), sheet(12, 5), sheet(1, 2, 2), sheet(32, 32, 3)]
+    level, found = solved(*sheets)
+    for one, uv in zip(sheets, found, strict=True):
+        np.testing.assert_array_equal(uv, minimise(*one, majorisations=6, energy_tolerance=2e-3).uv_m)
+    assert level.component[-1] == 0
+    assert level.energy == minimise(*sheets[3], majorisations=6, energy_tolerance=2e-3).energy
+    assert level.states == ()
+
+
+def test_small_components_and_points_without_pairs_stay_where_they_were() -> None:
+    alone = np.array([[0.1, 0.2]]), np.zeros((0, 2), dtype=np.int32), np.zeros(0)
+    sheets = [sheet(4, 4), sheet(3, 3, 1), alone]
+    _, (large, small, single) = solved(*sheets, least=10)
+    assert np.abs(large - sheets[0][0]).max() > 1e-3
+    np.testing.assert_array_equal(small, sheets[1][0])
+    _, (_, _, single) = solved(*sheets)
+    np.testing.assert_array_equal(single, alone[0])
+
+
+def test_states_of_the_largest_component_lead_to_its_result() -> None:
+    one = shuffled(sheet(4, 40))[0]
+    level, (_, uv) = solved(sheet(3, 3, 1), one, record=True)
+    assert level.state_iterations[0] == 0
+    assert level.state_iterations[-1] == len(level.energy) - 1
+    np.testing.assert_array_equal(level.states[-1], uv)
+    for state, n in zip(level.states, level.state_iterations, strict=True):
+        assert energy_of(state, *one[1:]) == pytest.approx(level.energy[n])
+
+
+def test_the_order_of_the_points_does_not_change_the_result() -> None:
+    one = sheet(5, 60)
+    other, place = shuffled(one)
+    options = {"majorisations": 6, "energy_tolerance": 1e-3}
+    np.testing.assert_allclose(
+        minimise(*other, **options).uv_m[place], minimise(*one, **options).uv_m, atol=2e-4
+    )
+
+
+def test_a_wide_sheet_reaches_the_minimum_of_exact_lengths() -> None:
+    """So wide that conjugate gradients are tried before each factorisation."""
+    start, edges, _ = sheet(45, 45)
+    r, c = np.divmod(np.arange(45 * 45), 45)
+    place = 0.01 * np.stack([c, r], axis=1)
+    lengths = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1)
+    found = minimise(start, edges, lengths, majorisations=6, energy_tolerance=1e-9)
+    assert found.energy[-1] < 1e-14 * len(edges)  # met exactly
+    assert len(found.energy) < 30
+
+
+def test_an_order_brings_the_ends_of_pairs_close_together() -> None:
+    (start, edges, _), _ = shuffled(sheet(5, 60))
+    assert bandwidth_of(edges) > 200
+    place = np.empty(len(start), dtype=np.int32)
+    place[cuthill_mckee(len(start), edges)] = np.arange(len(start))
+    assert bandwidth_of(place[edges].astype(np.int32)) <= 10
+    found = banding(len(start), edges)
+    np.testing.assert_array_equal(found.place[found.order], np.arange(len(start)))
+    assert (found.pairs[:, 0] < found.pairs[:, 1]).all()
+    assert bandwidth_of(found.pairs) <= 10
+
+
+def test_an_order_lists_each_point_of_each_part_once() -> None:
+    edges = np.array([[0, 5], [5, 3], [2, 6]], dtype=np.int32)
+    assert sorted(cuthill_mckee(8, edges).tolist()) == list(range(8))
+    in_rows = sheet(20, 4)[1]
+    np.testing.assert_array_equal(narrow_order(80, in_rows), np.arange(80))
+
+
+@pytest.mark.parametrize("held", [0.25, None])
+def test_a_banded_laplacian_solves_as_the_full_one(held: float | None) -> None:
+    (start, edges, _), _ = shuffled(sheet(4, 9))
+    random = np.random.default_rng(1)
+    weight, rhs = random.uniform(0.5, 2.0, len(edges)), random.standard_normal(start.shape)
+    full = np.zeros((len(start), len(start)))
+    for (a, b), w in zip(edges, weight, strict=True):
+        full[[a, b], [a, b]] += w
+        full[[a, b], [b, a]] -= w
+    diagonal = random.uniform(0.1, 1.0, len(start)) if held is None else held
+    found = BandedLaplacian(banding(len(start), edges), weight, diagonal).solve(rhs)
+    np.testing.assert_allclose((full + diagonal * np.eye(len(start))) @ found, rhs, atol=1e-9)
