@@ -16,7 +16,7 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, FlattenedView, Float32, RotationAxis, Uint8
 from flatcloth.engine.headless import ViewDecision
 from flatcloth.engine.outcome import told as outcome_lines
-from flatcloth.export.garment import GarmentPoint, garment_points
+from flatcloth.export.garment import garment_points
 from flatcloth.export.garment import told as garment_lines
 from flatcloth.export.session_data import SessionData
 from flatcloth.garments.recognition import Recognition
@@ -24,6 +24,7 @@ from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel
 from flatcloth.grasping.grips import check_opening_m
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
 from flatcloth.grasping.hand_eye import HandEyeError, rigid_from_matrix
+from flatcloth.session.journal import Pick
 
 _WRITERS = 2
 """Files written at the same time. Chosen: two take nearly all of the time, the arrays and the grasp poses."""
@@ -119,7 +120,7 @@ class Shape:
             raise GarmentError(known)
         return known.found
 
-    def named_points(self) -> dict[str, GarmentPoint]:
+    def named_points(self) -> dict[str, Pick]:
         """Return the named points of the garment whose cloth was seen, with position and normal in space.
 
         Empty if no known kind was recognised.

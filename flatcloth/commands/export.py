@@ -129,7 +129,7 @@ def _write(
         case "garment":
             write_text(path, _garment_text(session))
         case "outline":
-            from flatcloth.export.outlines.outline import outline_text
+            from flatcloth.export.outline import outline_text
 
             write_text(path, outline_text(session.view, session.history.recording_name, path.suffix))
 

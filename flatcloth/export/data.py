@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -22,49 +22,16 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import open_plain, replacing
-from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
+from flatcloth.core.types import FlattenedView, Floats, RotationAxis
 from flatcloth.engine.sheet import floating_file
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel, quaternion_wxyz
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
 from flatcloth.recordings.files.text import shortened
+from flatcloth.session.journal import Pick
 
 GARMENT, GRASPS = "garment.json", "grasps.json"
 FORMAT = "flatcloth-flattened/1"
 GRASPS_FORMAT = "flatcloth-grasps/1"
-
-
-class NamedPoint(Protocol):
-    """A pick: a named point of the cloth, object frame."""
-
-    @property
-    def id(self) -> int:
-        """Number of the pick."""
-        ...
-
-    @property
-    def name(self) -> str:
-        """Name given by the operator."""
-        ...
-
-    @property
-    def position_held_m(self) -> Any:
-        """(3,) metres."""
-        ...
-
-    @property
-    def normal_held(self) -> Any:
-        """(3,) unit, out of the cloth."""
-        ...
-
-    @property
-    def view_index(self) -> int:
-        """View it was measured in."""
-        ...
-
-    @property
-    def source_rc(self) -> Any:
-        """(row, col) in that view's image."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,10 +55,10 @@ Files = Mapping[str, Callable[[BinaryIO], object]]
 
 def shape_files(
     view: FlattenedView,
-    picks: Iterable[NamedPoint],
+    picks: Iterable[Pick],
     frames: GraspFrames,
     floating: Sequence[FlattenedView] = (),
-    named: Callable[[], Sequence[NamedPoint]] = tuple,
+    named: Callable[[], Sequence[Pick]] = tuple,
 ) -> dict[str, Callable[[BinaryIO], object]]:
     """Return ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
 
@@ -259,9 +226,9 @@ def ply_bytes(view: FlattenedView) -> bytes:
 
 def grasps_text(
     view: FlattenedView,
-    picks: Iterable[NamedPoint],
+    picks: Iterable[Pick],
     frames: GraspFrames,
-    named: Sequence[NamedPoint] = (),
+    named: Sequence[Pick] = (),
     floating: Sequence[FlattenedView] = (),
 ) -> str:
     """Return the content of ``grasps.json``."""
@@ -271,9 +238,9 @@ def grasps_text(
 
 def grasps_document(
     view: FlattenedView,
-    picks: Iterable[NamedPoint],
+    picks: Iterable[Pick],
     frames: GraspFrames,
-    named: Sequence[NamedPoint] = (),
+    named: Sequence[Pick] = (),
     floating: Sequence[FlattenedView] = (),
 ) -> dict[str, Any]:
     """Return the picks for ``grasps.json`` (docs/grasps.md): points, and poses in each frame.
@@ -287,24 +254,23 @@ def grasps_document(
         "frame": "held",
         "units": "m",
         "rotation_deg": _number(frames.rotation_deg),
-        "rotation_axis": {"point_m": _numbers(axis.point_m), "direction": _numbers(axis.direction)},
+        "rotation_axis": {"point_m": numbers(axis.point_m), "direction": numbers(axis.direction)},
         BASE_FROM_CAMERA: None if base is None else _matrix(base),
         "grasps": [_grasp(views, pick, frames) for pick in picks],
         "garment_points": [_grasp(views, point, frames) for point in named],
     }
 
 
-def _grasp(views: Sequence[FlattenedView], pick: NamedPoint, frames: GraspFrames) -> dict[str, Any]:
+def _grasp(views: Sequence[FlattenedView], pick: Pick, frames: GraspFrames) -> dict[str, Any]:
     """Return a pick; ``views`` are the shape and its floating pieces."""
-    position: Float64 = np.asarray(pick.position_held_m, dtype=np.float64)
-    normal: Float64 = np.asarray(pick.normal_held, dtype=np.float64)
+    position, normal = pick.position_held_m, pick.normal_held
     grasp: dict[str, Any] = {
         "id": pick.id,
         "name": pick.name,
-        "position_m": _numbers(position),
-        "normal": _numbers(normal),
+        "position_m": numbers(position),
+        "normal": numbers(normal),
         "view_index": pick.view_index,
-        "source_rc": _numbers(np.asarray(pick.source_rc), 3),
+        "source_rc": numbers(np.array(pick.source_rc), 3),
     }
     found = nearest_pixel(views, position)
     view, pixel = views[0], None
@@ -315,7 +281,7 @@ def _grasp(views: Sequence[FlattenedView], pick: NamedPoint, frames: GraspFrames
             "file": floating_file(number) if number else "flattened.npz",
             "row": row,
             "col": col,
-            "uv_m": _numbers(view.uv_from_rc(np.array([row, col]))),
+            "uv_m": numbers(view.uv_from_rc(np.array([row, col]))),
             "distance_m": _number(distance_m),
         }
     pose = grasp_pose(view, position, normal, frames.axis, frames.grips.get(pick.id), pixel)
@@ -331,8 +297,8 @@ def _posed(pose: GraspPose, frames: GraspFrames) -> dict[str, Any]:
     about, outline_m = pose.uncertainty, pose.outline_distance_m
     return {
         "grip": {
-            "approach": _numbers(turn[:, 2]),
-            "axis": _numbers(turn[:, 0]),
+            "approach": numbers(turn[:, 2]),
+            "axis": numbers(turn[:, 0]),
             "axis_from": pose.axis_from,
             "opening_m": _number(pose.opening_m),
             "outline_distance_m": None if outline_m is None else _number(outline_m),
@@ -345,7 +311,7 @@ def _posed(pose: GraspPose, frames: GraspFrames) -> dict[str, Any]:
         },
         "poses": {
             name: {
-                "position_m": _numbers(motion.translation_m),
+                "position_m": numbers(motion.translation_m),
                 "quaternion_wxyz": [_number(x, 9) for x in quaternion_wxyz(motion.rotation)],
                 "matrix": _matrix(motion),
             }
@@ -357,16 +323,16 @@ def _posed(pose: GraspPose, frames: GraspFrames) -> dict[str, Any]:
 def _matrix(motion: Rigid3) -> list[list[float | None]]:
     """Return the four rows of a rigid motion's matrix."""
     rows = [
-        [*_numbers(turn, 9), _number(float(shift))]
+        [*numbers(turn, 9), _number(float(shift))]
         for turn, shift in zip(motion.rotation, motion.translation_m, strict=True)
     ]
     return [*rows, [0.0, 0.0, 0.0, 1.0]]
 
 
-def _numbers(values: Floats, digits: int = 6) -> list[float | None]:
+def numbers(values: Floats, digits: int = 6) -> list[float | None]:
+    """Return rounded numbers for JSON, without negative zeros; None for those that are not finite."""
     return [_number(float(x), digits) for x in values]
 
 
 def _number(value: float, digits: int = 6) -> float | None:
-    """Return a rounded number without a negative zero; None if it is not finite."""
     return round(value, digits) + 0.0 if math.isfinite(value) else None

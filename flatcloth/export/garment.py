@@ -2,43 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from flatcloth.core.types import FlattenedView, Float64, Rigid2, finite
+from flatcloth.core.types import FlattenedView, Rigid2, finite
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.sheet import floating_file
+from flatcloth.export.data import numbers
 from flatcloth.garments.recognition import NONE, Recognition
+from flatcloth.session.journal import Pick
 
 FORMAT = "flatcloth-garment/1"
 
 
-@dataclass(frozen=True)
-class GarmentPoint:
-    """A named point of a garment whose cloth was seen, as a pick; positions in the held frame."""
-
-    id: int
-    name: str
-    position_held_m: Float64
-    normal_held: Float64
-    view_index: int
-    source_rc: tuple[float, float]
-
-
-def garment_points(known: KnownGarment | str) -> list[GarmentPoint]:
+def garment_points(known: KnownGarment | str) -> list[Pick]:
     """Return the named points that were seen, to be given as grasps; none if the kind is not known."""
     if isinstance(known, str) or known.found.kind == NONE:
         return []
-    points: list[GarmentPoint] = []
+    points: list[Pick] = []
     for name, point in known.found.points.items():
         shape = known.cloth_of(point)
         if point.pixel is None:
             continue
         row, col = shape.source_rc[point.pixel].tolist()
         points.append(
-            GarmentPoint(
+            Pick(
                 id=len(points) + 1,
                 name=name,
                 position_held_m=shape.xyz_m[point.pixel].astype(np.float64),
@@ -75,7 +64,7 @@ def _sorted(probabilities: dict[str, float]) -> list[tuple[str, float]]:
 
 def _point(garment: KnownGarment, name: str) -> dict[str, Any]:
     point = garment.found.points[name]
-    told: dict[str, Any] = {
+    known: dict[str, Any] = {
         "uv_m": np.round(point.uv_m - garment.canonical.view.origin_uv_m, 5).tolist(),
         "std_m": round(point.std_m, 5),
         "seen": point.pixel is not None,
@@ -83,34 +72,30 @@ def _point(garment: KnownGarment, name: str) -> dict[str, Any]:
     }
     if point.pixel is not None:
         cloth = garment.cloth_of(point)
-        told |= {
-            "xyz_m": _finite(cloth.xyz_m[point.pixel]),
-            "normal": _finite(cloth.normal[point.pixel]),
+        known |= {
+            "xyz_m": numbers(cloth.xyz_m[point.pixel]),
+            "normal": numbers(cloth.normal[point.pixel]),
             "view_index": int(cloth.view_index[point.pixel]),
-            "source_rc": _finite(cloth.source_rc[point.pixel], 3),
+            "source_rc": numbers(cloth.source_rc[point.pixel], 3),
         }
-    return told
-
-
-def _finite(values: Any, digits: int = 6) -> list[float | None]:
-    return [round(float(x), digits) if np.isfinite(x) else None for x in values]
+    return known
 
 
 def _pieces(garment: KnownGarment) -> dict[str, Any]:
     """Return the floating pieces with a place: that decided about, else that proposed."""
     floating, decided = garment.canonical.floating, garment.pieces.shape_from_piece
     proposed = {piece.index: piece for piece in garment.found.pieces}
-    told = {}
+    pieces = {}
     for index in sorted({*proposed, *decided}):
         motion = decided.get(index) or proposed[index].shape_from_piece
         piece = proposed.get(index)
-        told[floating_file(index + 1)] = {
+        pieces[floating_file(index + 1)] = {
             "shape_from_piece": _matrix(motion, garment.canonical.view, floating[index]),
             "std_m": None if piece is None else round(piece.std_m, 5),
             "probability": None if piece is None else round(piece.probability, 4),
             "placed": index in decided,
         }
-    return told
+    return pieces
 
 
 def _matrix(motion: Rigid2, shape: FlattenedView, own: FlattenedView) -> list[list[float]]:

@@ -6,7 +6,7 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -18,13 +18,13 @@ from flatcloth.engine.outcome import outcome_of, outcome_text
 from flatcloth.export.data import (
     GARMENT,
     GraspFrames,
-    NamedPoint,
     remove_stale,
     shape_files,
     write_files,
 )
 from flatcloth.export.garment import garment_document, garment_points, outcome_entry
 from flatcloth.methods.base import Canonical
+from flatcloth.session.journal import Pick
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class SessionData:
 
     integration: Integration
     document: Document
-    picks: tuple[NamedPoint, ...]
+    picks: tuple[Pick, ...]
     frames: GraspFrames
     scores: Mapping[int, float] = field(default_factory=dict)
     garments: GarmentService | None = None
@@ -73,12 +73,13 @@ class SessionData:
         outcome["garment"] = outcome_entry(self.garment)
         return outcome
 
-    def _named(self) -> Sequence[NamedPoint]:
-        return garment_points(self.garment)
-
     def _shape_files(self) -> dict[str, Writer]:
         shape = self.canonical
-        return shape_files(shape.view, self.picks, self.frames, shape.floating, self._named)
+
+        def named() -> list[Pick]:
+            return garment_points(self.garment)
+
+        return shape_files(shape.view, self.picks, self.frames, shape.floating, named)
 
     def _reports(self) -> dict[str, Writer]:
         reports: dict[str, Writer] = {}

@@ -32,9 +32,10 @@ JOURNAL = "journal.jsonl"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pick:
-    """A grasp point that the operator keeps: position and outward normal (3,), object frame.
+    """A named point of the cloth, kept by the operator or of a garment: position and outward normal (3,).
 
-    ``view_index`` and ``source_rc`` (row, col) name the image pixel it was measured in.
+    Both are in the object frame, the position in metres. ``view_index`` and
+    ``source_rc`` (row, col) name the image pixel it was measured in.
     """
 
     id: int

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -21,21 +21,19 @@ from flatcloth.export.data import (
     write_files,
 )
 from flatcloth.grasping.grasps import Grip
+from flatcloth.session.journal import Pick
 
 
-@dataclass(frozen=True)
-class Pick:
-    id: int
-    name: str
-    position_held_m: tuple[float, float, float]
-    normal_held: tuple[float, float, float]
-    view_index: int
-    source_rc: tuple[float, float]
+def pick(number: int, name: str, position: tuple[float, ...], normal: tuple[float, ...]) -> Pick:
+    return Pick(
+        id=number, name=name, position_held_m=np.array(position), normal_held=np.array(normal), view_index=1,
+        source_rc=(5.0, 10.0),
+    )  # fmt: skip
 
 
 AXIS = RotationAxis(point_m=np.array([0.0, 0.0, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
 FRAMES = GraspFrames(axis=AXIS, rotation_deg=0.0)
-PICK = Pick(4, "left <collar>", (0.02, 0.01, 0.001), (0.0, 0.0, -1.0), 1, (5.0, 10.0))
+PICK = pick(4, "left <collar>", (0.02, 0.01, 0.001), (0.0, 0.0, -1.0))
 
 
 def test_the_arrays_come_back_as_they_were_and_need_no_pickle(tmp_path: Path) -> None:
@@ -142,8 +140,8 @@ def test_without_a_hand_eye_transform_there_is_no_robot_frame() -> None:
 
 
 def test_what_is_not_known_is_null_and_the_file_stays_json(tmp_path: Path) -> None:
-    nowhere = Pick(5, "lost", (0.5, 0.5, 0.5), (0.0, 0.0, -1.0), 1, (5.0, 10.0))
-    blind = Pick(6, "blind", (0.02, 0.01, 0.0), (float("nan"),) * 3, 1, (5.0, 10.0))
+    nowhere = pick(5, "lost", (0.5, 0.5, 0.5), (0.0, 0.0, -1.0))
+    blind = pick(6, "blind", (0.02, 0.01, 0.0), (float("nan"),) * 3)
     write_files(shape_files(sheet(1, 0, 40, 12.0), [nowhere, blind], FRAMES), tmp_path)
     text = (tmp_path / "grasps.json").read_text()
     assert "NaN" not in text

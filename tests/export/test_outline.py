@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from viewer_fakes import cylinder_view
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.export.outlines.outline import drawing, outline_text
-from flatcloth.export.outlines.polygons import outline, signed_area
+from flatcloth.export.outline import drawing, outline, outline_text, signed_area
 
 SIZE_M = 0.002
 

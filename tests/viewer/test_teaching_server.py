@@ -138,8 +138,8 @@ def test_arrays_and_pictures_are_whole(page, part):
 def assert_whole(values, body):
     end = 0
     for name, piece in values["parts"].items():
-        assert piece["at"] == end, name
-        end += piece["bytes"]
+        assert piece["at"] == end + -end % 8, name  # an array may be read where it lies
+        end = piece["at"] + piece["bytes"]
         if piece["kind"] == "png":
             data = np.frombuffer(body[piece["at"] : end], np.uint8)
             image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)

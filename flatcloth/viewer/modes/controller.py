@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     from flatcloth.core.geometry import Rigid3
     from flatcloth.engine.integration import Integration
-    from flatcloth.export.garment import GarmentPoint
     from flatcloth.grasping.grasps import Grip
     from flatcloth.session.journal import Pick
     from flatcloth.session.store import SessionFolder
@@ -242,7 +241,7 @@ class PageController(ABC):
         shape = sheet.canonical
         return grasps_document(shape.view, self._picks.picks, frames, named, shape.floating)
 
-    def named_points(self) -> Sequence[GarmentPoint]:
+    def named_points(self) -> Sequence[Pick]:
         """Return the named points of the garment that were seen, as grasps; may take a second."""
         from flatcloth.export.garment import garment_points
 

@@ -58,7 +58,7 @@ def _figures(session: OpenedSession) -> bytes:
 
 def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
     def make(session: OpenedSession) -> bytes:
-        from flatcloth.export.outlines.outline import outline_text
+        from flatcloth.export.outline import outline_text
 
         return outline_text(session.view, session.history.recording_name, suffix).encode()
 

@@ -1,4 +1,7 @@
-"""The outline of the shape as a file, in mm: SVG and DXF to cut or print at 1:1, JSON for programs."""
+"""The outline of the shape: polygons around the cloth and its holes, and their files.
+
+The files are in mm: SVG and DXF to cut or print at 1:1, JSON for programs.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,122 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from xml.sax.saxutils import escape
 
+import cv2
 import numpy as np
+from scipy import ndimage
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import FlattenedView, Float64
-from flatcloth.export.outlines.polygons import Piece, outline
+from flatcloth.core.types import Bool, FlattenedView, Float64
 
 FORMAT = "flatcloth-outline/1"
 MARGIN_MM = 10.0
 """Margin of the sheet, and length of the drawn rule. Chosen."""
 RULE_MM = 100.0
 """See ``MARGIN_MM``."""
+
+
+_STRAIGHT_PX = 4
+"""A corner between straight pixel edges of this length is a corner of the cloth, not a raster step."""
+_TOLERANCE_PX = 0.75
+"""Largest distance of the polygon from the pixel edges: it removes the raster steps and little else."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """One connected piece of cloth on the plane, metres.
+
+    ``outer`` (K, 2) runs with the cloth on its right, as seen from outside; each of the ``holes``
+    (K, 2) runs the other way. The first point is not repeated.
+    """
+
+    outer: Float64
+    holes: tuple[Float64, ...]
+
+    @property
+    def area_m2(self) -> float:
+        """Area of the polygon without its holes."""
+        return signed_area(self.outer) + sum(signed_area(hole) for hole in self.holes)
+
+
+def outline(view: FlattenedView, least_area_m2: float = 1e-4) -> tuple[Piece, ...]:
+    """Return the pieces of cloth, the largest first.
+
+    The outline runs between pixels with and without cloth, so areas are those of the pixels.
+
+    Parameters
+    ----------
+    view : FlattenedView
+        The flattened view.
+    least_area_m2 : float
+        Smaller pieces and holes are left out.
+
+    Raises
+    ------
+    FlatclothError
+        If no piece is large enough.
+    """
+    label, _ = ndimage.label(view.valid)
+    pieces = []
+    for number, window in enumerate(ndimage.find_objects(label), start=1):
+        corner = np.array([window[0].start, window[1].start])
+        outer, *holes = (view.uv_from_rc(corner + rim) for rim in _rims(label[window] == number))
+        if signed_area(outer) > 0 and signed_area(outer) >= least_area_m2:
+            large = tuple(hole for hole in holes if -signed_area(hole) >= least_area_m2)
+            pieces.append(Piece(outer=outer, holes=large))
+    if not pieces:
+        raise FlatclothError("There is no cloth with an outline. Step first.")
+    return tuple(sorted(pieces, key=lambda piece: -piece.area_m2))
+
+
+def signed_area(polygon: Float64) -> float:
+    """Return the area of a polygon (K, 2) of (u, v); positive if its inside is on the right, v down."""
+    u, v = polygon.T
+    return 0.5 * float(u @ np.roll(v, -1) - v @ np.roll(u, -1))
+
+
+def _rims(cloth: Bool) -> list[Float64]:
+    """Return the outer rim and those of the holes of a connected piece (H, W), as (row, col) (K, 2).
+
+    In an image of twice the size plus one, pixel n covers 2 n to 2 n + 2, so that OpenCV's contours, which
+    run through the centres of pixels, run along the edges of the cloth's pixels.
+    """
+    doubled = np.zeros((2 * cloth.shape[0] + 1, 2 * cloth.shape[1] + 1), dtype=np.uint8)
+    doubled[1::2, 1::2] = cloth
+    doubled = cv2.dilate(doubled, np.ones((3, 3), dtype=np.uint8)).astype(np.uint8)
+    contours, _ = cv2.findContours(doubled, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    polygons: list[Float64] = []
+    for contour in sorted(contours, key=cv2.contourArea, reverse=True):
+        rim = _without_steps(_with_corners(contour[:, 0, ::-1].astype(np.float64))) / 2 - 0.5
+        thinned = cv2.approxPolyDP(rim[:, None, :].astype(np.float32), _TOLERANCE_PX, True)[:, 0, :]
+        polygon: Float64 = thinned.astype(np.float64)
+        runs_right = signed_area(polygon[:, ::-1]) > 0
+        polygons.append(polygon if runs_right == (not polygons) else polygon[::-1])
+    return polygons
+
+
+def _with_corners(rim: Float64) -> Float64:
+    """Return a contour (K, 2) with the corners of pixels that its diagonal steps cut off."""
+    following = np.roll(rim, -1, axis=0)
+    diagonal = np.flatnonzero(np.abs(following - rim).sum(axis=1) == 2)
+    a, b = rim[diagonal], following[diagonal]
+    corners = np.where(a[:, :1] % 2 == 0, np.stack([a[:, 0], b[:, 1]], 1), np.stack([b[:, 0], a[:, 1]], 1))
+    whole: Float64 = np.insert(rim, diagonal + 1, corners, axis=0)
+    return whole
+
+
+def _without_steps(rim: Float64) -> Float64:
+    """Return the midpoints of the pixel edges, which are straight along steps, and the true corners.
+
+    ``rim`` (K, 2) has corners of pixels at even coordinates, and midpoints of their edges between them.
+    """
+    along = np.roll(rim, -1, axis=0) - rim
+    steps = 2 * _STRAIGHT_PX
+    ahead = np.stack([np.roll(along, -n, axis=0) for n in range(steps)])
+    behind = np.stack([np.roll(along, n, axis=0) for n in range(1, steps + 1)])
+    is_straight = [(run == run[0]).all(axis=(0, 2)) for run in (ahead, behind)]
+    is_corner = is_straight[0] & is_straight[1] & (ahead[0] != behind[0]).any(axis=1)
+    kept: Float64 = rim[is_corner | (rim.sum(axis=1) % 2 == 1)]
+    return kept
 
 
 @dataclass(frozen=True, kw_only=True)
