@@ -879,6 +879,126 @@ export interface FrameInfo {
   pick_uv_m: [number, number] | null;
 }
 
+/** The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed. */
+export interface ResultInfo {
+  revision: number;
+  trouble: string;
+  median_std_mm: number | null;
+  reliable_share: number | null;
+  left_out: LeftOutView[];
+  more: MoreViews | null;
+}
+
+/** A view that shows cloth that is not in the shape. */
+export interface LeftOutView {
+  view_index: number;
+  area_cm2: number;
+  reason: string;
+}
+
+/** Whether more views would add cloth, and which. */
+export interface MoreViews {
+  reason: string;
+  share: number | null;
+  expected: ExpectedArea[];
+}
+
+/** How much a view that is not used is expected to add. */
+export interface ExpectedArea {
+  view_index: number;
+  area_cm2: number;
+}
+
+/** What speaks for and against a proposal: mm and degrees for reading, metres for positions. */
+export interface DiagnosticsInfo {
+  limit_deg: number;
+  overlap_cm2: number;
+  view_index: number;
+  side: string;
+  front_view: number;
+  turn_deg: number;
+  rotation_deg: number;
+  u_b_mm: number | null;
+  a_0_deg: number | null;
+  current: CurvesInfo;
+  new: CurvesInfo;
+  lines: ZAngleLines | null;
+  trouble: string;
+  front_from_current: [number, number, number];
+  current_from_new: [number, number, number];
+  edges: BothEdges;
+  pairs: ClothPairs | null;
+}
+
+/** The curves h(u) and A_z(u) of a flattened view. */
+export interface CurvesInfo {
+  u_mm: number[];
+  h: number[];
+  a_z_deg: (number | null)[];
+  pixel_size_mm: number;
+}
+
+/** The lines of both views that the placement lays on each other. */
+export interface ZAngleLines {
+  a_m_deg: number;
+  common_range_deg: [number, number];
+  height_mm: number;
+  current: LineInfo;
+  new: LineInfo;
+}
+
+/** The line of pixels with the Z-angle A_m, fitted on the plane. */
+export interface LineInfo {
+  pixels_uv_m: [number, number][];
+  center_uv_m: [number, number];
+  direction: [number, number];
+  point_uv_m: [number, number];
+}
+
+/** The strained edges of the shape and of the new view. */
+export interface BothEdges {
+  shape: EdgesInfo;
+  new: EdgesInfo;
+}
+
+/** The most strained edges of a flattening; ``total`` is the number of all. */
+export interface EdgesInfo {
+  uv_m: [[number, number], [number, number]][];
+  strain: number[];
+  total: number;
+}
+
+/** Pairs of the same cloth, evenly chosen, and what all pairs say. */
+export interface ClothPairs {
+  total: number;
+  median_mm: number;
+  nine_tenths_mm: number;
+  beyond_share: number;
+  limit_mm: number;
+  apart_median_mm: number;
+  shape_uv_m: [number, number][];
+  placed_uv_m: [number, number][];
+  shape_xyz_m: [number, number, number][];
+  new_xyz_m: [number, number, number][];
+  residual_mm: number[];
+  apart_mm: number[];
+}
+
+/** The views that saw a pick, and how many of the others did not, by the reason. */
+export interface SeenViews {
+  seen: SeenView[];
+  n_views: number;
+  hidden: Record<string, number>;
+}
+
+/** A view that saw a pick: the pixel, and the image around it as a data URL. */
+export interface SeenView {
+  view_index: number;
+  angle_deg: number;
+  rc: [number, number];
+  thumb: string;
+}
+
 /** Every message that the server sends as text. */
 export type ServerMessage =
   | PageState

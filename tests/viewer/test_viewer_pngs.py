@@ -33,7 +33,7 @@ def shown():
 
 @pytest.fixture
 def client(shown):
-    return RouteClient(LayerRoutes(shown, CylinderIntegration()).routes())
+    return RouteClient(LayerRoutes(lambda: shown.picture, CylinderIntegration()).routes())
 
 
 def image_of(answer):

@@ -17,7 +17,8 @@ from scenes import CAMERA, Cylinder
 from flatcloth.engine.integration import Integration
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
-from flatcloth.viewer.routes.sources import crop, mask_rgba, place_under
+from flatcloth.viewer.protocol.picture import place_under
+from flatcloth.viewer.routes.sources import crop, mask_rgba
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 120.0, 180.0, 330.0)
 

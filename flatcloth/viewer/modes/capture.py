@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from msgspec import structs
@@ -27,9 +27,11 @@ from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.cameras.guided_capture import GuidedCapture, TakenView, writer_for
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.playing.camera import CameraPlayer, cloud_of
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import apply_table, height_table
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.modes.controller import ClientSink, SceneView
 from flatcloth.viewer.modes.live import LiveApplication
 from flatcloth.viewer.modes.player import Shown
@@ -37,13 +39,6 @@ from flatcloth.viewer.modes.playhead import RateMeter
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.state import ActionRow, CapturedView, CaptureStatus, PageState, ViewRow
-from flatcloth.viewer.routes.capture import capture_routes
-
-if TYPE_CHECKING:
-    from starlette.routing import BaseRoute
-
-    from flatcloth.engine.integration import Integration
-    from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 
@@ -326,10 +321,6 @@ class CaptureApplication(LiveApplication):
 
     def _frame_info(self, shown: Shown, layer: str) -> FrameInfo:
         return structs.replace(super()._frame_info(shown, layer), view_index=-1)
-
-    def routes(self) -> list[BaseRoute]:
-        """Return the routes for turntables and robots, and for the picture of the view under review."""
-        return [*super().routes(), *capture_routes(self)]
 
     @property
     def view_png(self) -> bytes:

@@ -26,12 +26,11 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer, ServerMessage
 from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
-from flatcloth.viewer.protocol.picture import Picture, values_at
+from flatcloth.viewer.protocol.picture import Picture, place_under, values_at
 from flatcloth.viewer.protocol.sent import Note, NoteLevel
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
 from flatcloth.viewer.protocol.snapshot import PageStatus, page_state
 from flatcloth.viewer.protocol.state import PageState
-from flatcloth.viewer.routes.sources import place_under
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:

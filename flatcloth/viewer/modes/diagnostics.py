@@ -5,26 +5,32 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Floats, Rigid2, Uint8, finite
+from flatcloth.core.types import Rigid2, Uint8
 from flatcloth.engine.diagnostics import Reasons, StrainedEdges, reasons
-from flatcloth.methods.base import ColumnCurves, Correspondence, ZAngleLine
+from flatcloth.engine.integration import Integration
+from flatcloth.methods.base import ColumnCurves, ZAngleLine
 from flatcloth.methods.robust.scoring import TWICE_M
 from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import thumbnail
+from flatcloth.viewer import http
+from flatcloth.viewer.modes.controller import SceneView
+from flatcloth.viewer.protocol.answers import (
+    BothEdges,
+    ClothPairs,
+    CurvesInfo,
+    DiagnosticsInfo,
+    EdgesInfo,
+    LineInfo,
+    ZAngleLines,
+)
 from flatcloth.viewer.protocol.picture import Picture
-
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
-    from flatcloth.viewer.modes.controller import SceneView
 
 _log = logging.getLogger(__name__)
 
@@ -111,40 +117,36 @@ class DiagnosticsService:
             return self._last[1]
 
     async def _serve(self, request: Request) -> Response:
-        picture = self._picture()
         key = request.path_params["revision"], request.path_params["overlay"]
+        picture = self._picture()
         if picture is None or picture.overlay is None or (picture.revision, picture.overlay.revision) != key:
             return PlainTextResponse(_GONE, status_code=410)
-        try:
-            found = await run_in_threadpool(self._of, picture)
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=409)
-        config = self._integration.planning
-        about = {
-            "limit_deg": config.z_angle_limit_deg,
-            "overlap_cm2": 1e4 * config.overlap_area_m2,
-            **plain(found),
-            "pairs": _pairs(found, picture),
-        }
-        return JSONResponse(about, headers={"Cache-Control": "no-store"})
+
+        def make() -> DiagnosticsInfo:
+            found, config = self._of(picture), self._integration.planning
+            return diagnostics_info(
+                found, picture, limit_deg=config.z_angle_limit_deg, overlap_cm2=1e4 * config.overlap_area_m2
+            )
+
+        return await http.made(make)
 
     async def _thumbnail(self, request: Request) -> Response:
         picture, asked = self._picture(), request.path_params
-        overlay = None if picture is None else picture.overlay
-        if picture is None or overlay is None or picture.revision != asked["revision"]:
-            return PlainTextResponse(_GONE, status_code=410)
-        hypotheses = overlay.proposal.placement.hypotheses
-        if overlay.proposal.view_index != asked["view"] or not 0 <= asked["index"] < len(hypotheses):
-            return PlainTextResponse(_GONE, status_code=410)
+        index = asked["index"]
 
-        def make() -> bytes:
+        def make() -> bytes | None:
+            overlay = None if picture is None else picture.overlay
+            if picture is None or overlay is None or picture.revision != asked["revision"]:
+                return None
+            hypotheses = overlay.proposal.placement.hypotheses
+            if overlay.proposal.view_index != asked["view"] or not 0 <= index < len(hypotheses):
+                return None
             new = self._integration.views.part(asked["view"], overlay.proposal.component)
             own = np.array(overlay.own_center_uv_m)
             placements = [overlay.sheet.shown(h.current_from_new, own) for h in hypotheses]
-            return layers.png(thumbnail(picture.view, new, placements, asked["index"]))
+            return layers.png(thumbnail(picture.view, new, placements, index))
 
-        data = await run_in_threadpool(make)
-        return Response(data, media_type="image/png", headers={"Cache-Control": "no-store"})
+        return await http.made(make, gone=_GONE)
 
 
 def edge_colors(edges: StrainedEdges) -> Uint8:
@@ -153,46 +155,50 @@ def edge_colors(edges: StrainedEdges) -> Uint8:
     return colors
 
 
-def plain(found: Reasons) -> dict[str, Any]:
+def diagnostics_info(
+    found: Reasons, picture: Picture, *, limit_deg: float, overlap_cm2: float
+) -> DiagnosticsInfo:
     """Return the diagnostics for the page: mm and degrees for reading, metres for positions."""
-    return {
-        "view_index": found.view_index,
-        "side": found.side.value,
-        "front_view": found.front_view,
-        "turn_deg": found.turn_deg,
-        "rotation_deg": found.rotation_deg,
-        "u_b_mm": finite(1e3 * found.u_b_m),
-        "a_0_deg": finite(found.a_0_deg),
-        "current": _curves(found.curves),
-        "new": _curves(found.new_curves),
-        "lines": None if found.correspondence is None else _lines(found.correspondence),
-        "trouble": found.trouble,
-        "front_from_current": _motion(found.front_from_current),
-        "current_from_new": _motion(found.current_from_new),
-        "edges": {"shape": _edges(found.shape_edges), "new": _edges(found.new_edges)},
-    }
+    lines = found.correspondence
+    return DiagnosticsInfo(
+        limit_deg=limit_deg,
+        overlap_cm2=overlap_cm2,
+        view_index=found.view_index,
+        side=found.side.value,
+        front_view=found.front_view,
+        turn_deg=found.turn_deg,
+        rotation_deg=found.rotation_deg,
+        u_b_mm=1e3 * found.u_b_m,
+        a_0_deg=found.a_0_deg,
+        current=_curves(found.curves),
+        new=_curves(found.new_curves),
+        lines=None
+        if lines is None
+        else ZAngleLines(
+            a_m_deg=lines.a_m_deg,
+            common_range_deg=lines.common_range_deg,
+            height_mm=1e3 * lines.height_m,
+            current=_line(lines.current),
+            new=_line(lines.new),
+        ),
+        trouble=found.trouble,
+        front_from_current=_motion(found.front_from_current),
+        current_from_new=_motion(found.current_from_new),
+        edges=BothEdges(shape=_edges(found.shape_edges), new=_edges(found.new_edges)),
+        pairs=_pairs(found, picture),
+    )
 
 
-def _curves(curves: ColumnCurves) -> dict[str, Any]:
-    return {
-        "u_mm": _numbers(1e3 * curves.u_m, 2),
-        "h": curves.column_count.tolist(),
-        "a_z_deg": _numbers(curves.column_mean_z_angle_deg, 2),
-        "pixel_size_mm": 1e3 * curves.pixel_size_m,
-    }
+def _curves(curves: ColumnCurves) -> CurvesInfo:
+    return CurvesInfo(
+        u_mm=np.round(1e3 * curves.u_m, 2).tolist(),
+        h=curves.column_count.tolist(),
+        a_z_deg=np.round(curves.column_mean_z_angle_deg, 2).tolist(),
+        pixel_size_mm=1e3 * curves.pixel_size_m,
+    )
 
 
-def _lines(found: Correspondence) -> dict[str, Any]:
-    return {
-        "a_m_deg": found.a_m_deg,
-        "common_range_deg": list(found.common_range_deg),
-        "height_mm": 1e3 * found.height_m,
-        "current": _line(found.current),
-        "new": _line(found.new),
-    }
-
-
-def _pairs(found: Reasons, picture: Picture) -> dict[str, Any] | None:
+def _pairs(found: Reasons, picture: Picture) -> ClothPairs | None:
     """Return the pairs of cloth as they lie on the sheet, evenly chosen, and the shares of all of them."""
     pairs, overlay, document = found.pairs, picture.overlay, picture.document
     if pairs is None or overlay is None or document is None or document.pending is None:
@@ -202,43 +208,39 @@ def _pairs(found: Reasons, picture: Picture) -> dict[str, Any] | None:
     chosen = np.unique(np.linspace(0, len(off_mm) - 1, min(len(off_mm), _MOST_PAIRS)).astype(int))
     shape = [sheet.shift(sheet.piece_on_plane(uv)).apply(uv).tolist() for uv in pairs.shape_uv_m[chosen]]
     apart_mm = 1e3 * pairs.apart_m
-    return {
-        "total": len(off_mm),
-        "median_mm": float(np.median(off_mm)),
-        "nine_tenths_mm": float(np.percentile(off_mm, 90)),
-        "beyond_share": float((off_mm > PAIR_LIMIT_MM).mean()),
-        "limit_mm": PAIR_LIMIT_MM,
-        "apart_median_mm": float(np.median(apart_mm)),
-        "shape_uv_m": np.round(shape, 5).tolist(),
-        "placed_uv_m": np.round(overlay.shown(pending).apply(pairs.new_uv_m[chosen]), 5).tolist(),
-        "shape_xyz_m": np.round(pairs.shape_xyz_m[chosen], 5).tolist(),
-        "new_xyz_m": np.round(pairs.new_xyz_m[chosen], 5).tolist(),
-        "residual_mm": np.round(off_mm[chosen], 2).tolist(),
-        "apart_mm": np.round(apart_mm[chosen], 2).tolist(),
-    }
+    return ClothPairs(
+        total=len(off_mm),
+        median_mm=float(np.median(off_mm)),
+        nine_tenths_mm=float(np.percentile(off_mm, 90)),
+        beyond_share=float((off_mm > PAIR_LIMIT_MM).mean()),
+        limit_mm=PAIR_LIMIT_MM,
+        apart_median_mm=float(np.median(apart_mm)),
+        shape_uv_m=np.round(shape, 5).tolist(),
+        placed_uv_m=np.round(overlay.shown(pending).apply(pairs.new_uv_m[chosen]), 5).tolist(),
+        shape_xyz_m=np.round(pairs.shape_xyz_m[chosen], 5).tolist(),
+        new_xyz_m=np.round(pairs.new_xyz_m[chosen], 5).tolist(),
+        residual_mm=np.round(off_mm[chosen], 2).tolist(),
+        apart_mm=np.round(apart_mm[chosen], 2).tolist(),
+    )
 
 
-def _line(line: ZAngleLine) -> dict[str, Any]:
+def _line(line: ZAngleLine) -> LineInfo:
     step = max(1, -(-len(line.pixels_uv_m) // _MOST_LINE_PIXELS))
-    return {
-        "pixels_uv_m": np.round(line.pixels_uv_m[::step], 5).tolist(),
-        "center_uv_m": line.center_uv_m.tolist(),
-        "direction": line.direction.tolist(),
-        "point_uv_m": line.point_uv_m.tolist(),
-    }
+    return LineInfo(
+        pixels_uv_m=np.round(line.pixels_uv_m[::step], 5).tolist(),
+        center_uv_m=line.center_uv_m.tolist(),
+        direction=line.direction.tolist(),
+        point_uv_m=line.point_uv_m.tolist(),
+    )
 
 
-def _edges(edges: StrainedEdges) -> dict[str, Any]:
-    return {
-        "uv_m": np.round(edges.uv_m, 5).tolist(),
-        "strain": np.round(edges.strain, 4).tolist(),
-        "total": edges.total,
-    }
+def _edges(edges: StrainedEdges) -> EdgesInfo:
+    return EdgesInfo(
+        uv_m=np.round(edges.uv_m, 5).tolist(),
+        strain=np.round(edges.strain, 4).tolist(),
+        total=edges.total,
+    )
 
 
-def _motion(motion: Rigid2) -> list[float]:
-    return [motion.theta_rad, motion.u_m, motion.v_m]
-
-
-def _numbers(values: Floats, decimals: int) -> list[float | None]:
-    return [finite(x) for x in np.round(values, decimals).tolist()]
+def _motion(motion: Rigid2) -> tuple[float, float, float]:
+    return motion.theta_rad, motion.u_m, motion.v_m

@@ -1,4 +1,4 @@
-"""What the page tells of decided views and of the result; computed beside the session."""
+"""What the page shows of decided views and of the result, computed in the background."""
 
 from __future__ import annotations
 
@@ -6,16 +6,15 @@ import logging
 import secrets
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.result import Areas, Result, result_of
 from flatcloth.export.history import read_history
 from flatcloth.export.review import FLAGS, SUSPECT, Flags, overridden
@@ -23,17 +22,15 @@ from flatcloth.flattening.surface import item_mask
 from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, picture_thumbnail
 from flatcloth.session.machine import Accepted, Document
+from flatcloth.viewer import http
+from flatcloth.viewer.protocol.answers import ExpectedArea, LeftOutView, MoreViews, ResultInfo
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.state import ReviewInfo, ViewRow
-
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
 
 _log = logging.getLogger(__name__)
 
 THUMBS_KEPT = 160
 """Thumbnails that are kept. Chosen for memory."""
-_KEPT = {"Cache-Control": "private, max-age=86400"}
 
 
 class ReviewService:
@@ -181,43 +178,35 @@ class ReviewService:
         if view >= len(self._integration.recording):
             return PlainTextResponse(f"View {view} does not exist.", status_code=404)
         key = kind, view, request.query_params.get("v", "")[:40]
-        try:
-            data = await run_in_threadpool(lambda: self._thumbs.get(key, lambda: make(view)))
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=409)
-        return Response(data, media_type=kind, headers=_KEPT)
+        return await http.made(lambda: self._thumbs.get(key, lambda: make(view)), kind, kept=http.DAY)
 
     async def _result(self, _request: Request) -> Response:
+        return await http.made(self._result_info)
+
+    def _result_info(self) -> ResultInfo:
         picture = self._picture()
         document = None if picture is None else picture.document
         if picture is None or document is None:
-            return JSONResponse({"revision": 0})
+            return ResultInfo(revision=0)
         key = document.shape_key, document.rejected, document.skipped
         try:
-            found = await run_in_threadpool(
-                lambda: self._results.get(key, lambda: result_of(self._areas, document))
-            )
+            found = self._results.get(key, lambda: result_of(self._areas, document))
         except FlatclothError as error:
-            return JSONResponse({"revision": picture.revision, "trouble": str(error)})
-        told = {"revision": picture.revision, **plain(found)}
-        return JSONResponse(told, headers={"Cache-Control": "no-store"})
-
-
-def plain(found: Result) -> dict[str, Any]:
-    """Return a result for the page, in cm2 and mm."""
-    known = found.uncertainty
-    return {
-        "median_std_mm": known.get("placement_std_median_mm"),
-        "reliable_share": known.get("firm_share"),
-        "left_out": [
-            {"view_index": left.view_index, "area_cm2": 1e4 * left.area_m2, "reason": left.reason}
-            for left in found.left_out
-        ],
-        "more": {
-            "reason": found.more.reason,
-            "share": found.more.share,
-            "expected": [
-                {"view_index": view, "area_cm2": 1e4 * area_m2} for view, area_m2 in found.more.expected
+            return ResultInfo(revision=picture.revision, trouble=str(error))
+        return ResultInfo(
+            revision=picture.revision,
+            median_std_mm=found.uncertainty.get("placement_std_median_mm"),
+            reliable_share=found.uncertainty.get("firm_share"),
+            left_out=[
+                LeftOutView(view_index=left.view_index, area_cm2=1e4 * left.area_m2, reason=left.reason)
+                for left in found.left_out
             ],
-        },
-    }
+            more=MoreViews(
+                reason=found.more.reason,
+                share=found.more.share,
+                expected=[
+                    ExpectedArea(view_index=view, area_cm2=1e4 * area_m2)
+                    for view, area_m2 in found.more.expected
+                ],
+            ),
+        )

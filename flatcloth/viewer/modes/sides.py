@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError
@@ -22,11 +21,11 @@ from flatcloth.rendering.layers import png
 from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, small_shape
 from flatcloth.session.machine import Document
+from flatcloth.viewer import http
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import StrokeAdvice
-from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.protocol.picture import Picture, place_in_view
 from flatcloth.viewer.protocol.state import SidesInfo
-from flatcloth.viewer.routes.sources import place_in_view
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 Point3 = tuple[float, float, float]
+Endpoint = Callable[[Request], Awaitable[Response]]
 LEAST_STEP_RC = 0.5
 """Points of a stroke that are closer than half a pixel are redundant."""
 
@@ -234,33 +234,25 @@ class SideController:
     def routes(self, picture: Callable[[], Picture | None]) -> list[BaseRoute]:
         """Return what the web server serves: the labels of a view or of the shape, drawn."""
 
-        def labels(draw: Callable[[int, bool], bytes | None]) -> Callable[[Request], Awaitable[Response]]:
+        def answered(
+            make: Callable[[Request], bytes | None], **options: str
+        ) -> Callable[[Request], Awaitable[Response]]:
             async def answer(request: Request) -> Response:
-                view, certain = request.path_params["view"], request.query_params.get("layer") == "certainty"
-                return await answered(lambda: draw(view, certain))
+                return await http.made(lambda: make(request), gone="The sides are not known yet.", **options)
 
             return answer
 
-        async def color(request: Request) -> Response:
-            view = request.path_params["view"]
-            return await answered(lambda: self._small_color(view), "image/jpeg", "private, max-age=86400")
+        def labels(draw: Callable[[int, bool], bytes | None]) -> Endpoint:
+            return answered(lambda r: draw(r.path_params["view"], r.query_params.get("layer") == "certainty"))
 
-        async def of_shape(_request: Request) -> Response:
-            return await answered(lambda: self._shape_png(picture()))
-
-        async def answered(
-            draw: Callable[[], bytes | None], kind: str = "image/png", kept: str = "no-store"
-        ) -> Response:
-            data = await run_in_threadpool(draw)
-            if data is None:
-                return PlainTextResponse("The sides are not known yet.", status_code=410)
-            return Response(data, media_type=kind, headers={"Cache-Control": kept})
+        def color(request: Request) -> bytes | None:
+            return self._small_color(request.path_params["view"])
 
         return [
-            Route("/sides/shape.png", of_shape),
+            Route("/sides/shape.png", answered(lambda _: self._shape_png(picture()))),
             Route("/sides/{view:int}.png", labels(self.view_png)),
             Route("/sides/{view:int}/small.png", labels(self.small_png)),
-            Route("/sides/{view:int}/color.jpg", color),
+            Route("/sides/{view:int}/color.jpg", answered(color, media_type="image/jpeg", kept=http.DAY)),
         ]
 
     def _labels(self, view: int) -> ViewSegmentation | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
+import msgspec
 from msgspec import Meta
 
 from flatcloth.viewer.protocol.sent import RC, UV, XYZ, Direction, Grid, Legend, Note, Progress, Sent
@@ -117,6 +118,139 @@ class StrokeAdvice(Sent, tag_field="type", tag="where_to_stroke", frozen=True):
 
 class Switched(Sent, tag_field="type", tag="switched", frozen=True):
     """Another recording was opened; the tab connects again."""
+
+
+class SeenView(Sent, frozen=True):
+    """A view that saw a pick: the pixel, and the image around it as a data URL."""
+
+    view_index: int
+    angle_deg: float
+    rc: tuple[float, float]
+    thumb: str
+
+
+class SeenViews(Sent, frozen=True):
+    """The views that saw a pick, and how many of the others did not, by the reason."""
+
+    seen: list[SeenView]
+    n_views: int
+    hidden: dict[str, int]
+
+
+class LeftOutView(Sent, frozen=True):
+    """A view that shows cloth that is not in the shape."""
+
+    view_index: int
+    area_cm2: float
+    reason: str
+
+
+class ExpectedArea(Sent, frozen=True):
+    """How much a view that is not used is expected to add."""
+
+    view_index: int
+    area_cm2: float
+
+
+class MoreViews(Sent, frozen=True):
+    """Whether more views would add cloth, and which."""
+
+    reason: str
+    share: float | None
+    expected: list[ExpectedArea]
+
+
+class ResultInfo(Sent, frozen=True):
+    """The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed."""
+
+    revision: int
+    trouble: str = ""
+    median_std_mm: float | None = None
+    reliable_share: float | None = None
+    left_out: list[LeftOutView] = msgspec.field(default_factory=list)
+    more: MoreViews | None = None
+
+
+class CurvesInfo(Sent, frozen=True):
+    """The curves h(u) and A_z(u) of a flattened view."""
+
+    u_mm: list[float]
+    h: list[int]
+    a_z_deg: list[float | None]
+    pixel_size_mm: float
+
+
+class LineInfo(Sent, frozen=True):
+    """The line of pixels with the Z-angle A_m, fitted on the plane."""
+
+    pixels_uv_m: list[UV]
+    center_uv_m: UV
+    direction: tuple[float, float]
+    point_uv_m: UV
+
+
+class ZAngleLines(Sent, frozen=True):
+    """The lines of both views that the placement lays on each other."""
+
+    a_m_deg: float
+    common_range_deg: tuple[float, float]
+    height_mm: float
+    current: LineInfo
+    new: LineInfo
+
+
+class EdgesInfo(Sent, frozen=True):
+    """The most strained edges of a flattening; ``total`` is the number of all."""
+
+    uv_m: list[tuple[UV, UV]]
+    strain: list[float]
+    total: int
+
+
+class BothEdges(Sent, frozen=True):
+    """The strained edges of the shape and of the new view."""
+
+    shape: EdgesInfo
+    new: EdgesInfo
+
+
+class ClothPairs(Sent, frozen=True):
+    """Pairs of the same cloth, evenly chosen, and what all pairs say."""
+
+    total: int
+    median_mm: float
+    nine_tenths_mm: float
+    beyond_share: float
+    limit_mm: float
+    apart_median_mm: float
+    shape_uv_m: list[UV]
+    placed_uv_m: list[UV]
+    shape_xyz_m: list[XYZ]
+    new_xyz_m: list[XYZ]
+    residual_mm: list[float]
+    apart_mm: list[float]
+
+
+class DiagnosticsInfo(Sent, frozen=True):
+    """What speaks for and against a proposal: mm and degrees for reading, metres for positions."""
+
+    limit_deg: float
+    overlap_cm2: float
+    view_index: int
+    side: str
+    front_view: int
+    turn_deg: float
+    rotation_deg: float
+    u_b_mm: float | None
+    a_0_deg: float | None
+    current: CurvesInfo
+    new: CurvesInfo
+    lines: ZAngleLines | None
+    trouble: str
+    front_from_current: tuple[float, float, float]
+    current_from_new: tuple[float, float, float]
+    edges: BothEdges
+    pairs: ClothPairs | None
 
 
 class FrameInfo(Sent, tag_field="type", tag="frame", frozen=True):

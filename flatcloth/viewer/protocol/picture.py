@@ -9,16 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flatcloth.core.geometry import height_m, z_angle_deg
-from flatcloth.core.types import Bool, FlattenedView, Rigid2, RotationAxis, finite
+from flatcloth.core.types import Bool, FlattenedView, Floats, Rigid2, RotationAxis, finite
 from flatcloth.engine.integration import Integration, Proposal
 from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, label_of, lay_out, overlay_on
 from flatcloth.engine.views import ViewCloud
 from flatcloth.garments.deciding import decided_pieces
+from flatcloth.grasping.visibility import Projection, Visibility, project
 from flatcloth.methods.base import AlignmentScore, JoinedPiece
 from flatcloth.methods.paper.merging import shows
 from flatcloth.rendering.layers import CONFLICT_M, difference, legends
 from flatcloth.session.machine import Document, Pending
-from flatcloth.viewer.protocol.answers import PixelValues
+from flatcloth.viewer.protocol.answers import PixelValues, SourcePlace
 from flatcloth.viewer.protocol.sent import UV, Legend, typed
 from flatcloth.viewer.protocol.state import Check, Foreseen, PlacedPartInfo
 
@@ -288,3 +289,26 @@ def values_at(
         "placement_std_mm": None if std_m is None else finite(1000 * std_m),
     }
     return typed(values, PixelValues)
+
+
+def place_in_view(
+    integration: Integration, view_index: int, position_held_m: Floats, normal_held: Floats
+) -> Projection:
+    """Return the position of a point (object frame) in the image of a view; see ``visibility.project``."""
+    recording = integration.recording
+    angle_deg = recording.angles_deg[view_index]
+    return project(position_held_m, normal_held, integration.axis, angle_deg, recording.intrinsics)
+
+
+def place_under(integration: Integration, view_index: int, found: PixelValues | None) -> SourcePlace | None:
+    """Return where a pixel of the flattened view is in the image of a view; None if it is not seen there."""
+    if found is None or not 0 <= view_index < len(integration.recording):
+        return None
+    if found.view_index == view_index:
+        return SourcePlace(view_index=view_index, rc=found.source_rc)
+    position = np.array(found.xyz_mm) / 1000.0
+    normal = np.array(found.normal, dtype=np.float64)  # None becomes NaN
+    place = place_in_view(integration, view_index, position, normal)
+    if place.visibility is not Visibility.SEEN:
+        return None
+    return SourcePlace(view_index=view_index, rc=(float(place.row), float(place.col)))

@@ -93,8 +93,8 @@ def typed(values: Any, kind: type[T]) -> T:
     return msgspec.convert(msgspec.to_builtins(values, enc_hook=_builtin), kind)
 
 
-def encoded(message: msgspec.Struct) -> bytes:
-    """Return a message as JSON."""
+def encoded(message: Any) -> bytes:
+    """Return a message, or other values, as JSON."""
     return _ENCODER.encode(message)
 
 

@@ -8,51 +8,30 @@ such address), 409 (not allowed now) or 503 (the camera has ended).
 
 from __future__ import annotations
 
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
+from flatcloth.viewer.http import as_json, read_body, refused
+from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
-from flatcloth.viewer.protocol.state import CaptureStatus
-from flatcloth.viewer.routes.body import json_answer, read_body
 
 MAX_BODY_BYTES = 10_000
 """Limit of a request's body. Chosen: far above what the page sends."""
 _ACTIONS = {"angle": "announce", "begin": "begin", "keep": "keep", "repeat": "repeat", "finish": "finish"}
 
 
-class Captures(Protocol):
-    """The object behind the routes; see :class:`flatcloth.viewer.modes.capture.CaptureApplication`."""
-
-    @property
-    def view_png(self) -> bytes:
-        """The picture of the last view, empty if there is none."""
-        ...
-
-    def status(self) -> CaptureStatus:
-        """Return the status of the capture."""
-        ...
-
-    def act(self, action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> None:
-        """Execute an action; raises ``FlatclothError`` if it is not allowed."""
-        ...
-
-    def announce(self) -> None:
-        """Send the state to every tab."""
-        ...
-
-
-def capture_routes(captures: Captures) -> list[BaseRoute]:
+def capture_routes(captures: CaptureApplication) -> list[BaseRoute]:
     """Return the routes of a guided capture."""
 
     async def status(_request: Request) -> Response:
-        return json_answer(await run_in_threadpool(captures.status))
+        return as_json(await run_in_threadpool(captures.status))
 
     async def view(_request: Request) -> Response:
         if not captures.view_png:
@@ -62,25 +41,25 @@ def capture_routes(captures: Captures) -> list[BaseRoute]:
     async def hear(request: Request) -> Response:
         word = request.path_params["action"]
         if word not in _ACTIONS:
-            return _refused(f"Unknown address /capture/{word:.40}; choose one of {', '.join(_ACTIONS)}.", 404)
+            return refused(f"Unknown address /capture/{word:.40}; choose one of {', '.join(_ACTIONS)}.", 404)
         angle_deg, keeps_itself = None, False
         if word == "angle":
             try:
                 body = await read_body(request, MAX_BODY_BYTES)
             except ValueError as error:
-                return _refused(f"The body was not read: {error}; an angle takes about 20.", 400)
+                return refused(f"The body was not read: {error}; an angle takes about 20.", 400)
             try:
                 angle_deg, keeps_itself = _announcement(body)
             except ValueError as error:
-                return _refused(str(error), 400)
+                return refused(str(error), 400)
         try:
             await run_in_threadpool(captures.act, _ACTIONS[word], angle_deg, keeps_itself)
         except CameraError as error:
-            return _refused(str(error), 503)
+            return refused(str(error), 503)
         except FlatclothError as error:
-            return _refused(str(error), 409)
+            return refused(str(error), 409)
         captures.announce()
-        return json_answer(await run_in_threadpool(captures.status))
+        return as_json(await run_in_threadpool(captures.status))
 
     return [
         Route("/capture", status),
@@ -109,7 +88,3 @@ def _announcement(body: bytes) -> tuple[float, bool]:
     except (ValueError, RecursionError) as error:
         raise ValueError(f"The body is not JSON. {wanted}") from error
     return given.angle_deg, given.keep
-
-
-def _refused(text: str, status: int) -> Response:
-    return JSONResponse({"error": text}, status_code=status)

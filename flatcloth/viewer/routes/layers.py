@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import math
-import threading
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
+from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import RotationAxis
+from flatcloth.engine.integration import Integration
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.layers import Appearance, Difference, difference
+from flatcloth.viewer import http
 from flatcloth.viewer.protocol.picture import Picture
-
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
-    from flatcloth.viewer.modes.controller import PageController
 
 PICTURES_KEPT = 12
 """Pictures that are kept. Chosen: all layers of one state."""
@@ -33,118 +27,75 @@ class LayerRoutes:
 
     Parameters
     ----------
-    application : PageController
-        Provides the present picture.
+    picture : callable
+        Returns the present picture.
     integration : Integration
         The session's; only its axis and number of views are read.
     """
 
-    def __init__(self, application: PageController, integration: Integration) -> None:
-        self._application = application
-        self._integration = integration
-        self._lock = threading.Lock()
-        self._pngs: OrderedDict[Hashable, bytes] = OrderedDict()
-        self._difference: tuple[Hashable, Difference] | None = None
+    def __init__(self, picture: Callable[[], Picture | None], integration: Integration) -> None:
+        self._picture, self._integration = picture, integration
+        self._pngs: Cache[bytes | None] = Cache(PICTURES_KEPT)
+        self._differences: Cache[Difference] = Cache(1)
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this object."""
         return [
-            Route("/layers/{revision:int}/{name}.png", self._layer),
-            Route("/overlay/{revision:int}.png", self._overlay),
-            Route("/difference/{revision:int}-{overlay:int}/{name}.png", self._compare),
+            Route("/layers/{revision:int}/{name}.png", self._serve),
+            Route("/overlay/{overlay:int}.png", self._serve),
+            Route("/difference/{revision:int}-{overlay:int}/{difference}.png", self._serve),
             Route("/colormaps.json", _maps),
         ]
 
-    async def _layer(self, request: Request) -> Response:
-        revision, name = request.path_params["revision"], request.path_params["name"]
-        return await _answer(request, lambda look: self.layer(revision, name, look))
+    async def _serve(self, request: Request) -> Response:
+        try:
+            look = appearance_of(request.query_params)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=400)
+        asked = request.path_params
+        name = asked.get("name") or request.query_params.get("layer", "color")
+        revision, overlay, kind = asked.get("revision"), asked.get("overlay"), asked.get("difference")
+        return await http.made(lambda: self.png(name, look, revision, overlay, kind))
 
-    async def _overlay(self, request: Request) -> Response:
-        revision, name = request.path_params["revision"], request.query_params.get("layer", "color")
-        return await _answer(request, lambda look: self.overlay(revision, name, look))
+    def png(
+        self,
+        name: str,
+        look: Appearance = layers.PLAIN,
+        revision: int | None = None,
+        overlay_revision: int | None = None,
+        kind: str | None = None,
+    ) -> bytes | None:
+        """Return a picture; None if it is outdated or unknown.
 
-    async def _compare(self, request: Request) -> Response:
-        of = request.path_params["revision"], request.path_params["overlay"]
-        return await _answer(request, lambda look: self.compare(*of, request.path_params["name"], look))
-
-    def layer(self, revision: int, name: str, look: Appearance = layers.PLAIN) -> bytes | None:
-        """Return a layer of the shape at a revision; None if it is outdated or unknown."""
-
-        def make(picture: Picture) -> bytes | None:
-            if picture.revision != revision or name not in layers.LAYERS:
-                return None
-            return layers.png(layers.rgba(picture.view, name, self._axis, self._n_views, look))
-
-        return self._get(("layer", revision, name, look), make)
-
-    def overlay(self, revision: int, name: str, look: Appearance = layers.PLAIN) -> bytes | None:
-        """Return the proposal at a revision, in the colours of the shape's layer; None if it is outdated."""
-
-        def make(picture: Picture) -> bytes | None:
-            overlay = picture.overlay
-            if overlay is None or overlay.revision != revision or name not in layers.LAYERS:
-                return None
-            image = layers.rgba(overlay.view, name, self._axis, self._n_views, look, like=picture.view)
-            return layers.png(image)
-
-        return self._get(("overlay", revision, name, look), make)
-
-    def compare(self, revision: int, overlay_revision: int, kind: str, look: Appearance) -> bytes | None:
-        """Return the heat map of a difference between proposal and shape; None if it is outdated."""
-
-        def make(picture: Picture) -> bytes | None:
-            overlay, key = picture.overlay, (revision, overlay_revision)
-            if (
-                overlay is None
-                or (picture.revision, overlay.revision) != key
-                or kind not in layers.DIFFERENCES
-            ):
-                return None
-            found = self._difference
-            if found is None or found[0] != key:
-                found = self._difference = (key, difference(picture.view, overlay.view, self._axis))
-            return layers.png(layers.difference_rgba(found[1], kind, look))
-
-        return self._get(("difference", revision, overlay_revision, kind, look), make)
-
-    @property
-    def _axis(self) -> RotationAxis:
-        return self._integration.axis
-
-    @property
-    def _n_views(self) -> int:
-        return len(self._integration.recording)
-
-    def _get(self, key: Hashable, make: Callable[[Picture], bytes | None]) -> bytes | None:
-        with self._lock:
-            if key in self._pngs:
-                return self._pngs[key]
-        picture = self._application.picture
-        data = None if picture is None else make(picture)
-        if data is None:
+        A layer of the shape at its ``revision``, of the proposal at ``overlay_revision``, in the colours of
+        the shape's, or with both revisions the map of a ``kind`` of difference between them.
+        """
+        key = name, look, revision, overlay_revision, kind
+        if key in self._pngs:
+            return self._pngs.kept(key)
+        picture = self._picture()
+        overlay = None if picture is None else picture.overlay
+        if picture is None or revision not in (None, picture.revision):
             return None
-        with self._lock:
-            self._pngs[key] = data
-            while len(self._pngs) > PICTURES_KEPT:
-                self._pngs.popitem(last=False)
-        return data
+        if overlay_revision not in (None, overlay and overlay.revision):
+            return None
+        if name not in layers.LAYERS or kind not in (None, *layers.DIFFERENCES):
+            return None
+        axis, n_views = self._integration.axis, len(self._integration.recording)
+        if overlay is None or overlay_revision is None:
+            image = layers.rgba(picture.view, name, axis, n_views, look)
+        elif kind is None:
+            image = layers.rgba(overlay.view, name, axis, n_views, look, like=picture.view)
+        else:
+            between = (revision, overlay_revision)
+            found = self._differences.get(between, lambda: difference(picture.view, overlay.view, axis))
+            image = layers.difference_rgba(found, kind, look)
+        return self._pngs.put(key, layers.png(image))
 
 
 async def _maps(_request: Request) -> Response:
     about = {name: {"title": m.title, "colors": layers.ramp_colors(m.table())} for name, m in MAPS.items()}
-    return JSONResponse(about)
-
-
-async def _answer(request: Request, make: Callable[[Appearance], bytes | None]) -> Response:
-    try:
-        look = appearance_of(request.query_params)
-    except FlatclothError as error:
-        return PlainTextResponse(str(error), status_code=400)
-    data = await run_in_threadpool(make, look)
-    if data is None:
-        text = "This picture is no longer shown; a newer state follows."
-        return PlainTextResponse(text, status_code=410)
-    return Response(data, media_type="image/png", headers={"Cache-Control": "no-store"})
+    return http.as_json(about)
 
 
 def appearance_of(query: Mapping[str, str]) -> Appearance:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
-from typing import TYPE_CHECKING, Any
+from collections.abc import Awaitable, Callable
+from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
@@ -19,10 +20,9 @@ from flatcloth.engine.integration import Integration
 from flatcloth.export.garment import garment_document
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
 from flatcloth.session.document import Document
-
-if TYPE_CHECKING:
-    from flatcloth.viewer.modes.controller import PageController
-    from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer import http
+from flatcloth.viewer.modes.controller import PageController
+from flatcloth.viewer.protocol.picture import Picture
 
 _POLL_S = 0.1
 """Interval between looks for a new selection. Chosen."""
@@ -58,12 +58,9 @@ class RobotRoutes:
             WebSocketRoute("/robot/picks", self._picks),
         ]
 
-    def _answering(self, make: Any) -> Any:
+    def _answering(self, make: Callable[[], Any]) -> Callable[[Request], Awaitable[Response]]:
         async def answer(_request: Request) -> Response:
-            try:
-                return JSONResponse(await run_in_threadpool(make))
-            except FlatclothError as error:
-                return PlainTextResponse(str(error), status_code=409)
+            return await http.made(make)
 
         return answer
 

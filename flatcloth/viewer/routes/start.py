@@ -22,8 +22,8 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import static_folder
+from flatcloth.viewer.http import made, read_body, refused
 from flatcloth.viewer.places import Chosen, Kind, Places
-from flatcloth.viewer.routes.body import read_body
 
 MAX_BODY_BYTES = 4096
 """Limit of a request's body. Chosen: far above what the page sends."""
@@ -89,18 +89,14 @@ class StartRoutes:
         try:
             return JSONResponse(await run_in_threadpool(self._places.listing, path), headers=_NEW)
         except FlatclothError as error:
-            return _refused(str(error), 409)
+            return refused(str(error), 409)
 
     async def _picture(self, request: Request) -> Response:
         kind, name = request.path_params["kind"], request.path_params["name"]
         if kind not in ("example", "session"):
             return PlainTextResponse("There is no such picture.", status_code=404)
-        try:
-            async with self._reading:
-                data = await run_in_threadpool(self._drawn, kind, name)
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=409)
-        return Response(data, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=600"})
+        async with self._reading:
+            return await made(lambda: self._drawn(kind, name), "image/jpeg", kept="private, max-age=600")
 
     def _drawn(self, kind: Kind, name: str) -> bytes:
         source = self._places.chosen(kind, name).source
@@ -110,15 +106,15 @@ class StartRoutes:
         try:
             wanted = msgspec.json.decode(await read_body(request, MAX_BODY_BYTES), type=OpenPlace)
         except msgspec.ValidationError as error:
-            return _refused(f"Not understood: {error}.", 400)
+            return refused(f"Not understood: {error}.", 400)
         except (ValueError, RecursionError) as error:
-            return _refused(f"The body is not JSON of what to open ({error}).", 400)
+            return refused(f"The body is not JSON of what to open ({error}).", 400)
         if not self._opening.acquire(blocking=False):
-            return _refused("Something else is being opened; wait until it is there.", 429)
+            return refused("Something else is being opened; wait until it is there.", 429)
         try:
             await run_in_threadpool(self._open_place, wanted)
         except FlatclothError as error:
-            return _refused(str(error), 409)
+            return refused(str(error), 409)
         finally:
             self._opening.release()
         return JSONResponse({"opened": self._current()})
@@ -145,7 +141,3 @@ def first_picture(source: str) -> bytes:
     size = (max(1, round(scale * color.shape[1])), max(1, round(scale * color.shape[0])))
     small: Any = cv2.resize(color, size, interpolation=cv2.INTER_AREA)
     return jpeg(small)
-
-
-def _refused(text: str, status: int) -> Response:
-    return JSONResponse({"error": text}, status_code=status)

@@ -23,7 +23,7 @@ from flatcloth.batch.report import report_html, view_arguments
 from flatcloth.batch.review import decide
 from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
-from flatcloth.viewer.routes.body import read_body
+from flatcloth.viewer.http import read_body
 from flatcloth.viewer.server.app import bind
 from flatcloth.viewer.server.guard import Guard, own_names
 from flatcloth.viewer.server.token import kept_token

@@ -16,6 +16,7 @@ from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
+from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
 from flatcloth.viewer.modes.player import Player
@@ -24,6 +25,7 @@ from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import HoverAnswer, RayAnswer
 from flatcloth.viewer.protocol.sent import encoded
+from flatcloth.viewer.routes.capture import capture_routes
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import LayerRoutes
 from flatcloth.viewer.routes.robot import RobotRoutes
@@ -99,14 +101,16 @@ class Workspace:
             self.scene.offer_axis(self.application.adjust_axis)
         self._teaching = TeachingRoutes(integration, lambda: self.application.garments.last)
         self._exports = ExportRoutes(integration, folder, self.application.garments)
+        capture = capture_routes(self.application) if isinstance(self.application, CaptureApplication) else ()
         self.router = Router(
             [
-                *LayerRoutes(self.application, integration).routes(),
+                *LayerRoutes(lambda: self.application.picture, integration).routes(),
                 *SourceRoutes(self.application, integration).routes(),
                 Route("/export/grasps.json", self._grasps),
                 Route("/export/{name}", self._exports.serve),
                 Route("/teaching/{part}", self._teaching.serve),
                 *self.application.routes(),
+                *capture,
                 *RobotRoutes(self.application, integration, opened.base_from_camera).routes(),
                 WebSocketRoute("/ws", self._messages),
                 WebSocketRoute("/viser", self._viser_socket),

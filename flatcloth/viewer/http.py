@@ -1,0 +1,69 @@
+"""What all HTTP routes share: answers made on a thread, errors, and bodies of limited size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.viewer.protocol.sent import encoded
+
+DAY = "private, max-age=86400"
+"""Cache-Control of pictures whose address changes when they do."""
+
+
+async def made(
+    make: Callable[[], Any],
+    media_type: str = "image/png",
+    *,
+    kept: str = "no-store",
+    gone: str = "This picture is no longer shown; a newer state follows.",
+) -> Response:
+    """Answer with what ``make`` returns on a thread: bytes, or values that are sent as JSON.
+
+    None is answered by ``gone`` (410), a ``FlatclothError`` by its text (409).
+    """
+    try:
+        data = await run_in_threadpool(make)
+    except FlatclothError as error:
+        return PlainTextResponse(str(error), status_code=409)
+    if data is None:
+        return PlainTextResponse(gone, status_code=410)
+    return (
+        as_json(data)
+        if not isinstance(data, bytes)
+        else Response(data, media_type=media_type, headers={"Cache-Control": kept})
+    )
+
+
+def as_json(values: Any) -> Response:
+    """Return values as JSON that browsers do not keep."""
+    return Response(encoded(values), media_type="application/json", headers={"Cache-Control": "no-store"})
+
+
+def refused(text: str, status: int) -> Response:
+    """Return the reason why a program's request is refused, as JSON."""
+    return JSONResponse({"error": text}, status_code=status)
+
+
+async def read_body(request: Request, most_bytes: int) -> bytes:
+    """Return the body of a request; a longer one is not read to its end.
+
+    Raises
+    ------
+    ValueError
+        If it is longer than ``most_bytes``, also if its headers give no length, or the client leaves.
+    """
+    body = b""
+    try:
+        async for piece in request.stream():
+            body += piece
+            if len(body) > most_bytes:
+                raise ValueError(f"it is longer than {most_bytes} bytes")
+    except ClientDisconnect as error:
+        raise ValueError("it was cut short") from error
+    return body
