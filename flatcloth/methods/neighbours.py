@@ -44,10 +44,6 @@ def neighbourhoods(
     return Neighbourhoods(sums[:, 0], sums[:, 6:].reshape(-1, 3, 2), sums[:, 1:3], sums[:, 3:6])
 
 
-_SHORTEST_M = 1e-9
-"""Shorter steps on the plane count as this one, against division by zero. Chosen."""
-
-
 @njit(cache=True, nogil=True)
 def _summed(pairs: Int32, views: Int64, has_place: Bool, uv: Float64, xyz: Float64) -> Float64:
     """Return the sums (N, 12) as columns: views, lean, inwards, turned."""
@@ -57,7 +53,7 @@ def _summed(pairs: Int32, views: Int64, has_place: Bool, uv: Float64, xyz: Float
         if not (has_place[i] and has_place[j]):
             continue
         flat[0], flat[1] = uv[j, 0] - uv[i, 0], uv[j, 1] - uv[i, 1]
-        share = seen / max(np.sqrt(flat[0] * flat[0] + flat[1] * flat[1]), _SHORTEST_M)
+        share = seen / max(np.sqrt(flat[0] * flat[0] + flat[1] * flat[1]), 1e-9)
         for a in range(3):
             step[a] = xyz[j, a] - xyz[i, a]
         for end, sign in ((i, share), (j, -share)):

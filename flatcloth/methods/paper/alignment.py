@@ -25,14 +25,18 @@ from flatcloth.core.types import (
     no_progress,
 )
 from flatcloth.methods.base import Alignment, ColumnCurves, Correspondence, ZAngleLine
-from flatcloth.methods.paper.matching import Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
+from flatcloth.methods.paper.matching import (
+    LEAST_AREA_M2,
+    PLACE_SCALE_M,
+    Z_ANGLE_SMOOTHING_M,
+    Matcher,
+    mean_z_angle_deg,
+)
 from flatcloth.methods.paper.places import from_places
 from flatcloth.methods.paper.planning import column_curves
 
 _LINE_BANDS_DEG = (1.0, 2.0, 4.0, 8.0)
 """Half widths of the band of Z-angles of a line; the first band with enough pixels is used. Set by hand."""
-_LINE_MIN_AREA_M2 = 0.0003
-"""The pixels of the common Z-angle must cover this area. Set by hand."""
 
 
 def align_by_z_angle(
@@ -214,7 +218,7 @@ def _pixels_at(angle: Float64, view: FlattenedView, a_m: float) -> Int32:
     off = np.abs(wrapped_deg(angle - a_m))
     for band in _LINE_BANDS_DEG:
         found = inside[off <= band]
-        if len(found) * view.pixel_size_m**2 >= _LINE_MIN_AREA_M2:
+        if len(found) * view.pixel_size_m**2 >= LEAST_AREA_M2:
             return np.stack(np.unravel_index(found, view.shape), axis=1).astype(np.int32)
     raise AlignmentError(
         f"Too few pixels have the common Z-angle of {a_m:.0f} deg for a line; choose another view."
@@ -240,9 +244,9 @@ def _common_height(current: Float64, new: Float64) -> float:
 
 
 def _point_at_height(uv: Float64, z: Float64, center: Float64, direction: Float64, height: float) -> Float64:
-    """Point of the line at which the pixels around it have the height; within 10 mm first."""
+    """Point of the line at which the pixels around it have the height; within 10 mm if there are any."""
     along = (uv - center) @ direction
     off = np.abs(z - height)
-    near = off <= max(0.010, float(np.partition(off, min(5, off.size - 1))[min(5, off.size - 1)]))
+    near = off <= max(PLACE_SCALE_M, float(np.partition(off, min(5, off.size - 1))[min(5, off.size - 1)]))
     point: Float64 = center + float(np.median(along[near])) * direction
     return point

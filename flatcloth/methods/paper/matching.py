@@ -54,6 +54,8 @@ _MIN_OVERLAP_SHARE = 0.1
 """Share of the new view that must lie on the current one. Set by hand."""
 _ENOUGH_OVERLAP_M2 = 0.005
 """The score decreases in proportion if the overlap is smaller than this. Set by hand."""
+LEAST_AREA_M2 = 0.0003
+"""Pixels that determine a placement must cover this area. Set by hand."""
 PLACE_SCALE_M = 0.010
 """Distance in space that counts as half a disagreement. Chosen: half of what is counted as wrong in the
 evaluation; noise, bending of the flattened views and an axis that is a few millimetres off stay below it."""
@@ -335,7 +337,7 @@ def _spread(texture: Float32) -> float:
 
 def _texture(view: FlattenedView, smoothing_m: float) -> Float32:
     """Return the intensity (H, W) minus its mean within 10 mm, smoothed; 0 off the cloth."""
-    grey = (view.rgb @ np.array([0.299, 0.587, 0.114])).astype(np.float32)
+    grey = np.asarray(cv2.cvtColor(view.rgb.astype(np.float32), cv2.COLOR_RGB2GRAY), dtype=np.float32)
     weight = view.valid.astype(np.float32)
     fine, coarse = smoothing_m / view.pixel_size_m, 0.010 / view.pixel_size_m
 

@@ -14,20 +14,16 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Float64, Int64, Rigid2
-from flatcloth.methods.paper.matching import PLACE_SCALE_M
+from flatcloth.methods.paper.matching import LEAST_AREA_M2, PLACE_SCALE_M
 
 _SPACING_M = 0.004
 """Distance of the compared pixels. Chosen: a finer one gives the same estimate, in more time."""
-_SAME_PLACE_M = PLACE_SCALE_M
-"""Pixels show the same place if they are nearer. Chosen: what the score counts as half a disagreement."""
 _SAME_FACING = 0.8
-"""... and their normals differ by less than 37 degrees. Chosen: as in the score."""
-_LEAST_AREA_M2 = 0.0003
-"""The pixels that show the same place must cover this area, as those of a line must. Set by hand."""
+"""Pixels show the same place if their normals differ by less than 37 degrees. Chosen: as in the score."""
 _TRIALS = 64
 """Random pairs of correspondences that are tried. Chosen: if 30 % of them are right, 64 trials miss a right
 pair once in 400 times."""
-_APART_M = 0.020
+TURNING_M = 0.020
 """A pair that is nearer together does not determine the rotation. Set by hand."""
 _FITS = 10
 """Repetitions of the robust fit. Chosen: it changes by less than 0.1 mm from then on."""
@@ -52,13 +48,13 @@ def from_places(current: FlattenedView, new: FlattenedView) -> Rigid2:
         If too few pixels show the same place.
     """
     uv, target = _same_places(current, new)
-    if len(uv) * _SPACING_M**2 < _LEAST_AREA_M2:
+    if len(uv) * _SPACING_M**2 < LEAST_AREA_M2:
         raise AlignmentError("The views show too little cloth at the same place; choose a smaller rotation.")
     random = np.random.default_rng(0)
     best = fit_rigid2(uv, target)
     most = float(_agreement(best, uv, target).sum())
     for i, j in random.integers(0, len(uv), (_TRIALS, 2)):
-        if math.dist(uv[i], uv[j]) < _APART_M:
+        if math.dist(uv[i], uv[j]) < TURNING_M:
             continue
         trial = fit_rigid2(uv[[i, j]], target[[i, j]])
         agreed = float(_agreement(trial, uv, target).sum())
@@ -71,7 +67,7 @@ def from_places(current: FlattenedView, new: FlattenedView) -> Rigid2:
 
 def _agreement(motion: Rigid2, uv: Float64, target: Float64) -> Float64:
     off = np.square(motion.apply(uv) - target).sum(axis=1)
-    agreement: Float64 = 1.0 / (1.0 + off / _SAME_PLACE_M**2)
+    agreement: Float64 = 1.0 / (1.0 + off / PLACE_SCALE_M**2)
     return agreement
 
 
@@ -81,7 +77,7 @@ def _same_places(current: FlattenedView, new: FlattenedView) -> tuple[Float64, F
     if not (len(rc) and len(new_rc)):
         return np.zeros((0, 2)), np.zeros((0, 2))
     tree = cKDTree(current.xyz_m[rc[:, 0], rc[:, 1]])
-    off, at = tree.query(new.xyz_m[new_rc[:, 0], new_rc[:, 1]], distance_upper_bound=_SAME_PLACE_M)
+    off, at = tree.query(new.xyz_m[new_rc[:, 0], new_rc[:, 1]], distance_upper_bound=PLACE_SCALE_M)
     found = np.isfinite(off)
     rc, new_rc = rc[at[found]], new_rc[found]
     facing = (current.normal[rc[:, 0], rc[:, 1]] * new.normal[new_rc[:, 0], new_rc[:, 1]]).sum(axis=1)

@@ -25,7 +25,7 @@ from flatcloth.flattening.upsampling import Carrier, nearest_samples
 from flatcloth.methods.base import Canonical
 from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, JointShape
-from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE, Observation
+from flatcloth.methods.robust.observations import FRONTAL_NOISE, Observation
 from flatcloth.methods.robust.uncertainty import with_placement_std
 
 _RIM_NOISE = 3.0
@@ -242,7 +242,7 @@ def pixel_cost(surface: Surface) -> Float32:
     inside = surface.usable.astype(np.uint8)
     rim = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[rows, cols]
     cost = np.full(surface.usable.shape, np.inf, dtype=np.float32)
-    cost[rows, cols] = FRONTAL_NOISE + STEEP_NOISE * steep + _RIM_NOISE * np.exp(-rim / 3.0)
+    cost[rows, cols] = FRONTAL_NOISE + steep + _RIM_NOISE * np.exp(-rim / 3.0)
     return cost
 
 

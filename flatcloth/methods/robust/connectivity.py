@@ -268,7 +268,7 @@ NO_LINKS = Links(
     once=np.zeros((0, 2), dtype=np.int32),
     pair=np.zeros(0, dtype=np.int32),
 )
-"""The pairs of no observation."""
+"""The pairs of no observation. By definition."""
 
 
 def links_of(observations: Sequence[Observation]) -> Links:

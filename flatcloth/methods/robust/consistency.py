@@ -23,20 +23,13 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.articulated import STRIP_NOISE_M
 from flatcloth.methods.robust.connectivity import near_and_apart
-from flatcloth.methods.robust.joint_shape import LEAST_PIECE, Hinge, JointShape
+from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, Hinge, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
 
-_NEAR_M = 0.015
-"""Nodes nearer than this on the plane (a little more than their distance, 12 mm) ..."""
-_FAR_M = 0.045
-"""... and farther than this in space lie on one another: three times as far, no noise explains that. Set by
-hand."""
-_SAME_SURFACE_M = 0.030
-"""Nodes that lie on others are one layer if they are nearer to each other in space than this. Set by hand."""
-_MOST_APART_M = 0.04
-"""Neighbours in one view lie at most this much farther apart on the plane than the view says. Set by hand."""
-_OTHER_PIECE_M = 5.0
-"""Floating pieces lie farther apart than this on the plane. Set by hand."""
+_OVERLAP_M = 0.015
+"""Nodes nearer than this on the plane (a little more than their distance, 12 mm) and more than three times as
+far apart in space lie on one another: no noise explains that. Nodes of an overlap that are nearer to each
+other in space than twice this are one layer. Set by hand."""
 MOST_CUT_EVIDENCE = 20.0
 """Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
 hand."""
@@ -64,7 +57,7 @@ def overlapping_pairs(uv_m: Float64, xyz_m: Float64) -> Int64:
         Their points in space.
     """
     own = np.flatnonzero(np.isfinite(uv_m[:, 0]))
-    return own.take(near_and_apart(uv_m[own], xyz_m[own], _NEAR_M, _FAR_M))
+    return own.take(near_and_apart(uv_m[own], xyz_m[own], _OVERLAP_M, 3.0 * _OVERLAP_M))
 
 
 def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -> tuple[Bool, float, Bool]:
@@ -92,7 +85,7 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
     """
     none = np.zeros(len(edges), dtype=np.bool_)
     nodes = np.unique(pairs)
-    near = cKDTree(xyz_m[nodes]).query_pairs(_SAME_SURFACE_M, output_type="ndarray")
+    near = cKDTree(xyz_m[nodes]).query_pairs(2.0 * _OVERLAP_M, output_type="ndarray")
     layer = np.full(len(xyz_m), -1)
     nearby = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(nodes.size,) * 2)
     layer[nodes] = connected_components(nearby, directed=False)[1]
@@ -136,10 +129,10 @@ def _farthest(pairs: Int64, nodes: Int64, xyz_m: Float64) -> tuple[Int64, Int64]
     """
     apart = np.linalg.norm(xyz_m[pairs[:, 0]] - xyz_m[pairs[:, 1]], axis=1)
     most = int(apart.argmax()) if apart.size else 0
-    if not apart.size or apart[most] <= 2.0 * _SAME_SURFACE_M:
+    if not apart.size or apart[most] <= 4.0 * _OVERLAP_M:
         return nodes[:0], nodes[:0]
     tree = cKDTree(xyz_m[nodes])
-    one, other = (nodes[tree.query_ball_point(xyz_m[end], _SAME_SURFACE_M)] for end in pairs[most])
+    one, other = (nodes[tree.query_ball_point(xyz_m[end], 2.0 * _OVERLAP_M)] for end in pairs[most])
     return one, other
 
 
@@ -336,15 +329,15 @@ def contradicted_pairs(uv_m: Float64, edges: Int32, length_m: Float64, evidence:
     ----------
     uv_m : (N, 2) float64
         Where the nodes lay before the view; NaN for new ones, which are taken to lie where most evidence
-        leads. Pieces lie far apart (more than ``_OTHER_PIECE_M``): a pair that joins two contradicts nothing.
+        leads. Pieces lie far apart (``PIECES_APART_M``): a pair that joins two contradicts nothing.
     edges, length_m, evidence
         The pairs of the view.
     """
-    place = _guessed_places(uv_m, edges, evidence, _MOST_APART_M)
+    place = _guessed_places(uv_m, edges, evidence, MOST_DRIFT_M)
     apart = np.linalg.norm(place[edges[:, 0]] - place[edges[:, 1]], axis=1)
     guessed = np.isnan(uv_m[edges, 0]).sum(axis=1)
     with np.errstate(invalid="ignore"):
-        found: Bool = (apart - (1 + guessed) * length_m > _MOST_APART_M) & (apart < _OTHER_PIECE_M)
+        found: Bool = (apart - (1 + guessed) * length_m > MOST_DRIFT_M) & (apart < 0.5 * PIECES_APART_M)
     return found
 
 

@@ -18,6 +18,8 @@ from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2, RotationA
 from flatcloth.flattening.patches import median
 from flatcloth.methods.base import Hypothesis
 from flatcloth.methods.paper.alignment import correspond, from_lines
+from flatcloth.methods.paper.matching import PLACE_SCALE_M
+from flatcloth.methods.paper.places import TURNING_M
 from flatcloth.methods.robust.scoring import ReferenceShape, SampledComponent, refine, score_placement
 
 _DISTINCT_M = 0.008
@@ -52,7 +54,7 @@ def from_association(reference: ReferenceShape, sampled: SampledComponent) -> li
     before = None
     for _ in range(5):
         off = np.linalg.norm(best.apply(points) - target, axis=1)
-        near = off < max(0.012, median(off))
+        near = off < max(_COARSE_M, median(off))
         if near.sum() < 3 or (before is not None and np.array_equal(near, before)):
             break
         best, before = fit_rigid2(points[near], target[near]), near
@@ -66,7 +68,7 @@ def _best_of_two(points: Float64, target: Float64, given: Rigid2) -> Rigid2:
     """
     i, j = np.random.default_rng(0).integers(0, len(points), (_TRIALS, 2)).T
     one, other = points[j] - points[i], target[j] - target[i]
-    apart = np.linalg.norm(one, axis=1) >= 0.02
+    apart = np.linalg.norm(one, axis=1) >= TURNING_M
     turn = np.arctan2(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0], (one * other).sum(axis=1))
     cos, sin = np.cos(turn), np.sin(turn)
     rotation = np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
@@ -84,7 +86,7 @@ def _best_of_two(points: Float64, target: Float64, given: Rigid2) -> Rigid2:
 
 def _agreed(off_m: Float64) -> Float64:
     """Return how many points (..., N) agree that are so far off."""
-    agreed: Float64 = (1.0 / (1.0 + np.square(off_m / 0.01))).sum(axis=-1)
+    agreed: Float64 = (1.0 / (1.0 + np.square(off_m / PLACE_SCALE_M))).sum(axis=-1)
     return agreed
 
 

@@ -29,6 +29,7 @@ from flatcloth.methods.robust.consistency import (
 from flatcloth.methods.robust.joint_shape import (
     LEAST_PIECE,
     OUTGROWN,
+    PIECES_APART_M,
     Hinge,
     JointShape,
     anchored,
@@ -38,6 +39,7 @@ from flatcloth.methods.robust.joint_shape import (
     without_weak,
 )
 from flatcloth.methods.robust.layout import (
+    CONTRADICTED_WEIGHT,
     lay_out,
     lay_pieces,
     minimise_piece,
@@ -55,9 +57,6 @@ _MOST_STRAINED = 0.03
 """... or contradicts more than this share of pairs, as they lie. Set by hand."""
 _TRIED_AGAIN = 1.25
 """Other cuts are tried again when this many times the evidence is cut. Chosen for speed."""
-_APART_M = 10.0
-"""Distance of floating pieces on the plane. Set by hand."""
-
 Int64 = NDArray[np.int64]
 
 
@@ -168,7 +167,7 @@ def flatten_jointly(
             uv[piece.members] = own_uv[piece.members]
             number[piece.members & np.isfinite(uv[:, 0])] = n
             if not piece.is_main:
-                uv[piece.members] += (_APART_M * n, 0.0) - np.nanmean(uv[piece.members], axis=0)
+                uv[piece.members] += (PIECES_APART_M * n, 0.0) - np.nanmean(uv[piece.members], axis=0)
         else:
             settled_pairs = len(shape.links.edges) if is_whole else shape.settled_pairs
             return anchored(
@@ -342,7 +341,7 @@ def _relaxed_around(
         return None
     uv, weight = relax_around(z, shape.links, inside, shape.weight[inside], new)
     of_last = weight[shape.links.of_last_view(inside)]
-    is_strained = (of_last < 0.25).sum() > _MOST_STRAINED * of_last.size
+    is_strained = (of_last < CONTRADICTED_WEIGHT).sum() > _MOST_STRAINED * of_last.size
     if is_strained or np.unique(overlaps(shape, uv)).size >= LEAST_PIECE:
         return None
     return uv, weight

@@ -18,6 +18,8 @@ from flatcloth.methods.robust.observations import Nodes, Observation, averaged, 
 LEAST_PIECE = 12
 """Fewest nodes of a floating piece that is kept, of an overlap that counts, of the two sides of a hinge, and
 of a second rigid motion in one component. Set by hand."""
+PIECES_APART_M = 10.0
+"""Distance of floating pieces on the plane. Chosen: larger than any cloth."""
 OUTGROWN = 1.3
 """A piece or part with this many times the nodes of the main one becomes the main one. Set by hand."""
 _LEAST_NODE_EVIDENCE = 0.25

@@ -25,6 +25,8 @@ from flatcloth.methods.robust.observations import Complex128
 
 _ROBUST_STD = 3.0
 """A pair with a residual of this many standard deviations has a quarter of its weight. Set by hand."""
+CONTRADICTED_WEIGHT = 0.25
+"""Pairs of a smaller weight contradict the others: that of Geman and McClure at the scale. By definition."""
 _ARAP_STEPS = 8
 """Steps of as-rigid-as-possible relaxation before the minimisation. Set by hand."""
 _ROBUST_ROUNDS, _PRECISE_ROUNDS = 2, 12
@@ -46,7 +48,7 @@ _STEPS = 12
 """Limit of its Gauss-Newton steps, normally. Chosen for speed: where many weights change, it takes twenty; a
 sheet that is folded over unfolds in five."""
 MOST_DRIFT_M = 0.04
-"""A pair that a layout grown anew misses by more than this contradicts it; its drift is 5 to 15 mm. Set by
+"""A pair that a layout misses by more than this contradicts it; the drift of a layout is 5 to 15 mm. Set by
 hand."""
 _SAME_PLACE_M = 0.012
 """In a layout grown anew, predictions of a place that differ by less than this (a node's distance) agree. Set
@@ -193,10 +195,6 @@ def grown_layout(
     return layout
 
 
-_MOST_PREDICTIONS = 256
-"""Pairs of a node that are heard. Chosen: a node has at most eight in a view; it bounds the memory."""
-
-
 class _EdgeEnds(NamedTuple):
     """The ends of the M edges, ``order``ed by node: k for the first end of edge k, M + k for the second.
 
@@ -224,14 +222,15 @@ def _grow(
     z = np.full(n, complex(np.nan, np.nan))
     placed, leads = np.zeros(n, dtype=np.bool_), np.zeros(n)
     rotation = np.zeros(n_members, dtype=np.complex128)
-    prediction, weight = np.empty(_MOST_PREDICTIONS, dtype=np.complex128), np.empty(_MOST_PREDICTIONS)
+    most = np.max(first[1:] - first[:-1])
+    prediction, weight = np.empty(most, dtype=np.complex128), np.empty(most)
     node, count, waiting = seed, 0, [seed]
     while node >= 0:
         known = 0
         for s in range(first[node], first[node + 1]):
             e, end = order[s] % m, order[s] // m
             other = edges[e, 1 - end]
-            if not placed[other] or known >= _MOST_PREDICTIONS:
+            if not placed[other]:
                 continue
             turn = rotation[member[e, 1 - end]]
             if count == 1:
@@ -261,13 +260,13 @@ def _grow(
                     if leads[other] <= 0.0:
                         waiting.append(other)
                     leads[other] = max(leads[other], 0.0) + evidence[e]
-        node, most, kept = -1, 0.0, 0
+        node, strongest, kept = -1, 0.0, 0
         for other in waiting:
             if leads[other] > 0.0:  # it has no place yet, and was not tried in vain
                 waiting[kept] = other
                 kept += 1
-                if leads[other] > most or (leads[other] == most and other < node):
-                    node, most = other, leads[other]
+                if leads[other] > strongest or (leads[other] == strongest and other < node):
+                    node, strongest = other, leads[other]
         del waiting[kept:]
     return z
 

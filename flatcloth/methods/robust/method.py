@@ -31,6 +31,7 @@ from flatcloth.methods.robust.compositing import draw, states_of_nodes, states_o
 from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import begin_joint, extend_joint, taken_apart
 from flatcloth.methods.robust.joint_shape import JointShape, largest_piece
+from flatcloth.methods.robust.layout import CONTRADICTED_WEIGHT
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
@@ -208,7 +209,7 @@ class RobustMethod(Method):
         shape = self.shapes.shape(document)
         links = shape.links
         own = (links.observation == len(shape.observations) - 1) & both_ends(shape.placed, links.edges)
-        return float((shape.weight[own] < 0.25).mean()) if own.any() else 0.0
+        return float((shape.weight[own] < CONTRADICTED_WEIGHT).mean()) if own.any() else 0.0
 
     def is_contradicted(self, document: Document) -> bool:
         """Return whether this share is too large for acceptance without an operator."""

@@ -22,6 +22,7 @@ from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.methods.base import Candidate
 from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.robust.joint_shape import JointShape
+from flatcloth.methods.robust.observations import INCIDENCE_LIMIT_DEG
 from flatcloth.methods.robust.scoring import neighbourhoods_of
 
 LEAST_OVERLAP_M2 = 0.03
@@ -42,8 +43,11 @@ _UNSEEN_M2_PER_DEG = 0.001
 """... beyond it, this much per degree. Set by hand."""
 _COVER_RAD = 0.014
 """A node covers others within this angle, ..."""
-_COVER_GAP_M = 0.03
-"""... if it is nearer by this. Set by hand."""
+_NEAR_M = 0.03
+"""... if it is nearer by this. Gaps between pieces are at most as wide, and so is the cloth that is expected
+beyond an outline. Chosen: more than the errors of the poses."""
+_BEYOND_RAD = math.radians(40.0)
+"""Cloth beyond an outline is turned away by this. Set by hand."""
 
 
 def rate_candidates(
@@ -82,7 +86,7 @@ def rate_candidates(
     gaps = _gaps(shape)
     looked = np.array([angles_deg[v] for v in seen])
     poorly = best >= _POOR_INCIDENCE_DEG
-    limit, steep = math.cos(math.radians(_GOOD_INCIDENCE_DEG)), math.cos(math.radians(75.0))
+    limit, steep = math.cos(math.radians(_GOOD_INCIDENCE_DEG)), math.cos(math.radians(INCIDENCE_LIMIT_DEG))
     rated, views = [], list(candidates)
     turns = rotations_by(np.radians([angles_deg[v] for v in views])[:, None] * axis.direction)
     shifts_m = axis.point_m - turns @ axis.point_m
@@ -130,8 +134,6 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
     return found
 
 
-_NEAR_M = 0.03
-"""Surface farther than this from every node is new. Chosen: more than the errors of the poses."""
 _CELL_M = 0.02
 """Cell in which new surface counts once. Chosen: several nodes wide, so that sparse ones cover it."""
 
@@ -166,11 +168,11 @@ def _rim(shape: JointShape, area_m2: float, around: Neighbourhoods) -> _Rim:
     # Outwards in space: opposite to the mean direction of the neighbours.
     normal, inwards = shape.nodes.normal[rim], around.inwards[rim]
     outwards = -inwards / np.maximum(np.linalg.norm(inwards, axis=1), 1e-9)[:, None]
-    beyond = math.cos(math.radians(40.0)) * normal + math.sin(math.radians(40.0)) * outwards
+    beyond = math.cos(_BEYOND_RAD) * normal + math.sin(_BEYOND_RAD) * outwards
     # An outline that is the same in several views is the border of the cloth.
-    shown = [seen.node[seen.incidence_deg < 60.0] for seen in shape.observations]
+    shown = [seen.node[seen.incidence_deg < _POOR_INCIDENCE_DEG] for seen in shape.observations]
     often = np.bincount(np.concatenate(shown), minlength=len(shape.nodes))[rim]
-    promise = math.sqrt(area_m2) * 0.03 * 0.4 ** np.maximum(often - 1.0, 0.0)
+    promise = math.sqrt(area_m2) * _NEAR_M * 0.4 ** np.maximum(often - 1.0, 0.0)
     return _Rim((np.cumsum(shape.has_place) - 1)[rim], beyond, promise)
 
 
@@ -188,7 +190,7 @@ def _uncovered(points: Float64) -> Bool:
         nearest[row[n], column[n]] = min(nearest[row[n], column[n]], points[n, 2])
     free = np.empty(len(points), dtype=np.bool_)
     for n in range(len(points)):
-        free[n] = points[n, 2] <= nearest[row[n], column[n]] + _COVER_GAP_M
+        free[n] = points[n, 2] <= nearest[row[n], column[n]] + _NEAR_M
     return free
 
 

@@ -28,12 +28,10 @@ from flatcloth.flattening.sampling import (
 from flatcloth.flattening.surface import Surface
 
 _SAME_PLACE_M = 0.0015
-"""A view sees a node that lies within this of the view's surface, ..."""
-_SAME_PLACE_NOISE = 3.0
-"""... plus this many times the noise of the view, ..."""
+"""A view sees a node that lies within this plus three times the view's noise of the view's surface, ..."""
 _SAME_NORMAL_COS = 0.85
 """... if the angle of the normals has at least this cosine. Set by hand."""
-_INCIDENCE_LIMIT_DEG = 75.0
+INCIDENCE_LIMIT_DEG = 75.0
 """Cloth at a larger incidence angle adds no nodes. Set by hand."""
 _NOISY_INCIDENCE_LIMIT_DEG = 55.0
 """With noisy depth, known cloth at a larger incidence angle is not measured again."""
@@ -47,9 +45,10 @@ _LEAST_PAIR_M = 0.002
 _PAIR_STD_M = 0.0003
 """Standard deviation of a pair's length without noise, due to stretching of the cloth. Set by hand."""
 FRONTAL_NOISE = 0.4
-"""Error of a pair seen frontally, as a share of the view's noise, ..."""
-STEEP_NOISE = 1.0
-"""... plus this much per unit of the squared tangent of the incidence angle. Set by hand."""
+"""Error of a pair seen frontally, as a share of the view's noise; the squared tangent of the incidence angle
+is added. Set by hand."""
+_PAIR_INTERVALS = 1.5
+"""Pairs are at most this many sampling intervals long: neighbours on the grid, and diagonals. Chosen."""
 _SMOOTH_COS = 0.95
 """A pair whose normals have a smaller cosine crosses a crease, or two layers: ..."""
 _CREASED_EVIDENCE = 0.25
@@ -139,7 +138,7 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Assoc
     """
     k = surface.frame.intrinsics
     points, normal = held_from_camera.inverse().apply_with_normal(nodes.xyz_m, nodes.normal)
-    tolerance = _SAME_PLACE_M + _SAME_PLACE_NOISE * surface.noise_m
+    tolerance = _SAME_PLACE_M + 3.0 * surface.noise_m
     rc = project(points, k)
     for round_ in range(2):
         pixel, inside = _pixels_inside(rc, surface.usable.shape)
@@ -172,7 +171,7 @@ def observe(
     Returns the nodes, moved to the mean of all views' measurements, and the observation.
     """
     d = flattening.sampling_intervals_px[-1]
-    limit = _NOISY_INCIDENCE_LIMIT_DEG if surface.noisy else _INCIDENCE_LIMIT_DEG
+    limit = _NOISY_INCIDENCE_LIMIT_DEG if surface.noisy else INCIDENCE_LIMIT_DEG
     grid = np.zeros_like(surface.usable)
     grid[d // 2 :: d, d // 2 :: d] = True
     fresh = np.argwhere(grid & surface.usable).astype(np.float64)
@@ -188,7 +187,7 @@ def observe(
     rc = np.concatenate([associated.rc[~steep], fresh])
     points, normal, known = fit_samples(surface, rc)
     incidence = _incidence_deg(rc, normal, surface.frame.intrinsics)
-    known &= (node >= 0) | (incidence <= _INCIDENCE_LIMIT_DEG)
+    known &= (node >= 0) | (incidence <= INCIDENCE_LIMIT_DEG)
     rc, points, normal, incidence = (a[known] for a in (rc, points, normal, incidence))
     node = node[known]
     is_new = node < 0
@@ -275,14 +274,14 @@ def _pairs(
     surface: Surface,
 ) -> tuple[Int32, Float64, Float64, Complex128]:
     pixel = np.rint(rc).astype(np.int32)
-    reach_px = 1.5 * interval_px
+    reach_px = _PAIR_INTERVALS * interval_px
     edges = cKDTree(pixel).query_pairs(reach_px, output_type="ndarray").astype(np.int32)
     if not surface.noisy:
         # Where nodes are closer than the interval, pairs are shorter.
         one, other = edges.T
         apart_px = np.hypot(*(pixel[one] - pixel[other]).T)
         surrounded_px = _nth_nearest(edges, apart_px, np.full((len(pixel), _SURROUND), reach_px))
-        longest_px = 1.5 * np.maximum(surrounded_px, interval_px // 2)
+        longest_px = _PAIR_INTERVALS * np.maximum(surrounded_px, interval_px // 2)
         edges = edges[apart_px <= np.maximum(longest_px[one], longest_px[other])]
     edges = edges[path_on_surface(surface.usable, surface.steps, pixel, edges)]
     edges, length = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
@@ -290,7 +289,7 @@ def _pairs(
     edges, length = edges[apart], length[apart]
     steepness = np.tan(np.radians(np.minimum(incidence_deg, 80.0))) ** 2
     one, other = edges.T
-    noise = surface.noise_m * (FRONTAL_NOISE + STEEP_NOISE * 0.5 * (steepness[one] + steepness[other]))
+    noise = surface.noise_m * (FRONTAL_NOISE + 0.5 * (steepness[one] + steepness[other]))
     bent_rad = math.radians(_BENT_DEG[int(surface.noisy)])
     offset = _offsets(edges, points, normal, np.stack(tangent_basis(normal)), length, bent_rad)
     return edges, length, np.hypot(_PAIR_STD_M, noise), offset

@@ -35,6 +35,10 @@ TWICE_M = 0.015
 """The same cloth at two positions farther apart on the plane than this is present twice. Set by hand."""
 _TEXTURE_SIZE_M = 0.007
 """Texture is the intensity minus its mean over this size. Set by hand."""
+_FINE_PX = 1.5
+"""Pixels over which the texture is smoothed, as neighbouring ones are noisy. Set by hand."""
+_COLOR_RANGE = 64.0
+"""Grey levels of a color difference as large as the intensity. Set by hand."""
 _COLOR_STD = 20.0
 """Difference of equal color in two views, grey levels. Set by hand."""
 _TELLING_COLOR = 0.25
@@ -67,15 +71,20 @@ def texture_features(surface: Surface) -> TextureFeatures:
     def mean(image: Float32, sigma: float) -> Float32:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), dtype=np.float32)
 
-    known, off = np.maximum(mean(inside, 1.5), 0.05), ~surface.usable
+    def mean_share(sigma: float) -> Float32:
+        return np.asarray(np.maximum(mean(inside, sigma), 0.05), dtype=np.float32)
+
+    known, off = mean_share(_FINE_PX), ~surface.usable
     color = cv2.copyTo(surface.frame.color, surface.usable.astype(np.uint8))  # 0 off the surface
-    fine = mean(color.astype(np.float32), 1.5)
+    fine = mean(color.astype(np.float32), _FINE_PX)
     red, green, blue = (plane / known for plane in cv2.split(fine))
     gray: Float32 = np.asarray((red + green + blue) / 3.0, dtype=np.float32)
-    coarse = mean(gray * inside, sigma_px) / np.maximum(mean(inside, sigma_px), 0.05)
+    coarse = mean(gray * inside, sigma_px) / mean_share(sigma_px)
     brightness = np.maximum(gray, 8.0)
     coarse[off] = brightness[off] = np.nan
-    texture = cv2.merge([gray - coarse, 64.0 * red / brightness - 64.0, 64.0 * blue / brightness - 64.0])
+    texture = cv2.merge(
+        [gray - coarse, *(_COLOR_RANGE * tint / brightness - _COLOR_RANGE for tint in (red, blue))]
+    )
     return TextureFeatures(texture=np.asarray(texture, dtype=np.float32))
 
 
@@ -134,6 +143,7 @@ class ReferenceShape:
         self.normal = shape.nodes.normal[self.number]
         self.frames = _space_from_plane(shape, around or neighbourhoods_of(shape))[self.number]
         self.noise_m = max(surfaces[v].noise_m for v in shape.views)
+        self.place_std_m = _PLACE_STD_M + 2.0 * self.noise_m
         self._pixels = [textures[v].texture.reshape(-1, 3) for v in shape.views]
         self._sizes_px = np.array([textures[v].texture.shape[:2] for v in shape.views])
         self._best_view = _best_view(shape)[self.number]
@@ -242,7 +252,7 @@ def score_placement(
     at = np.flatnonzero(covered).astype(np.int32)
     each_m2 = sampled.area_m2 / max(len(uv), 1)
     overlap_m2 = at.size * each_m2
-    scale = _PLACE_STD_M + 2.0 * reference.noise_m
+    scale = reference.place_std_m
     parts = {
         "place_agreement": 0.0, "color_agreement": 0.0, "height_agreement": 0.0, "outline_agreement": 0.0,
         "other_cloth_share": 1.0, "twice_share": 1.0, "place_median_mm": math.nan,
@@ -304,7 +314,7 @@ def _shuffled(count: int) -> Int64:
 def confidence_of(parts: Mapping[str, float], weights: Sequence[float] = CONFIDENCE_WEIGHTS) -> float:
     """Return the probability that a placement with these parts is right (logistic regression)."""
     logit = sum(w * v for w, v in zip(weights, features_of(parts), strict=True))
-    return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
+    return 1.0 / (1.0 + math.exp(-logit))
 
 
 FEATURES = (
@@ -324,7 +334,7 @@ def features_of(parts: Mapping[str, float]) -> tuple[float, ...]:
     """Return the values of ``FEATURES`` for the parts of a score."""
     overlap = math.log10(max(parts["overlap_cm2"], 0.1))
     apart = parts["place_median_mm"]
-    apart_cm = 0.1 * min(apart, _FAR_MM) if math.isfinite(apart) else 0.1 * _FAR_MM
+    apart_cm = (min(apart, _FAR_MM) if math.isfinite(apart) else _FAR_MM) / 10
     return (1.0, *(parts[name] for name in FEATURES[1:-2]), overlap, apart_cm)
 
 
@@ -346,7 +356,7 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
     The standard deviations show which directions the common cloth does not determine, such as those
     of a flat strip on a strip; if nothing is covered, all three are infinite.
     """
-    scale = _PLACE_STD_M + 2.0 * reference.noise_m
+    scale = reference.place_std_m
     samples = Samples(sampled.uv_m, sampled.xyz_m, sampled.normal)
     motion, hessian = fitted(reference.nodes, samples, initial, (_REFINE_RADIUS_M, scale), rounds)
     if hessian is None:

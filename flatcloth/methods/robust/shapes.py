@@ -35,11 +35,11 @@ _MIB = 1 << 20
 """Bytes in a mebibyte. By definition."""
 _MOST_PREFIXES, _PREFIX_BYTES = 96, 64 * _MIB
 """Shapes that are kept for undo, trials and exports, which go through all of them: if they do not fit, each
-is computed again. 35 views of shirt-sleeve-clean with all their prefixes take 47 MiB ..."""
-_COSTS_BYTES, _CERTAINTIES_BYTES = 16 * _MIB, 6 * _MIB
-"""... The costs of the pixels of a view take 0.4 MiB, the standard deviations of a shape 50 KiB."""
+is computed again. 35 views of shirt-sleeve-clean with all their prefixes take 47 MiB, their
+standard deviations 50 KiB each."""
 _VIEWS = 48
-"""Views whose textures and components of pixels are kept. Chosen: more than a session accepts."""
+"""Views whose textures, components and costs of pixels (0.4 MiB each) are kept. Chosen: more than a session
+accepts."""
 
 LARGEST = "the largest piece becomes the shape"
 """The step of a prefix that is no accepted view."""
@@ -73,7 +73,7 @@ class RegisteredViews:
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
         self._component_maps: Cache[Int32] = Cache(_VIEWS)
         self._textures: Cache[TextureFeatures] = Cache(_VIEWS)
-        self._costs: Cache[Float32] = Cache(_MOST_PREFIXES, _COSTS_BYTES)
+        self._costs: Cache[Float32] = Cache(_VIEWS)
         self._observed: WeakKeyDictionary[Observation, PlacesInView] = WeakKeyDictionary()
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(2)
 
@@ -205,7 +205,7 @@ class JointShapes:
         self._shapes: Cache[JointShape] = Cache(3)
         self._prefixes: Cache[JointShape] = Cache(_MOST_PREFIXES, _PREFIX_BYTES, _own_bytes)
         self._settled: Cache[JointShape] = Cache(2)
-        self._certainties: Cache[Certainty] = Cache(_MOST_PREFIXES, _CERTAINTIES_BYTES)
+        self._certainties: Cache[Certainty] = Cache(_MOST_PREFIXES)
 
     def shape(self, document: Document) -> JointShape:
         """Return the joint shape of a document's accepted views."""

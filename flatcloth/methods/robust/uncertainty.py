@@ -49,20 +49,18 @@ _DRAWS = 48
 """Number of random strain fields for the standard deviations. Set by hand."""
 _WAVES = 32
 """Number of waves in each random strain field. Set by hand."""
-_BESIDE_STD_M = 0.012
-"""Standard deviation of an outline pixel of a noisy view beside another layer: ..."""
+_OTHER_LAYER_M = 0.012
+"""Another layer is nearer or farther by at least this. It is also the standard deviation of what may have the
+depth of another layer: outlines of noisy views next to it, and nodes that hardly any evidence joins. ..."""
 _BESIDE_RIM_PX = 3.5
-"""... at most this far from the outline, ..."""
+"""... An outline is at most this wide, ..."""
 _BESIDE_RADIUS_PX = 5
-"""... within this many pixels of a layer ..."""
-_BESIDE_STEP_M = 0.012
-"""... that is nearer or farther by at least this. Set by hand."""
+"""... and a layer at most so many pixels from it. Set by hand."""
 _WEAK_STD_M = 0.0004
 """A node that a share e of the usual evidence joins to others is off by this over e, because much of what is
-seen once and steeply, at outlines, has another layer's depth: ..."""
-_MOST_WEAK_STD_M = 0.012
-"""... at most by this, as an outline beside another layer. Set by hand: of the nodes of 27 noisy recordings a
-tenth has a share below 0.18; before, these were 89 % of those beyond three standard deviations."""
+seen once and steeply, at outlines, has another layer's depth. Set by hand: of the nodes of 27 noisy
+recordings a tenth has a share below 0.18; without this, these were 89 % of those beyond three standard
+deviations."""
 _USUAL_EVIDENCE = 12.0
 """Evidence of the median node of a noisy recording with all views; without noise it is more, and nothing is
 doubted for it. Set by hand, from what these have."""
@@ -104,7 +102,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     rigid_part = rigid_parts(uv, edges)
     loose = flexible(rigid_part, edges)
     normed = (distance_m[pair] - length_m) / std_m
-    noise = _NOISE_SHARE * float(np.sqrt(np.minimum(np.square(normed), 9.0).mean()))
+    noise = _NOISE_SHARE * float(np.sqrt(np.square(np.minimum(np.abs(normed), 3.0)).mean()))
     # What several views say of one pair is one term with their mean, and its error.
     each = shape.weight[inside] / np.square(std_m)
     weight: Float64 = np.bincount(pair, each).astype(np.float64)
@@ -126,7 +124,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     # The first view, unless a floating piece that it does not show has become the main one.
     shown = (number[observation.node] for observation in shape.observations)
     first_seen = next(
-        (on[on >= 0] for on in shown if (on >= 0).sum() >= _LEAST_ANCHORS), np.arange(len(uv), dtype=np.int32)
+        (on[on >= 0] for on in shown if (on >= 0).sum() >= 3), np.arange(len(uv), dtype=np.int32)
     )
     weak_m2 = np.square(_weakly_joined_m(shape)[placed])
     of_start, of_largest = (
@@ -172,7 +170,7 @@ def _weakly_joined_m(shape: JointShape) -> Float64:
     """Return the standard deviation (N,) of each node for the little evidence that joins it to others."""
     evidence = shape.node_evidence
     usual = min(float(np.median(evidence[shape.placed])), _USUAL_EVIDENCE)
-    std: Float64 = np.minimum(_WEAK_STD_M * usual / np.maximum(evidence, 1e-9), _MOST_WEAK_STD_M)
+    std: Float64 = np.minimum(_WEAK_STD_M * usual / np.maximum(evidence, 1e-9), _OTHER_LAYER_M)
     return std
 
 
@@ -234,7 +232,7 @@ def with_placement_std(
     # cv2 aligns the corners of pixels: the value of a coarse pixel is at the centre of its block.
     shift = _BLOCK_PX // 2
     std = smooth[shift : shift + rows, shift : shift + cols]
-    std = np.hypot(std, np.float32(_BESIDE_STD_M) * _beside_a_layer(view, surfaces))
+    std = np.hypot(std, np.float32(_OTHER_LAYER_M) * _beside_a_layer(view, surfaces))
     return replace(view, placement_std_m=np.where(view.valid, std, np.float32(np.nan)))
 
 
@@ -263,8 +261,8 @@ def _layer_rims(surface: Surface) -> Bool:
     reach = np.arange(-math.floor(_BESIDE_RIM_PX), math.floor(_BESIDE_RIM_PX) + 1)
     disc = (np.hypot(*np.meshgrid(reach, reach)) <= _BESIDE_RIM_PX).astype(np.uint8)
     inside = cv2.erode(surface.usable.astype(np.uint8), disc, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    step = _BESIDE_STEP_M
-    rims: Bool = surface.usable & (inside == 0) & ((farthest - depth > step) | (depth - nearest > step))
+    step_m = np.maximum(farthest - depth, depth - nearest)
+    rims: Bool = surface.usable & (inside == 0) & (step_m > _OTHER_LAYER_M)
     return rims
 
 
@@ -355,17 +353,11 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
     ).tocsr()
     weighted = diags_array(np.square(np.concatenate(root))) @ matrix
     normal_matrix = csc_matrix(matrix.T @ weighted)
-    held = _HELD * normal_matrix.diagonal().mean()
+    held = 1e-9 * normal_matrix.diagonal().mean()  # the free motion of the piece
     solve = _factored(normal_matrix + held * eye_array(size, format="csc"))
     displaced = solve.solve(weighted.T @ np.concatenate(wanted))[: 2 * n]
     found: Complex128 = np.ascontiguousarray(displaced.T).view(np.complex128)
     return found
-
-
-_LEAST_ANCHORS = 3
-"""Fewest nodes that determine a motion of the plane. Chosen: one more than its three unknowns need."""
-_HELD = 1e-9
-"""Share of the diagonal that holds the free motion of a piece. Chosen: far below any stiffness."""
 
 
 def _factored(matrix: csc_matrix) -> SuperLU:

@@ -13,7 +13,7 @@ from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.robust.compositing import _Canvas, _composite, _PlacedView, composite, pixel_cost
 from flatcloth.methods.robust.joint import begin_joint, extend_joint
 from flatcloth.methods.robust.joint_shape import JointShape
-from flatcloth.methods.robust.observations import FRONTAL_NOISE, STEEP_NOISE, associate
+from flatcloth.methods.robust.observations import FRONTAL_NOISE, associate
 
 ANGLES = (0.0, 30.0)
 PIXEL_M = 0.002
@@ -93,6 +93,6 @@ def test_the_cost_is_the_noise_at_that_incidence() -> None:
     offset = np.asarray(surface.frame.offset_rc)
     found = pixel_cost(surface)
     center = found[row - int(offset[0]), col - int(offset[1])]
-    assert center == pytest.approx(FRONTAL_NOISE + STEEP_NOISE * 0.5**2, abs=0.02)
+    assert center == pytest.approx(FRONTAL_NOISE + 0.5**2, abs=0.02)
     assert np.isinf(found[~surface.usable]).all()
     assert found[surface.usable].max() > center + 1.0
