@@ -20,6 +20,7 @@ from flatcloth.garments.links import Cloth, DoubtedLink, side_of
 from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import (
     FOLLOWED_M,
+    SEEN_M,
     SEEN_STD_M,
     Recognition,
     dimensions_of,
@@ -31,8 +32,6 @@ from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 
 HELD_STD_M = 0.003
 """Standard deviation of a point that was placed by hand: two pixels of the flattened view. Set by hand."""
-_SAME_M = 0.015
-"""A point of cloth found again: joint registration moves measured points by less. Set by hand."""
 _LEAST_FOUND = 0.5  # by definition: most of the points of a decision, or its cloth is gone
 _TIED = 40
 """Points of cloth that each decision is tied to. Chosen: more cost space in the journal."""
@@ -154,7 +153,7 @@ def decided_pieces(
     trees = [cKDTree(piece.xyz_m[piece.valid]) for piece in floating] if decisions.pieces else []
     for decision in decisions.pieces:
         points = np.array(decision.piece.points_m)
-        shares = [float((tree.query(points)[0] <= _SAME_M).mean()) for tree in trees]
+        shares = [float((tree.query(points)[0] <= SEEN_M).mean()) for tree in trees]
         index = int(np.argmax(shares)) if shares else -1
         if index < 0 or shares[index] < _LEAST_FOUND:
             continue  # seen views join it to the shape by now
@@ -188,14 +187,14 @@ def _now_from_then(cloth: ClothPlaces, view: FlattenedView) -> Rigid2 | None:
     if len(pixels) < 3:
         return None
     off, nearest = cKDTree(view.xyz_m[view.valid]).query(np.array(cloth.points_m))
-    kept = off <= _SAME_M
+    kept = off <= SEEN_M
     then, now = np.array(cloth.uv_m), view.uv_from_rc(pixels[nearest])
     for _ in range(3):
         if kept.sum() < 3:
             return None
         motion = fit_rigid2(then[kept], now[kept])
         residual = np.linalg.norm(motion.apply(then) - now, axis=1)
-        kept = (off <= _SAME_M) & (residual <= max(0.01, 3.0 * float(np.median(residual[kept]))))
+        kept = (off <= SEEN_M) & (residual <= max(SEEN_M, 3.0 * float(np.median(residual[kept]))))
     return motion
 
 
@@ -220,9 +219,9 @@ def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
     ends = []
     for tied in (decision.part, decision.rest):
         off, nearest = tree.query(np.array(tied.points_m))
-        if (off <= _SAME_M).mean() < _LEAST_FOUND:
+        if (off <= SEEN_M).mean() < _LEAST_FOUND:
             return None
-        ends.append(placed[nearest[off <= _SAME_M]])
+        ends.append(placed[nearest[off <= SEEN_M]])
     own, others = np.setdiff1d(ends[0], ends[1]), np.setdiff1d(ends[1], ends[0])
     if not (own.size and others.size):
         return None

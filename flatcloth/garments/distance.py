@@ -190,7 +190,7 @@ def accumulate(
         column[j] = j if j < count else at + j - count
     for i in range(len(side)):
         u, v = away[i, 0], away[i, 1]
-        if weight[i] <= 1e-4 or (u == 0.0 and v == 0.0):
+        if u == 0.0 and v == 0.0:
             continue
         a, t = side[i], share[i]
         b = a + 1 if a + 1 < vertices else 0

@@ -30,8 +30,9 @@ Set by hand."""
 SPACING_M = 0.006
 """Spacing of the examined places along the outline. Chosen: closer ones cost time and tell nearly the
 same."""
-_INSIDE_M = 0.018
-"""Spacing of the points inside the piece. Chosen: closer ones cost time."""
+INSIDE_M = 3 * SPACING_M  # by definition: spacing of the places inside the piece
+ALIKE_M = 0.040
+"""Errors of cloth and edges are alike over this distance. Chosen."""
 _STEP_M = 0.001
 """Step of the search across the outline. Chosen: half a pixel of a D435 at 0.85 m (2 mm)."""
 _FARTHEST_M = 0.020
@@ -42,14 +43,11 @@ _SAME_M = 0.006
 """Depth that still counts as the same surface: D435 noise at 0.85 m (1.5 mm, 3 sigma) and its bend."""
 _PATCH_M = 0.014
 """Radius of the patch that gives the cloth's local plane. Chosen: smaller it is noisy, larger it bends."""
-_HALF_TRUSTED = 1.0
-"""Frontal views that saw an edge by which it counts half: a fold's silhouette is taken for an edge by
-one or two views, a hem is seen by six. Chosen; ``python -m benchmarks garments`` has what comes of it."""
+_NEARLY_ALL = 0.7
+"""Share of the places round a hole, or of a place's neighbours, that are edges where each is one. Chosen."""
 _LEVEL_STD_M = 0.0015
 """Standard deviation of the mean depth difference between an edge and the other side's cloth beside it.
 Chosen: the noise of a D435 at 0.85 m; 1 and 2 mm lead to the same kinds."""
-_BEYOND_M = (0.004, 0.012, _FARTHEST_M)
-"""Steps outwards at which another piece is looked for. Chosen."""
 _SAME_PLACE_M = 0.008
 """Cloth of another piece this near is the same surface. Chosen: above ``_SAME_M``, below a fold's width."""
 _SAME_FACING_COS = math.cos(math.radians(60.0))
@@ -81,8 +79,7 @@ class PieceEvidence:
     ``inside_std_m`` (I,) and their points ``inside_xyz_m`` (I, 3), held frame; ``area_m2`` of the cloth;
     ``hole_edge_m`` the length of true edges round holes in it; ``depth_m`` (R, C) how far each pixel of
     cloth is inside of the border, its grid given by ``depth_origin_uv_m`` (2,) and ``depth_pixel_m``.
-    ``edge_weight`` and ``inside_weight`` say for how many independent measurements each place counts:
-    errors of true edges are alike over 40 mm, and places are 6 mm apart.
+    ``edge_weight`` and ``inside_weight`` say for how many independent measurements each place counts.
     """
 
     edge_uv_m: Float64
@@ -98,8 +95,8 @@ class PieceEvidence:
     depth_m: Float32
     depth_origin_uv_m: Float64
     depth_pixel_m: float
-    edge_weight: float = 0.15
-    inside_weight: float = 0.2
+    edge_weight: float = SPACING_M / ALIKE_M
+    inside_weight: float = (INSIDE_M / ALIKE_M) ** 2
 
     def depth_at(self, uv_m: Float64) -> Float64:
         """Return how far inside of the border places (N, 2) of the plane are, 0 off the cloth."""
@@ -167,7 +164,7 @@ def evidence_of(
     if not np.isfinite(piece.xyz_m[piece.valid]).all():
         raise GarmentError("The shape has cloth whose 3D point is not a number; integrate it again.")
     solid = _solid(piece)
-    inside_rc = _grid_of(solid & piece.valid, _INSIDE_M / piece.pixel_size_m)
+    inside_rc = _grid_of(solid & piece.valid, INSIDE_M / piece.pixel_size_m)
     std = piece.placement_std_m
     inside_std = np.zeros(len(inside_rc)) if std is None else std[tuple(inside_rc.T)].astype(np.float64)
     border_rc, outward, hole = _border(solid, piece.pixel_size_m)
@@ -209,7 +206,7 @@ def _hole_edge_m(hole: NDArray[np.int64], known: Bool) -> float:
     length = 0.0
     for n in range(1, int(hole.max(initial=0)) + 1):
         own = known[hole == n]
-        length += own.size * SPACING_M if own.mean() > 0.7 else 0.0
+        length += own.size * SPACING_M if own.mean() > _NEARLY_ALL else 0.0
     return length
 
 
@@ -224,7 +221,7 @@ def _solid(piece: FlattenedView) -> Bool:
         return np.zeros(piece.shape, dtype=np.bool_)
     sizes = np.bincount(label.ravel())
     sizes[0] = 0
-    kept: Bool = np.isin(label, np.flatnonzero(sizes * piece.pixel_size_m**2 >= 4e-4))
+    kept: Bool = np.isin(label, np.flatnonzero(sizes * piece.pixel_size_m**2 >= _FARTHEST_M**2))
     return kept
 
 
@@ -244,7 +241,7 @@ def _border(solid: Bool, pixel_size_m: float) -> tuple[Float64, Float64, NDArray
     """
     pad = 8
     image = np.pad(solid.astype(np.uint8), pad)
-    soft = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 0.006 / pixel_size_m)
+    soft = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SPACING_M / pixel_size_m)
     slope_v, slope_u = np.gradient(soft)
     contours, tree = cv2.findContours(image, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     places, holes, hole = [], [], 0
@@ -257,7 +254,7 @@ def _border(solid: Bool, pixel_size_m: float) -> tuple[Float64, Float64, NDArray
             continue
         wanted = (np.arange(count) + 0.5) * along[-1] / count
         closed = np.concatenate([line, line[:1]])
-        smooth = ndimage.gaussian_filter1d(closed, 0.003 / pixel_size_m, axis=0, mode="wrap")
+        smooth = ndimage.gaussian_filter1d(closed, SPACING_M / 2 / pixel_size_m, axis=0, mode="wrap")
         places.append(np.stack([np.interp(wanted, along, smooth[:, k]) for k in (1, 0)], axis=1))
         is_hole = tree[0, n, 3] >= 0
         hole += int(is_hole)
@@ -291,7 +288,7 @@ def _ends(
     """
     count = len(border_rc)
     start, normal, along, fine = _tangents(piece, border_rc, outward)
-    steps = np.arange(-0.004, _FARTHEST_M, _STEP_M)
+    steps = np.arange(-4 * _STEP_M, _FARTHEST_M, _STEP_M)
     ended, went_on = np.zeros(count), np.zeros(count)
     moved, level, deeper_m = np.zeros(count), np.zeros(count), np.zeros(count)
     for view in seen_from:
@@ -306,7 +303,8 @@ def _ends(
     stops_here = (ended > 0.15) & (ended > 1.2 * went_on) & ~_goes_on_in(others, start, normal, along)
     known = _in_runs(stops_here, border_rc * piece.pixel_size_m)
     with np.errstate(invalid="ignore", divide="ignore"):
-        trust = ended / (ended + _HALF_TRUSTED)
+        # One view that faces the edge counts half: it may show a fold's silhouette; six see a hem.
+        trust = ended / (ended + 1.0)
         # Cloth of the other side beside it may lie on it, too, nearer by less than one view can tell.
         trust *= np.where(level > 0.5 * ended, ndtr(deeper_m / level / _LEVEL_STD_M), 1.0)
         return moved / ended, trust, known
@@ -320,7 +318,7 @@ def _goes_on_in(others: Sequence[FlattenedView], start: Float64, normal: Float64
     normals = np.concatenate([other.normal[other.valid] for other in others])
     tree = cKDTree(np.concatenate(points))
     found = np.zeros(len(start), dtype=np.bool_)
-    for step_m in _BEYOND_M:
+    for step_m in _FARTHEST_M * np.array([1, 3, 5]) / 5:
         off, nearest = tree.query(start + step_m * along, distance_upper_bound=_SAME_PLACE_M)
         near = np.isfinite(off)
         facing = (normals[nearest[near]] * normal[near]).sum(axis=1)
@@ -335,7 +333,7 @@ def _in_runs(known: Bool, places_m: Float64) -> Bool:
         near = np.linalg.norm(np.roll(places_m, shift, axis=0) - places_m, axis=1) < 5 * SPACING_M
         votes += near & np.roll(known, shift)
         voters += near
-    kept: Bool = known & (votes >= 0.7 * voters)
+    kept: Bool = known & (votes >= _NEARLY_ALL * voters)
     return kept
 
 

@@ -9,11 +9,8 @@ import numpy as np
 
 from flatcloth.core.types import Bool, Float64, Rigid2
 from flatcloth.garments.distance import inside_outline
-from flatcloth.garments.evidence import SPACING_M, PieceEvidence
+from flatcloth.garments.evidence import INSIDE_M, SPACING_M, PieceEvidence
 from flatcloth.garments.kinds import kind_named
-
-_INSIDE_M = 0.018
-"""Spacing of places with cloth. Chosen: as ``evidence._INSIDE_M``."""
 
 
 def seen_outline(loops: Sequence[Float64], noise_m: float = 0.004) -> PieceEvidence:
@@ -36,7 +33,7 @@ def seen_outline(loops: Sequence[Float64], noise_m: float = 0.004) -> PieceEvide
             places.append(a + share[:, None] * (b - a))
             normals.append(np.tile([(b - a)[1] / length, -(b - a)[0] / length], (count, 1)))
     low, high = loops[0].min(axis=0), loops[0].max(axis=0)
-    axes = (np.arange(a, b, _INSIDE_M) for a, b in zip(low, high, strict=True))
+    axes = (np.arange(a, b, INSIDE_M) for a, b in zip(low, high, strict=True))
     inside = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     inside = inside[inside_outline(inside, loops[0])]
     for hole in loops[1:]:
@@ -52,7 +49,7 @@ def seen_outline(loops: Sequence[Float64], noise_m: float = 0.004) -> PieceEvide
         inside_uv_m=inside,
         inside_std_m=np.zeros(len(inside)),
         inside_xyz_m=np.concatenate([inside, np.zeros((len(inside), 1))], axis=1),
-        area_m2=len(inside) * _INSIDE_M**2,
+        area_m2=len(inside) * INSIDE_M**2,
         hole_edge_m=float(sum(round_holes)),
         depth_m=np.zeros((1, 1), dtype=np.float32),
         depth_origin_uv_m=low - 9.0,
@@ -78,5 +75,5 @@ def half_seen_tshirt() -> PieceEvidence:
         seen,
         edge_trust=np.where(far_m < 0.15, 0.4, 0.85),
         unseen_uv_m=cut[inside_outline(cut, outline)],
-        area_m2=float(insides.sum()) * _INSIDE_M**2,
+        area_m2=float(insides.sum()) * INSIDE_M**2,
     )

@@ -14,7 +14,7 @@ import numpy as np
 
 from flatcloth.core.types import Float64, Int64, Rigid2
 from flatcloth.garments.distance import accumulate, cost_of_poses, outside, to_edges
-from flatcloth.garments.evidence import PieceEvidence
+from flatcloth.garments.evidence import ALIKE_M, SPACING_M, PieceEvidence
 from flatcloth.garments.model import Kind, with_slope
 
 OUTLINE_STD_M = 0.008
@@ -27,13 +27,7 @@ SURE = 0.90
 """Probability from which an answer is given without reserve, and acted on without asking: a kind, the place
 of a floating piece, a link of the shape. Chosen; docs/garments.md has the measured reliability."""
 _CROSSING_SPACING_M = 0.010
-"""Spacing of the places of the outline that are tested for seen cloth. Chosen: finer than the slack costs
-time."""
-_CROSSING_SLACK_M = 0.006
-"""Depth inside seen cloth at which an outline does not count as crossing it. Chosen: less than
-``OUTLINE_STD_M``."""
-_CROSSING_WEIGHT = 0.25
-"""Of each place of the outline that runs through seen cloth: as true edges, but 10 mm apart. Set by hand."""
+"""Spacing of the places of the outline that are tested for seen cloth. Chosen: finer costs time."""
 _EDGE_BOUND = 3.0
 """Standard deviations at which an edge has half of its largest cost (Geman and McClure). Chosen: the usual
 3."""
@@ -176,7 +170,7 @@ class _Problem:
             edges = to_edges(q, piece.edge_normal @ turn.T, outline)
             std = widened * np.hypot(OUTLINE_STD_M, piece.edge_std_m)
             z = edges.distance / std
-            bounded = _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))
+            bounded = robust_weight(z)
             weight = piece.edge_weight * piece.edge_trust
             edge_cost += float((0.5 * weight * np.square(z) * bounded).sum())
             most += 0.5 * _EDGE_BOUND**2 * float(weight.sum())
@@ -206,6 +200,12 @@ class _Problem:
         held = np.stack([cos * pull.uv_m[0] - sin * pull.uv_m[1], sin * pull.uv_m[0] + cos * pull.uv_m[1]])
         off: Float64 = self.kind.named(x[:count])[pull.name] - held - x[count + 1 : count + 3]
         return off / pull.std_m
+
+
+def robust_weight(z: Float64) -> Float64:
+    """Return the weight of squared distances (N,), in standard deviations, by Geman and McClure."""
+    weight: Float64 = _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))
+    return weight
 
 
 def _turn(angle_rad: float) -> Float64:
@@ -274,9 +274,9 @@ def crossing_energy(outline: Float64, pieces: tuple[PieceEvidence, ...], poses: 
     energy = 0.0
     for piece, pose in zip(pieces, poses, strict=True):
         depth = piece.depth_at((places - pose[1:]) @ _turn(pose[0]))
-        z = np.maximum(depth - _CROSSING_SLACK_M, 0.0) / OUTLINE_STD_M
-        energy += float((0.5 * np.square(z) * _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))).sum())
-    return _CROSSING_WEIGHT * energy
+        z = np.maximum(depth - SPACING_M, 0.0) / OUTLINE_STD_M
+        energy += float((0.5 * np.square(z) * robust_weight(z)).sum())
+    return _CROSSING_SPACING_M / ALIKE_M * energy
 
 
 def _descended(problem: _Problem, x: Float64, widened: float, steps: int) -> Float64:

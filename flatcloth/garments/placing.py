@@ -27,7 +27,7 @@ _TURNS, _SHIFTS, _TRIED, _POINTS = 36, 11, 5, 60
 for speed."""
 _ROUGH, _ROUGHLY_RATED = 4, 500
 """All poses are rated by each fourth of these points, so many by all of them. Chosen for speed."""
-_APART_SLACK_M, _APART_STD_M = 0.03, 0.03
+_APART_M = 0.03
 """Cloth may look this much shorter on the plane than in space before it counts, and the scale beyond.
 Chosen."""
 _LAID_ON_M = OUTLINE_STD_M
@@ -167,7 +167,7 @@ def _contradiction(
     joined = inside_outline(between.reshape(-1, 2), outline).reshape(between.shape[:3]).all(axis=0)
     if not joined.any():
         return energy
-    z = np.clip((space - flat - _APART_SLACK_M) / _APART_STD_M, 0.0, 5.0)[joined]
+    z = np.clip((space - flat - _APART_M) / _APART_M, 0.0, 5.0)[joined]
     return energy + _PAIR_WEIGHT * float(np.square(z).mean())
 
 

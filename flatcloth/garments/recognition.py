@@ -19,7 +19,7 @@ from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.garments.distance import to_edges
 from flatcloth.garments.evidence import LEAST_AREA_M2, SPACING_M, PieceEvidence
-from flatcloth.garments.fit import OUTLINE_STD_M, SURE, TEMPERATURE, Fit, Pull, refine, starts
+from flatcloth.garments.fit import OUTLINE_STD_M, SURE, TEMPERATURE, Fit, Pull, refine, robust_weight, starts
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.model import Kind, with_slope
 from flatcloth.garments.placing import Placed, place_pieces
@@ -359,7 +359,7 @@ def _doubt_of(fit: Fit, places: Float64) -> Float64:
         named = np.stack([place[:, 0] for place in other.kind.named(other.parameters[:, None]).values()])
         there = other.garment_from_piece[0].inverse().apply(named)
         # Several starts lead to the same optimum.
-        if share > 1e-3 and all(np.abs(there - each).max() > FOLLOWED_M for each in known):
+        if all(np.abs(there - each).max() > FOLLOWED_M for each in known):
             known.append(there)
             total += share
             variance += share * np.square(there - places).sum(axis=1) / 2
@@ -399,7 +399,7 @@ def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidenc
     for _ in range(4):
         _, _, away, distance = to_edges(q - shift, normal, outline_uv)
         z = distance / OUTLINE_STD_M
-        weight = trust * np.square(9.0 / (9.0 + np.square(z))) / OUTLINE_STD_M**2
+        weight = trust * np.square(robust_weight(z)) / OUTLINE_STD_M**2
         matrix = precision + (away * weight[:, None]).T @ away
         pull: Float64 = away.T @ (weight * (distance + away @ shift))
         shift = np.linalg.solve(matrix, pull).astype(np.float64)
