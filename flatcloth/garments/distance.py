@@ -12,6 +12,8 @@ from flatcloth.core.types import Bool, Float64, Int64
 
 _AGAINST_M2 = 0.05**2
 """A side that faces away from the edge's normal is taken only if all others are 5 cm farther. Set by hand."""
+COARSE_STD_M = 0.040
+"""Standard deviation of edges and cloth from the outline in a coarse search. Chosen: half a step."""
 
 
 class Distances(NamedTuple):
@@ -126,7 +128,6 @@ def cost_of_poses(
     insides: Float64,
     outline: Float64,
     poses: Float64,
-    sigma_m: float,
     wanted: int,
 ) -> Float64:
     """Return a robust mean cost (K,) of poses (K, 3), garment from piece: turn (rad) and shift (m).
@@ -144,7 +145,7 @@ def cost_of_poses(
             y = sin * insides[i, 0] + cos * insides[i, 1] + poses[k, 2]
             squared, _, _, _, inside = _nearest(x, y, 0.0, 0.0, 0.0, outline)
             if not inside:
-                total += min(squared / sigma_m**2, 16.0) / m
+                total += min(squared / COARSE_STD_M**2, 16.0) / m
             if total > limit:
                 break
         for i in range(n):
@@ -155,7 +156,7 @@ def cost_of_poses(
             u = cos * normals[i, 0] - sin * normals[i, 1]
             v = sin * normals[i, 0] + cos * normals[i, 1]
             rated, _, _, _, _ = _nearest(x, y, u, v, _AGAINST_M2, outline)
-            z2 = rated / sigma_m**2
+            z2 = rated / COARSE_STD_M**2
             total += 4.0 * z2 / (4.0 + z2) / n
         result[k] = total
         if total < limit:

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from flatcloth.core.types import Float64, Int64, Rigid2
-from flatcloth.garments.distance import accumulate, cost_of_poses, outside, to_edges
+from flatcloth.garments.distance import COARSE_STD_M, accumulate, cost_of_poses, outside, to_edges
 from flatcloth.garments.evidence import ALIKE_M, SPACING_M, PieceEvidence
 from flatcloth.garments.model import Kind, with_slope
 
@@ -39,8 +39,10 @@ _SCALES = (0.75, 1.0, 1.3)
 """Coarse sizes about the mean of the kind. Chosen: fewer miss small garments, more cost time."""
 _SHIFTS = 5
 """Coarse positions in each direction. Chosen: more cost time in proportion."""
-_COARSE_POINTS = 70
+COARSE_POINTS = 70
 """Edges, and points inside, of the coarse search. Chosen: fewer rank the starts worse, more cost time."""
+_APART_M, _APART_SIN = 0.06, 0.15
+"""Poses that differ by less, in metres and in the sine of half the turn, lead to the same optimum. Chosen."""
 _ANNEALED = ((4.0, 6), (2.0, 6), (1.0, 14))
 """Factors on the standard deviations and how many steps are taken with each. Set by hand."""
 _POSE_STD = (3.0, 1.0, 1.0)
@@ -84,8 +86,8 @@ class Pull:
 
 def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, Rigid2]]:
     """Return initial parameters and poses, the lowest cost first, each far from the others."""
-    edges = _thinned(len(piece.edge_uv_m), _COARSE_POINTS)
-    insides = piece.inside_uv_m[_thinned(len(piece.inside_uv_m), _COARSE_POINTS)]
+    edges = thinned(len(piece.edge_uv_m), COARSE_POINTS)
+    insides = piece.inside_uv_m[thinned(len(piece.inside_uv_m), COARSE_POINTS)]
     middle = (piece.inside_uv_m.min(axis=0) + piece.inside_uv_m.max(axis=0)) / 2
     extents = _extents(piece.inside_uv_m - middle)
     found: list[tuple[float, Float64, Float64]] = []
@@ -99,25 +101,30 @@ def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, 
         wanted = 4 * count
         places = piece.edge_uv_m[edges] - middle
         normals = piece.edge_normal[edges]
-        cost = cost_of_poses(places, normals, insides - middle, outline, poses, 0.04, wanted)
+        cost = cost_of_poses(places, normals, insides - middle, outline, poses, wanted)
         best = np.argsort(cost)[:wanted]
         found += [(float(cost[k]), parameters, poses[k]) for k in best]
     found.sort(key=lambda each: each[0])
-    kept: list[tuple[Float64, Float64]] = []
+    back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
+    kept: list[tuple[Float64, Rigid2]] = []
     for _, parameters, pose in found:
-        turn = [abs((pose[0] - other[0] + np.pi) % (2 * np.pi) - np.pi) for _, other in kept]
-        shift = [float(np.linalg.norm(pose[1:] - other[1:])) for _, other in kept]
-        if all(t > 0.25 or s > 0.10 for t, s in zip(turn, shift, strict=True)):
-            kept.append((parameters, pose))
+        motion = Rigid2(*pose.tolist()) @ back
+        if all(are_apart(motion, other, middle) for _, other in kept):
+            kept.append((parameters, motion))
         if len(kept) == count:
             break
-    back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
-    return [(parameters, Rigid2(float(p[0]), float(p[1]), float(p[2])) @ back) for parameters, p in kept]
+    return kept
 
 
-def _thinned(count: int, most: int) -> Int64:
-    every: Int64 = np.arange(count)
-    return every if count <= most else np.unique(np.linspace(0, count - 1, most).astype(int))
+def are_apart(one: Rigid2, other: Rigid2, middle: Float64) -> bool:
+    """Return whether two motions of a piece with this middle (2,) lead to different places."""
+    shift = float(np.linalg.norm(one.apply(middle) - other.apply(middle)))
+    return shift > _APART_M or abs(np.sin((one.theta_rad - other.theta_rad) / 2)) > _APART_SIN
+
+
+def thinned(count: int, most: int) -> Int64:
+    """Return at most so many of the numbers from 0 to ``count - 1``, evenly spaced."""
+    return np.linspace(0, count - 1, min(count, most)).astype(np.int64)
 
 
 def _extents(insides: Float64) -> list[tuple[float, Float64, Float64]]:
@@ -137,7 +144,9 @@ def _poses(outline: Float64, extents: list[tuple[float, Float64, Float64]]) -> F
     for turn, own_low, own_high in extents:
         first, last = low - own_low, high - own_high
         axes = [
-            np.linspace(min(a, b), max(a, b), _SHIFTS) if abs(a - b) > 0.04 else np.array([(a + b) / 2])
+            np.linspace(min(a, b), max(a, b), _SHIFTS)
+            if abs(a - b) > COARSE_STD_M
+            else np.array([(a + b) / 2])
             for a, b in zip(first, last, strict=True)
         ]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)

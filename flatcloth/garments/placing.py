@@ -15,19 +15,16 @@ import numpy as np
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.garments.distance import cost_of_poses, inside_outline
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.fit import OUTLINE_STD_M, TEMPERATURE, Fit, refine
+from flatcloth.garments.fit import COARSE_POINTS, OUTLINE_STD_M, TEMPERATURE, Fit, are_apart, refine, thinned
 from flatcloth.garments.model import with_slope
 
 LEAST_AREA_M2 = 0.006
 """Smaller pieces have too little border to be placed. Set by hand."""
 MOST_PLACED = 2
 """Floating pieces that are placed, the largest. Chosen for speed."""
-_TURNS, _SHIFTS, _TRIED, _POINTS = 36, 11, 5, 60
-"""Grid of poses of a loose piece: turns, shifts in each direction, poses kept, and points compared. Chosen
-for speed."""
-_ROUGH, _ROUGHLY_RATED = 4, 500
-"""All poses are rated by each fourth of these points, so many by all of them. Chosen for speed."""
-_APART_M = 0.03
+_TURNS, _SHIFTS, _TRIED = 36, 11, 5
+"""Grid of poses of a loose piece: turns, shifts in each direction, and poses kept. Chosen for speed."""
+_NEARER_M = 0.03
 """Cloth may look this much shorter on the plane than in space before it counts, and the scale beyond.
 Chosen."""
 _LAID_ON_M = OUTLINE_STD_M
@@ -80,9 +77,7 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
     middle = piece.inside_uv_m.mean(axis=0)
     total = 0.0
     for other_energy, other in tried:
-        apart = np.linalg.norm(other.garment_from_piece[1].apply(middle) - at.apply(middle))
-        turned = abs(np.sin((other.garment_from_piece[1].theta_rad - at.theta_rad) / 2))
-        if other_energy > energy and (apart > 0.03 or turned > 0.1):
+        if other_energy > energy and are_apart(other.garment_from_piece[1], at, middle):
             total += np.exp(-(other_energy - energy) / TEMPERATURE)
     own = max(float(piece.edge_weight * piece.edge_trust.sum()), 1.0)
     # A place whose edges do not fit is rejected, even if all others fit worse.
@@ -108,15 +103,12 @@ def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
             for k in range(_TURNS)
         ]
     )
-    edges = np.linspace(0, len(piece.edge_uv_m) - 1, min(_POINTS, len(piece.edge_uv_m))).astype(int)
-    insides = np.linspace(0, len(piece.inside_uv_m) - 1, min(_POINTS, len(piece.inside_uv_m))).astype(int)
-    q, normal, cloth = piece.edge_uv_m[edges], piece.edge_normal[edges], piece.inside_uv_m[insides]
-    for step, wanted in ((_ROUGH, _ROUGHLY_RATED), (1, 8 * _TRIED)):
-        # The kernel is compiled for arrays without gaps only.
-        q_m, n, c_m = q[::step] - middle, np.ascontiguousarray(normal[::step]), cloth[::step] - middle
-        cost = cost_of_poses(q_m, n, c_m, outline, poses, 0.04, wanted)
-        best = np.argsort(cost)[:wanted]
-        poses, cost = poses[best], cost[best]
+    edges = thinned(len(piece.edge_uv_m), COARSE_POINTS)
+    insides = thinned(len(piece.inside_uv_m), COARSE_POINTS)
+    q_m, c_m = piece.edge_uv_m[edges] - middle, piece.inside_uv_m[insides] - middle
+    cost = cost_of_poses(q_m, piece.edge_normal[edges], c_m, outline, poses, 8 * _TRIED)
+    best = np.argsort(cost)[: 8 * _TRIED]
+    poses, cost = poses[best], cost[best]
     back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
     rated = []
     for k in range(len(poses)):
@@ -126,12 +118,7 @@ def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
     rated.sort(key=lambda each: each[0])
     kept: list[Rigid2] = []
     for _, pose in rated:
-        place = pose.apply(middle)
-        if all(
-            np.linalg.norm(place - other.apply(middle)) > 0.06
-            or abs(np.sin((pose.theta_rad - other.theta_rad) / 2)) > 0.15
-            for other in kept
-        ):
+        if all(are_apart(pose, other, middle) for other in kept):
             kept.append(pose)
         if len(kept) == _TRIED:
             break
@@ -157,8 +144,8 @@ def _contradiction(
     there = shape_from_piece.apply(piece.inside_uv_m)
     laid = main.depth_at(there) - _LAID_ON_M
     energy = _LAID_WEIGHT * float(np.clip(laid / 0.01, 0.0, 3.0).sum())
-    own = np.linspace(0, len(there) - 1, min(25, len(there))).astype(int)
-    others = np.linspace(0, len(main.inside_uv_m) - 1, min(60, len(main.inside_uv_m))).astype(int)
+    own = thinned(len(there), 25)
+    others = thinned(len(main.inside_uv_m), 60)
     flat = np.linalg.norm(there[own][:, None] - main.inside_uv_m[others][None], axis=-1)
     space = np.linalg.norm(piece.inside_xyz_m[own][:, None] - main.inside_xyz_m[others][None], axis=-1)
     first, last = pose.apply(piece.inside_uv_m[own]), main_pose.apply(main.inside_uv_m[others])
@@ -167,7 +154,7 @@ def _contradiction(
     joined = inside_outline(between.reshape(-1, 2), outline).reshape(between.shape[:3]).all(axis=0)
     if not joined.any():
         return energy
-    z = np.clip((space - flat - _APART_M) / _APART_M, 0.0, 5.0)[joined]
+    z = np.clip((space - flat - _NEARER_M) / _NEARER_M, 0.0, 5.0)[joined]
     return energy + _PAIR_WEIGHT * float(np.square(z).mean())
 
 
