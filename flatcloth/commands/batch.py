@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 NAME = "batch"
 SUMMARY = "integrate many recordings, with a table and a page to review the results"
 EXAMPLES = """examples:
-  python app.py batch recordings/* --out night --jobs 4
-  python app.py batch MultimodalClothes --turning 240 --out night --scheduler tcp://host:8786
-  python app.py batch list.csv --out night                   a table: source, and options as columns
-  python app.py batch night --report                         night/report.html, one page, offline
-  python app.py batch night --review                         the same page, with verdicts and sessions"""
+  flatcloth batch recordings/* --out night --jobs 4
+  flatcloth batch MultimodalClothes --turning 240 --out night --scheduler tcp://host:8786
+  flatcloth batch list.csv --out night                   a table: source, and options as columns
+  flatcloth batch night --report                         night/report.html, one page, offline
+  flatcloth batch night --review                         the same page, with verdicts and sessions"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -131,9 +131,8 @@ class _Teller(ProgressBar):
             if count.before:
                 print(f"{count.before} of {count.total} are done already.", flush=True)
         elif row["outcome"] != "done":
-            clear = "\r\033[K" if self._shown else ""
-            print(f"{clear}{row['name']}: {row['outcome']}: {row.get('reason')}", file=sys.stderr, flush=True)
-        elif not self._shown:
+            self.line(f"{row['name']}: {row['outcome']}: {row.get('reason')}")
+        elif not self.is_shown:
             reliable = row.get("reliable_share")
             known = "" if reliable is None else f", {reliable:.0%} reliable"
             print(

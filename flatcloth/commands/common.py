@@ -189,19 +189,27 @@ class ProgressBar:
     """A bar on stderr if that is a terminal; otherwise nothing, so that logs stay readable."""
 
     def __init__(self, title: str) -> None:
-        self._title = title
-        self._shown = sys.stderr.isatty()
+        from tqdm import tqdm
+
+        form = "{desc} [{bar:20}] {postfix}"
+        self._bar = tqdm(total=1.0, desc=title, bar_format=form, disable=None, leave=False)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._shown:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+        self._bar.close()
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether stderr is a terminal."""
+        return not self._bar.disable
+
+    def line(self, text: str) -> None:
+        """Print a line on stderr, above the bar if there is one."""
+        self._bar.write(text, file=sys.stderr)
 
     def show(self, share: float, text: str) -> None:
         """Draw the bar: ``share`` 0 to 1 and the current step."""
-        if self._shown:
-            filled = math.floor(20 * share)
-            bar = "#" * filled + "." * (20 - filled)
-            print(f"\r\033[K{self._title} [{bar}] {text}", end="", file=sys.stderr, flush=True)
+        self._bar.n = share
+        self._bar.set_postfix_str(text)

@@ -15,8 +15,8 @@ from flatcloth.core.errors import FlatclothError
 NAME = "evaluate"
 SUMMARY = "integrate unattended and compare with the truth"
 EXAMPLES = """examples:
-  python app.py evaluate recordings/*-d435
-  python app.py evaluate recordings/shirt-sleeve-clean --json figures.json --pictures pictures"""
+  flatcloth evaluate recordings/*-d435
+  flatcloth evaluate recordings/shirt-sleeve-clean --json figures.json --pictures pictures"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 NAME = "export"
 SUMMARY = "export a session as data, offline page, report, figures, animation, grasp poses or outline"
 EXAMPLES = """examples:
-  python app.py export result --html shirt.html --report report.html
-  python app.py export result --data files
-  python app.py export result --figures figures --animation growth.gif
-  python app.py export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
+  flatcloth export result --html shirt.html --report report.html
+  flatcloth export result --data files
+  flatcloth export result --figures figures --animation growth.gif
+  flatcloth export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
 
 _OUTPUTS = ("data", "html", "report", "figures", "animation", "grasps", "outline", "garment")
 

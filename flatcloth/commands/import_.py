@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 NAME = "import"
 SUMMARY = "copy a RealSense file, or any other source, into a recording folder"
 EXAMPLES = """examples:
-  python app.py import turned.db3 --out my-recording --step 10        stops every 10 degrees
-  python app.py import turning.bag --out my-recording --turning-speed 12
-  python app.py import turned.db3 --out my-recording --angles turntable.csv --align color"""
+  flatcloth import turned.db3 --out my-recording --step 10        stops every 10 degrees
+  flatcloth import turning.bag --out my-recording --turning-speed 12
+  flatcloth import turned.db3 --out my-recording --angles turntable.csv --align color"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> None:
         print(note)
     angles = recording.angles_deg
     views = "1 view" if count == 1 else f"{count} views, {min(angles):g} to {max(angles):g} degrees,"
-    print(f"{views} written to {options.out}. Open it with: python app.py view {options.out}")
+    print(f"{views} written to {options.out}. Open it with: flatcloth view {options.out}")
 
 
 def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:

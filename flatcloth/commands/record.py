@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 NAME = "record"
 SUMMARY = "capture a hanging item view by view with a RealSense camera"
 EXAMPLES = """examples:
-  python app.py record --out my-recording --step 10
-  python app.py record --out my-recording --camera 728612070259 --resume
-  python app.py record --out my-recording --camera turned.db3 --yes    a file in place of a camera"""
+  flatcloth record --out my-recording --step 10
+  flatcloth record --out my-recording --camera 728612070259 --resume
+  flatcloth record --out my-recording --camera turned.db3 --yes    a file in place of a camera"""
 
 _LOOK_EVERY_S = 1.0
 """Interval of the progress lines. Chosen."""
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> None:
             guided.close()
             count = len(guided.writer)
             views = "1 view is" if count == 1 else f"{count} views are"
-            print(f"{views} in {options.out}. Open it with: python app.py view {options.out}")
+            print(f"{views} in {options.out}. Open it with: flatcloth view {options.out}")
     finally:
         camera.close()
 

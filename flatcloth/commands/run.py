@@ -18,8 +18,8 @@ from flatcloth.commands.segment import add_strokes, strokes_of
 NAME = "run"
 SUMMARY = "integrate unattended and export the result"
 EXAMPLES = """examples:
-  python app.py run recordings/shirt-sleeve-clean --out result
-  python app.py run my-recording --out result --method paper"""
+  flatcloth run recordings/shirt-sleeve-clean --out result
+  flatcloth run my-recording --out result --method paper"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

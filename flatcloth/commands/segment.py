@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 NAME = "segment"
 SUMMARY = "find the side of interest of a recording without masks, and write masks"
 EXAMPLES = """examples:
-  python app.py segment my-recording --out masks
-  python app.py segment my-recording --out my-masked-recording --copy --strokes strokes.json"""
+  flatcloth segment my-recording --out masks
+  flatcloth segment my-recording --out my-masked-recording --copy --strokes strokes.json"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -10,9 +10,9 @@ from flatcloth.commands.common import ProgressBar
 NAME = "synthesize"
 SUMMARY = "render a garment mesh to a recording with its truth"
 EXAMPLES = """examples:
-  python app.py synthesize shirt.obj --out my-shirt
-  python app.py synthesize shirt.glb --out my-shirt --panel back --noise d435 --seed 2
-  python app.py synthesize scan.ply --out my-shirt --scale 0.001 --up y --held 12 840 -3 --texture floral"""
+  flatcloth synthesize shirt.obj --out my-shirt
+  flatcloth synthesize shirt.glb --out my-shirt --panel back --noise d435 --seed 2
+  flatcloth synthesize scan.ply --out my-shirt --scale 0.001 --up y --held 12 840 -3 --texture floral"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -15,12 +15,12 @@ from flatcloth.core.errors import FlatclothError
 NAME = "view"
 SUMMARY = "open the operator page (the default command)"
 EXAMPLES = """examples:
-  python app.py                                    the page, where a recording is chosen
-  python app.py view --root ~/recordings           the same, also of the folders below this one
-  python app.py view recordings/trousers-waist-d435
-  python app.py view my-recording --port 9000 --session my-session
-  python app.py view recordings/shirt-corner-d435 --live      play it as if live
-  python app.py view --camera --out my-recording --step 10    a RealSense camera, and guided capture"""
+  flatcloth                                    the page, where a recording is chosen
+  flatcloth view --root ~/recordings           the same, also of the folders below this one
+  flatcloth view recordings/trousers-waist-d435
+  flatcloth view my-recording --port 9000 --session my-session
+  flatcloth view recordings/shirt-corner-d435 --live      play it as if live
+  flatcloth view --camera --out my-recording --step 10    a RealSense camera, and guided capture"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

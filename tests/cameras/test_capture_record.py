@@ -61,7 +61,7 @@ def test_each_stop_of_a_turned_item_becomes_a_view(
         "View 2 at 20 degrees: 10 frames, noise",
         "View 2 is kept.",
         "played to its end",
-        f"3 views are in {out}. Open it with: python app.py view {out}",
+        f"3 views are in {out}. Open it with: flatcloth view {out}",
     ):
         assert line in said
     read = open_recording(out)

@@ -126,7 +126,7 @@ def test_help_has_examples(arguments: list[str], capsys: pytest.CaptureFixture[s
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 0
-    assert "python app.py" in capsys.readouterr().out
+    assert "examples:\n  flatcloth" in capsys.readouterr().out
 
 
 def test_the_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -166,7 +166,7 @@ def test_every_command_tells_its_options_and_examples(
     assert ended.value.code == 0
     told = capsys.readouterr().out
     assert f"usage: flatcloth {command}" in told
-    assert f"app.py {command}" in told
+    assert f"flatcloth {command}" in told
 
 
 def test_the_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
