@@ -21,9 +21,9 @@ from flatcloth.core.geometry import Rigid3, held_from_camera, project
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
-from flatcloth.registration.cameras import MOST_APART_DEG, register_all
+from flatcloth.registration.cameras import register_all
 from flatcloth.registration.registered import Registered
-from flatcloth.registration.view_features import ViewFeatures, extract_features
+from flatcloth.registration.view_features import MOST_APART_DEG, ViewFeatures, extract_features
 
 STEP_DEG = 30.0
 SAME_CLOTH_M = 0.01

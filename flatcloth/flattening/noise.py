@@ -11,7 +11,13 @@ import math
 import numpy as np
 
 from flatcloth.core.types import Float64, Intrinsics
-from flatcloth.flattening.patches import find_steps, fit_patches, median
+from flatcloth.flattening.patches import (
+    NOISY_WINDOW_PX,
+    NORMAL_WINDOW_PX,
+    find_steps,
+    fit_patches,
+    median,
+)
 from flatcloth.flattening.ramps import find_ramps
 
 _LAG_PX = 6
@@ -22,22 +28,19 @@ _DESIGNED = 1.7
 """Noise, in widths of a pixel, up to which depth is used as measured: the simulated D435's is 0.9 in the
 median and 1.66 at most, that of two stereo views with harsher noise 2.0. Measured by
 ``python -m benchmarks noise``."""
-_FOR_RAMPS_PX = 3
-"""Half width of the fits in which ramps are looked for: as for the normals. Chosen."""
 _SMOOTHED_PX = 5.5
-"""Half width of the smoothing fits at the designed noise; it grows with the noise ... Chosen: narrower
-leaves holes, wider joins layers (``python -m benchmarks noise``)."""
-_WIDEST_PX = 12
-"""... up to this. Chosen: the radius of the samples' fits."""
+"""Half width of the smoothing fits at the designed noise; it grows with the noise, up to that of the samples'
+fits. Chosen: narrower leaves holes, wider joins layers (``python -m benchmarks noise``)."""
 _STEP_NOISE = 2.5
 """Steps between pixels may exceed the steepest cloth by so many standard deviations of noise. Chosen."""
 
 
 def noise_in_pixels(inverse_depth: Float64, intrinsics: Intrinsics, lag_px: int = _LAG_PX) -> float:
-    """Return the standard deviation of the depth against that ``lag_px`` beside it, in widths of a pixel.
+    """Return the standard deviation of the noise of the depth, in widths of a pixel.
 
-    From second differences, which slopes do not change, in the direction in which they are smaller: folds
-    bend cloth mainly in one. The smaller half counts: the other has edges. 0 where too little is measured.
+    It is measured by second differences, which do not depend on slopes, in the direction in which they are
+    smaller, because folds bend cloth mainly in one direction. Only the smaller half of them counts, because
+    the other contains edges. 0 where too little is measured.
 
     Parameters
     ----------
@@ -87,12 +90,12 @@ def smooth_noise(inverse_depth: Float64, intrinsics: Intrinsics, step_limit: flo
         return inverse_depth, 0.0
     focal = math.sqrt(intrinsics.fx * intrinsics.fy)
     lenient = step_limit + _STEP_NOISE * noise_in_pixels(inverse_depth, intrinsics, 1) / focal
-    fitted = _planes(inverse_depth, lenient, _FOR_RAMPS_PX, 1)
+    fitted = _planes(inverse_depth, lenient, NORMAL_WINDOW_PX, 1)
     known = fitted > 0
     deviation = np.abs(1.0 / inverse_depth[known] - 1.0 / fitted[known])
     rest = inverse_depth.copy()
     rest[find_ramps(fitted, intrinsics)] = 0.0
-    width = min(round(_SMOOTHED_PX * noise / _DESIGNED), _WIDEST_PX)
+    width = min(round(_SMOOTHED_PX * noise / _DESIGNED), NOISY_WINDOW_PX)
     return _planes(rest, lenient, width, 2), median(deviation) if deviation.size else 0.0
 
 

@@ -18,8 +18,14 @@ STEP_RIGHT, STEP_DOWN = 1, 2
 """Bits of the steps of a surface: the step to the right (below) neighbour stays on one layer. By
 definition."""
 STEPS_BOTH = STEP_RIGHT | STEP_DOWN
+NORMAL_WINDOW_PX = 3
+"""Half width of the window in which a plane is fitted for each normal. Set by hand."""
+NOISY_WINDOW_PX = 12
+"""Largest half width of the fits where the depth is noisy. Set by hand."""
+_WEIGHT_FALLS = 0.8
+"""By this share the weight of a fit falls from the centre of its window to the edges. Set by hand."""
 _FACTORS = 1021
-"""Factors that are kept for windows that reach the same cells, a prime. Chosen: most recur within so many."""
+"""Size of the cache of factors of windows that reach the same cells, a prime. Chosen: most are in it."""
 
 
 def median(values: Floats) -> float:
@@ -129,7 +135,7 @@ def fit_planes(
 
 def _weight(share: Float64) -> Float64:
     """Weight of a row or column at this share of the radius; the fitting kernel uses the same formula."""
-    weight: Float64 = 1.0 - 0.8 * share**2
+    weight: Float64 = 1.0 - _WEIGHT_FALLS * share**2
     return weight
 
 
@@ -159,7 +165,7 @@ def fit_patches(
     right, down = _windows(steps, radius)
     reached = np.zeros(2 * radius + 1, dtype=np.int32)
     moments, a, b = np.zeros(15), np.zeros((6, 6)), np.zeros(6)
-    # Factors, each at a place that the cells it belongs to determine: many windows reach the same ones.
+    # A cache of factors, by the cells that a window reaches: many windows reach the same cells.
     known = np.zeros((_FACTORS, reached.size), dtype=np.int32)
     factors, orders = np.zeros((_FACTORS, 6, 6)), np.zeros(_FACTORS, dtype=np.int32)
     for n in range(rows.size):
@@ -194,7 +200,7 @@ def _terms(radius: int) -> Float64:
     terms = np.empty((2 * radius + 1, 5))
     for j in range(2 * radius + 1):
         x = float(j - radius) / radius
-        term = 1.0 - 0.8 * x * x
+        term = 1.0 - _WEIGHT_FALLS * x * x
         for degree in range(5):
             terms[j, degree] = term
             term *= x

@@ -43,7 +43,7 @@ TEXTS = {
     PixelState.FLOATING: "on a floating piece",
     PixelState.SHAPE: "in the shape",
 }
-"""How a state is told."""
+"""The name of each state on the page."""
 
 
 def states_of_view(frame: RgbdFrame, item: Bool, surface: Surface | None, on_surface: Uint8 | None) -> Uint8:

@@ -2,7 +2,7 @@
 
 At a depth edge a stereo sensor does not measure a jump; its depth changes from one layer to the other
 over 5 to 8 pixels. A ramp is recognised by a steep middle between two flatter ends: the change of
-depth over its middle is much larger than the slopes beside it explain. Cloth that curves away from
+depth over its middle is much larger than the slopes on both sides explain. Cloth that curves away from
 the camera becomes steeper up to its outline instead, and is kept.
 
 One pixel spans two to four millimetres of cloth, so a layer that lies 2 to 6 mm over another makes a
@@ -182,7 +182,7 @@ def _strength(inverse_depth: Float64, focal: float) -> Float32:
 
 @njit(cache=True, nogil=True)
 def _excess(depth: Float64, p: int, step: int, half: int, least: float) -> float:
-    """Height gained over the middle in one direction, minus what the slopes beside it explain; metres.
+    """Height gained over the middle in one direction, minus what the slopes on both sides explain; metres.
 
     0 if that is not more than ``least``.
     """

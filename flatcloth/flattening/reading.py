@@ -51,13 +51,13 @@ class _Places:
 _BYTES_PER_PIXEL = {
     "rgb": 3, "xyz_m": 12, "normal": 12, "z_angle_deg": 4, "view_index": 2, "source_rc": 8, "quality": 12
 }  # fmt: skip
-"""What the attributes take that are read when somebody asks for them. By definition."""
+"""Memory of the attributes that are read on demand. By definition."""
 
 
 class ReadView(FlattenedView):
-    """A flattened view whose attributes are read from the image once somebody asks for them.
+    """A flattened view whose attributes are read from the image on demand, once.
 
-    Few are asked for while a shape is found. Threads that ask at once may both read them: they read the same.
+    Finding a shape needs few of them. Two threads may read the same attribute at once; both get the same.
     """
 
     _places: _Places
@@ -72,7 +72,7 @@ class ReadView(FlattenedView):
 
     @property
     def bytes_to_come(self) -> int:
-        """Memory that the attributes will take that nobody has asked for yet."""
+        """Memory that the attributes that are not read yet will take."""
         return self.valid.size * sum(n for name, n in _BYTES_PER_PIXEL.items() if name not in vars(self))
 
     @cached_property
@@ -136,7 +136,8 @@ def _weights(rc: Float32, row: int, col: int, rows: int, cols: int) -> tuple[int
     y, x = rc[row, col, 0], rc[row, col, 1]
     r, c = min(int(y), rows - 2), min(int(x), cols - 2)
     up, down, left, right = abs(1 - (y - r)), abs(y - r), abs(1 - (x - c)), abs(x - c)
-    return r, c, (up * left + 1e-9, up * right + 1e-9, down * left + 1e-9, down * right + 1e-9)
+    least = 1e-9  # so that a pixel on which a place lies exactly does not hide its neighbours
+    return r, c, (up * left + least, up * right + least, down * left + least, down * right + least)
 
 
 @njit(cache=True, nogil=True)

@@ -63,7 +63,7 @@ def sample(stack: Float32, rc: Float64) -> Float32:
 
 
 def place(view: FlattenedView, target_from_view: Rigid2) -> FlattenedView:
-    """Return a view rastered anew on another plane, on a grid of its own."""
+    """Return a view resampled on another plane, on a grid of its own."""
     origin, shape = bounds([target_from_view.apply(corners(view))], view.pixel_size_m)
     inverse, size = target_from_view.inverse(), view.pixel_size_m
     label = carry_labels(view, view.view_index, inverse, origin, shape, size)

@@ -20,13 +20,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.flattening.patches import fit_patches, normals_from_fit
+from flatcloth.flattening.patches import NOISY_WINDOW_PX, fit_patches, normals_from_fit
 from flatcloth.flattening.surface import Surface, numbered, unite
 
 _FIT_RADIUS_PX = 6
 """Radius of the local quadratic fit of depth at each sample. Set by hand."""
-_NOISY_FIT_RADIUS_PX = 12
-"""Radius of that fit where the depth is noisy. Set by hand."""
 _LEAST_INTERVAL_M = 0.012
 """Samples are at least about this far apart. Set by hand: 6 px of a D435 at 0.85 m. Limits that count samples
 (necks, strips, evidence) were set there, and on a finer grid a narrow strip would pass for a wide one."""
@@ -100,7 +98,7 @@ def fit_samples(surface: Surface, rc: Float64) -> tuple[Float64, Float64, Bool]:
     Each is the value at the position of a quadratic fit around the nearest pixel.
     """
     pixel = np.rint(rc).astype(np.int32)
-    radius, stride = (_NOISY_FIT_RADIUS_PX, 2) if surface.noisy else (_FIT_RADIUS_PX, 1)
+    radius, stride = (NOISY_WINDOW_PX, 2) if surface.noisy else (_FIT_RADIUS_PX, 1)
     fit = fit_patches(
         surface.inverse_depth, surface.steps, pixel[:, 0].copy(), pixel[:, 1].copy(), radius, stride, True
     )

@@ -22,12 +22,17 @@ from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import z_angle_deg
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, RgbdFrame, RotationAxis
 from flatcloth.flattening.noise import smooth_noise
-from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT, find_steps, fit_planes, median
+from flatcloth.flattening.patches import (
+    NORMAL_WINDOW_PX,
+    STEP_DOWN,
+    STEP_RIGHT,
+    find_steps,
+    fit_planes,
+    median,
+)
 from flatcloth.flattening.ramps import cut_small_jumps, fill_dropouts, find_ramps
 from flatcloth.flattening.wide_ramps import EdgeWidths, cut_wide_ramps, edge_widths
 
-_NORMAL_WINDOW_PX = 3
-"""Half width of the window in which a plane is fitted for each normal. Set by hand."""
 _NOISY_DEPTH_M = 0.0003
 """Depth that scatters more than this about its local planes (median) is noisy. Set by hand."""
 _MAX_DROPOUT_PX = 150
@@ -180,7 +185,7 @@ def observe_surface(
     inverse_depth[find_ramps(inverse_depth, k)] = 0.0
     steps = cut_small_jumps(inverse_depth, find_steps(inverse_depth, step_limit))
     wanted = off_edges(inverse_depth > 0, steps)
-    planes, noise_m = fit_planes(inverse_depth, steps, wanted, _NORMAL_WINDOW_PX, _NOISY_DEPTH_M)
+    planes, noise_m = fit_planes(inverse_depth, steps, wanted, NORMAL_WINDOW_PX, _NOISY_DEPTH_M)
     noise_m = max(noise_m, rough_m)
     least_cos = math.cos(math.radians(config.grazing_limit_deg))
     xyz, normal, usable = _seen(planes, wanted, np.array([k.fx, k.fy, k.cx, k.cy]), least_cos)

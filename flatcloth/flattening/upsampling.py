@@ -44,7 +44,7 @@ class Carrier:
         pairs = samples.edges, samples.edge_length_m
         frames, stretch, first, neighbours = _of_pairs(uv_m, samples.points_m, right, down, *pairs)
         self._surface = surface
-        # Side by side, so that the samples around a pixel are soon read; _blend names the columns.
+        # In one array, so that the samples around a pixel are read quickly; _blend names the columns.
         of_samples = samples.points_m, samples.normal, uv_m, frames.reshape(-1, 6), stretch[:, None]
         self._of_samples = np.concatenate([*of_samples, samples.points_rc], axis=1)
         self._first, self._neighbours = first, neighbours

@@ -370,7 +370,7 @@ def _continued(
             h = half[r, c]
             a, rise_a = _side(inverse_depth, r - h * dr, c - h * dc, -dr, -dc)
             b, rise_b = _side(inverse_depth, r + h * dr, c + h * dc, dr, dc)
-            # A layer that would rise by half the ramp on its way is not known well enough to be continued.
+            # A slope that would change a layer by half the ramp's height is uncertain: the layer stays level.
             rise_a = rise_a if h * abs(rise_a) < 0.5 * abs(b - a) else 0.0
             rise_b = rise_b if h * abs(rise_b) < 0.5 * abs(b - a) else 0.0
             for t in range(-h, h + 1):

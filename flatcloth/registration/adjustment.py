@@ -1,7 +1,7 @@
 """The adjustment: the axis, turns and swings that explain the motions of all pairs of views together.
 
-Input: what each pair of views tells about its motion. Output: the unknowns, their covariance, and how
-probable each grade of the recording's errors is. :mod:`.cameras` adds the views and pairs.
+Input: the likelihood of the motion between the views of each pair. Output: the unknowns, their covariance,
+and the probability of each grade of the recording's errors. :mod:`.cameras` adds the views and pairs.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ TOP_M = 0.010
 """The held point is the mean of the item's uppermost part of this height. Set by hand."""
 
 _VIEWS_FOR_HELD_POINT = 6
-"""Views that are looked at for the top. Chosen: 60 degrees apart; more cost reading."""
+"""Views in which the top of the item is measured. Chosen: 60 degrees apart; more take longer to read."""
 _BLOCKS_FOR_HELD_POINT = 250_000
 """Resolution of these views. Chosen: fine enough for the tip of a sleeve; finer costs time."""
 _THREADS = 2

@@ -26,6 +26,7 @@ from flatcloth.flattening.surface import item_mask
 from flatcloth.registration.pose_prior import OWN, across, at_center, jacobian, moved_axis
 from flatcloth.registration.view_features import (
     CHANNELS,
+    MOST_APART_DEG,
     TERMS,
     ComparedImages,
     Gates,
@@ -152,9 +153,7 @@ _FEW_POINTS_STEP = 8
 """Step between the compared points of a view for the choice among the starts; afterwards all are used. Set by
 hand."""
 _LARGEST_TURN_DEG = 45.0
-"""Views farther apart are not compared: they share too little. Chosen."""
-_LARGEST_LONE_TURN_DEG = 65.0
-"""The limit where views have no nearer neighbour. Chosen; tests/registration tries turns of 60 degrees."""
+"""Views farther apart are compared only where views have no nearer neighbour. Chosen: they share little."""
 _SCALES_M = (0.05, 0.02, 0.01, 0.005)
 """Scales of the robust weights, coarse to fine. Chosen: from the error of a start to a few times the noise of
 a D435."""
@@ -261,7 +260,7 @@ def _pairs(angles_deg: Sequence[float]) -> list[_Pair]:
         for i in range(len(angles_deg))
         for j in range(i)
     ]
-    for largest in (_LARGEST_TURN_DEG, _LARGEST_LONE_TURN_DEG):
+    for largest in (_LARGEST_TURN_DEG, MOST_APART_DEG):
         pairs = [pair for pair in turns if 0.5 <= pair.turn_deg <= largest]
         if len({view for pair in pairs for view in (pair.first, pair.second)}) == len(angles_deg):
             break

@@ -34,10 +34,8 @@ from flatcloth.registration.pose_prior import (
     variances,
 )
 from flatcloth.registration.registered import Registered
-from flatcloth.registration.view_features import ViewFeatures
+from flatcloth.registration.view_features import MOST_APART_DEG, ViewFeatures
 
-MOST_APART_DEG = 65.0
-"""Views with directions farther apart than this share little cloth. Set by hand."""
 _MOST_PARTNERS, _FEW_PARTNERS, _CONFIRMING_VIEWS = 6, 3, 8
 """Most views that a view is compared with: first, and once so many confirm recorded poses. Set by hand."""
 _REFITS = 3
@@ -97,7 +95,7 @@ def register_together(
     """Register all views at once: the same model as :func:`register_all`, solved once.
 
     Pairs are compared from the recorded poses on, not from those refined before, and each view with
-    ``partners`` before it only: that tells in a fraction of the time whether the views stand as recorded.
+    ``partners`` before it only: that shows in a fraction of the time whether the recorded poses are right.
     Near the value of ``fattening_px`` no pair is compared twice.
     """
     registered = begin_registration(axis, held_point_m, prior)

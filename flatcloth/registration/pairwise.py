@@ -17,16 +17,11 @@ from flatcloth.core.types import Float64
 from flatcloth.registration.pose_prior import motion
 from flatcloth.registration.view_features import CHANNELS, TERMS, Agreement, ViewFeatures, compare
 
-_SEARCH_RADIUS_M = 0.02
-"""Points farther from the other surface than this are not paired; the radius decreases each round, ..."""
-_LEAST_SEARCH_RADIUS_M = 0.005
-"""... down to this. Set by hand."""
-_ROUNDS = 6
-"""Rounds with half of the points to register a pair of views, ..."""
-_LEAST_COARSE = 1
-"""... (at least this many after the first), ..."""
+_SEARCH_RADII_M = tuple(max(0.005, 0.02 * 0.75**n) for n in range(6))
+"""Points farther from the other surface than this are not paired, in the rounds with half of the points. Set
+by hand."""
 _FINE_ROUNDS = 3
-"""... and with all points; only these to register a pair again. Set by hand."""
+"""Rounds with all points and the last radius; only these to register a pair again. Set by hand."""
 LEAST_POINTS = 60
 """Views with fewer points in common, counted both ways, are not compared. Set by hand."""
 _MOST_SURPRISE = 40.0
@@ -42,8 +37,6 @@ _PART_STD_M = 0.0001
 _PART_NOISE = 0.4
 """... plus this share of the noise. Set by hand."""
 
-_SEARCH_RADIUS_SHRINKS = 0.75
-"""Factor on the search radius each round. Chosen: reaches the least radius in five rounds."""
 _STILL = 0.5
 """A step of less than this many standard deviations of the motion counts as zero. Set by hand."""
 _SURE_M = 0.001
@@ -164,16 +157,14 @@ def fit_pair(
 
 def _rounds(before: PairFit | None, uncertainty_m: float) -> tuple[list[tuple[float, int]], Float64]:
     """Return search radius and thinning of each round, and the initial typical differences (4,)."""
-    fine = [(_LEAST_SEARCH_RADIUS_M, 1)] * _FINE_ROUNDS
+    least_m = _SEARCH_RADII_M[-1]
+    fine = [(least_m, 1)] * _FINE_ROUNDS
     if before is not None:
         return fine, before.spread
-    radii_m = [
-        max(_LEAST_SEARCH_RADIUS_M, _SEARCH_RADIUS_M * _SEARCH_RADIUS_SHRINKS**n) for n in range(_ROUNDS)
-    ]
     # The first radii that the motion cannot need are left out.
-    needed_m = _LEAST_SEARCH_RADIUS_M + 3.0 * uncertainty_m
-    enough = [n for n, radius_m in enumerate(radii_m[:-_LEAST_COARSE]) if radius_m >= needed_m]
-    radii_m = radii_m[enough[-1] if enough else 0 :]
+    needed_m = least_m + 3.0 * uncertainty_m
+    enough = [n for n, radius_m in enumerate(_SEARCH_RADII_M[:-1]) if radius_m >= needed_m]
+    radii_m = _SEARCH_RADII_M[enough[-1] if enough else 0 :]
     spread = np.zeros(TERMS)
     spread[0] = radii_m[0] / 3
     return [*((search_radius_m, 2) for search_radius_m in radii_m), *fine], spread

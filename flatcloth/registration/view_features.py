@@ -25,6 +25,9 @@ from flatcloth.registration.normal_equations import ComparedView, Limits, Sums, 
 
 POINTS_PER_VIEW = 1200
 """Approximate number of compared points of a view. Set by hand."""
+MOST_APART_DEG = 65.0
+"""Views with directions farther apart than this share little cloth. Set by hand; tests/registration tries
+turns of 60 degrees."""
 _NORMAL_SMOOTHING_PX = 2.0
 """Smoothing of the normals where the depth is noisy. Set by hand."""
 _TEXTURE_SIZE_M = 0.007

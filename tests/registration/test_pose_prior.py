@@ -1,0 +1,128 @@
+"""The prior of a recording's errors, and derivatives against differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import AXIS
+
+from flatcloth.core.geometry import Rigid3, held_from_camera
+from flatcloth.registration.axis_estimation import _neighbours, _pairs, choose_views
+from flatcloth.registration.pairwise import _FINE_ROUNDS, _SEARCH_RADII_M, _rounds
+from flatcloth.registration.pose_prior import (
+    PosePrior,
+    across,
+    at_center,
+    chances,
+    expected_displacement_m,
+    grades,
+    jacobian,
+    motion,
+    moved_axis,
+    pair_covariance,
+    poses,
+    twist_of,
+    twists_between,
+    variances,
+)
+
+HELD_M = np.array([0.02, -0.3, 0.85])
+ANGLE_DEG = 40.0
+
+
+def twist_by(common: np.ndarray, own: np.ndarray, center_m: np.ndarray) -> np.ndarray:
+    """The change of a view's pose by the unknowns, as a twist."""
+    (changed,) = poses(AXIS, HELD_M, [ANGLE_DEG], common, own[None])
+    return twist_of(changed @ held_from_camera(AXIS, ANGLE_DEG).inverse(), center_m)
+
+
+@pytest.mark.parametrize("column", range(7))
+def test_the_jacobian_is_the_derivative_of_the_poses(column: int) -> None:
+    step, center = 1e-6, np.array([0.05, -0.1, 0.8])
+    common, own = np.zeros(5), np.zeros(3)
+    (own if column < 3 else common)[column if column < 3 else column - 3] = step
+    found = at_center(jacobian(AXIS, HELD_M, ANGLE_DEG), center)[:, column]
+    np.testing.assert_allclose(twist_by(common, own, center) / step, found, atol=1e-5)
+
+
+def test_no_change_leaves_the_recorded_pose() -> None:
+    np.testing.assert_allclose(twist_by(np.zeros(5), np.zeros(3), HELD_M), 0.0, atol=1e-15)
+
+
+def test_twists_of_many_pairs_are_those_of_each() -> None:
+    random = np.random.default_rng(0)
+    centers = random.normal(size=(4, 3))
+    ones, others = ([motion(t, np.zeros(3)) for t in 0.2 * random.normal(size=(4, 6))] for _ in range(2))
+
+    def arrays(moved: list[Rigid3]) -> tuple[np.ndarray, np.ndarray]:
+        return np.stack([m.rotation for m in moved]), np.stack([m.translation_m for m in moved])
+
+    found = twists_between(arrays(ones), arrays(others), centers)
+    for one, other, center, twist in zip(ones, others, centers, found, strict=True):
+        np.testing.assert_allclose(twist, twist_of(other.inverse() @ one, center), atol=1e-12)
+
+
+def test_the_axis_moves_sideways_and_tilts_as_the_unknowns_say() -> None:
+    side, front = across(AXIS)
+    moved = moved_axis(AXIS, np.array([0.01, -0.02, 0.1, 0.2, 0.0]))
+    np.testing.assert_allclose(moved.point_m - AXIS.point_m, 0.01 * side - 0.02 * front)
+    assert moved.direction @ side / (moved.direction @ AXIS.direction) == pytest.approx(0.1)
+    assert moved.direction @ front / (moved.direction @ AXIS.direction) == pytest.approx(0.2)
+    np.testing.assert_allclose(np.cross(AXIS.direction, side), front, atol=1e-12)
+
+
+def test_exact_recordings_are_as_probable_as_all_others_together() -> None:
+    prior = PosePrior()
+    chance, grid = chances(prior), grades(prior)
+    assert chance.sum() == pytest.approx(1.0)
+    assert chance[0] == 0.5
+    assert (grid[0] <= grid).all()
+    assert (grid[-1] >= grid).all()
+    one = PosePrior(turn_stds_deg=(1.0,), axis_stds_m=(0.001,), swing_stds_deg=(0.1,))
+    assert chances(one).tolist() == [1.0]
+
+
+def test_variances_are_the_squares_of_a_grade_for_each_view() -> None:
+    prior = PosePrior()
+    found = variances(2, np.array([0.1, 0.02, 0.3]), prior)
+    tilt = (0.02 / prior.axis_length_m) ** 2
+    np.testing.assert_allclose(found, [4e-4, 4e-4, tilt, tilt, 1.0, *(0.01, 0.09, 0.09) * 2])
+
+
+def test_a_pair_moves_as_far_as_its_own_errors_and_those_of_the_axis_allow() -> None:
+    prior = PosePrior()
+    one, other = (at_center(jacobian(AXIS, HELD_M, angle), HELD_M) for angle in (0.0, 40.0))
+    widest, exact = np.zeros(len(grades(prior))), np.zeros(len(grades(prior)))
+    widest[-1] = exact[0] = 1.0
+    near, far = (expected_displacement_m(one, other, prior, chance) for chance in (exact, widest))
+    assert 0.0001 < near < 0.001
+    assert far > 0.005
+    covariance = pair_covariance(one, other, prior)
+    np.testing.assert_allclose(covariance, covariance.T, atol=1e-15)
+    assert np.linalg.eigvalsh(covariance)[0] > 0
+    # About the axis both views turn by their own errors.
+    turn = np.radians(prior.turn_stds_deg[-1]) ** 2 * 2 + np.radians(prior.any_turn_std_deg) ** 2
+    assert AXIS.direction @ covariance[:3, :3] @ AXIS.direction == pytest.approx(turn, rel=0.01)
+
+
+def test_a_pair_whose_motion_is_nearly_known_begins_with_a_small_search_radius() -> None:
+    wide, spread = _rounds(None, np.inf)
+    assert [radius for radius, every in wide if every == 2] == list(_SEARCH_RADII_M)
+    assert [every for _, every in wide[-_FINE_ROUNDS:]] == [1] * _FINE_ROUNDS
+    assert spread[0] == pytest.approx(_SEARCH_RADII_M[0] / 3)
+    middle, _ = _rounds(None, 0.002)
+    assert middle[0][0] == min(r for r in _SEARCH_RADII_M if r >= 0.011)
+    sure, _ = _rounds(None, 0.0)
+    assert [every for _, every in sure] == [2, 2, 1, 1, 1]
+
+
+def test_pairs_of_views_are_those_up_to_45_degrees_or_farther_for_lone_views() -> None:
+    turns = {(p.first, p.second): p.turn_deg for p in _pairs([0.0, 0.25, 30.0, 350.0])}
+    assert turns == {(2, 0): 30.0, (2, 1): 29.75, (3, 0): 10.0, (3, 1): 10.25, (3, 2): 40.0}
+    assert [p.turn_deg for p in _pairs([0.0, 60.0])] == [60.0]
+    assert [p.turn_deg for p in _neighbours(_pairs([0.0, 10.0, 25.0, 60.0]))] == [10.0, 25.0, 15.0, 35.0]
+
+
+def test_views_are_chosen_evenly_in_order_of_their_angle() -> None:
+    assert choose_views([350.0, 10.0, -20.0]) == [1, 2, 0]
+    assert choose_views([float(a) for a in range(0, 360, 5)], 4) == [0, 18, 36, 54]
