@@ -39,7 +39,8 @@ def _answer(question: Mapping[str, Any], progress: Progress) -> Message:
     return Message(jobs.answer(question, told))
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Answer the requests until the input ends."""
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     cv2.setNumThreads(1)
     serve(_answer, FlatclothError)

@@ -17,7 +17,7 @@ from typing import Any
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.plain_files import open_plain
 from flatcloth.recordings import SourceOptions, place_of
-from flatcloth.recordings.files.paths import read_text
+from flatcloth.recordings.files.text import read_text
 from flatcloth.recordings.registry import recordings_below
 
 MANIFESTS = (".csv", ".jsonl", ".ndjson")

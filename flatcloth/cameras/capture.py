@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from flatcloth.core.errors import IllegalDecisionError
-from flatcloth.recordings.film.angles import SAME_VIEW_DEG
+from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
 from flatcloth.recordings.film.stillness import STILL_PX_S
 
 FRAMES = 10
@@ -211,16 +211,8 @@ def announce(state: Capture, angle_deg: float, keeps_itself: bool) -> Capture:
             f"The view at {state.target_deg:g} degrees awaits a decision: keep or repeat it first."
         )
     _check_angle(state, angle_deg)
-    return replace(
-        state,
-        phase=Phase.SETTLE,
-        target_deg=angle_deg,
-        taken=0,
-        moved=False,
-        announced=True,
-        keeps_itself=keeps_itself,
-        still_since_s=None,
-    )
+    state = replace(state, announced=True)
+    return _towards(state, Phase.SETTLE, angle_deg, keeps_itself)
 
 
 def finish(state: Capture) -> Capture:
@@ -232,14 +224,18 @@ Command = Callable[[Capture], Capture]
 
 
 def _next(state: Capture) -> Capture:
-    target = state.kept_deg[-1] + state.step_deg
+    return _towards(state, Phase.TURN, state.kept_deg[-1] + state.step_deg)
+
+
+def _towards(state: Capture, phase: Phase, target_deg: float, keeps_itself: bool = False) -> Capture:
+    """Return the state in which the view at an angle has not begun yet."""
     return replace(
         state,
-        phase=Phase.TURN,
-        target_deg=target,
+        phase=phase,
+        target_deg=target_deg,
         taken=0,
         moved=False,
-        keeps_itself=False,
+        keeps_itself=keeps_itself,
         still_since_s=None,
     )
 
@@ -254,4 +250,4 @@ def _check_angle(state: Capture, angle_deg: float) -> None:
 
 
 def _is_taken(state: Capture, angle_deg: float) -> bool:
-    return any(abs(math.remainder(angle_deg - kept, 360.0)) < SAME_VIEW_DEG for kept in state.kept_deg)
+    return any(apart_deg(angle_deg, kept) < SAME_VIEW_DEG for kept in state.kept_deg)

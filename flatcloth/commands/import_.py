@@ -68,9 +68,8 @@ def run(options: argparse.Namespace) -> None:
 
 def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
     from flatcloth.recordings import open_recording
-    from flatcloth.recordings.isolated import open_realsense_isolated
+    from flatcloth.recordings.isolated import open_isolated
     from flatcloth.recordings.realsense.player import is_realsense
-    from flatcloth.recordings.realsense.turned import TurnOptions
 
     path = Path(options.source).expanduser()
     if not is_realsense(path):
@@ -85,5 +84,4 @@ def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
         "angles": options.angles,
         "turning_speed_deg_s": options.turning_speed,
     }
-    how = TurnOptions(**{k: v for k, v in given.items() if v is not None})
-    return open_realsense_isolated(path, how, bar.show)
+    return open_isolated("realsense", path, {k: v for k, v in given.items() if v is not None}, bar.show)

@@ -58,8 +58,7 @@ def strokes_of(options: argparse.Namespace) -> tuple[Decision, ...]:
 def run(options: argparse.Namespace) -> None:
     """Segment, and write the masks."""
     from flatcloth.engine.segmenting import MaskedRecording, prepare, summary
-    from flatcloth.recordings.copying import copy_recording
-    from flatcloth.recordings.mask_files import write_masks
+    from flatcloth.recordings.copying import copy_recording, write_masks
 
     decisions = strokes_of(options)
     integration = integration_of(options.source, None, source_options_of(options))

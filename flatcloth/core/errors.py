@@ -50,6 +50,10 @@ class SegmentationError(FlatclothError):
     """The item, or its side of interest, cannot be told from the views, or a stroke is not valid."""
 
 
+class SynthesisError(FlatclothError):
+    """A recording cannot be synthesized from a mesh."""
+
+
 class EvaluationError(FlatclothError):
     """A result cannot be compared with the truth."""
 

@@ -1,6 +1,6 @@
 """A worker process for libraries that may crash, hang or fill the memory on a damaged file.
 
-The worker runs a module of this package that calls :func:`serve`. Both processes exchange messages:
+The worker runs the function ``main`` of a module, which calls :func:`serve`. Both exchange messages:
 JSON with arrays (:mod:`flatcloth.core.parcel`). Nothing else of the worker reaches the parent.
 """
 
@@ -58,12 +58,12 @@ class Message:
 
 
 class Worker:
-    """A worker process that runs a module of this package; it ends when closed or garbage-collected.
+    """A worker process that runs the ``main`` of a module; it ends when closed or garbage-collected.
 
     Parameters
     ----------
     module : str
-        The module to run; it calls :func:`serve`.
+        The module whose function ``main`` is run; it calls :func:`serve`.
     file : Path, optional
         The file it reads; its size extends the timeout.
     memory_bytes : int
@@ -92,7 +92,7 @@ class Worker:
         path = os.pathsep.join(filter(None, sys.path))
         own = {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", _MEMORY: str(memory_bytes)}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", module],
+            [sys.executable, "-c", f"from {module} import main; main()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, **own, **(environment or {})},

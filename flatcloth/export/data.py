@@ -289,9 +289,9 @@ def _grasp(views: Sequence[FlattenedView], pick: Pick, frames: GraspFrames) -> d
 
 
 def _posed(pose: GraspPose, frames: GraspFrames) -> dict[str, Any]:
-    turn = pose.held_from_grasp.rotation
+    turn = pose.object_from_grasp.rotation
     camera = pose.camera_from_grasp(frames.axis, frames.rotation_deg)
-    poses = {"held": pose.held_from_grasp, "camera": camera}
+    poses = {"held": pose.object_from_grasp, "camera": camera}
     if frames.base_from_camera is not None:
         poses["base"] = frames.base_from_camera @ camera
     about, outline_m = pose.uncertainty, pose.outline_distance_m

@@ -225,7 +225,7 @@ def _picks(session: OpenedSession) -> Iterable[str]:
 def _posed(pose: GraspPose | None) -> tuple[str, str, str, str]:
     if pose is None:
         return ("\u2013",) * 4
-    turn, about = pose.held_from_grasp.rotation, pose.uncertainty
+    turn, about = pose.object_from_grasp.rotation, pose.uncertainty
     mm = 1000 * about.position_m
     known = "\u2013"
     if not math.isnan(mm):

@@ -178,14 +178,14 @@ class GraspUncertainty:
 class GraspPose:
     """Pose of a parallel gripper on the cloth.
 
-    ``held_from_grasp``: origin at the pick, z the approach (into the cloth, against the outward normal),
+    ``object_from_grasp``: origin at the pick, z the approach (into the cloth, against the outward normal),
     x the in-plane axis, y = z cross x; the fingers are ``opening_m`` apart along y and close along it.
     ``axis_from`` is the origin of x: ``outline`` (along it, y into the cloth), ``hand``, or ``level``
     (horizontal) where the cloth around the pick gives no direction. ``direction_uv`` (2,) is x on the
     plane and ``outline_distance_m`` the distance to the outline; None if unknown.
     """
 
-    held_from_grasp: Rigid3
+    object_from_grasp: Rigid3
     opening_m: float
     axis_from: str
     direction_uv: Float64 | None
@@ -194,7 +194,7 @@ class GraspPose:
 
     def camera_from_grasp(self, axis: RotationAxis, angle_deg: float) -> Rigid3:
         """Return the pose in the camera frame at a rotation of the item."""
-        return camera_from_held(axis, angle_deg) @ self.held_from_grasp
+        return camera_from_held(axis, angle_deg) @ self.object_from_grasp
 
     def gripper_m(self) -> Float64:
         """Return the gripper as (6, 2, 3) line segments, object frame: fingers, bar, stem, axis, opening."""
@@ -207,7 +207,7 @@ class GraspPose:
             [(-_AXIS_MARK_M, 0, 0), (_AXIS_MARK_M, 0, 0)],
             [(0, -half, 0), (0, half, 0)],
         ]
-        return self.held_from_grasp.apply(np.array(lines, dtype=np.float64))
+        return self.object_from_grasp.apply(np.array(lines, dtype=np.float64))
 
 
 def grasp_pose(
@@ -247,14 +247,14 @@ def grasp_pose(
         x = _unit_across(np.asarray(grip.axis_held, dtype=np.float64), approach)
     if x is None and tangent is not None and outline is not None:
         source, direction = "outline", outline.direction
-        x = _unit_across(tangent.held_from_plane @ direction, approach)
+        x = _unit_across(tangent.object_from_plane @ direction, approach)
     if x is None:
         source, direction = "level", None
         x = _level(axis, approach)
     if direction is None and tangent is not None:
         direction = _on_plane(tangent, x)
     return GraspPose(
-        held_from_grasp=Rigid3(np.stack([x, np.cross(approach, x), approach], axis=1), position),
+        object_from_grasp=Rigid3(np.stack([x, np.cross(approach, x), approach], axis=1), position),
         opening_m=grip.opening_m,
         axis_from=source,
         direction_uv=direction,
@@ -288,7 +288,7 @@ def axis_by_hand(
             "There is too little cloth around this pick to turn its axis; pick another point."
         )
     angle = math.radians(angle_deg)
-    axis = tangent.held_from_plane @ np.array([math.cos(angle), math.sin(angle)])
+    axis = tangent.object_from_plane @ np.array([math.cos(angle), math.sin(angle)])
     x, y, z = (axis / np.linalg.norm(axis)).tolist()
     return x, y, z
 
@@ -329,7 +329,7 @@ def _level(axis: RotationAxis, approach: Float64) -> Float64:
 
 
 def _on_plane(tangent: TangentMap, x: Float64) -> Float64 | None:
-    direction: Float64 = np.linalg.pinv(tangent.held_from_plane) @ x
+    direction: Float64 = np.linalg.pinv(tangent.object_from_plane) @ x
     length = float(np.linalg.norm(direction))
     return direction / length if length > 1e-9 else None
 

@@ -39,12 +39,12 @@ class NearestOutline:
 class TangentMap:
     """The cloth around a pixel as a linear map from the plane to space.
 
-    ``held_from_plane`` (3, 2): metres of space, object frame, per metre of the plane;
+    ``object_from_plane`` (3, 2): metres of space, object frame, per metre of the plane;
     ``scatter_m`` rms of the measured points about a smooth patch, along its normal;
     ``normal_spread_deg`` rms angle of the normals to their mean; ``count`` number of pixels.
     """
 
-    held_from_plane: Float64
+    object_from_plane: Float64
     scatter_m: float
     normal_spread_deg: float
     count: int
@@ -123,7 +123,7 @@ def tangent_map(view: FlattenedView, rc: tuple[int, int]) -> TangentMap | None:
     rest = (xyz[same] - here - terms @ fit) @ mean
     tilt = np.arccos(np.clip(normal[same] @ mean / np.linalg.norm(normal[same], axis=1), -1.0, 1.0))
     return TangentMap(
-        held_from_plane=fit[1:3].T / _PATCH_RADIUS_M,
+        object_from_plane=fit[1:3].T / _PATCH_RADIUS_M,
         scatter_m=math.sqrt(float(rest @ rest) / (len(rest) - terms.shape[1])),
         normal_spread_deg=math.degrees(math.sqrt(float(np.mean(tilt**2)))),
         count=int(same.sum()),

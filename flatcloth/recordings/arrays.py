@@ -3,58 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
-from flatcloth.recordings.base import check_index
+from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RotationAxis, Uint8
+from flatcloth.recordings.base import LazyRecording, ViewImages
 from flatcloth.recordings.files.camera import checked_intrinsics
 from flatcloth.recordings.files.depth_files import FARTHEST_M
+from flatcloth.recordings.files.text import failing
 from flatcloth.recordings.film.angles import MAX_VIEWS, repeated
 
 _UNIT_TOLERANCE = 1e-3
 """A direction may differ from length 1 by this, as in ``recording.json``; it is normalised. Chosen."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ArrayRecording:
-    """A recording in memory; made by :func:`recording_from_arrays`."""
-
-    name: str
-    intrinsics: Intrinsics
-    rotation_axis: RotationAxis | None
-    held_point_m: Float64 | None
-    angles_deg: tuple[float, ...]
-    color: Sequence[Uint8] = field(repr=False)
-    depth_m: Sequence[Float32] = field(repr=False)
-    masks: Sequence[Bool] | None = field(repr=False)
-    description: str = ""
-    location: str = "arrays"
-
-    @property
-    def has_masks(self) -> bool:
-        """Whether every view has a mask of the side of interest."""
-        return self.masks is not None
-
-    def __len__(self) -> int:
-        """Return the number of views."""
-        return len(self.angles_deg)
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Return one view; raises ``IndexError`` if there is no such view."""
-        check_index(self, view_index)
-        return RgbdFrame(
-            view_index=view_index,
-            angle_deg=self.angles_deg[view_index],
-            color=self.color[view_index],
-            depth_m=self.depth_m[view_index],
-            mask=None if self.masks is None else self.masks[view_index],
-            intrinsics=self.intrinsics,
-        )
 
 
 def recording_from_arrays(
@@ -68,7 +30,7 @@ def recording_from_arrays(
     held_point_m: ArrayLike | None = None,
     depth_scale_m: float | None = None,
     name: str = "arrays",
-) -> ArrayRecording:
+) -> LazyRecording:
     """Make a recording from arrays; images without lens distortion.
 
     Parameters
@@ -97,7 +59,7 @@ def recording_from_arrays(
 
     Returns
     -------
-    ArrayRecording
+    LazyRecording
         Reads like any other recording. Arrays of the right type are not copied; do not modify them.
 
     Raises
@@ -126,20 +88,20 @@ def recording_from_arrays(
     if masks is not None:
         found = [_mask(f"masks[{n}]", image, size) for n, image in enumerate(masks)]
         _check_count("masks", found, angles)
-    return ArrayRecording(
+    return LazyRecording(
         name=name,
+        location="arrays",
         intrinsics=_camera(intrinsics, size),
         rotation_axis=None if rotation_axis is None else _axis(rotation_axis),
         held_point_m=None if held_point_m is None else _vector("held_point_m", held_point_m),
         angles_deg=tuple(angles.tolist()),
-        color=colors,
-        depth_m=depths,
-        masks=found,
+        has_masks=found is not None,
+        read=lambda n: ViewImages(colors[n], depths[n], None if found is None else found[n]),
     )
 
 
 def _fail(where: str, cause: str, remedy: str) -> NoReturn:
-    raise RecordingError(f"{where}: {cause}. {remedy}")
+    failing(where)(cause, remedy)
 
 
 def _array(where: str, values: ArrayLike) -> NDArray[Any]:
@@ -223,10 +185,7 @@ def _camera(given: Intrinsics | ArrayLike, size: tuple[int, ...]) -> Intrinsics:
             _fail("intrinsics", "is no camera matrix", "Give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
         focal, center = (float(k[0, 0]), float(k[1, 1])), (float(k[0, 2]), float(k[1, 2]))
 
-    def fail(cause: str, remedy: str) -> NoReturn:
-        _fail("intrinsics", cause, remedy)
-
-    return checked_intrinsics((width, height), focal, center, fail)
+    return checked_intrinsics((width, height), focal, center, failing("intrinsics"))
 
 
 def _axis(given: RotationAxis | tuple[ArrayLike, ArrayLike]) -> RotationAxis:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Mapping, Sized
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping, Sized
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
 
-from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
 
 
 class Recording(Protocol):
@@ -61,6 +62,59 @@ class Recording(Protocol):
     def __getitem__(self, view_index: int) -> RgbdFrame:
         """Read one view; raises ``RecordingError`` with file, cause and remedy."""
         ...
+
+
+class ViewImages(NamedTuple):
+    """The images of a view: ``color`` (H, W, 3) RGB, ``depth_m`` (H, W), ``mask`` (H, W) or None."""
+
+    color: Uint8
+    depth_m: Float32
+    mask: Bool | None = None
+
+
+@dataclass(kw_only=True, eq=False)
+class LazyRecording:
+    """A :class:`Recording` whose views are read by a function; all built-in formats return one.
+
+    ``read`` returns the images of a view, given its number, or raises ``RecordingError``. ``notes`` are
+    remarks for the operator on how the recording was read.
+    """
+
+    name: str
+    location: str
+    intrinsics: Intrinsics
+    angles_deg: tuple[float, ...]
+    read: Callable[[int], ViewImages] = field(repr=False)
+    description: str = ""
+    notes: tuple[str, ...] = ()
+    rotation_axis: RotationAxis | None = None
+    held_point_m: Float64 | None = None
+    has_masks: bool = False
+
+    def __len__(self) -> int:
+        """Return the number of views."""
+        return len(self.angles_deg)
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        """Read one view; nothing is cached.
+
+        Raises
+        ------
+        IndexError
+            If there is no such view; negative numbers do not count from the end.
+        RecordingError
+            If the view is damaged, has changed since opening, or has no depth.
+        """
+        check_index(self, view_index)
+        color, depth_m, mask = self.read(view_index)
+        return RgbdFrame(
+            view_index=view_index,
+            angle_deg=self.angles_deg[view_index],
+            color=color,
+            depth_m=depth_m,
+            mask=mask,
+            intrinsics=self.intrinsics,
+        )
 
 
 _SOURCE_OPTIONS = "source_options"

@@ -1,116 +1,152 @@
-"""Recordings read in a worker process, because their libraries are not safe on untrusted files.
+"""RealSense files and ROS recordings, read in a worker process, because their libraries are not safe.
 
 librealsense and the readers of ROS files trust the sizes in a file: a damaged or malicious one
-makes them crash, hang, or allocate gigabytes.
+makes them crash, hang, or allocate gigabytes. The worker runs :func:`main`.
 """
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.subprocess_worker import Message, Worker, WorkerError, WorkerLostError
-from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
-from flatcloth.recordings.base import check_index
+from flatcloth.core.plain_files import open_plain
+from flatcloth.core.subprocess_worker import Message, Worker, WorkerError, WorkerLostError, serve
+from flatcloth.core.types import Intrinsics, Progress, no_progress
+from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
 from flatcloth.recordings.film.angles import GivenAngles
+from flatcloth.recordings.source import Format, SourceOptions
 
-if TYPE_CHECKING:
-    from flatcloth.recordings.realsense.turned import TurnOptions
-
-_READER = "flatcloth.recordings.reader"
+_ROS_STARTS = (b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0")
+_REFUSED = ("camera_file", "fov_deg", "turning_deg", "sweep")
 
 
-class IsolatedRecording:
-    """A recording in another process; open it with one of the functions below.
+def open_isolated(
+    kind: str, path: Path, options: Mapping[str, Any], progress: Progress = no_progress
+) -> LazyRecording:
+    """Open a recording in a worker process.
 
-    Its attributes are those of the recording there.
+    Parameters
+    ----------
+    kind : str
+        ``realsense`` or ``ros``.
+    path : Path
+        File or folder.
+    options : mapping
+        The fields of ``realsense.turned.TurnOptions`` that are given, or of ``GivenAngles``.
+    progress : callable
+        Called with the share of the work done.
+
+    Raises
+    ------
+    RecordingError
+        As ``realsense.turned.open_realsense`` and ``ros.recording.open_ros``, and if the worker fails on
+        the file.
     """
+    try:
+        worker = Worker(__name__, path)
+    except WorkerLostError as error:
+        raise RecordingError(f"{path}: its reader {error}. Check the installation.") from error
 
-    rotation_axis: RotationAxis | None = None
-    held_point_m: Float64 | None = None
-    has_masks = False
-
-    def __init__(self, path: Path, question: Mapping[str, Any], progress: Progress) -> None:
-        self._path = path
+    def ask(question: Mapping[str, Any], progress: Progress = no_progress) -> Message:
         try:
-            self._worker = Worker(_READER, path)
-        except WorkerLostError as error:
-            raise RecordingError(f"{path}: its reader {error}. Check the installation.") from error
-        found = self._asked(question, progress).table
-        self.name: str = found["name"]
-        self.description: str = found["description"]
-        self.location: str = found["location"]
-        self.notes: tuple[str, ...] = tuple(found["notes"])
-        self.intrinsics = Intrinsics(**found["intrinsics"])
-        self.angles_deg: tuple[float, ...] = tuple(found["angles_deg"])
-
-    def __len__(self) -> int:
-        """Return the number of views."""
-        return len(self.angles_deg)
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Read one view.
-
-        Raises
-        ------
-        IndexError
-            If there is no such view; negative numbers do not count from the end.
-        RecordingError
-            If it is damaged, or the other process has ended.
-        """
-        check_index(self, view_index)
-        arrays = self._asked({"view": view_index}, no_progress).arrays
-        return RgbdFrame(
-            view_index=view_index,
-            angle_deg=self.angles_deg[view_index],
-            color=arrays["color"],
-            depth_m=arrays["depth_m"],
-            mask=None,
-            intrinsics=self.intrinsics,
-        )
-
-    def _asked(self, question: Mapping[str, Any], progress: Progress) -> Message:
-        try:
-            return self._worker.ask(question, progress)
+            return worker.ask(question, progress)
         except WorkerError as error:
             raise RecordingError(str(error)) from error
         except WorkerLostError as error:
             raise RecordingError(
-                f"{self._path}: damaged, or not a recording: its reader {error}. Copy or export it again."
+                f"{path}: damaged, or not a recording: its reader {error}. Copy or export it again."
             ) from error
 
+    given = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
+    about = ask({"kind": kind, "path": str(path), "options": given}, progress).table
+    return LazyRecording(
+        name=about["name"],
+        description=about["description"],
+        location=about["location"],
+        notes=tuple(about["notes"]),
+        angles_deg=tuple(about["angles_deg"]),
+        intrinsics=Intrinsics(**about["intrinsics"]),
+        read=lambda view_index: ViewImages(**ask({"view": view_index}).arrays),
+    )
 
-def open_ros_isolated(path: Path, angles: GivenAngles) -> IsolatedRecording:
-    """Open a ROS recording in a worker process; see ``ros.open_ros``.
 
-    Raises
-    ------
-    RecordingError
-        As there, and if the worker fails on the file.
-    """
-    table = None if angles.table is None else str(angles.table)
-    question = {"kind": "ros", "path": str(path), "table": table, "step_deg": angles.step_deg}
-    return IsolatedRecording(path, question, no_progress)
+def _is_realsense(path: Path) -> bool:
+    from flatcloth.recordings.realsense.player import is_realsense
+
+    return path.is_file() and is_realsense(path)
 
 
-def open_realsense_isolated(
-    path: Path, options: TurnOptions, progress: Progress = no_progress
-) -> IsolatedRecording:
-    """Open a RealSense file in a worker process; see ``turned.open_realsense``.
+def _open_realsense(path: Path, options: SourceOptions) -> Recording:
+    options.refuse(str(path), *_REFUSED)
+    given = {"angles": options.angles, "step_deg": options.step_deg}
+    return open_isolated("realsense", path, {k: v for k, v in given.items() if v is not None})
 
-    Raises
-    ------
-    RecordingError
-        As there, and if the worker fails on the file.
-    """
-    question = {
-        "kind": "realsense",
-        "path": str(path),
-        "align": options.align,
-        "step_deg": options.step_deg,
-        "angles": None if options.angles is None else str(options.angles),
-        "turning_speed_deg_s": options.turning_speed_deg_s,
-    }
-    return IsolatedRecording(path, question, progress)
+
+def _is_ros(path: Path) -> bool:
+    if path.is_dir():
+        with contextlib.suppress(OSError), open_plain(path / "metadata.yaml") as file:
+            return b"rosbag2_bagfile_information" in file.read(65_536)
+        return False
+    try:
+        with open_plain(path) as file:
+            return file.read(16).startswith(_ROS_STARTS)
+    except OSError:  # not readable: opening it reports the error
+        return False
+
+
+def _open_ros(path: Path, options: SourceOptions) -> Recording:
+    options.refuse(str(path), *_REFUSED)
+    return open_isolated("ros", path, {"table": options.angles, "step_deg": options.step_deg})
+
+
+REALSENSE = Format(
+    name="realsense", what="a RealSense .db3 or .bag", recognises=_is_realsense, open=_open_realsense
+)
+ROS = Format(name="ros", what="a ROS .mcap or .bag", recognises=_is_ros, open=_open_ros)
+
+
+# --- the worker ------------------------------------------------------------------------------
+
+
+class _Reader:
+    """Answers the requests of :func:`open_isolated`: the first one opens, the others read views."""
+
+    def __init__(self) -> None:
+        self._recording: Recording | None = None
+
+    def answer(self, question: Mapping[str, Any], progress: Progress) -> Message:
+        if self._recording is None:
+            self._recording = _opened(question, progress)
+            return Message(
+                {
+                    "name": self._recording.name,
+                    "description": self._recording.description,
+                    "location": self._recording.location,
+                    "notes": list(getattr(self._recording, "notes", ())),
+                    "intrinsics": dataclasses.asdict(self._recording.intrinsics),
+                    "angles_deg": list(self._recording.angles_deg),
+                }
+            )
+        frame = self._recording[question["view"]]
+        return Message({}, {"color": frame.color, "depth_m": frame.depth_m})
+
+
+def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
+    path, options = Path(question["path"]), question["options"]
+    options = {k: Path(v) if k in ("table", "angles") and v is not None else v for k, v in options.items()}
+    if question["kind"] == "ros":
+        from flatcloth.recordings.ros.recording import open_ros
+
+        return open_ros(path, GivenAngles(**options), progress)
+    from flatcloth.recordings.realsense.turned import TurnOptions, open_realsense
+
+    return open_realsense(path, TurnOptions(**options), progress)
+
+
+def main() -> None:
+    """Answer the requests of :func:`open_isolated` until the input ends."""
+    serve(_Reader().answer, RecordingError)

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import msgspec
 import numpy as np
 
-from flatcloth.core.decoding import Finite, MisfitError, Vector3, fitted, parse_json
+from flatcloth.core.decoding import Finite, MisfitError, Vector3, fitted
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64, Intrinsics, RotationAxis
-from flatcloth.recordings.files.camera import checked_intrinsics, checked_lens
-from flatcloth.recordings.files.lens import Lens
-from flatcloth.recordings.files.paths import inside, read_text
-from flatcloth.recordings.files.text import one_line
+from flatcloth.recordings.files.camera import Lens, checked_intrinsics, checked_lens
+from flatcloth.recordings.files.text import Fail, failing, inside, load_json, one_line
 from flatcloth.recordings.files.text import shortened as _short
 from flatcloth.recordings.film.angles import MAX_VIEWS, repeated
 
@@ -77,22 +75,6 @@ def _load(path: Path) -> Any:
     return load_json(path)
 
 
-def load_json(path: Path) -> Any:
-    """Return the content of a JSON file.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read or is not JSON.
-    """
-    try:
-        return parse_json(read_text(path))
-    except ValueError as error:  # includes numbers with thousands of digits
-        raise RecordingError(
-            f"{path}: not valid JSON ({_short(str(error), 120)}). Correct it at this place."
-        ) from error
-
-
 class _Camera(msgspec.Struct, frozen=True):
     width: Finite
     height: Finite
@@ -136,6 +118,7 @@ class _Reader:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._path = folder / HEADER
+        self._fail: Fail = failing(self._path)
 
     def manifest(self, raw: Any) -> Manifest:
         if isinstance(raw, dict):
@@ -162,9 +145,6 @@ class _Reader:
             views=views,
             truth=header.truth,
         )
-
-    def _fail(self, cause: str, remedy: str) -> NoReturn:
-        raise RecordingError(f"{self._path}: {cause}. {remedy}")
 
     def _check_format(self, found: Any) -> None:
         if found == FORMAT:

@@ -18,17 +18,19 @@ from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.formats import color_and_depth, multimodal_clothes, native, realsense, ros, tum
+from flatcloth.recordings.folder import FORMAT as OWN
+from flatcloth.recordings.formats import color_and_depth, multimodal_clothes, tum
+from flatcloth.recordings.isolated import REALSENSE, ROS
 from flatcloth.recordings.source import Format, SourceOptions
 
 ENTRY_POINTS = "flatcloth.recordings"
 BUILT_IN: tuple[Format, ...] = (
-    native.FORMAT,
+    OWN,
     tum.FORMAT,
     color_and_depth.FORMAT,
     multimodal_clothes.FORMAT,
-    realsense.FORMAT,
-    ros.FORMAT,
+    REALSENSE,
+    ROS,
 )
 """In the order in which they are tried; formats of other packages come after them."""
 

@@ -69,9 +69,7 @@ class Truth:
         check_index(self, view_index)
         path = self._manifest.views[view_index].truth
         assert path is not None  # checked by the constructor
-        header = images.read_header(path)
-        images.check_truth(path, header)
-        images.check_size(path, header, self._manifest.intrinsics)
+        images.read_checked(path, "truth", self._manifest.intrinsics)
         undistort = self._manifest.lens.undistort
         bgr = undistort(images.decode_raw(path, np.uint16), blend=False)
         code = bgr[..., 0].astype(np.uint8)

@@ -22,14 +22,11 @@ from flatcloth.core.decoding import fitted, parse_json
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Bool, Intrinsics, RotationAxis, Uint8
-from flatcloth.recordings.film.angles import MAX_VIEWS
-from flatcloth.recordings.folder import FolderRecording
+from flatcloth.recordings.film.angles import MAX_VIEWS, TOLERANCE_DEG, apart_deg
+from flatcloth.recordings.folder import open_folder
 from flatcloth.recordings.manifest import FORMAT, HEADER
 
 Uint16 = NDArray[np.uint16]
-
-ANGLE_TOLERANCE_DEG = 0.01
-"""Readers treat two views closer than this, modulo a full turn, as one."""
 
 _PNG_LEVEL = 3
 """Compression of PNG files. Chosen: higher levels take longer."""
@@ -167,7 +164,7 @@ class RecordingWriter:
 
     def has_angle(self, angle_deg: float) -> bool:
         """Return whether a view at this angle (modulo a full turn) is on disk."""
-        return any(abs(_apart_deg(angle_deg, a)) < ANGLE_TOLERANCE_DEG for a in self.angles_deg)
+        return any(apart_deg(angle_deg, a) < TOLERANCE_DEG for a in self.angles_deg)
 
     def add(
         self,
@@ -262,7 +259,7 @@ class RecordingWriter:
             header: dict[str, Any] = fitted(parse_json(read_plain(path)), dict[str, Any])
             kept = fitted(header, _Kept)
             if kept.views:
-                FolderRecording(self._folder)  # raises the error
+                open_folder(self._folder)  # raises the error
         except ValueError as error:
             raise RecordingError(
                 f"{path}: not a recording that can be resumed ({error}). Choose another folder."
@@ -331,7 +328,3 @@ class RecordingWriter:
                 f"{array.shape}, not {np.dtype(dtype)} {wanted}."
             )
         return array
-
-
-def _apart_deg(a_deg: float, b_deg: float) -> float:
-    return (a_deg - b_deg + 180) % 360 - 180

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
 from flatcloth.core.types import Float64, Intrinsics, RotationAxis
-from flatcloth.synthesis.errors import SynthesisError
+from flatcloth.recordings.film.angles import apart_deg
 
 UPWARD = ("x", "y", "z", "-x", "-y", "-z")
 _EXTENT_M = (0.05, 4.0)
@@ -195,7 +196,7 @@ def _apart(angles_deg: list[float]) -> tuple[float, ...]:
     taken: list[float] = []
     for angle in angles_deg:
         moved = angle
-        while any(abs((moved - other + 180) % 360 - 180) < 0.015 for other in taken):
+        while any(apart_deg(moved, other) < 0.015 for other in taken):
             moved = round(moved + 0.02, 2)
         taken.append(moved)
     return tuple(taken)

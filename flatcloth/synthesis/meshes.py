@@ -12,14 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from flatcloth.core.errors import RecordingError
+from flatcloth.core.errors import RecordingError, SynthesisError
 from flatcloth.core.plain_files import open_plain, read_plain
 from flatcloth.core.subprocess_worker import Worker, WorkerError, WorkerLostError
 from flatcloth.core.types import Float64, Int32, Uint8
 from flatcloth.recordings.files.images import decode_color, read_header
 from flatcloth.recordings.files.text import shortened
-from flatcloth.synthesis.errors import SynthesisError
-from flatcloth.synthesis.mesh_reader import MOST_TEXTURE_PIXELS
+from flatcloth.synthesis.native import MOST_TEXTURE_PIXELS
 
 SUFFIXES = (".obj", ".ply", ".glb")
 _MOST_TRIANGLES = 2_000_000
@@ -263,7 +262,7 @@ def _texture(path: Path) -> Uint8:
 
 def _read_in_worker(path: Path) -> GarmentMesh:
     try:
-        found = Worker("flatcloth.synthesis.mesh_reader", path).ask({"path": str(path)}).arrays
+        found = Worker("flatcloth.synthesis.native", path).ask({"path": str(path)}).arrays
     except WorkerError as error:
         raise SynthesisError(str(error)) from error
     except WorkerLostError as error:

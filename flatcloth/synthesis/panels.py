@@ -6,8 +6,8 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from flatcloth.core.errors import SynthesisError
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.synthesis.errors import SynthesisError
 from flatcloth.synthesis.meshes import GarmentMesh
 
 MOST_PANELS = 15

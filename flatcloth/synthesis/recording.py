@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from flatcloth.core.errors import SynthesisError
 from flatcloth.core.types import Intrinsics, Progress, no_progress
 from flatcloth.recordings.writer import RecordingWriter
-from flatcloth.synthesis.errors import SynthesisError
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel
 from flatcloth.synthesis.hanging import Hung, PoseErrors, hang, share_in_image, turn
 from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh

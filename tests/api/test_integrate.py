@@ -73,9 +73,9 @@ def test_a_shape_tells_what_was_decided_and_how_long_it_took(shape: flatcloth.Sh
 def test_the_grasp_of_a_pixel_lies_on_its_point(shape: flatcloth.Shape) -> None:
     row, col = np.argwhere(shape.valid)[len(np.argwhere(shape.valid)) // 2]
     pose = shape.grasp(row, col, opening_m=0.06)
-    assert np.allclose(pose.held_from_grasp.translation_m, shape.xyz_m[row, col])
+    assert np.allclose(pose.object_from_grasp.translation_m, shape.xyz_m[row, col])
     assert pose.opening_m == 0.06
-    into_cloth = pose.held_from_grasp.rotation[:, 2]
+    into_cloth = pose.object_from_grasp.rotation[:, 2]
     assert np.allclose(into_cloth, -shape.normal[row, col], atol=1e-5)
 
 
@@ -97,7 +97,7 @@ def test_points_and_grasps_of_a_garment_lie_on_its_cloth(shape: flatcloth.Shape)
     points = shape.named_points()
     for name, point in points.items():
         assert (
-            np.linalg.norm(shape.grasp_point(name).held_from_grasp.translation_m - point.position_held_m)
+            np.linalg.norm(shape.grasp_point(name).object_from_grasp.translation_m - point.position_held_m)
             < 1e-6
         )
     with pytest.raises(flatcloth.GarmentError, match="tail: no named point of this garment that was seen"):

@@ -97,5 +97,5 @@ def test_a_worker_whose_parent_lets_go_of_it_ends(worker: Worker) -> None:
     assert process.poll() is not None
 
 
-if __name__ == "__main__":
+def main() -> None:
     serve(answer, ValueError)

@@ -159,12 +159,12 @@ def picked(view: FlattenedView, u_m: float, v_m: float, grip: Grip | None = None
 def test_a_pose_stands_on_the_cloth_and_looks_into_it() -> None:
     pose = picked(cylinder(), 0.10, 0.03)
     theta = 0.10 / RADIUS_M
-    turn = pose.held_from_grasp.rotation
+    turn = pose.object_from_grasp.rotation
     np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
     np.testing.assert_allclose(turn[:, 2], [-math.sin(theta), 0, math.cos(theta)], atol=1e-6)
     np.testing.assert_allclose(
-        pose.held_from_grasp.translation_m,
+        pose.object_from_grasp.translation_m,
         [RADIUS_M * math.sin(theta), 0.03, 1 - RADIUS_M * math.cos(theta)],
         atol=1e-7,
     )
@@ -189,10 +189,10 @@ def test_the_axis_lies_along_the_nearest_outline_with_the_cloth_on_its_right(
     assert pose.axis_from == "outline"
     np.testing.assert_allclose(pose.direction_uv, direction, atol=1e-6)
     expected = direction[0] * along + direction[1] * np.array([0.0, 1.0, 0.0])
-    np.testing.assert_allclose(pose.held_from_grasp.rotation[:, 0], expected, atol=2e-3)
+    np.testing.assert_allclose(pose.object_from_grasp.rotation[:, 0], expected, atol=2e-3)
     # y points from the outline into the cloth: the fingers close across the outline.
     into = -direction[1] * along + direction[0] * np.array([0.0, 1.0, 0.0])
-    np.testing.assert_allclose(pose.held_from_grasp.rotation[:, 1], into, atol=2e-3)
+    np.testing.assert_allclose(pose.object_from_grasp.rotation[:, 1], into, atol=2e-3)
     assert pose.outline_distance_m == pytest.approx(distance_m)
     assert pose.uncertainty.axis_deg < 1e-3
 
@@ -272,7 +272,7 @@ def test_the_axis_by_hand_is_a_direction_in_space_that_stays_when_the_plane_turn
     )
     pose = picked_at(turned, here, Grip(axis_held=axis))
     assert pose.axis_from == "hand"
-    np.testing.assert_allclose(pose.held_from_grasp.rotation[:, 0], axis, atol=1e-6)
+    np.testing.assert_allclose(pose.object_from_grasp.rotation[:, 0], axis, atol=1e-6)
     np.testing.assert_allclose(pose.direction_uv, [0.5, -math.cos(math.radians(30))], atol=1e-5)
     assert math.isnan(pose.uncertainty.axis_deg)
 
@@ -298,12 +298,12 @@ def test_an_axis_that_is_no_axis_is_refused() -> None:
 def test_a_pick_that_is_not_on_the_shape_has_a_level_axis_and_no_uncertainty() -> None:
     pose = picked_at(flat_sheet(60, 60), np.array([0.06, 0.06, 0.9]))
     assert (pose.axis_from, pose.direction_uv, pose.outline_distance_m) == ("level", None, None)
-    assert pose.held_from_grasp.rotation[:, 0] @ AXIS.direction == pytest.approx(0.0, abs=1e-12)
+    assert pose.object_from_grasp.rotation[:, 0] @ AXIS.direction == pytest.approx(0.0, abs=1e-12)
     assert math.isnan(pose.uncertainty.position_m)
     assert grasp_pose(empty(), np.zeros(3), np.array([0.0, 0.0, -1.0]), AXIS) is not None
     from_above = grasp_pose(empty(), np.zeros(3), AXIS.direction, AXIS)
     assert from_above is not None
-    assert from_above.held_from_grasp.rotation[:, 0] @ AXIS.direction == pytest.approx(0.0, abs=1e-12)
+    assert from_above.object_from_grasp.rotation[:, 0] @ AXIS.direction == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("normal", [[math.nan, 0, 0], [0, 0, 0]])
@@ -316,13 +316,13 @@ def test_the_pose_in_the_camera_frame_turns_with_the_item() -> None:
     for angle_deg in (0.0, 40.0, -170.0):
         moved = pose.camera_from_grasp(AXIS, angle_deg)
         back = held_from_camera(AXIS, angle_deg) @ moved
-        np.testing.assert_allclose(back.rotation, pose.held_from_grasp.rotation, atol=1e-12)
-        np.testing.assert_allclose(back.translation_m, pose.held_from_grasp.translation_m, atol=1e-12)
+        np.testing.assert_allclose(back.rotation, pose.object_from_grasp.rotation, atol=1e-12)
+        np.testing.assert_allclose(back.translation_m, pose.object_from_grasp.translation_m, atol=1e-12)
 
 
 def test_the_gripper_is_drawn_outside_with_its_fingers_across_the_axis() -> None:
     pose = picked(cylinder(), 0.10, 0.03, Grip(opening_m=0.07))
-    lines = (pose.gripper_m() - pose.held_from_grasp.translation_m) @ pose.held_from_grasp.rotation
+    lines = (pose.gripper_m() - pose.object_from_grasp.translation_m) @ pose.object_from_grasp.rotation
     assert lines.shape == (6, 2, 3)
     tips = lines[:2, 0]
     np.testing.assert_allclose(tips, [[0, -0.035, 0], [0, 0.035, 0]], atol=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sqlite3
 import subprocess
@@ -19,10 +20,10 @@ from scenes import CAMERA, Cylinder
 
 from flatcloth.cli import main
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings import open_recording
+from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.realsense import library as realsense_library
 from flatcloth.recordings.realsense.player import RealsensePlayer, is_realsense
-from flatcloth.recordings.realsense.turned import TurnedRecording, TurnOptions, open_realsense
+from flatcloth.recordings.realsense.turned import TurnOptions, open_realsense
 
 STOPS = 3
 STEP_DEG = 10.0
@@ -37,7 +38,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def depth_error_mm(recording: TurnedRecording, view_index: int, angle_deg: float) -> np.ndarray:
+def depth_error_mm(recording: Recording, view_index: int, angle_deg: float) -> np.ndarray:
     true, _ = Cylinder(angles_deg=(angle_deg,)).surface(0)
     frame = recording[view_index]
     cloth = (frame.depth_m > 0) & (frame.depth_m < 1.2) & np.isfinite(true)
@@ -288,8 +289,8 @@ def test_how_much_of_a_damaged_file_was_read_stands_in_its_notes(
 ) -> None:
     monkeypatch.setattr(RealsensePlayer, "is_short", True)
     read = open_realsense(files / "stops.db3")
-    assert read.notes[0].startswith("Only 0.")
-    assert "s could be read: the file is damaged there." in read.notes[0]
+    # The position depends on how fast the file was written.
+    assert re.match(r"Only \d+\.\d of \d+\.\d s could be read: the file is damaged there", read.notes[0])
 
 
 def damaged_files(folder: Path, whole: bytes) -> dict[Path, str]:

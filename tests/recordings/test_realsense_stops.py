@@ -11,10 +11,10 @@ from realsense_files import Shot, shot, stop_and_go, turning
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics
+from flatcloth.recordings.files.camera import InverseLens, brown_conrady
 from flatcloth.recordings.film.averaging import average_color, average_depth
 from flatcloth.recordings.film.stillness import STILL_PX_S, MotionMeter, Stop, StopFinder, glance
 from flatcloth.recordings.film.turning import constant_turning, read_turning
-from flatcloth.recordings.realsense.frames import InverseLens, true_ray
 
 
 def speeds(shots: Iterable[Shot]) -> list[float]:
@@ -145,7 +145,7 @@ def test_the_inverse_lens_puts_pixels_where_their_rays_are() -> None:
     coefficients = (-0.055, 0.066, -0.0009, 0.0005, -0.021)  # a D455's color camera, about
     rows, cols = np.mgrid[0:240, 0:320].astype(float)
     seen = np.stack([(cols - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy])
-    ideal = true_ray(seen, coefficients)
+    ideal = brown_conrady(seen, coefficients)
     # An image whose value is the column at which a pinhole camera would see that ray.
     image = (ideal[0] * camera.fx + camera.cx).astype(np.float32)
     straight = InverseLens(camera, coefficients).undistort(image, blend=True)

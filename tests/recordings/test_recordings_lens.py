@@ -12,7 +12,7 @@ from tiny_recordings import write_header, write_image
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.files.lens import Lens
+from flatcloth.recordings.files.camera import Lens
 
 WIDTH, HEIGHT = 160, 120
 CAMERA = {"width": WIDTH, "height": HEIGHT, "fx": 150.0, "fy": 150.0, "cx": 79.5, "cy": 59.5}

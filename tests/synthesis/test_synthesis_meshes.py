@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from garment_meshes import arc, write_glb, write_obj, write_ply
 
-from flatcloth.synthesis.errors import SynthesisError
-from flatcloth.synthesis.mesh_reader import read_with_open3d
+from flatcloth.core.errors import SynthesisError
 from flatcloth.synthesis.meshes import inside_out, read_mesh
+from flatcloth.synthesis.native import read_with_open3d
 
 
 def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:

@@ -12,7 +12,7 @@ from garment_meshes import HEIGHT_M, RADIUS_M, arc, tube, write_glb, write_obj, 
 
 from flatcloth.cli import main
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
-from flatcloth.core.errors import FlatclothError, RecordingError
+from flatcloth.core.errors import FlatclothError, RecordingError, SynthesisError
 from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.types import Intrinsics
 from flatcloth.engine.evaluation import compare
@@ -21,7 +21,6 @@ from flatcloth.flattening.surface import observe_surface
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import read_truth
-from flatcloth.synthesis.errors import SynthesisError
 from flatcloth.synthesis.hanging import PoseErrors, hang, turn
 from flatcloth.synthesis.recording import Request, camera_of, synthesize
 from flatcloth.synthesis.textures import PATTERNS, pattern_rgb

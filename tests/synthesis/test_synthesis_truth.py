@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from garment_meshes import HEIGHT_M, RADIUS_M, arc, tube
 
+from flatcloth.core.errors import SynthesisError
 from flatcloth.engine.evaluation import trimmed_fit
-from flatcloth.synthesis.errors import SynthesisError
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel
 from flatcloth.synthesis.meshes import GarmentMesh
 from flatcloth.synthesis.panels import split_panels

@@ -24,6 +24,12 @@ from flatcloth.core.types import Intrinsics, Uint8
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 """Color type to number of channels after decoding; a palette (3) decodes to color."""
+_PNG_KINDS = {
+    "depth": (16, 1, "Depth images must be 16-bit PNG with one channel, in units of depth_scale_m"),
+    "mask": (8, 1, "Masks must be 8-bit PNG with one channel, 255 on the side of interest"),
+    "truth": (16, 3, "Truth images must be 16-bit PNG with three channels"),
+}
+"""Bits per channel, channels, and the sentence for a file that has others."""
 _JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """SOF0 to SOF15 (ITU-T T.81, table B.1), without DHT, JPG and DAC, which lie among them."""
 MAX_FILE_BYTES = 200_000_000
@@ -110,6 +116,27 @@ def _jpeg_header(file: BinaryIO) -> ImageHeader | None:
     return None
 
 
+def read_checked(path: Path, kind: str, camera: Intrinsics) -> ImageHeader:
+    """Read the header of an image file of a kind: ``color``, ``depth``, ``mask`` or ``truth``.
+
+    Raises
+    ------
+    RecordingError
+        As :func:`read_header`, and if it has another type, or not the camera's size.
+    """
+    header = read_header(path)
+    if kind == "color":
+        fits = header.bits <= 8 and header.channels in ((3,) if header.kind == "jpeg" else (3, 4))
+        wanted = "Color images must be 8-bit RGB, as PNG or JPEG"
+    else:
+        bits, channels, wanted = _PNG_KINDS[kind]
+        fits = (header.kind, header.bits, header.channels) == ("png", bits, channels)
+    if not fits:
+        raise RecordingError(f"{path}: {_kind(header)}. {wanted}.")
+    check_size(path, header, camera)
+    return header
+
+
 def check_size(path: Path, header: ImageHeader, camera: Intrinsics) -> None:
     """Raise if an image does not have the camera's size."""
     if (header.width, header.height) != (camera.width, camera.height):
@@ -117,35 +144,6 @@ def check_size(path: Path, header: ImageHeader, camera: Intrinsics) -> None:
             f"{path}: {header.width}x{header.height} px, but the intrinsics are for "
             f"{camera.width}x{camera.height}. All images must be registered and have the camera's size."
         )
-
-
-def check_color(path: Path, header: ImageHeader) -> None:
-    """Raise if a color image is not 8-bit color."""
-    if header.bits > 8 or header.channels not in (3, 4) or (header.kind == "jpeg" and header.channels == 4):
-        raise RecordingError(f"{path}: {_kind(header)}. Color images must be 8-bit RGB, as PNG or JPEG.")
-
-
-def check_depth(path: Path, header: ImageHeader) -> None:
-    """Raise if a depth image is not 16-bit with one channel."""
-    if (header.kind, header.bits, header.channels) != ("png", 16, 1):
-        raise RecordingError(
-            f"{path}: {_kind(header)}. "
-            "Depth images must be 16-bit PNG with one channel, in units of depth_scale_m."
-        )
-
-
-def check_mask(path: Path, header: ImageHeader) -> None:
-    """Raise if a mask is not 8-bit with one channel."""
-    if (header.kind, header.bits, header.channels) != ("png", 8, 1):
-        raise RecordingError(
-            f"{path}: {_kind(header)}. Masks must be 8-bit PNG with one channel, 255 on the side of interest."
-        )
-
-
-def check_truth(path: Path, header: ImageHeader) -> None:
-    """Raise if a truth image is not 16-bit with three channels."""
-    if (header.kind, header.bits, header.channels) != ("png", 16, 3):
-        raise RecordingError(f"{path}: {_kind(header)}. Truth images must be 16-bit PNG with three channels.")
 
 
 def _kind(header: ImageHeader) -> str:

@@ -1,4 +1,4 @@
-"""Angles for sources without angles: a constant step, or a table with one line per view."""
+"""Images without angles: pairs of color and depth by time, and angles from a constant step or a table."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
+from typing import TypeVar
 
 import numpy as np
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings.files.paths import read_text
-from flatcloth.recordings.files.text import shortened
+from flatcloth.recordings.files.text import read_lines, shortened
 
 ANGLES_FILE = "angles.csv"
 TOLERANCE_DEG = 0.01
@@ -21,6 +21,7 @@ SAME_VIEW_DEG = 0.5
 """Views nearer than this show the same; the later one is left out. Chosen: less shows little new."""
 MAX_VIEWS = 10_000
 """Limit of a recording's views. Chosen: it bounds memory."""
+T = TypeVar("T")
 _KEYS = ("view", "file", "time_s")
 _HELP = (
     "Write one line per view: the angle; or a first line file,angle_deg (or view, or time_s) and both values."
@@ -104,6 +105,37 @@ class GivenAngles:
         return _from_step(self.step_deg, shots)
 
 
+def pair_by_time(
+    color_s: Sequence[float], depth_s: Sequence[float], most_apart_s: float
+) -> list[tuple[int, int]]:
+    """Return pairs of indices, in the order of the color times; each image is in at most one pair.
+
+    Parameters
+    ----------
+    color_s, depth_s : sequences of float
+        Times in seconds, in any order.
+    most_apart_s : float
+        Images farther apart are not paired. The nearest are paired first.
+    """
+    color = np.asarray(color_s, dtype=np.float64)
+    depth = np.asarray(depth_s, dtype=np.float64)
+    order = np.argsort(depth, kind="stable")
+    low = np.searchsorted(depth[order], color - most_apart_s)
+    high = np.searchsorted(depth[order], color + most_apart_s, side="right")
+    candidates = sorted(
+        (abs(float(color[i] - depth[j])), i, int(j))
+        for i in range(len(color))
+        for j in order[low[i] : high[i]]
+    )
+    of_color: dict[int, int] = {}
+    taken: set[int] = set()
+    for _, i, j in candidates:
+        if i not in of_color and j not in taken:
+            of_color[i] = j
+            taken.add(j)
+    return [(i, of_color[i]) for i in np.argsort(color, kind="stable").tolist() if i in of_color]
+
+
 def left_out(shots: Shots, views: Sequence[tuple[int, float]]) -> tuple[str, ...]:
     """Return a note on the shots that are not views, if there are any."""
     spare = shots.count - len(views)
@@ -125,7 +157,7 @@ def _from_step(step_deg: float, shots: Shots) -> list[tuple[int, float]]:
     angles: list[float] = []
     for n in range(min(shots.count, MAX_VIEWS)):
         # Images after a full turn repeat earlier angles.
-        if n and _apart_deg(n * step_deg, 0.0) < TOLERANCE_DEG:
+        if n and apart_deg(n * step_deg, 0.0) < TOLERANCE_DEG:
             break
         angles.append(n * step_deg)
     _check(angles, f"{shots.source}: with --step {step_deg:g},", [f"view {n}" for n in range(len(angles))])
@@ -162,8 +194,7 @@ def _from_table(table: Path, shots: Shots) -> list[tuple[int, float]]:
 
 def _read(table: Path) -> tuple[str, list[tuple[int, str, float]]]:
     """Return the name of the key column (or ""), and for each row: line number, key, angle."""
-    lines = [(n, line.strip()) for n, line in enumerate(read_text(table).splitlines(), start=1)]
-    cells = [(n, _split(line)) for n, line in lines if line and not line.startswith("#")]
+    cells = [(n, split_row(line)) for n, line in read_lines(table)]
     if not cells:
         raise RecordingError(f"{table}: has no angles. {_HELP}")
     names = [name.lower() for name in cells[0][1]]
@@ -193,7 +224,8 @@ def _read(table: Path) -> tuple[str, list[tuple[int, str, float]]]:
     return keyed, rows
 
 
-def _split(line: str) -> list[str]:
+def split_row(line: str) -> list[str]:
+    """Return the cells of a line of a table: separated by commas, semicolons, tabs or spaces."""
     cells = re.split(r"[,;\t]", line) if re.search(r"[,;\t]", line) else line.split()
     return [cell.strip().strip('"') for cell in cells]
 
@@ -242,17 +274,32 @@ def _find(table: Path, line: int, keyed: str, key: str, shots: Shots) -> int:
     return nearest
 
 
+def distinct(views: Sequence[tuple[float, T]], least_deg: float) -> list[tuple[float, T]]:
+    """Return the views, each with its angle first, without those that repeat an angle after a full turn."""
+    kept: list[tuple[float, T]] = []
+    for view in views:
+        if all(apart_deg(view[0], angle) >= least_deg for angle, _ in kept):
+            kept.append(view)
+    return kept
+
+
+def stops_found(count: int) -> str:
+    """Return "3 stops were found"."""
+    return "1 stop was found" if count == 1 else f"{count} stops were found"
+
+
 def repeated(angles_deg: Sequence[float]) -> tuple[int, int] | None:
     """Return the first two views with the same angle, also modulo a full turn; None if all differ."""
     order = sorted(range(len(angles_deg)), key=lambda i: angles_deg[i] % 360)
     for a, b in zip(order, order[1:] + order[:1], strict=True):
-        if a != b and _apart_deg(angles_deg[a], angles_deg[b]) < TOLERANCE_DEG:
+        if a != b and apart_deg(angles_deg[a], angles_deg[b]) < TOLERANCE_DEG:
             return min(a, b), max(a, b)
     return None
 
 
-def _apart_deg(a_deg: float, b_deg: float) -> float:
-    return abs((a_deg - b_deg + 180) % 360 - 180)
+def apart_deg(a_deg: float, b_deg: float) -> float:
+    """Return the difference of two angles, modulo a full turn: 0 to 180."""
+    return abs(math.remainder(a_deg - b_deg, 360.0))
 
 
 def _check(angles_deg: Sequence[float], where: str, names: Sequence[str]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +10,8 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64
-from flatcloth.recordings.files.paths import read_text
+from flatcloth.recordings.files.text import read_lines
+from flatcloth.recordings.film.angles import split_row
 
 _HELP = "Expected lines of two numbers: seconds since the first frame, and the angle in degrees."
 
@@ -72,15 +72,11 @@ def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
         If it cannot be read, is not such a table, or covers another time.
     """
     rows: list[tuple[float, float]] = []
-    lines = [line.strip() for line in read_text(table).splitlines()]
-    for number, line in enumerate(lines, start=1):
-        if not line or line.startswith("#"):
-            continue
-        cells = [cell.strip().strip('"') for cell in re.split(r"[,;\t]|\s+", line) if cell.strip()]
+    for place, (number, line) in enumerate(read_lines(table)):
         try:
-            time_s, angle_deg = (float(cell) for cell in cells)
+            time_s, angle_deg = (float(cell) for cell in split_row(line) if cell)
         except ValueError as error:
-            if not rows and number == 1 + next(i for i, text in enumerate(lines) if text):
+            if place == 0:
                 continue  # the names of the columns
             raise RecordingError(f"{table}: line {number} is {line[:60]!r}. {_HELP}") from error
         if not math.isfinite(time_s) or not abs(angle_deg) <= 100_000:

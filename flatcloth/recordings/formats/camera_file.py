@@ -7,7 +7,7 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import msgspec
 
@@ -15,14 +15,11 @@ from flatcloth.core.decoding import MisfitError, fitted, found_at
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_new
 from flatcloth.core.types import Intrinsics
-from flatcloth.recordings.files.camera import checked_intrinsics, checked_lens
+from flatcloth.recordings.files.camera import Lens, checked_intrinsics, checked_lens
 from flatcloth.recordings.files.depth_files import read_depth_header
 from flatcloth.recordings.files.images import read_header
-from flatcloth.recordings.files.lens import Lens
-from flatcloth.recordings.files.paths import read_text
 from flatcloth.recordings.files.pcd import camera_of, read_pcd
-from flatcloth.recordings.files.text import shortened
-from flatcloth.recordings.manifest import load_json
+from flatcloth.recordings.files.text import Fail, failing, load_json, read_text, shortened
 from flatcloth.recordings.source import SourceOptions
 
 JSON_NAMES = ("intrinsic.json", "intrinsics.json", "camera_intrinsic.json", "camera.json")
@@ -93,7 +90,7 @@ def read_camera(
             "intrinsic_matrix as Open3D writes it (by columns), or fx, fy, cx, cy; or give --camera-file "
             "or, approximately, --fov."
         )
-    intrinsics = checked_intrinsics(*_KINECT, _failing(folder))
+    intrinsics = checked_intrinsics(*_KINECT, failing(folder))
     note = (
         "The camera of this recording is not described; a Kinect's is assumed, with a focal length of "
         f"{intrinsics.fx:g} px. Put an intrinsic.json into the folder."
@@ -150,10 +147,7 @@ def camera_of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrin
     RecordingError
         If the field of view is out of range.
     """
-
-    def fail(cause: str, remedy: str) -> NoReturn:
-        raise RecordingError(f"--fov {fov_deg[0]:g} {fov_deg[1]:g}: {cause}. {remedy}")
-
+    fail = failing(f"--fov {fov_deg[0]:g} {fov_deg[1]:g}")
     if not all(5 <= angle <= 150 for angle in fov_deg):
         fail("not a field of view", "Give two angles in degrees, horizontal and vertical, from 5 to 150.")
     # The image ends half a pixel beyond the centre of its outermost pixels.
@@ -195,15 +189,8 @@ def _rough(intrinsics: Intrinsics) -> str:
     )
 
 
-def _failing(path: Path) -> Any:
-    def fail(cause: str, remedy: str) -> NoReturn:
-        raise RecordingError(f"{path}: {cause}. {remedy}")
-
-    return fail
-
-
 def _from_text(path: Path, size: tuple[int, int]) -> Camera:
-    fail = _failing(path)
+    fail = failing(path)
     words = read_text(path).split()
     try:
         numbers = [float(word) for word in words]
@@ -233,7 +220,7 @@ class _CameraFile(msgspec.Struct):
 
 
 def _from_json(path: Path, size: tuple[int, int]) -> Camera:
-    fail = _failing(path)
+    fail = failing(path)
     table = load_json(path)
     if not isinstance(table, dict):
         fail("is not a JSON object", "Write width, height and intrinsic_matrix.")
@@ -264,7 +251,7 @@ def _from_json(path: Path, size: tuple[int, int]) -> Camera:
     return Camera(intrinsics=intrinsics, lens=lens, units_per_m=scale, notes=notes)
 
 
-def _pinhole(file: _CameraFile, fail: Any) -> tuple[float, float, float, float]:
+def _pinhole(file: _CameraFile, fail: Fail) -> tuple[float, float, float, float]:
     if file.intrinsic_matrix is not None:
         return _of_matrix(file.intrinsic_matrix, fail)
     values = {"fx": file.fx, "fy": file.fy, "cx": file.cx, "cy": file.cy}
@@ -286,7 +273,7 @@ def _flat(matrix: Any) -> list[Any]:
     return matrix if isinstance(matrix, list) else []
 
 
-def _of_matrix(m: list[float], fail: Any) -> tuple[float, float, float, float]:
+def _of_matrix(m: list[float], fail: Fail) -> tuple[float, float, float, float]:
     if len(m) == 9 and m[6] == m[7] == 0 and m[2] != 0:
         m = [m[3 * r + c] for c in range(3) for r in range(3)]  # written by rows
     if len(m) != 9 or m[8] != 1 or any(m[i] for i in (1, 2, 5)):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.files.paths import inside
+from flatcloth.recordings.files.text import inside
 from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
 from flatcloth.recordings.source import Format, SourceOptions
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.files.text import one_line
 from flatcloth.recordings.film.angles import Shots, left_out
-from flatcloth.recordings.folder import ImageRecording
+from flatcloth.recordings.folder import image_recording
 from flatcloth.recordings.formats.camera_file import read_camera
 from flatcloth.recordings.manifest import Manifest, ViewFiles
 from flatcloth.recordings.source import SourceOptions
@@ -60,7 +60,7 @@ def recording_of(images: ImagePairs, options: SourceOptions) -> Recording:
             )
             for n, angle in chosen
         )
-        return ImageRecording(
+        return image_recording(
             Manifest(
                 folder=folder,
                 name=one_line(images.name or folder.name) or "recording",

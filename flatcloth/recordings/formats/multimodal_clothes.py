@@ -13,12 +13,11 @@ turned forth and 25 while it turned back. The data set contains neither camera n
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
-from flatcloth.recordings.base import Recording, check_index
+from flatcloth.core.types import Intrinsics
+from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
 from flatcloth.recordings.files.images import read_header
 from flatcloth.recordings.files.pcd import camera_of, read_pcd, read_pcd_header
 from flatcloth.recordings.film.angles import ANGLES_FILE, Shots
@@ -175,86 +174,40 @@ def _of_images(
 
 def _of_clouds(
     folder: Path, clouds: list[Path], angles_deg: list[float], options: SourceOptions
-) -> CloudRecording:
+) -> LazyRecording:
     header = read_pcd_header(clouds[0])
     camera = given_camera((header.width, header.height), options)
     if camera is None:
         intrinsics, lens = camera_of(read_pcd(clouds[0]), clouds[0])
         note = f"The camera was computed from the clouds: focal length {intrinsics.fx:.1f} px."
         camera = Camera(intrinsics=intrinsics, lens=lens, notes=(note,))
-    return CloudRecording(folder, _name(folder), clouds, angles_deg, camera)
+    for cloud in clouds:
+        _check_cloud(cloud, camera.intrinsics)
+    return LazyRecording(
+        name=_name(folder),
+        location=str(folder),
+        description="MultimodalClothes, organised clouds",
+        notes=camera.notes,
+        intrinsics=camera.intrinsics,
+        angles_deg=tuple(angles_deg),
+        read=lambda view_index: _read_cloud(clouds[view_index], camera),
+    )
 
 
-class CloudRecording:
-    """Views in organised point clouds with colors: depth and color have the same pixels.
+def _read_cloud(path: Path, camera: Camera) -> ViewImages:
+    """Read a view: depth and color have the same pixels."""
+    _check_cloud(path, camera.intrinsics)
+    cloud = read_pcd(path)
+    depth_m = camera.lens.undistort(cloud.depth_m, blend=False)
+    if cloud.rgb is None or not depth_m.any():
+        raise RecordingError(f"{path}: has no colors or no measured point. Record the view again.")
+    return ViewImages(camera.lens.undistort(cloud.rgb, blend=True), depth_m)
 
-    Parameters
-    ----------
-    folder : Path
-        Name for messages.
-    name : str
-        Name of the recording.
-    clouds : sequence of Path
-        One file per view.
-    angles_deg : sequence of float
-        Angle of each view since the first.
-    camera : Camera
-        The camera whose pixels the points are.
 
-    Raises
-    ------
-    RecordingError
-        If a cloud is missing, damaged, without colors, or of another size.
-    """
-
-    rotation_axis: RotationAxis | None = None
-    held_point_m: Float64 | None = None
-    has_masks = False
-    description = "MultimodalClothes, organised clouds"
-
-    def __init__(
-        self, folder: Path, name: str, clouds: Sequence[Path], angles_deg: Sequence[float], camera: Camera
-    ) -> None:
-        self.name, self.location = name, str(folder)
-        self.intrinsics: Intrinsics = camera.intrinsics
-        self.notes = camera.notes
-        self.angles_deg = tuple(angles_deg)
-        self._clouds, self._lens = tuple(clouds), camera.lens
-        for cloud in clouds:
-            self._check(cloud)
-
-    def __len__(self) -> int:
-        """Return the number of views."""
-        return len(self._clouds)
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Read one view, with lens distortion corrected.
-
-        Raises
-        ------
-        IndexError, RecordingError
-            If there is no such view, or its cloud is damaged or contains no measurement.
-        """
-        check_index(self, view_index)
-        path = self._clouds[view_index]
-        self._check(path)
-        cloud = read_pcd(path)
-        depth_m = self._lens.undistort(cloud.depth_m, blend=False)
-        if cloud.rgb is None or not depth_m.any():
-            raise RecordingError(f"{path}: has no colors or no measured point. Record the view again.")
-        return RgbdFrame(
-            view_index=view_index,
-            angle_deg=self.angles_deg[view_index],
-            color=self._lens.undistort(cloud.rgb, blend=True),
-            depth_m=depth_m,
-            mask=None,
-            intrinsics=self.intrinsics,
+def _check_cloud(path: Path, camera: Intrinsics) -> None:
+    header = read_pcd_header(path)
+    if (header.width, header.height) != (camera.width, camera.height):
+        raise RecordingError(
+            f"{path}: {header.width}x{header.height} points, but the camera has "
+            f"{camera.width}x{camera.height} px. All clouds must come from the same camera."
         )
-
-    def _check(self, path: Path) -> None:
-        header, camera = read_pcd_header(path), self.intrinsics
-        if (header.width, header.height) != (camera.width, camera.height):
-            raise RecordingError(
-                f"{path}: {header.width}x{header.height} points, but the camera has "
-                f"{camera.width}x{camera.height} px. All clouds must come from the same camera."
-            )

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.files.paths import inside, read_text
-from flatcloth.recordings.files.text import shortened
-from flatcloth.recordings.film.pairing import pair_by_time
+from flatcloth.recordings.files.text import inside, read_text, shortened
+from flatcloth.recordings.film.angles import pair_by_time
 from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
 from flatcloth.recordings.source import Format, SourceOptions
 

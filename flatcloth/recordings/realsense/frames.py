@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Float64, Intrinsics, Uint8
-from flatcloth.recordings.files.lens import Lens
+from flatcloth.core.types import Intrinsics, Uint8
+from flatcloth.recordings.files.camera import InverseLens, Lens
 
 Uint16 = NDArray[np.uint16]
 
@@ -132,7 +132,7 @@ def _color_reader(library: Any, form: Any, align: str, source: str) -> Any:
     raise RecordingError(f"{source}: color format {name} is not supported. {remedy}")
 
 
-def _lens_of(camera: Any, intrinsics: Intrinsics, source: str) -> Lens | InverseLens | None:
+def _lens_of(camera: Any, intrinsics: Intrinsics, source: str) -> Lens | None:
     coefficients = tuple(float(c) for c in camera.coeffs)
     model = str(camera.model).rpartition(".")[2].lower().replace("_", " ")
     if not any(coefficients) or model == "none":
@@ -143,47 +143,4 @@ def _lens_of(camera: Any, intrinsics: Intrinsics, source: str) -> Lens | Inverse
         return InverseLens(intrinsics, coefficients)
     raise RecordingError(
         f"{source}: lens model {model} is not supported. Export undistorted images to a folder."
-    )
-
-
-class InverseLens:
-    """librealsense's inverse Brown-Conrady model: its polynomial maps the image to the true ray.
-
-    Parameters
-    ----------
-    intrinsics : Intrinsics
-        Camera of the distorted and the undistorted images.
-    coefficients : tuple of 5 floats
-        ``k1 k2 p1 p2 k3``.
-    """
-
-    def __init__(self, intrinsics: Intrinsics, coefficients: tuple[float, ...]) -> None:
-        k = intrinsics
-        rows, cols = np.mgrid[0 : k.height, 0 : k.width].astype(np.float64)
-        ideal = np.stack([(cols - k.cx) / k.fx, (rows - k.cy) / k.fy])
-        seen = ideal.copy()
-        for _ in range(20):  # the distortion is small, so the iteration converges quickly
-            seen += ideal - true_ray(seen, coefficients)
-        self._map_x = (seen[0] * k.fx + k.cx).astype(np.float32)
-        self._map_y = (seen[1] * k.fy + k.cy).astype(np.float32)
-
-    def undistort(self, image: NDArray[Any], *, blend: bool) -> NDArray[Any]:
-        """Return the image (H, W, ...) of an ideal pinhole camera; see ``Lens.undistort``."""
-        import cv2
-
-        how = cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST
-        return cv2.remap(image, self._map_x, self._map_y, how, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-
-
-def true_ray(seen: Float64, coefficients: tuple[float, ...]) -> Float64:
-    """Return the rays (2, ...) (x/z, y/z) of normalised positions (2, ...) in a distorted image."""
-    x, y = seen
-    k1, k2, p1, p2, k3 = coefficients
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y),
-        ]
     )

@@ -6,25 +6,15 @@ filter and average the frames of each view.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import (
-    Float32,
-    Float64,
-    Intrinsics,
-    Progress,
-    RgbdFrame,
-    RotationAxis,
-    Uint8,
-    no_progress,
-)
-from flatcloth.recordings.base import check_index
-from flatcloth.recordings.film.angles import SAME_VIEW_DEG
+from flatcloth.core.types import Progress, no_progress
+from flatcloth.recordings.base import LazyRecording, ViewImages
+from flatcloth.recordings.film.angles import SAME_VIEW_DEG, distinct, stops_found
 from flatcloth.recordings.film.averaging import average_color, average_depth
 from flatcloth.recordings.film.stillness import Stop, StopFinder, glance
 from flatcloth.recordings.film.turning import Turning, constant_turning, read_turning
@@ -58,60 +48,8 @@ class TurnOptions:
     turning_speed_deg_s: float | None = None
 
 
-class TurnedRecording:
-    """The views of a RealSense file, in memory; see :func:`open_realsense`.
-
-    ``notes`` describes what was found, and what is wrong with the file.
-    """
-
-    rotation_axis: RotationAxis | None = None
-    held_point_m: Float64 | None = None
-    has_masks = False
-
-    def __init__(
-        self, path: Path, intrinsics: Intrinsics, views: list[_View], notes: tuple[str, ...]
-    ) -> None:
-        self.name = path.stem
-        self.location = str(path.resolve())
-        self.description = " ".join(notes)
-        self.intrinsics = intrinsics
-        self.notes = notes
-        self._views = views
-
-    @property
-    def angles_deg(self) -> tuple[float, ...]:
-        """Angle of each view since view 0."""
-        return tuple(view.angle_deg for view in self._views)
-
-    def __len__(self) -> int:
-        """Return the number of views."""
-        return len(self._views)
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Return one view.
-
-        Raises
-        ------
-        IndexError
-            If there is no such view.
-        """
-        check_index(self, view_index)
-        view = self._views[view_index]
-        return RgbdFrame(
-            view_index=view_index,
-            angle_deg=view.angle_deg,
-            color=view.color,
-            depth_m=view.depth_m,
-            mask=None,
-            intrinsics=self.intrinsics,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _View:
-    angle_deg: float
-    color: Uint8
-    depth_m: Float32
+_View = tuple[float, ViewImages]
+"""The angle of a view, and its images."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +89,7 @@ class _Look:
 
 def open_realsense(
     path: Path, options: TurnOptions | None = None, progress: Progress = no_progress
-) -> TurnedRecording:
+) -> LazyRecording:
     """Play a RealSense file and return its views of the item.
 
     Parameters
@@ -165,8 +103,9 @@ def open_realsense(
 
     Returns
     -------
-    TurnedRecording
-        All views in memory: 2.8 MB each at 640x480 px.
+    LazyRecording
+        All views in memory: 2.8 MB each at 640x480 px. Its notes say what was found, and what is wrong with
+        the file.
 
     Raises
     ------
@@ -205,7 +144,15 @@ def open_realsense(
         raise RecordingError(
             f"{path}: no depth was measured at any stop. Check that the camera sees the item."
         )
-    return TurnedRecording(path, player.intrinsics, views, tuple(notes))
+    return LazyRecording(
+        name=path.stem,
+        location=str(path.resolve()),
+        description=" ".join(notes),
+        notes=tuple(notes),
+        intrinsics=player.intrinsics,
+        angles_deg=tuple(angle for angle, _ in views),
+        read=lambda view_index: views[view_index][1],
+    )
 
 
 def _look(player: RealsensePlayer, progress: Progress, apart_frames: float) -> _Look:
@@ -245,9 +192,9 @@ def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase]
         look.phase(angle - angles[0], look.between(stop.start_s, stop.end_s)[-MOST_FRAMES:])
         for angle, stop in zip(angles, look.stops, strict=True)
     ]
-    kept = _distinct(phases, SAME_VIEW_DEG)
+    kept = _without_repeated(phases, SAME_VIEW_DEG)
     count = len(phases)
-    text = f"{count} {'stop was' if count == 1 else 'stops were'} found in {look.seconds:.1f} s"
+    text = f"{stops_found(count)} in {look.seconds:.1f} s"
     text += (
         "; the angles are those of the table" if turning else f", assumed {options.step_deg:g} degrees apart"
     )
@@ -278,7 +225,7 @@ def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -
         middle = good[len(good) // 2]
         around = good[np.abs(good - middle) <= MOST_FRAMES // 2]
         phases.append(look.phase(float(turned[around].mean()), [look.times_s[n] for n in around]))
-    kept = _distinct(phases, abs(step_deg) / 2)
+    kept = _without_repeated(phases, abs(step_deg) / 2)
     if not kept:
         raise RecordingError(
             f"{path}: no frame is near a multiple of {abs(step_deg):g} degrees. Use another --step."
@@ -289,13 +236,8 @@ def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -
     return kept, f"{len(kept)} views were taken while the item turned by {turned_deg:.0f} degrees."
 
 
-def _distinct(phases: list[_Phase], apart_deg: float) -> list[_Phase]:
-    """Leave out phases that repeat an angle, also after a full turn."""
-    kept: list[_Phase] = []
-    for phase in phases:
-        if all(abs(math.remainder(phase.angle_deg - k.angle_deg, 360.0)) >= apart_deg for k in kept):
-            kept.append(phase)
-    return kept
+def _without_repeated(phases: list[_Phase], apart_deg: float) -> list[_Phase]:
+    return [phase for _, phase in distinct([(phase.angle_deg, phase) for phase in phases], apart_deg)]
 
 
 def _averaged(
@@ -329,4 +271,4 @@ def _view(phase: _Phase, pairs: list[Pair], depth_scale_m: float) -> list[_View]
         return []
     depth_m = average_depth([p.depth_units for p in pairs]) * np.float32(depth_scale_m)
     color = average_color([p.color for p in pairs])
-    return [_View(angle_deg=phase.angle_deg, color=color, depth_m=depth_m)] if depth_m.any() else []
+    return [(phase.angle_deg, ViewImages(color, depth_m))] if depth_m.any() else []

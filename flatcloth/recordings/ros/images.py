@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Float32, Uint8
+from flatcloth.recordings.files.depth_files import FARTHEST_M
 
 _COLORS = {
     "rgb8": (3, "rgb"),
@@ -20,8 +21,6 @@ _COLORS = {
 }
 _DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 _METRES_PER_UNIT = np.float32(0.001)  # REP 118: integers are millimetres, floating-point values metres
-_FARTHEST_M = 100.0
-"""Larger depths are codes for "none". Chosen: no sensor for cloth measures so far."""
 _PREFIX = struct.Struct("<iff")
 """Header of ``compressedDepth`` before the PNG: a format number and two quantisation parameters."""
 
@@ -97,7 +96,7 @@ def depth_of(message: Any) -> Float32:
     if values.dtype.kind == "u":
         return values.astype(np.float32) * _METRES_PER_UNIT
     depth = values.astype(np.float32)
-    depth[~(np.isfinite(depth) & (depth > 0) & (depth < _FARTHEST_M))] = 0.0
+    depth[~(np.isfinite(depth) & (depth > 0) & (depth < FARTHEST_M))] = 0.0
     return depth
 
 

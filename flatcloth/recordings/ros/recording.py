@@ -6,18 +6,16 @@ import math
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
-from flatcloth.recordings.base import Recording, check_index
-from flatcloth.recordings.files.camera import checked_intrinsics, checked_lens
-from flatcloth.recordings.files.lens import Lens
-from flatcloth.recordings.files.text import one_line
-from flatcloth.recordings.film.angles import GivenAngles, Shots, left_out
-from flatcloth.recordings.film.pairing import pair_by_time
+from flatcloth.core.types import Float64, Intrinsics, Progress, no_progress
+from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
+from flatcloth.recordings.files.camera import Lens, checked_intrinsics, checked_lens
+from flatcloth.recordings.files.text import failing, one_line
+from flatcloth.recordings.film.angles import GivenAngles, Shots, left_out, pair_by_time
 from flatcloth.recordings.ros.bag import CAMERA_INFO, COMPRESSED, RAW, Bag, Place
 from flatcloth.recordings.ros.images import Look, UnreadableImageError, color_of, depth_of, look
 
@@ -38,82 +36,6 @@ class _Topic:
     name: str
     look: Look
     info: Any
-
-
-class RosRecording:
-    """Color and depth of a ROS recording; open it with :func:`open_ros`.
-
-    Pixels are read on demand; nothing is cached. Lens distortion is corrected according to
-    ``camera_info``, unless the images are rectified.
-    """
-
-    rotation_axis: RotationAxis | None = None
-    held_point_m: Float64 | None = None
-    has_masks = False
-
-    def __init__(
-        self,
-        path: Path,
-        bag: Bag,
-        topics: tuple[str, str],
-        lens: Lens,
-        intrinsics: Intrinsics,
-        views: list[tuple[float, Place, Place]],
-        notes: tuple[str, ...],
-    ) -> None:
-        self._path, self._bag, self._topics, self._lens, self._views = path, bag, topics, lens, views
-        self.name = one_line(path.stem) or "recording"
-        self.description = f"ROS recording, {topics[0]} and {topics[1]}"
-        self.location = str(path)
-        self.intrinsics = intrinsics
-        self.notes = notes
-
-    @property
-    def angles_deg(self) -> tuple[float, ...]:
-        """Angle of each view about the axis since view 0."""
-        return tuple(angle for angle, _, _ in self._views)
-
-    def __len__(self) -> int:
-        """Return the number of views."""
-        return len(self._views)
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Read one view, with lens distortion corrected.
-
-        Raises
-        ------
-        IndexError
-            If there is no such view; negative numbers do not count from the end.
-        RecordingError
-            If a message is damaged or has no depth.
-        """
-        check_index(self, view_index)
-        angle, *places = self._views[view_index]
-        color, depth = (self._pixels(t, p, view_index) for t, p in zip(self._topics, places, strict=True))
-        depth_m = self._lens.undistort(depth, blend=False)
-        if not depth_m.any():
-            self._fail(f"{self._topics[1]}, view {view_index}: no depth", "Record the view again.")
-        return RgbdFrame(
-            view_index=view_index,
-            angle_deg=angle,
-            color=self._lens.undistort(color, blend=True),
-            depth_m=depth_m,
-            mask=None,
-            intrinsics=self.intrinsics,
-        )
-
-    def _pixels(self, topic: str, place: Place, view_index: int) -> Any:
-        read = color_of if topic == self._topics[0] else depth_of
-        try:
-            pixels = read(self._bag.message(topic, place))
-        except UnreadableImageError as error:
-            self._fail(f"{topic}, view {view_index}: the image {error}", "Leave the view out.")
-        if pixels.shape[:2] != (self.intrinsics.height, self.intrinsics.width):
-            self._fail(f"{topic}, view {view_index}: the image has another size", "Leave the view out.")
-        return pixels
-
-    def _fail(self, cause: str, remedy: str) -> NoReturn:
-        raise RecordingError(f"{self._path}: {cause}. {remedy}")
 
 
 def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) -> Recording:
@@ -152,19 +74,41 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
     shots = Shots(source=str(path), count=len(pairs), times_s=taken_s)
 
     def made(chosen: list[tuple[int, float]]) -> Recording:
-        return RosRecording(
-            path,
-            bag,
-            (color.name, depth.name),
-            lens,
-            intrinsics,
-            [(angle, color_places[pairs[n][0]], depth_places[pairs[n][1]]) for n, angle in chosen],
-            left_out(shots, chosen),
+        places = [(color_places[pairs[n][0]], depth_places[pairs[n][1]]) for n, _ in chosen]
+        names = (color.name, depth.name)
+        return LazyRecording(
+            name=one_line(path.stem) or "recording",
+            description=f"ROS recording, {color.name} and {depth.name}",
+            location=str(path),
+            intrinsics=intrinsics,
+            notes=left_out(shots, chosen),
+            angles_deg=tuple(angle for _, angle in chosen),
+            read=lambda n: _read(path, bag, intrinsics, lens, n, dict(zip(names, places[n], strict=True))),
         )
 
-    from flatcloth.recordings.film.recording import views_or_film
+    from flatcloth.recordings.film.recording import views_or_film  # loads numba
 
     return views_or_film(made, shots, angles, path if path.is_dir() else None, progress)
+
+
+def _read(
+    path: Path, bag: Bag, camera: Intrinsics, lens: Lens, view_index: int, places: dict[str, Place]
+) -> ViewImages:
+    """Read a view: ``places`` are the messages of the color and of the depth topic, in this order."""
+    found: list[Any] = []
+    for read, (topic, place) in zip((color_of, depth_of), places.items(), strict=True):
+        fail = failing(f"{path}: {topic}, view {view_index}")
+        try:
+            found.append(read(bag.message(topic, place)))
+        except UnreadableImageError as error:
+            fail(f"the image {error}", "Leave the view out.")
+        if found[-1].shape[:2] != (camera.height, camera.width):
+            fail("the image has another size", "Leave the view out.")
+    color, depth = found
+    depth_m = lens.undistort(depth, blend=False)
+    if not depth_m.any():
+        fail("no depth", "Record the view again.")
+    return ViewImages(lens.undistort(color, blend=True), depth_m)
 
 
 def _times(stamps: list[tuple[Place, float]]) -> tuple[list[Place], list[float]]:
@@ -247,10 +191,7 @@ def _matrix(topic: _Topic) -> Float64:
 
 def _camera(path: Path, color: _Topic, depth: _Topic) -> tuple[Intrinsics, Lens]:
     topic = color if color.info is not None or depth.info is None else depth
-
-    def fail(cause: str, remedy: str) -> NoReturn:
-        raise RecordingError(f"{path}: camera_info of {topic.name}: {cause}. {remedy}")
-
+    fail = failing(f"{path}: camera_info of {topic.name}")
     info = topic.info
     if info is None:
         fail("is missing", "Record it with the images.")
