@@ -27,8 +27,7 @@ from flatcloth.core.errors import ServerError
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.server import limits
 from flatcloth.viewer.server.app import serve
-from flatcloth.viewer.server.guard import Guard, is_loopback
-from flatcloth.viewer.server.token import kept_token
+from flatcloth.viewer.server.guard import Guard, is_loopback, kept_token
 
 
 def greet(server, path, **options):

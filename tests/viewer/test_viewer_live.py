@@ -19,7 +19,7 @@ from flatcloth.cli import main
 from flatcloth.core.errors import FlatteningError
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.modes.live import packed, unpacked
-from flatcloth.viewer.modes.playhead import Playhead, RateMeter, ticks_due
+from flatcloth.viewer.modes.player import Playhead, RateMeter, ticks_due
 from flatcloth.viewer.protocol.answers import FrameInfo
 
 STILL = 1e-4

@@ -34,8 +34,7 @@ from flatcloth.rendering.colormaps import apply_table, height_table
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.modes.controller import ClientSink, SceneView
 from flatcloth.viewer.modes.live import LiveApplication
-from flatcloth.viewer.modes.player import Shown
-from flatcloth.viewer.modes.playhead import RateMeter
+from flatcloth.viewer.modes.player import RateMeter, Shown
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.state import ActionRow, CapturedView, CaptureStatus, PageState, ViewRow

@@ -12,16 +12,22 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from msgspec import structs
+from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
+from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8
 from flatcloth.engine.garment.recognition import GarmentService
+from flatcloth.engine.integration import Integration
+from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
 from flatcloth.rendering.layers import Appearance
+from flatcloth.session.journal import Pick
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer, ServerMessage
 from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
@@ -32,15 +38,6 @@ from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_
 from flatcloth.viewer.protocol.snapshot import PageStatus, page_state
 from flatcloth.viewer.protocol.state import PageState
 from flatcloth.viewer.worker import Worker
-
-if TYPE_CHECKING:
-    from starlette.routing import BaseRoute
-
-    from flatcloth.core.geometry import Rigid3
-    from flatcloth.engine.integration import Integration
-    from flatcloth.grasping.grasps import Grip
-    from flatcloth.session.journal import Pick
-    from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 

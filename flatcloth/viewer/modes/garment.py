@@ -6,34 +6,30 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.recognition import link_decision, piece_decision
+from flatcloth.core.types import FlattenedView, Float64, Rigid2
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, link_decision, piece_decision
 from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pixels_of_part, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
 from flatcloth.garments.kinds import known_kinds
+from flatcloth.garments.links import DoubtedLink
+from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, is_offered, is_sure
+from flatcloth.methods.base import Canonical
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
+from flatcloth.session.machine import Document
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import GarmentPreview, ServerMessage
 from flatcloth.viewer.protocol.sent import typed
 from flatcloth.viewer.protocol.state import FoundGarment, GarmentInfo
 from flatcloth.viewer.worker import Worker
-
-if TYPE_CHECKING:
-    from flatcloth.core.types import FlattenedView, Float64
-    from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
-    from flatcloth.garments.links import DoubtedLink
-    from flatcloth.garments.placing import Placed
-    from flatcloth.methods.base import Canonical
-    from flatcloth.session.machine import Document
 
 _log = logging.getLogger(__name__)
 

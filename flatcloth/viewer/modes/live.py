@@ -6,7 +6,6 @@ import logging
 import struct
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -14,12 +13,13 @@ from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.types import Floats
+from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 from flatcloth.rendering import layers
 from flatcloth.rendering.pictures import grid_of
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
-from flatcloth.viewer.modes.player import LiveLoop, Player, Shown
-from flatcloth.viewer.modes.playhead import Playhead
+from flatcloth.viewer.modes.player import LiveLoop, Player, Playhead, Shown
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import IN_LIVE_MODE
 from flatcloth.viewer.protocol.answers import FrameInfo
@@ -27,10 +27,6 @@ from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
 from flatcloth.viewer.protocol.state import LiveInfo, PageState
 from flatcloth.viewer.worker import Worker
-
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
-    from flatcloth.session.store import SessionFolder
 
 DEFAULT_FPS = 30.0
 """Rate of a film that does not tell it: that of a D435."""

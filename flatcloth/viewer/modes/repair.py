@@ -11,21 +11,18 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, Rigid2
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import PairFit, RefinedScore, fit_pairs
 from flatcloth.session.machine import Document, Pending
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer, ServerMessage
 from flatcloth.viewer.protocol.picture import Overlay
 from flatcloth.viewer.worker import Worker
-
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
 
 _log = logging.getLogger(__name__)
 

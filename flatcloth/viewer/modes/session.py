@@ -6,13 +6,15 @@ import logging
 import math
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import structs
+from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.repair import RefinedScore
 from flatcloth.session.axis_file import check_axis
 from flatcloth.session.commands import LeaveOut, paint
 from flatcloth.session.machine import (
@@ -32,6 +34,7 @@ from flatcloth.session.machine import (
     Start,
     TakePart,
 )
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.modes import repair
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
@@ -46,13 +49,6 @@ from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
 from flatcloth.viewer.protocol.snapshot import center_uv_m
 from flatcloth.viewer.protocol.state import PageState
-
-if TYPE_CHECKING:
-    from starlette.routing import BaseRoute
-
-    from flatcloth.engine.integration import Integration
-    from flatcloth.engine.repair import RefinedScore
-    from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 

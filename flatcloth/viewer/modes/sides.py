@@ -6,7 +6,6 @@ import logging
 import secrets
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from starlette.requests import Request
@@ -16,10 +15,12 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Float32, Floats, Uint8
+from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
 from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, small_shape
+from flatcloth.segmentation.result import Segmentation, ViewSegmentation
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol import messages
@@ -27,10 +28,6 @@ from flatcloth.viewer.protocol.answers import StrokeAdvice
 from flatcloth.viewer.protocol.picture import Picture, place_in_view
 from flatcloth.viewer.protocol.state import SidesInfo
 from flatcloth.viewer.worker import Worker
-
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
-    from flatcloth.segmentation.result import Segmentation, ViewSegmentation
 
 _log = logging.getLogger(__name__)
 

@@ -12,7 +12,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
@@ -22,6 +22,8 @@ from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.parcel import record
 from flatcloth.core.types import Progress
 from flatcloth.engine.garment.lesson import garment_lesson
+from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import Parameters, Teaching
 from flatcloth.viewer.modes.lessons import (
     CM2,
@@ -32,10 +34,6 @@ from flatcloth.viewer.modes.lessons import (
     sides_parcel,
 )
 from flatcloth.viewer.worker import Worker
-
-if TYPE_CHECKING:
-    from flatcloth.engine.garment.recognition import KnownGarment
-    from flatcloth.engine.integration import Integration
 
 _log = logging.getLogger(__name__)
 

@@ -71,13 +71,7 @@ ACTIONS: tuple[Action, ...] = (
         "session",
     ),
     Action("cancel", "Cancel", ("Escape",), "Cancel the running computation.", "session"),
-    Action(
-        "restart",
-        "Restart",
-        ("n",),
-        "Start again from the largest view; this can be undone.",
-        "session",
-    ),
+    Action("restart", "Restart", ("n",), "Start again from the largest view; this can be undone.", "session"),
     Action(
         "reopen",
         "Reopen",
@@ -113,28 +107,12 @@ ACTIONS: tuple[Action, ...] = (
         "Show or hide the result: areas, uncertainty, cloth left out, views to review, data to export.",
         "timeline",
     ),
+    Action("left", "Move left", ("ArrowLeft",), "Move the proposal; Shift for ten times as far.", "proposal"),
     Action(
-        "left",
-        "Move left",
-        ("ArrowLeft",),
-        "Move the proposal; Shift for ten times as far.",
-        "proposal",
-    ),
-    Action(
-        "right",
-        "Move right",
-        ("ArrowRight",),
-        "Move the proposal; Shift for ten times as far.",
-        "proposal",
+        "right", "Move right", ("ArrowRight",), "Move the proposal; Shift for ten times as far.", "proposal"
     ),
     Action("up", "Move up", ("ArrowUp",), "Move the proposal; Shift for ten times as far.", "proposal"),
-    Action(
-        "down",
-        "Move down",
-        ("ArrowDown",),
-        "Move the proposal; Shift for ten times as far.",
-        "proposal",
-    ),
+    Action("down", "Move down", ("ArrowDown",), "Move the proposal; Shift for ten times as far.", "proposal"),
     Action(
         "turn_left",
         "Turn left",
@@ -143,11 +121,7 @@ ACTIONS: tuple[Action, ...] = (
         "proposal",
     ),
     Action(
-        "turn_right",
-        "Turn right",
-        ("]", "}"),
-        "Turn the proposal clockwise; Shift: tenfold.",
-        "proposal",
+        "turn_right", "Turn right", ("]", "}"), "Turn the proposal clockwise; Shift: tenfold.", "proposal"
     ),
     Action(
         "pairs",
@@ -158,11 +132,7 @@ ACTIONS: tuple[Action, ...] = (
     ),
     Action("fit_pairs", "Fit pairs", ("Ctrl+Enter",), "Move the proposal so that the pairs fit.", "proposal"),
     Action(
-        "refine",
-        "Refine from here",
-        ("Ctrl+i",),
-        "Let the method refine the present placement.",
-        "proposal",
+        "refine", "Refine from here", ("Ctrl+i",), "Let the method refine the present placement.", "proposal"
     ),
     Action("overlay", "Both", ("o",), "Show the proposal on the shape; again: the shape alone.", "proposal"),
     Action("compare_shape", "A: shape", (",",), "Show the shape alone; again: both.", "proposal"),
@@ -318,13 +288,7 @@ ACTIONS: tuple[Action, ...] = (
         "view",
     ),
     Action("readout", "Values", ("Shift+b",), "Fold or unfold the values under the pointer.", "view"),
-    Action(
-        "follow",
-        "Follow",
-        ("v",),
-        "Keep the 3D camera at the real camera's position.",
-        "view",
-    ),
+    Action("follow", "Follow", ("v",), "Keep the 3D camera at the real camera's position.", "view"),
     Action(
         "teach",
         "Teach",

@@ -12,21 +12,18 @@ import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.memory import trim_freed_memory
+from flatcloth.engine.garment.recognition import GarmentService
+from flatcloth.engine.integration import Integration
 from flatcloth.export.kept import Kept
 from flatcloth.export.session import OpenedSession, of_page
 from flatcloth.export.session_data import is_floating_file
-
-if TYPE_CHECKING:
-    from flatcloth.engine.garment.recognition import GarmentService
-    from flatcloth.engine.integration import Integration
-    from flatcloth.session.store import SessionFolder
+from flatcloth.session.store import SessionFolder
 
 _log = logging.getLogger(__name__)
 

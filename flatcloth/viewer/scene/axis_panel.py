@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import viser
 
 from flatcloth.core.geometry import rotation_about
 from flatcloth.core.types import RotationAxis
-
-if TYPE_CHECKING:
-    import viser
 
 SLIDERS = (
     ("Right (mm)", 60.0, 0.5),

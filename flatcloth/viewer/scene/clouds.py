@@ -5,22 +5,19 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import viser
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, FlattenedView, Floats, RotationAxis, Uint8
+from flatcloth.engine.integration import Integration
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import piece_color, view_colors
 from flatcloth.rendering.layers import CONFLICT_M, PLAIN, Appearance, difference
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.worker import Worker
-
-if TYPE_CHECKING:
-    import viser
-
-    from flatcloth.engine.integration import Integration
 
 MOST_POINTS = 60_000
 """More points are thinned. Chosen for the browser's speed."""

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import viser
 
 from flatcloth.core.types import Float64
+from flatcloth.engine.integration import Proposal
+from flatcloth.methods.base import ColumnCurves
 from flatcloth.viewer.protocol.picture import Picture
-
-if TYPE_CHECKING:
-    import viser
-
-    from flatcloth.engine.integration import Proposal
-    from flatcloth.methods.base import ColumnCurves
 
 _AXIS = {"stroke": "#888888", "grid": {"stroke": "#88888840", "width": 1}, "size": 46}
 _BLUE, _ORANGE = "#3b82c4", "#d9822b"

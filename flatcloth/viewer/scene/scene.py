@@ -5,23 +5,20 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import viser
 
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
+from flatcloth.engine.integration import Integration
 from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.scene.axis_panel import AxisPanel
 from flatcloth.viewer.scene.clouds import CloudPanel, clouds_of, dimmed
 from flatcloth.viewer.scene.panels import Panels
 from flatcloth.viewer.scene.private_viser import PrivateViser
-
-if TYPE_CHECKING:
-    import viser
-
-    from flatcloth.engine.integration import Integration
 
 MAX_POINTS = 60_000
 """More points make the browser slow without showing more."""

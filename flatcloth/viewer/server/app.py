@@ -28,9 +28,8 @@ from flatcloth.core.signals import handled_by
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.protocol.answers import Switched
 from flatcloth.viewer.routes.start import StartRoutes
-from flatcloth.viewer.server.guard import Guard, is_loopback, own_names
+from flatcloth.viewer.server.guard import Guard, is_loopback, kept_token, new_token, own_names
 from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol, limited_logs
-from flatcloth.viewer.server.token import kept_token, new_token
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration

@@ -25,8 +25,7 @@ from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.http import read_body
 from flatcloth.viewer.server.app import bind
-from flatcloth.viewer.server.guard import Guard, own_names
-from flatcloth.viewer.server.token import kept_token
+from flatcloth.viewer.server.guard import Guard, kept_token, own_names
 
 HOST = "127.0.0.1"
 SESSIONS_OPEN = 2

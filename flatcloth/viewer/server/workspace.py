@@ -6,7 +6,6 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -16,6 +15,8 @@ from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
+from flatcloth.engine.integration import Integration
+from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
@@ -33,11 +34,6 @@ from flatcloth.viewer.routes.sources import SourceRoutes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.hub import Hub, Tab
 from flatcloth.viewer.server.relay import relay
-
-if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
-    from flatcloth.session.store import SessionFolder
-
 
 _SWAMPED_S = 0.05
 """Between two looks whether a page that has too much to do has done some of it. Chosen."""
