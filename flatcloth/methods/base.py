@@ -415,7 +415,8 @@ class Method(Protocol):
     def pixel_states(
         self, document: Document, frame: RgbdFrame, item: Bool, taken_off: Bool | None = None
     ) -> Uint8 | None:
-        """Return what became of each pixel (H, W) of an accepted view; None if its components tell.
+        """Return what became of each pixel (H, W) of an accepted view; None if the method
+        knows no more than its components.
 
         As :func:`flatcloth.flattening.pixel_states.states_of_view`, whose ``item`` (H, W) this is;
         samples ``taken_off`` (N,) of the shape's edges float.

@@ -27,7 +27,7 @@ class NearPoints:
     ----------
     first, by_cell, cell_uv_m : arrays
         For compiled loops: the first of each cell (cells + 1,), the points by cell (N,), and the places in
-        this order (N, 2); :func:`cell_of` tells the cell.
+        this order (N, 2); :func:`cell_of` returns the cell.
 
     Notes
     -----
@@ -83,10 +83,10 @@ def _nearest(at: Float64, uv: Float64, first: Int32, points: Int32, within: floa
         right, down = u - column * within, v - row * within
         least = within * within
         for c in (0, -1, 1):  # the own square first: it often leaves nothing to be found in the others
-            beside = within - right if c > 0 else -c * right
+            sideways = within - right if c > 0 else -c * right
             for r in (0, -1, 1):
                 below = within - down if r > 0 else -r * down
-                if beside * beside + below * below >= least:
+                if sideways * sideways + below * below >= least:
                     continue
                 cell = cell_of(column + c, row + r, cells)
                 for p in range(first[cell], first[cell + 1]):

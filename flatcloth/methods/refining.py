@@ -14,7 +14,7 @@ from flatcloth.methods.nearest import cell_of
 _RIDGE = 1e-9
 """Added to the diagonal, so that a step is found for samples at one place. Chosen: far below any weight."""
 _LEAST_COVERED, _LEAST_WEIGHT = 6, 3.0
-"""Fewer covered samples, or a smaller sum of their weights, tell no motion. Set by hand."""
+"""Fewer covered samples, or a smaller sum of their weights, determine no motion. Set by hand."""
 _STILL_RAD, _STILL_M = 1e-4, 1e-5
 """The rounds end after a smaller step than this. Chosen: far below the errors of a placement."""
 _SHRINKS = 0.6

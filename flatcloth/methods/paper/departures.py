@@ -189,8 +189,8 @@ class Departures(Method):
         placed = [*self.canonical(document).layers, chosen.part]
         also = []
         for other in sorted(good, key=lambda a: -a.new_area_m2):
-            beside = [p for p in placed if p.view_index == other.part.view_index]
-            if all(self._overlap_share(p, other.part) < _MOST_OVERLAP_SHARE for p in beside):
+            of_same_view = [p for p in placed if p.view_index == other.part.view_index]
+            if all(self._overlap_share(p, other.part) < _MOST_OVERLAP_SHARE for p in of_same_view):
                 placed.append(other.part)
                 also.append(other.part)
         return tuple(also)
@@ -210,13 +210,13 @@ class Departures(Method):
             turned = abs((self.angles_deg[view] - newest + 180.0) % 360.0 - 180.0)
             if not waiting or turned > 2.0 * self._config.planning.z_angle_limit_deg:
                 continue  # nothing that the newest view shows is seen in this one
-            beside = without(canonical.view, canonical.layers, self._views.part, view)
+            rest = without(canonical.view, canonical.layers, self._views.part, view)
             for n in waiting:
                 if self._is_folded(view, n):
                     continue
                 with contextlib.suppress(AlignmentError):
-                    if self._starts_on(beside, document, view, n):
-                        found.append(self.aligned(document, view, view, n, progress, beside))
+                    if self._starts_on(rest, document, view, n):
+                        found.append(self.aligned(document, view, view, n, progress, rest))
         return found
 
     def _starts_on(self, current: FlattenedView, document: Document, view_index: int, component: int) -> bool:

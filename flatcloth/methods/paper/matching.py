@@ -92,7 +92,7 @@ class Matcher:
 
     The disagreement of each overlapping pixel of the new view is a robust mean of the two
     differences, from 0 (equal) to 1. The coarse part of the search compares smoothed texture, which
-    tolerates its larger steps, and so do the agreements beside the score.
+    tolerates its larger steps, and so do the agreements that the score does not use.
     """
 
     score_smoothing_m = _COARSE_SMOOTHING_M
@@ -196,8 +196,8 @@ class Matcher:
         The score is the mean agreement, over the overlap, of the places in the object frame: half for pixels
         10 mm apart, none for cloth that faces another way. It follows the error of the placement, while
         intensity, height and Z-angle also agree at wrong placements, and disagree at right ones under
-        noise or where the view is bent otherwise than the shape (``docs/method.md``). They are told beside
-        the score; intensity and height relative to randomly paired pixels.
+        noise or where the view is bent otherwise than the shape (``docs/method.md``). They are listed
+        with the score; intensity and height relative to randomly paired pixels.
         """
         found = self.disagreement([current_from_new], 1, self.score_smoothing_m)
         share = float(found.overlap_share[0])

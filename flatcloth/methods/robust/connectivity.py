@@ -1,7 +1,7 @@
 """The pairs of all views, and the pieces that they connect, without false connections.
 
 Where two layers touch, a sensor's ramp or a shallow step can connect them by one or two pairs; everything
-connected to the second layer would then be placed beside the first. Many pairs that form triangles connect
+connected to the second layer would then be placed next to the first. Many pairs that form triangles connect
 a real sheet. Parts with too weak a connection are therefore kept separate until another view connects them
 better.
 """

@@ -2,7 +2,7 @@
 
 Cloth is flattened without stretching, so points that come to lie side by side on the plane are side
 by side in space. Where they are not, either the minimisation ended with a part folded over, which a
-layout grown anew from the pairs seen best and most often repairs, or a false link (two layers taken
+new layout, grown from the pairs seen best and most often, repairs, or a false link (two layers taken
 for one) joins what is apart: then the weakest set of pairs between both is cut, as loop closures that
 contradict the rest are switched off in pose graphs (Suenderhauf and Protzel, 2012).
 """
@@ -231,7 +231,7 @@ def _turned(uv_m: Float64, part: Bool, ends: Int32, angle_rad: float) -> Float64
 def without_overlap(
     shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float64, most_cut: float
 ) -> tuple[Float64, list[Hinge], Int64]:
-    """Lay a minimised piece out anew where it overlaps, or turn a part about its hinge.
+    """Find another layout for a minimised piece that overlaps, or turn a part about its hinge.
 
     Parts that more evidence than ``most_cut`` joins are not cut off.
 
@@ -242,7 +242,7 @@ def without_overlap(
     uv_m, held = _with_hinges_held(shape, uv_m, members, within, weight)
     overlapping, minimised = overlaps(shape, uv_m), uv_m
     if overlapping.size:
-        uv_m, weight[within], overlapping = _grown_anew(shape, within, uv_m, weight[within], overlapping)
+        uv_m, weight[within], overlapping = _better_layout(shape, within, uv_m, weight[within], overlapping)
     held = held if uv_m is minimised else []
     if np.unique(overlapping).size < LEAST_PIECE:
         return uv_m, held, within[:0]
@@ -293,10 +293,10 @@ def _part_swung_apart(
     )
 
 
-def _grown_anew(
+def _better_layout(
     shape: JointShape, within: Int64, uv_m: Float64, weight: Float64, overlapping: Int64
 ) -> tuple[Float64, Float64, Int64]:
-    """Lay a piece out anew; return places (N, 2), weights of ``within`` and overlaps of the better layout."""
+    """Grow another layout of a piece; return places, weights of ``within`` and overlaps of the better one."""
     links = shape.links
     z = grown_layout(
         len(uv_m),
@@ -307,13 +307,13 @@ def _grown_anew(
         links.n_members,
     )
     reached = links.both_ends(np.isfinite(z.real))[within]
-    inside, anew = within[reached], weight.copy()
+    inside, own_weight = within[reached], weight.copy()
     off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
-    grown, anew[reached] = minimise_piece(z, links, inside, np.where(off < MOST_DRIFT_M, 1.0, 0.0))
+    grown, own_weight[reached] = minimise_piece(z, links, inside, np.where(off < MOST_DRIFT_M, 1.0, 0.0))
     left = overlaps(shape, grown)
     if np.unique(left).size >= np.unique(overlapping).size:
         return uv_m, weight, overlapping
-    return grown, anew, left
+    return grown, own_weight, left
 
 
 def overlaps(shape: JointShape, uv_m: Float64) -> Int64:

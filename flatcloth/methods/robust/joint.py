@@ -45,7 +45,7 @@ from flatcloth.methods.robust.layout import (
     minimise_piece,
     relax_around,
     seed_pair,
-    seeded_anew,
+    seeded_again,
 )
 from flatcloth.methods.robust.observations import Association, Complex128, no_nodes, observe
 
@@ -314,7 +314,7 @@ def _initialised(shape: JointShape, piece: _Piece, within: Int64) -> Complex128:
     if not piece.known.any():
         seed_pair(z, shape.links, within)
     z = lay_out(_with_joined_pieces(z, shape, within, piece.members), shape.links, within)
-    return z if piece.is_main else seeded_anew(z, piece.members, shape.links, within)
+    return z if piece.is_main else seeded_again(z, piece.members, shape.links, within)
 
 
 def _with_joined_pieces(z: Complex128, shape: JointShape, within: Int64, members: Bool) -> Complex128:

@@ -1,4 +1,4 @@
-"""One piece of cloth on the plane: laid out from nodes that have a place, or anew; then Eq. (2).
+"""One piece of cloth on the plane: laid out from known nodes, or from one pair; then Eq. (2).
 
 Minimising Eq. (2) from a poor start folds the sheet, so a new node is first laid out from its placed
 neighbours, and the whole is relaxed as rigidly as possible. Pairs that contradict the others lose
@@ -51,8 +51,8 @@ MOST_DRIFT_M = 0.04
 """A pair that a layout misses by more than this contradicts it; the drift of a layout is 5 to 15 mm. Set by
 hand."""
 _SAME_PLACE_M = 0.012
-"""In a layout grown anew, predictions of a place that differ by less than this (a node's distance) agree. Set
-by hand."""
+"""In a layout that is grown from one pair, predictions of a place that differ by less than this (the distance
+of nodes) agree. Set by hand."""
 
 Int64 = NDArray[np.int64]
 
@@ -102,14 +102,14 @@ def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
         has_place[found] = True
 
 
-def seeded_anew(z: Complex128, members: Bool, links: Links, within: Int64) -> Complex128:
+def seeded_again(z: Complex128, members: Bool, links: Links, within: Int64) -> Complex128:
     """Lay a floating piece out from one pair if that reaches more nodes: few places determine no rotation."""
     if _reached(z, members) >= 0.5 * members.sum():
         return z
-    anew = np.full_like(z, np.nan)
-    seed_pair(anew, links, within)
-    anew = lay_out(anew, links, within)
-    return anew if _reached(anew, members) > _reached(z, members) else z
+    other = np.full_like(z, np.nan)
+    seed_pair(other, links, within)
+    other = lay_out(other, links, within)
+    return other if _reached(other, members) > _reached(z, members) else z
 
 
 def _reached(z: Complex128, members: Bool) -> int:
@@ -169,7 +169,7 @@ def lay_pieces(z: Complex128, links: Links, inside: Int64, laid: Complex128, pie
 def grown_layout(
     n: int, edges: Int32, member: Int32, offset: Complex128, evidence: Float64, n_members: int
 ) -> Complex128:
-    """Lay a piece out anew (n,), u + iv in metres, NaN for nodes that no edge reaches.
+    """Grow a layout of a piece from one pair: (n,), u + iv in metres, NaN for nodes that no edge reaches.
 
     The next node is always the one to which the most evidence leads from nodes that have a place, so
     doubtful pairs (seen once, or by noisy views) place nothing that others can place. A node's place is
@@ -358,12 +358,12 @@ def relax_around(
         )
         z[nodes] = moved @ np.array([1.0, 1j])
     is_near[links.of_last_view(inside)] = True
-    told = np.flatnonzero(is_near)
-    if told.size:
-        is_told = inside[told]
-        one, other = links.edges[is_told].T
-        residual = np.abs(z[one] - z[other]) - links.length_m[is_told]
-        weight[told] = _robust_weight(residual / links.std_m[is_told])
+    near_pairs = np.flatnonzero(is_near)
+    if near_pairs.size:
+        checked = inside[near_pairs]
+        one, other = links.edges[checked].T
+        residual = np.abs(z[one] - z[other]) - links.length_m[checked]
+        weight[near_pairs] = _robust_weight(residual / links.std_m[checked])
     return np.stack([z.real, z.imag], axis=1), weight
 
 

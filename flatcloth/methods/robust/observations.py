@@ -228,10 +228,10 @@ def _in_narrow_places(usable: Bool, interval_px: int, known: Float64) -> Float64
         places = places[distance > _NARROW_NODE_DISTANCE * half]
     if not len(places):
         return np.zeros((0, 2))
-    # The nearest pixel off the surface is beside one on it.
+    # The nearest pixel off the surface is a neighbour of one on it.
     padded = np.pad(usable.astype(np.uint8), 1)
-    beside = cv2.dilate(padded, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))) > padded
-    inside_px, _ = cKDTree(np.argwhere(beside)).query(places + 1)
+    outside = cv2.dilate(padded, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))) > padded
+    inside_px, _ = cKDTree(np.argwhere(outside)).query(places + 1)
     order = np.argsort(-inside_px, kind="stable")
     return _spaced(places[order], usable.shape, half).astype(np.float64)
 

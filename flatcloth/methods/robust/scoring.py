@@ -301,8 +301,8 @@ def _color_agreement(
         return float((square / (1.0 + square)).mean())
 
     chance = disagreement(seen, own[_shuffled(len(own))])
-    telling = min(1.0, chance / _TELLING_COLOR)
-    return 0.5 + 0.5 * telling * (1.0 - 2.0 * min(1.0, disagreement(seen, own) / max(chance, 1e-6)))
+    contrast = min(1.0, chance / _TELLING_COLOR)
+    return 0.5 + 0.5 * contrast * (1.0 - 2.0 * min(1.0, disagreement(seen, own) / max(chance, 1e-6)))
 
 
 @lru_cache(maxsize=256)

@@ -220,7 +220,7 @@ def with_placement_std(
     """Return a view of a joint shape with the standard deviation of each pixel's position.
 
     Each pixel takes the standard deviation (N,) of the node nearest to it on the plane. It is larger
-    where the pixel's view is noisy and shows another layer beside it, whose depth may be mixed in.
+    where the pixel's view is noisy and shows another layer next to it, whose depth may be mixed in.
     """
     nodes = np.flatnonzero(np.isfinite(shape.all_uv_m[:, 0]) & np.isfinite(std_m))
     rows, cols = view.shape
@@ -237,7 +237,7 @@ def with_placement_std(
 
 
 def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface]) -> Bool:
-    """Return the pixels (R, C) that a noisy view shows at an outline of its surface beside another layer."""
+    """Return the pixels (R, C) that a noisy view shows at an outline of its surface next to another layer."""
     result = np.zeros(view.shape, dtype=np.bool_)
     pixels = np.flatnonzero(view.valid)
     seen_by = view.view_index.ravel()[pixels]
