@@ -12,14 +12,13 @@ from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.settings import ALIKE_COS
 
 _SAME_LAYER_M = 0.02
 """Depth difference at which painted pixels are of another layer. Chosen: less cuts slopes, more joins
 layers."""
 _LEAST_PIXELS = 3
 """Painted pixels that make a cluster painted. Chosen: fewer are the rim of the brush."""
-_ALIKE_COS = 0.3
-"""Normals of one side under a stroke differ by less than 73 degrees. Chosen."""
 
 
 def under(observed: Observed, stroke: ImageStroke | SpaceStroke, name: str) -> Int64:
@@ -118,7 +117,7 @@ def _beside(observed: Observed, cut: Cut) -> Bool:
 
 
 def _nearest(observed: Observed, point: Sequence[float], normal: Sequence[float], among: Bool) -> int | None:
-    chosen = np.flatnonzero(among & (observed.clusters.normal @ np.asarray(normal) > _ALIKE_COS))
+    chosen = np.flatnonzero(among & (observed.clusters.normal @ np.asarray(normal) > ALIKE_COS))
     if not chosen.size:
         return None
     distance = np.linalg.norm(observed.clusters.place_m[chosen] - np.asarray(point), axis=1)
@@ -135,7 +134,7 @@ def _near_line(
     distance, at = cKDTree(line).query(observed.clusters.place_m, distance_upper_bound=farthest_m)
     near = np.isfinite(distance)
     alike = np.zeros(len(near), dtype=np.bool_)
-    alike[near] = (observed.clusters.normal[near] * turned[at[near]]).sum(axis=1) > _ALIKE_COS
+    alike[near] = (observed.clusters.normal[near] * turned[at[near]]).sum(axis=1) > ALIKE_COS
     return alike
 
 

@@ -37,8 +37,7 @@ def telling_slice(observed: Observed, axis: RotationAxis) -> Slice:
     offset = clusters.place_m - axis.point_m
     height = offset @ axis.direction
     middle = 0.5 * (height[g.first] + height[g.second])[g.weight < 0]
-    low, high = np.quantile(height, (0.05, 0.95))
-    heights = np.linspace(low, high, _HEIGHTS)
+    heights = np.linspace(height.min(), height.max(), _HEIGHTS)
     pairs = (np.abs(middle[None] - heights[:, None]) <= _HALF_SLICE_M).sum(axis=1)
     inside: Bool = np.abs(height - heights[int(pairs.argmax())]) <= _HALF_SLICE_M
     number = np.where(inside, np.cumsum(inside) - 1, -1)

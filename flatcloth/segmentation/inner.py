@@ -20,8 +20,6 @@ from flatcloth.segmentation.settings import SegmentationConfig
 
 _ENOUGH_PIXELS = 20.0
 """Pixels at which a cluster's thickness has half of its full weight. Chosen."""
-_ENOUGH = 1.0
-"""Sum of weights at which the evidence of a cluster is half of its most. Chosen: that of two sure pairs."""
 _TWO_LAYERS = 30.0
 """Percentile of the thickness taken for that of two layers that touch. Chosen: on recordings with truth at
 most 20 % of what shows a thickness is one layer; most of the rest does not touch."""
@@ -94,7 +92,7 @@ def _thin(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Floa
     two_layers_m = float(np.percentile(thickness_m[known], _TWO_LAYERS)) if known.any() else 0.0
     if two_layers_m < _LEAST_THICK_M:
         return np.zeros(clusters.count), np.zeros(clusters.count)
-    return weight / (weight + _ENOUGH), np.clip(1.0 - thickness_m / (_ONE_LAYER * two_layers_m), -1.0, 1.0)
+    return weight / (weight + 1.0), np.clip(1.0 - thickness_m / (_ONE_LAYER * two_layers_m), -1.0, 1.0)
 
 
 def _faces(graph: SignedGraph, chosen: Bool) -> Int64:

@@ -23,7 +23,8 @@ from flatcloth.flattening.surface import about_axis, foreground_mask
 from flatcloth.segmentation.settings import THREADS
 
 _APART_M = 0.03
-"""Regions farther than this from the largest are something else. Set by hand."""
+"""Regions farther than this from the largest are something else; nearer to the axis even the item stands
+still. Set by hand."""
 _SECOND_SHARE = 0.4
 """A separate region of at least this share of the largest is another item. Set by hand."""
 _ENOUGH_VIEWS = 8
@@ -35,8 +36,6 @@ _STILL_SHARE = 0.9
 the rest."""
 _STILL_M = 0.004
 """Same depth: this, or 0.5 % of it if that is more. Chosen: about 3 sigma of a D435 at 0.85 m (1.5 mm)."""
-_OFF_AXIS_M = 0.03
-"""Nearer to the axis even the item stands still. Chosen; not measured."""
 _ABOVE_M = 0.008
 """What is this much above the held point is the gripper. Chosen: less cuts cloth if the held point is off."""
 _LEAST_CUT_M2 = 2e-4
@@ -46,6 +45,8 @@ _COLORS = 4
 _UNLIKE = 14.0
 """Distance in CIELAB from all main colours of the item beyond which a pixel has another colour. Set by
 hand."""
+_TOP_SHARE = 0.3
+"""The upper share of the item, where a gripper is looked for. Chosen."""
 _NECK_SHARE = 0.3
 """A region at the top is a gripper if it touches the item along less than this share of its outline ...
 Chosen."""
@@ -224,7 +225,7 @@ def _without_holder(
         off = np.zeros_like(mask)
         if still is not None:
             stays = still[0][mask] & (np.abs(frame.depth_m[mask] - still[1][mask]) <= _STILL_M)
-            off[mask] = stays & (beside > _OFF_AXIS_M)
+            off[mask] = stays & (beside > _APART_M)
             off = _large(frame, off)
             _note(cuts, frame, off, "a stand", "stays in place while the item turns")
         if held_point_m is not None:
@@ -277,7 +278,7 @@ def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:
     lab = cv2.cvtColor(frame.color, cv2.COLOR_RGB2LAB).astype(np.float32)
     lab[..., 0] *= 0.5  # folds are shaded by the lamp
     body = mask.copy()
-    body[: int(rows[0] + 0.3 * rows.size)] = False
+    body[: int(rows[0] + _TOP_SHARE * rows.size)] = False
     if body.sum() < 50:
         return none
     sample = lab[body][:: max(1, int(body.sum()) // 4000)]
@@ -295,7 +296,7 @@ def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:
         grown = cv2.dilate(region.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         rim = grown & ~region
         touching = (rim & mask & (opened == 0)).sum() / max(int(rim.sum()), 1)
-        at_top = np.argwhere(region)[:, 0].mean() < rows[0] + 0.3 * rows.size
+        at_top = np.argwhere(region)[:, 0].mean() < rows[0] + _TOP_SHARE * rows.size
         if at_top and touching <= _NECK_SHARE and region.sum() <= _MOST_GRIPPER_SHARE * mask.sum():
             off |= region
     if not off.any():

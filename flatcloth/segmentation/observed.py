@@ -316,11 +316,11 @@ def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationCon
     at[nearest[label >= 0]] = np.flatnonzero(label >= 0)
     source = at[nearest]
     near = item & (label < 0) & (distance <= settings.fill_px)
-    alike = np.abs(depth_m.ravel()[source] - depth_m) <= settings.fill_m
+    alike = np.abs(depth_m.ravel()[source] - depth_m) <= settings.thickest_m
     taken = near & alike
     result[taken] = label.ravel()[source[taken]]
     rest = np.argwhere(near & ~alike)
-    _fill_alike(rest, label, depth_m, settings.fill_px // 2, settings.fill_m, result)
+    _fill_alike(rest, label, depth_m, settings.fill_px // 2, settings.thickest_m, result)
     return result
 
 

@@ -25,7 +25,7 @@ Int8 = NDArray[np.int8]
 _NOISES = 4096
 """Different factors in one disturbance of the evidence. Chosen: evidence that shares one does so by
 chance."""
-_CORE_NODES = 8
+CORE_NODES = 8
 """Nodes of a piece that no disturbance divides, 1 to 2 cm wide. Chosen: disturbances extend over more;
 ``python -m benchmarks segmentation`` measures the certainty."""
 
@@ -80,7 +80,7 @@ def sampled_sides(
     random = np.random.default_rng(0)
     middle = 0.5 * (place_m[graph.first] + place_m[graph.second])
     # Nodes that no disturbance divides are joined once, for all samples.
-    core = partition(graph, _CORE_NODES)
+    core = partition(graph, CORE_NODES)
     number = np.unique(core.part, return_inverse=True)[1].ravel()
     first, second = number[graph.first], number[graph.second]
     between = first != second

@@ -17,11 +17,9 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
 from flatcloth.core.types import Float64, Int64
-from flatcloth.segmentation.partition import partition
+from flatcloth.segmentation.partition import CORE_NODES, partition
 from flatcloth.segmentation.relations import SignedGraph
 
-_PIECE_NODES = 8
-"""Clusters of a piece. Chosen: pieces of 4 and of 16 take longer."""
 _WEAK = 0.05
 """Evidence weaker than this share of the strongest joins no pieces: it lies at their borders. Chosen for
 speed."""
@@ -54,7 +52,7 @@ class Potentials:
     def __init__(self, graph: SignedGraph) -> None:
         self.rows = rows_of(graph)
         strong = np.maximum(graph.weight - _WEAK * graph.weight.max(initial=0.0), 0.0)
-        part = partition(replace(graph, weight=strong), _PIECE_NODES).part
+        part = partition(replace(graph, weight=strong), CORE_NODES).part
         self._piece = np.unique(part, return_inverse=True)[1].ravel().astype(np.int64)
         every = np.arange(graph.count)
         self._of_piece = csr_matrix((np.ones(graph.count), (self._piece, every)))

@@ -115,7 +115,7 @@ def _attraction(
     chord = clusters.place_m[second] - clusters.place_m[first]
     chord /= np.maximum(np.linalg.norm(chord, axis=1), 1e-9)[:, None]
     turn = ((clusters.normal[first] - clusters.normal[second]) * chord).sum(axis=1)
-    sharp = np.maximum(-turn - config.convex_from, 0.0) / config.convex_width
+    sharp = np.maximum(-turn - config.convex, 0.0) / config.convex
     weight = np.maximum(np.exp(-(sharp**2)), config.least_link)
     return first, second, _FULL * weight * seen / (seen + config.link_facing)
 
@@ -123,7 +123,7 @@ def _attraction(
 def _repulsion(
     clusters: Clusters, noise_m: float, config: SegmentationConfig
 ) -> tuple[Int64, Int64, Float64]:
-    behind = config.noisy_opposite_m if noise_m > config.noisy_depth_m else config.opposite_m
+    behind = config.cluster_m if noise_m > config.noisy_depth_m else config.opposite_m
     a, b, depth = back_to_back(clusters, -config.opposite_behind_m, behind, config)
     pixels = np.minimum(clusters.pixels[a], clusters.pixels[b])
     facing = np.minimum(clusters.facing[a], clusters.facing[b])

@@ -13,6 +13,7 @@ from flatcloth.core.types import Bool, Float32, Floats
 from flatcloth.segmentation.item import CutOff
 from flatcloth.segmentation.observed import Observed
 from flatcloth.segmentation.partition import Int8
+from flatcloth.segmentation.settings import ALIKE_COS
 
 OF_INTEREST, OTHER, UNDECIDED, NO_ITEM = 1, -1, 0, 2
 """Sides of pixels, numbers by definition; ``NO_ITEM`` is what was not measured or cut off."""
@@ -159,7 +160,7 @@ class Segmentation:
         distance, near = cKDTree(clusters.place_m).query(places, k=8, distance_upper_bound=radius_m)
         found = np.isfinite(distance)
         near = np.where(found, near, 0)
-        alike = found & (np.einsum("nkc,nc->nk", clusters.normal[near], turned) > 0.3)
+        alike = found & (np.einsum("nkc,nc->nk", clusters.normal[near], turned) > ALIKE_COS)
         first = alike.argmax(axis=1)
         cluster = near[np.arange(len(places)), first]
         any_ = alike.any(axis=1)
@@ -170,3 +171,14 @@ class Segmentation:
 def views_showing(observed: Observed, clusters: Bool) -> tuple[int, ...]:
     """Return the views in which any of the clusters (M,) is seen."""
     return tuple(n for n, view in sorted(observed.views.items()) if clusters[view.shows].any())
+
+
+def best_view(observed: Observed, cluster: int) -> tuple[int, tuple[int, int]] | None:
+    """Return the view that shows a cluster largest, and the pixel in its middle."""
+    best: tuple[int, int, tuple[int, int]] | None = None
+    for n, view in observed.views.items():
+        places = np.argwhere((view.cluster == cluster) & view.surface)
+        if len(places) and (best is None or len(places) > best[0]):
+            middle = places[np.square(places - places.mean(axis=0)).sum(axis=1).argmin()] + view.offset_rc
+            best = len(places), n, (int(middle[0]), int(middle[1]))
+    return None if best is None else best[1:]

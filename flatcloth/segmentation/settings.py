@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+ALIKE_COS = 0.3
+"""Normals of one side at one place differ by less than 73 degrees. Chosen."""
 THREADS = 2
 """Views, and samples, worked on at a time. Chosen for two cores; more need more memory."""
 
@@ -26,26 +28,22 @@ class SegmentationConfig:
     """Normals in a cluster differ by at most the angle of this cosine."""
     link_facing: float = 2.0
     """Weight at which links of neighbouring pixels, seen squarely, count half."""
-    convex_from: float = 0.15
-    """Links across a convex turn (sum of the sines at both ends) sharper than this are weaker, ..."""
-    convex_width: float = 0.15
-    """... by a Gaussian of this width, ..."""
+    convex: float = 0.15
+    """Links across a convex turn (sum of the sines at both ends) sharper than this are weaker, by a Gaussian
+    of this width, ..."""
     least_link: float = 0.002
     """... but by no more than this."""
     opposite_cos: float = -0.85
     """Normals of the two layers of a plate differ by at least the angle of this cosine, ..."""
     opposite_m: float = 0.004
-    """... one lies behind the other by at most this without noise, ..."""
-    noisy_opposite_m: float = 0.006
-    """... by this with noise (stereo sensors make what is near larger), ..."""
+    """... one lies behind the other by at most this without noise, or by ``cluster_m`` with noise (stereo
+    sensors make what is near larger), ..."""
     opposite_behind_m: float = 0.003
     """... or before it by this, by errors of the registration, ..."""
     opposite_beside_m: float = 0.005
     """... and beside it by at most this."""
-    thickest_m: float = 0.012
-    """What lies farther behind tells nothing of the thickness; ..."""
     thickness_weight: float = 2.0
-    """... cloth of one layer is evidence of an inner face, at most this much for each cluster."""
+    """Cloth of one layer is evidence of an inner face, at most this much for each cluster."""
     noisy_depth_m: float = 0.0003
     """Depth that scatters more than this about its local planes (median) is noisy."""
     samples: int = 32
@@ -80,6 +78,10 @@ class SegmentationConfig:
     turned_per_stroke: float = 0.1
     """... less this for each stroke after the first, as above."""
     fill_px: int = 16
-    """Pixels of the item without a cluster take that of the nearest with one, within this distance ..."""
-    fill_m: float = 0.012
-    """... and this difference in depth."""
+    """Pixels of the item without a cluster take that of the nearest with one, within this distance and
+    ``thickest_m`` in depth."""
+
+    @property
+    def thickest_m(self) -> float:
+        """What lies farther behind a cluster is another thing, and tells nothing of the thickness there."""
+        return 2.0 * self.cluster_m

@@ -23,12 +23,15 @@ from flatcloth.segmentation.result import (
     Conflict,
     Segmentation,
     Suggestion,
+    best_view,
     views_showing,
 )
 from flatcloth.segmentation.spreading import Spreading, least_region
 
 _UNTESTED, _SETTLED = -1, -2  # by definition: numbers of no part
 _EXCEPTION = -1.0  # by definition: less than any cost
+_LEAST_M2 = 1e-4
+"""Less cloth is not worth a word. Chosen: 1 cm2."""
 _CANDIDATES = 64
 """Places compared for the next question. Chosen; more cost time."""
 
@@ -113,12 +116,8 @@ class SideSolver:
         self._spreading = Spreading(observed.graph, observed.config)
         self._states: Cache[_State] = Cache(256, 256 << 20)
         self._results: Cache[Segmentation] = Cache(64, 64 << 20)
-        self._start = start_sheet(observed)
-
-    @property
-    def start_sheet(self) -> Int64:
-        """The middle of the largest well-seen sheet of the start view: unless told, the side of interest."""
-        return self._start
+        self.start_sheet = start_sheet(observed)
+        """Middle of the largest well-seen sheet of the start view: the side of interest without strokes."""
 
     def solve(self, decisions: Sequence[Decision]) -> Segmentation:
         """Return the sides after these decisions, in order.
@@ -140,7 +139,7 @@ class SideSolver:
         now, state = self.solve(decisions), self._state(tuple(decisions))
         clusters = self.observed.clusters
         unsure = np.where(state.excluded, 0.0, clusters.area_m2 * (1.0 - now.certainty))
-        if unsure.sum() < 1e-4:
+        if unsure.sum() < _LEAST_M2:
             return None
         inner = self._off_borders(state) & (clusters.facing > 0.8) & (state.holder < 0)
         weight = np.where(inner, unsure, 0.0)
@@ -154,7 +153,7 @@ class SideSolver:
         together[np.arange(count), chosen] = 1.0
         gain = together @ unsure
         best = int(chosen[gain.argmax()])
-        seen = self._best_view(best)
+        seen = best_view(self.observed, best)
         if seen is None:
             return None
         view, rc = seen
@@ -176,7 +175,7 @@ class SideSolver:
         return self._states.get(decisions, lambda: self._after(self._state(decisions[:-1]), decisions))
 
     def _begin(self) -> _State:
-        found, start = self.observed.partition, self._start
+        found, start = self.observed.partition, self.start_sheet
         largest = int(np.bincount(found.part[start]).argmax())
         side = found.side * np.sign((found.side[start] * (found.part[start] == largest)).sum() or 1.0)
         inner = self.observed.inner.copy()
@@ -302,8 +301,14 @@ class SideSolver:
         kept = state.holder >= 0
         kept[touched] = False
         keep = np.concatenate([np.flatnonzero(kept), touched[shown[touched] == wanted]])
-        if state.guess == _UNTESTED and not state.strokes and not np.intersect1d(wrong, self._start).size:
-            keep = np.union1d(np.setdiff1d(self._start, touched), keep)  # unless the guess was wrong there
+        if (
+            state.guess == _UNTESTED
+            and not state.strokes
+            and not np.intersect1d(wrong, self.start_sheet).size
+        ):
+            keep = np.union1d(
+                np.setdiff1d(self.start_sheet, touched), keep
+            )  # unless the guess was wrong there
         number, faces = 1 + len(state.strokes), wrong[inner[wrong]]
         if faces.size:  # was taken for an inner face, and is none
             inner[self._spreading.inner_face(np.where(inner, -1.0, 1.0), keep, faces, number)[0]] = False
@@ -359,7 +364,7 @@ class SideSolver:
     def _always_together(self, clusters: Int64, side: Float64) -> bool:
         """Whether clusters lie to those where the guess began as ``side`` says in all disturbed samples."""
         samples = self.observed.samples
-        one, other = (np.sign((samples[:, at] * side[at]).sum(axis=1)) for at in (clusters, self._start))
+        one, other = (np.sign((samples[:, at] * side[at]).sum(axis=1)) for at in (clusters, self.start_sheet))
         return bool((one * other > 0).all())
 
     def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[Conflict]:
@@ -405,8 +410,8 @@ class SideSolver:
 
     def _agreed(self, state: _State) -> Float64:
         """Return how often clusters (M,) lie to the strokes and the start as they do in this state."""
-        anchors = [*(touched for _, touched in state.strokes), self._start]
-        guess = bool(state.known[self._start].any())
+        anchors = [*(touched for _, touched in state.strokes), self.start_sheet]
+        guess = bool(state.known[self.start_sheet].any())
         return agreement(self.observed, state.side, anchors, state.group, guess)
 
     def _changed(self, now: Segmentation) -> Changed:
@@ -417,7 +422,7 @@ class SideSolver:
         sure_m2 = float(area[sure].sum())
         views = views_showing(self.observed, moved)
         text = f"The last decision changed {1e4 * float(area[moved].sum()):.0f} cm2 in {len(views)} views"
-        text += f", of which {1e4 * sure_m2:.0f} cm2 were sure before." if sure_m2 >= 1e-4 else "."
+        text += f", of which {1e4 * sure_m2:.0f} cm2 were sure before." if sure_m2 >= _LEAST_M2 else "."
         state, was = self._state(now.decisions), self._state(now.decisions[:-1])
         if state.alone == _EXCEPTION and was.alone != _EXCEPTION:
             text += (
@@ -438,13 +443,3 @@ class SideSolver:
         inner[g.first[apart]] = False
         inner[g.second[apart]] = False
         return inner
-
-    def _best_view(self, cluster: int) -> tuple[int, tuple[int, int]] | None:
-        """Return the view that shows a cluster largest, and the pixel in its middle."""
-        best: tuple[int, int, tuple[int, int]] | None = None
-        for n, view in self.observed.views.items():
-            places = np.argwhere((view.cluster == cluster) & view.surface)
-            if len(places) and (best is None or len(places) > best[0]):
-                middle = places[np.square(places - places.mean(axis=0)).sum(axis=1).argmin()] + view.offset_rc
-                best = len(places), n, (int(middle[0]), int(middle[1]))
-        return None if best is None else best[1:]
