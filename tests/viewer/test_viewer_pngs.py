@@ -11,7 +11,7 @@ from route_client import RouteClient
 from viewer_fakes import PIXEL_M, CylinderIntegration, cylinder_view
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.rendering.colormaps import MAPS, gray_table
+from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.layers import (
     DIFFERENCES,
     OWN_MAPS,
@@ -47,7 +47,7 @@ def test_a_layer_is_looked_at_with_the_map_and_window_asked_for(client):
     image = image_of(client.get("/layers/3/height.png?map=gray&low=0.25&high=0.75"))
     height = -VIEW.xyz_m[..., 1]
     share = (height - height.min()) / np.ptp(height)
-    expected = gray_table()[np.rint(255 * ((share - 0.25) / 0.5).clip(0, 1)).astype(int)]
+    expected = MAPS["gray"].table()[np.rint(255 * ((share - 0.25) / 0.5).clip(0, 1)).astype(int)]
     at = VIEW.valid
     assert np.abs(image[at][:, :3].astype(int) - expected[at]).max() <= 1
     np.testing.assert_array_equal(

@@ -30,7 +30,7 @@ from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.playing.camera import CameraPlayer, cloud_of
 from flatcloth.rendering import layers
-from flatcloth.rendering.colormaps import apply_table, height_table
+from flatcloth.rendering.colormaps import MAPS, apply_table
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.modes.controller import ClientSink, SceneView
 from flatcloth.viewer.modes.live import LiveApplication
@@ -360,7 +360,7 @@ def _picture(view: TakenView) -> bytes:
     depth = view.depth_m
     measured = depth > 0
     low, high = np.percentile(depth[measured], [1, 90]) if measured.any() else (0.0, 1.0)
-    shaded = apply_table(height_table(), -depth, -float(high), -float(low))
+    shaded = apply_table(MAPS["sequential"].table(), -depth, -float(high), -float(low))
     shaded[~measured] = 128
     both = np.concatenate([view.color, shaded], axis=1)
     opaque = np.full((*both.shape[:2], 1), 255, dtype=np.uint8)

@@ -18,7 +18,7 @@ from flatcloth.garments.fit import TEMPERATURE
 from flatcloth.garments.recognition import MISFIT, NONE, misfit_of
 from flatcloth.methods.base import Alignment, ColumnCurves, SidePlan, ZAngleLine
 from flatcloth.rendering import layers
-from flatcloth.rendering.colormaps import diverging_table
+from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.segmentation.result import Segmentation
 
@@ -128,7 +128,7 @@ def planning_parcel(lesson: PlanningLesson, axis: RotationAxis) -> Parcel:
         "view_index": lesson.view_index,
         "flat": grid_of(view),
         "z_angle_span_deg": layers.Z_ANGLE_SPAN_DEG,
-        "z_angle_colors": diverging_table()[::4].tolist(),
+        "z_angle_colors": MAPS["diverging"].table()[::4].tolist(),
         "next_view": plan.view_index,
         "side": None if plan.side is None else plan.side.value,
         "rotation_deg": finite(plan.rotation_deg),
