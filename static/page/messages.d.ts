@@ -227,7 +227,7 @@ export interface Brush {
   radius_m?: number;
 }
 
-/** Ask where the next stroke tells most. */
+/** Ask where the next stroke would settle most. */
 export interface WhereToStroke {
   type: "where_to_stroke";
 }

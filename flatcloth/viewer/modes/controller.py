@@ -169,7 +169,7 @@ class PageController(ABC):
     def stop(self) -> None:
         """Stop all threads."""
 
-    def leave(self, client: int) -> None:  # noqa: B027 - not every mode minds
+    def leave(self, client: int) -> None:  # noqa: B027 - only live mode has something to do
         """Handle the closing of a tab."""
 
     def receive(self, client: int, text: str) -> None:
@@ -271,7 +271,7 @@ class PageController(ABC):
         self._restart()
 
     def _restart(self) -> None:  # noqa: B027 - what is shown without decisions is shown again by itself
-        """Show the session anew."""
+        """Show the session again from its journal."""
 
     def _receive(self, client: int, text: str) -> None:
         message = messages.parse(text)

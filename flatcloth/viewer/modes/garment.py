@@ -1,4 +1,4 @@
-"""The page's garment: recognised in the background, told to the page, and decided about."""
+"""The garment on the page: it is recognised in the background, shown, and decided about."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ UNEXPECTED = "Unexpected error while recognising the garment. See the terminal."
 
 @dataclass(frozen=True)
 class GarmentStatus:
-    """What the page is told; ``revision`` grows with each answer, ``text`` says why there is no garment."""
+    """The state of the recognition; ``revision`` grows with each answer, ``text`` says why there is none."""
 
     revision: int = 0
     working: bool = False
@@ -174,7 +174,7 @@ class GarmentController:
         raise FlatclothError("This is no decision about the garment.")
 
     def _preview(self, client: int, message: messages.PreviewPoint, document: Document) -> None:
-        """Tell a tab how the outline lies while a point is dragged; only the last question counts."""
+        """Send a tab the outline while a point is dragged; only the last question is answered."""
         known = self._known()
         self._named(known, message.name)
         key = self._previewed = client, message.id
@@ -241,7 +241,7 @@ class GarmentController:
             raise FlatclothError(f"A {known.found.fit.kind.name} has no point {name!r:.40}; look again.")
         return point
 
-    # --- told ---------------------------------------------------------------------------------------
+    # --- for the page ---------------------------------------------------------------------------------------
 
     def info(self) -> GarmentInfo:
         """Return the garment for the page."""

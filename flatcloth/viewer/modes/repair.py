@@ -27,7 +27,7 @@ from flatcloth.viewer.worker import Worker
 _log = logging.getLogger(__name__)
 
 _STILL_MM = 0.05
-"""Smaller moves are told as none. Chosen: half of the last digit shown."""
+"""Smaller motions are reported as none. Chosen: half of the last digit shown."""
 _STILL_DEG = 0.005
 """See ``_STILL_MM``."""
 

@@ -218,7 +218,7 @@ class SideController:
                 answer(StrokeAdvice(view_index=None, rc=None, text=str(error)))
                 return
             if found is None:
-                text = "The views determine all cloth: no stroke tells more."
+                text = "The views determine all cloth: no stroke adds anything."
                 answer(StrokeAdvice(view_index=None, rc=None, text=text))
                 return
             row, col = map(float, found.rc)

@@ -154,8 +154,8 @@ class Measure(_Said, tag="measure", frozen=True, kw_only=True):
 class PickAt(_Said, tag="pick", frozen=True, kw_only=True):
     """Pick the cloth at (or nearest to) a place of the plane.
 
-    ``revision`` tells which picture the user saw; only frames of live mode change fast enough for
-    that to matter.
+    ``revision`` is that of the picture the user saw; it matters for the frames of live mode only, which
+    change fast.
     """
 
     u_m: Pointed
@@ -279,7 +279,7 @@ class Brush(_Said, tag="brush", frozen=True, kw_only=True):
 
 
 class WhereToStroke(_Said, tag="where_to_stroke", frozen=True, kw_only=True):
-    """Ask where the next stroke tells most."""
+    """Ask where the next stroke would settle most."""
 
 
 GarmentName = Annotated[str, Meta(min_length=1, max_length=40)]

@@ -151,7 +151,7 @@ class CloudPanel:
     integration : Integration
         Reads all views, on a thread of this object.
     on_change : callable
-        Told to show the present picture again.
+        Shows the present picture again.
     """
 
     def __init__(
