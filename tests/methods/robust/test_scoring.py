@@ -15,14 +15,14 @@ from flatcloth.core.resources import static_folder
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.flattening.surface import Surface, observe_surface
 from flatcloth.methods.base import Hypothesis
-from flatcloth.methods.robust.hypotheses import (
+from flatcloth.methods.robust.joint import begin_joint
+from flatcloth.methods.robust.placement_search import (
     coarse_view,
     distinct,
     evaluate,
     from_association,
     from_correlation,
 )
-from flatcloth.methods.robust.joint import begin_joint
 from flatcloth.methods.robust.scoring import (
     CONFIDENCE_WEIGHTS,
     FEATURES,
