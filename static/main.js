@@ -32,6 +32,7 @@ import { Verdicts } from "/static/review/verdicts.js";
 import { answerDrops } from "/static/start/drop.js";
 import { Teaching } from "/static/teaching/teaching.js";
 
+/** @type {string | null} */
 let askedLayer = null; // in live mode: what the next frame was asked for with
 
 const page = new Page({ send, notify, run, show });
@@ -76,14 +77,14 @@ const teaching = new Teaching({
 const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
-  message(message) {
+  message(/** @type {ServerMessage} */ message) {
     if (message.type === "switched") return location.replace("/");
     if (message.type === "state") show(message);
     else if (message.type === "note") takeNote(message);
     page.take(message);
   },
-  frame: (buffer) => liveBar.take(buffer, askFrame),
-  opened(again) {
+  frame: (/** @type {ArrayBuffer} */ buffer) => liveBar.take(buffer, askFrame),
+  opened(/** @type {boolean} */ again) {
     byId("banner").hidden = true;
     askedLayer = null;
     if (!again) return;
@@ -91,7 +92,7 @@ const connection = new Connection({
     page.each("reconnected");
     loadScene(true);
   },
-  lost(seconds) {
+  lost(/** @type {number} */ seconds) {
     byId("banner").hidden = false;
     const again = `Trying again in ${number(seconds, 1)} s.`;
     setText(
@@ -110,14 +111,14 @@ function send(message) {
   return sent;
 }
 
-function takeNote(message) {
+function takeNote(/** @type {Note} */ message) {
   notify(message.level, message.text, message.time_s);
   if (!nudges.gesture) canvas.resetPreview(); // what was just refused may have been a move
 }
 
 // --- show --------------------------------------------------------------------------------------
 
-function show(state) {
+function show(/** @type {State} */ state) {
   page.state = state;
   page.each("update", state);
   if (page.isLive) showLive(state);
@@ -125,10 +126,11 @@ function show(state) {
   takeServerLog(state.log);
 }
 
-function showLive(state) {
+function showLive(/** @type {State} */ state) {
   // While playing, each frame brings the place of the current pick; the others would lag behind.
-  if (!state.live.playing) canvas.pick = state.pick?.in_shape ? state.pick : null;
-  canvas.showMarks(state.live.playing ? [] : state.picks);
+  const playing = Boolean(state.live?.playing);
+  if (!playing) canvas.pick = state.pick?.in_shape ? state.pick : null;
+  canvas.showMarks(playing ? [] : state.picks);
   if (liveBar.frame) markPresent(liveBar.frame.view_index);
   looking.show(page.layer, liveBar.frame?.legend ?? null, true);
   if (askedLayer !== page.layer) askFrame();
@@ -140,7 +142,7 @@ function askFrame() {
   connection.send({ type: "ready", layer: page.layer });
 }
 
-function drawFrame(frame, shown) {
+function drawFrame(/** @type {FrameInfo} */ frame, /** @type {Shown | null} */ shown) {
   canvas.showFrame(shown, frame.view_index, frame.pick_uv_m);
   canvas.draw(); // at once: this is an animation frame, and what is acknowledged has been drawn
   showLegend(frame.legend);
@@ -150,7 +152,7 @@ function drawFrame(frame, shown) {
   setText(byId("empty"), frame.reason);
 }
 
-function showLayer(state) {
+function showLayer(/** @type {State} */ state) {
   canvas.update(state, page.layer, looking.query(page.layer));
   comparison.show(state, looking.query(comparison.looked));
   const [looked, legend] = comparison.legend
@@ -170,7 +172,7 @@ function showLayer(state) {
 
 // --- do ----------------------------------------------------------------------------------------
 
-function decide(action, more = {}) {
+function decide(/** @type {any} */ action, more = {}) {
   nudges.flush();
   const { pending } = page.state;
   // The view that this user sees is the view that is meant, whatever has changed meanwhile.
@@ -178,13 +180,13 @@ function decide(action, more = {}) {
   send({ type: "do", action, ...view, ...more });
 }
 
-function chooseView(view) {
-  if (page.state.capture) return notify("info", view.why_not);
+function chooseView(/** @type {ViewRow} */ view) {
+  if (page.state.capture) return notify("info", view.why_not ?? "");
   if (page.isLive) return send({ type: "play", frame: view.index });
   verdicts.press(view);
 }
 
-function run(name, large = false) {
+function run(/** @type {string} */ name, large = false) {
   if (!page.state || teaching.takes(name)) return;
   if (name === "cancel" && page.offer("escape")) return;
   const action = page.action(name);
@@ -208,6 +210,7 @@ function run(name, large = false) {
   }
 }
 
+/** @type {NonNullable<Panel["actions"]>} */
 const PAGE_ACTIONS = {
   auto() {
     nudges.flush();
@@ -242,7 +245,8 @@ const modesNow = () => [
   page.isLive ? "live" : "session",
 ];
 
-function sendMove(by) {
+function sendMove(/** @type {By} */ by) {
+  if (!page.state.pending) return;
   const { view_index } = page.state.pending;
   send({ type: "move", view_index, theta_rad: by.theta, u_m: by.u, v_m: by.v });
 }
@@ -269,7 +273,7 @@ const shown = {
   differenceShown: () => comparison.shownKind,
   overlayRevision: () => canvas.overlay.shown?.revision ?? 0,
 };
-const flatcloth = { toScreen: (u, v) => canvas.toScreen(u, v), toPlane: (x, y) => canvas.toPlane(x, y), send };
+const flatcloth = { toScreen: canvas.toScreen.bind(canvas), toPlane: canvas.toPlane.bind(canvas), send };
 for (const [name, get] of Object.entries(shown)) Object.defineProperty(flatcloth, name, { get });
 for (const panel of page.panels) {
   if (!panel.name || panel.name in flatcloth) continue;

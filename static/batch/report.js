@@ -3,14 +3,17 @@
 import { showDetails } from "/static/batch/details.js";
 import { makeHistograms } from "/static/batch/histograms.js";
 import { makeTable } from "/static/batch/table.js";
-import { byId } from "/static/page/dom.js";
+import { byId, make, setText } from "/static/page/dom.js";
 
-const data = JSON.parse(byId("data").textContent);
+/** @type {{ served: boolean; serve: string; rows: Row[]; columns: any[]; title: string; counts: string; notes: string }} */
+const data = JSON.parse(byId("data").textContent ?? "");
 const served = data.served && location.protocol.startsWith("http");
 const rows = data.rows;
 
-const number = (digits) => (value) => (typeof value === "number" ? value.toFixed(digits) : "");
-const percent = (value) => (typeof value === "number" ? `${(100 * value).toFixed(0)} %` : "");
+const number = (/** @type {number} */ digits) => (/** @type {any} */ value) =>
+  typeof value === "number" ? value.toFixed(digits) : "";
+const percent = (/** @type {any} */ value) => (typeof value === "number" ? `${(100 * value).toFixed(0)} %` : "");
+/** @type {Record<string, (value: any) => string>} */
 const FORMATS = {
   area_cm2: number(0),
   coverage_estimate: percent,
@@ -31,6 +34,7 @@ const FORMATS = {
   peak_memory_mb: number(0),
   memory_after_mb: number(0),
 };
+/** @type {Record<string, string>} */
 const TITLES = {
   coverage_estimate: "coverage",
   reliable_share: "reliable",
@@ -41,45 +45,34 @@ const TITLES = {
   seconds: "s",
   peak_memory_mb: "peak MB",
 };
-const text = (value) => (value === null || value === undefined ? "" : String(value));
+const text = (/** @type {any} */ value) => (value === null || value === undefined ? "" : String(value));
 
+/** @type {Column[]} */
 const every = data.columns.map(({ name, kind, meaning }) => ({
   name,
   meaning,
   title: TITLES[name] ?? name.replaceAll("_", " "),
   number: kind === "number" || kind === "count",
-  format: FORMAT_OF(name),
-  show: (row) => FORMAT_OF(name)(row[name]),
+  format: FORMATS[name] ?? text,
+  show: (/** @type {Row} */ row) => (FORMATS[name] ?? text)(row[name]),
 }));
 
-function FORMAT_OF(name) {
-  return FORMATS[name] ?? text;
-}
-
 const named = new Map(every.map((column) => [column.name, column]));
-const IN_TABLE = [
-  "name",
-  "outcome",
-  "reliability",
-  "area_cm2",
-  "coverage_estimate",
-  "reliable_share",
-  "uncertainty_mm",
-  "floating_cm2",
-  "views_used",
-  "garment",
-  "seconds",
-  "peak_memory_mb",
-  "review",
-];
-const WIDTHS = {
+/** The columns of the table, and their widths in px. */
+const IN_TABLE = {
   name: 180,
   outcome: 170,
+  reliability: 84,
+  area_cm2: 84,
+  coverage_estimate: 84,
+  reliable_share: 84,
   uncertainty_mm: 116,
   floating_cm2: 96,
   views_used: 60,
+  garment: 84,
   seconds: 60,
   peak_memory_mb: 80,
+  review: 84,
 };
 const HISTOGRAMS = [
   "reliability",
@@ -93,47 +86,27 @@ const HISTOGRAMS = [
 
 // --- the table -------------------------------------------------------------------------------
 
-function picture(row) {
-  if (!row.thumbnail) return document.createTextNode("");
-  const image = document.createElement("img");
-  image.src = row.thumbnail;
-  image.alt = "";
-  image.decoding = "async";
-  image.width = image.height = 48;
-  return image;
+const picture = (/** @type {Row} */ { thumbnail: src }) =>
+  src && make("img", { src, alt: "", decoding: "async", width: 48, height: 48 });
+
+const link = (/** @type {Row} */ { name }) =>
+  make("a", { href: `#${encodeURIComponent(name)}`, title: `Open the session of ${name}` }, name);
+
+function outcome(/** @type {Row} */ row) {
+  const done = row.edited ? "done, edited" : "done";
+  const good = row.outcome === "done";
+  const words = good ? done : `${row.outcome}: ${text(row.reason)}`;
+  return make("span", { class: good ? "done" : "bad", title: text(row.reason) }, words);
 }
 
-function link(row) {
-  const a = document.createElement("a");
-  a.href = `#${encodeURIComponent(row.name)}`;
-  a.textContent = row.name;
-  a.title = `Open the session of ${row.name}`;
-  return a;
-}
+const verdict = (/** @type {Row} */ row) => make("span", { class: row.review }, text(row.review));
 
-function outcome(row) {
-  const span = document.createElement("span");
-  span.className = row.outcome === "done" ? "done" : "bad";
-  span.textContent =
-    row.outcome === "done" ? (row.edited ? "done, edited" : "done") : `${row.outcome}: ${text(row.reason)}`;
-  span.title = text(row.reason);
-  return span;
-}
-
-function verdict(row) {
-  const span = document.createElement("span");
-  span.className = row.review ?? "";
-  span.textContent = text(row.review);
-  return span;
-}
-
+/** @type {Record<string, Column["node"]>} */
 const NODES = { name: link, outcome, review: verdict };
 const anyGarment = rows.some((row) => row.garment);
-const shownColumns = IN_TABLE.filter((name) => name !== "garment" || anyGarment).map((name) => ({
-  ...named.get(name),
-  node: NODES[name],
-  width: WIDTHS[name] ?? 84,
-}));
+const shownColumns = Object.entries(IN_TABLE)
+  .filter(([name]) => name !== "garment" || anyGarment)
+  .map(([name, width]) => ({ .../** @type {Column} */ (named.get(name)), node: NODES[name], width }));
 
 let sort = { name: "reliability", descending: false };
 const table = makeTable({
@@ -144,6 +117,7 @@ const table = makeTable({
     { name: "picture", title: "shape", width: 64, sortable: false, node: picture, show: () => "" },
     ...shownColumns,
   ],
+  /** @param {Row} row @param {boolean} isOpen @param {Event} event */
   onChoose(row, isOpen, event) {
     choose(row);
     if (isOpen) {
@@ -151,34 +125,33 @@ const table = makeTable({
       openSession();
     }
   },
-  onSort(name) {
+  onSort(/** @type {string} */ name) {
     sort = { name, descending: sort.name === name ? !sort.descending : false };
     refresh();
   },
 });
 
 /** For tests and scripts that control the page. */
-const state = { revision: 0, shown: 0, rows: rows.length, chosen: null };
+const state = { revision: 0, shown: 0, rows: rows.length, chosen: /** @type {string | null} */ (null) };
 Object.assign(window, { flatclothBatch: state });
 
-const filters = { find: byId("find"), outcome: byId("outcome"), review: byId("review"), garment: byId("garment") };
+const filters = {
+  find: byId("find"),
+  outcome: byId("outcome"),
+  review: byId("review"),
+  garment: /** @type {HTMLSelectElement} */ (byId("garment")),
+};
 const histograms = makeHistograms(
   byId("histograms"),
-  HISTOGRAMS.map((name) => named.get(name)),
+  HISTOGRAMS.map((name) => /** @type {Column} */ (named.get(name))),
   rows,
   refresh,
 );
 
-function fill(select, values) {
-  for (const [value, words] of [["", "all"], ...values]) {
-    const option = document.createElement("option");
-    option.value = value;
-    option.textContent = words;
-    select.append(option);
-  }
-}
+const fill = (/** @type {HTMLElement} */ select, /** @type {string[][]} */ values) =>
+  select.append(...[["", "all"], ...values].map(([value, words]) => make("option", { value }, words)));
 
-const counted = (name) => {
+const counted = (/** @type {string} */ name) => {
   const count = new Map();
   for (const row of rows) if (row[name]) count.set(row[name], (count.get(row[name]) ?? 0) + 1);
   return [...count].map(([value, n]) => [value, `${value} (${n})`]);
@@ -192,7 +165,7 @@ fill(filters.review, [
 fill(filters.garment, counted("garment"));
 byId("garment-label").hidden = !anyGarment;
 
-function matches(row) {
+function matches(/** @type {Row} */ row) {
   const sought = filters.find.value.trim().toLowerCase();
   if (sought && !row.sought.includes(sought)) return false;
   if (filters.outcome.value && row.outcome !== filters.outcome.value) return false;
@@ -207,7 +180,7 @@ for (const row of rows)
 const collator = new Intl.Collator(undefined, { numeric: true });
 
 /** Missing values come first: a failure is least reliable. */
-function compare(a, b) {
+function compare(/** @type {Row} */ a, /** @type {Row} */ b) {
   const [x, y] = [a[sort.name] ?? null, b[sort.name] ?? null];
   let order = 0;
   if (x === null || y === null) order = Number(x !== null) - Number(y !== null);
@@ -227,8 +200,8 @@ function refresh() {
 
 // --- review ----------------------------------------------------------------------------------
 
-function choose(row, how) {
-  table.choose(row, how);
+function choose(/** @type {Row | null} */ row) {
+  table.choose(row);
   showDetails(byId("details"), row, every);
   state.chosen = row?.name ?? null;
 }
@@ -236,10 +209,11 @@ function choose(row, how) {
 function told() {
   const decided = rows.filter((row) => row.review).length;
   const all = rows.filter((row) => row.review || row.outcome === "done").length;
-  const count = (name) => rows.filter((row) => row.review === name).length;
-  byId("progress").textContent =
+  const count = (/** @type {string} */ name) => rows.filter((row) => row.review === name).length;
+  say(
     `${decided} of ${all} reviewed: ${count("accepted")} accepted, ${count("rejected")} rejected.` +
-    (served ? "" : " In a file, verdicts are not kept.");
+      (served ? "" : " In a file, verdicts are not kept."),
+  );
 }
 
 /** The next finished result without a verdict, least reliable first, in any order of the table. */
@@ -252,22 +226,12 @@ function next() {
   choose(row);
 }
 
-async function decide(review) {
+async function decide(/** @type {string | null} */ review) {
   const row = table.chosen;
   if (!row) return;
-  if (!served) {
-    showCommand(row);
-    return;
-  }
-  const answer = await fetch("verdict", {
-    method: "POST",
-    headers: { "Content-Type": "application/json" },
-    body: JSON.stringify({ name: row.name, verdict: review }),
-  });
-  if (!answer.ok) {
-    byId("progress").textContent = await answer.text();
-    return;
-  }
+  if (!served) return showCommand(row);
+  const answer = await post("verdict", { name: row.name, verdict: review });
+  if (!answer.ok) return say(await answer.text());
   row.review = review;
   told();
   refresh();
@@ -278,28 +242,26 @@ async function decide(review) {
 async function openSession() {
   const row = table.chosen;
   if (!row) return;
-  if (!served) {
-    showCommand(row);
-    return;
-  }
+  if (!served) return showCommand(row);
   const tab = window.open("", "_blank");
-  byId("progress").textContent = `Opening ${row.name} \u2026`;
-  const answer = await fetch("open", {
-    method: "POST",
-    headers: { "Content-Type": "application/json" },
-    body: JSON.stringify({ name: row.name }),
-  });
+  say(`Opening ${row.name} \u2026`);
+  const answer = await post("open", { name: row.name });
   if (answer.ok) {
     const { url } = await answer.json();
     (tab ?? window).location.href = url;
     told();
   } else {
     tab?.close();
-    byId("progress").textContent = await answer.text();
+    say(await answer.text());
   }
 }
 
-function showCommand(row) {
+const post = (/** @type {string} */ address, /** @type {object} */ message) =>
+  fetch(address, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(message) });
+
+const say = (/** @type {string} */ words) => setText(byId("progress"), words);
+
+function showCommand(/** @type {Row} */ row) {
   byId("command-text").textContent = row.command;
   byId("serve-text").textContent = data.serve;
   byId("command").showModal();
@@ -326,8 +288,7 @@ const ACTIONS = {
 for (const [id, act] of Object.values(ACTIONS)) byId(id).addEventListener("click", act);
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || byId("command").open) return;
-  /** @type {any} */
-  const at = event.target;
+  const at = /** @type {Element} */ (event.target);
   if (at.closest("input, select, textarea")) return;
   if (event.key === "Enter" && at.closest("button, a")) return;
   ACTIONS[event.key]?.[1]();

@@ -1,7 +1,11 @@
 // The table of results: only the rows in sight are in the document, so that thousands scroll fast.
 
+import { make, targetOf } from "/static/page/dom.js";
+
 const ROW_PX = 57;
 const SPARE = 6;
+/** @type {Record<string, number>} */
+const STEPS = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10, Home: -Infinity, End: Infinity };
 
 /**
  * A table of many rows, of fixed height and widths: nothing moves while it is scrolled.
@@ -9,64 +13,51 @@ const SPARE = 6;
  * `columns` are {name, title, width (px), number, show(row), node(row)}; `onChoose` is called with a row when it
  * is chosen, and with true if its link was clicked; `onSort` with the name of a column.
  *
- * @param {any} parts
+ * @param {object} parts
+ * @param {HTMLElement} parts.scroller
+ * @param {HTMLElement} parts.head
+ * @param {HTMLElement} parts.body
+ * @param {Column[]} parts.columns
+ * @param {(row: Row, isOpen: boolean, event: Event) => void} parts.onChoose
+ * @param {(name: string) => void} parts.onSort
  */
 export function makeTable({ scroller, head, body, columns, onChoose, onSort }) {
+  /** @type {Row[]} */
   let rows = [];
+  /** @type {Row | null} */
   let chosen = null;
   let drawn = "";
   const titles = new Map();
 
   for (const column of columns) {
-    const th = document.createElement("th");
-    th.scope = "col";
-    if (column.number) th.className = "number";
-    if (column.sortable === false) {
-      th.textContent = column.title;
-      th.style.padding = "7px 8px";
-    } else {
-      const button = document.createElement("button");
-      button.type = "button";
-      button.textContent = column.title;
-      button.title = column.meaning ?? column.title;
-      button.addEventListener("click", () => onSort(column.name));
-      th.append(button);
-    }
-    th.style.width = `${column.width}px`;
-    titles.set(column.name, th);
+    const { name, title, meaning, number, sortable, width } = column;
+    const content =
+      sortable === false ? title : make("button", { title: meaning ?? title, click: () => onSort(name) }, title);
+    const style = { width: `${width}px`, padding: sortable === false ? "7px 8px" : "" };
+    const th = make("th", { scope: "col", class: number ? "number" : null, style }, content);
+    titles.set(name, th);
     head.append(th);
   }
 
-  function space(px) {
-    const tr = document.createElement("tr");
-    tr.className = "space";
-    tr.setAttribute("aria-hidden", "true");
-    const td = document.createElement("td");
-    td.colSpan = columns.length;
-    td.style.height = `${px}px`;
-    tr.append(td);
-    return tr;
+  const space = (/** @type {number} */ px) =>
+    make(
+      "tr.space",
+      { "aria-hidden": "true" },
+      make("td", { colspan: columns.length, style: { height: `${px}px` } }),
+    );
+
+  function cellOf(/** @type {Column} */ column, /** @type {Row} */ row) {
+    const { node } = column;
+    const text = node ? null : column.show(row);
+    return make("td", { class: column.number ? "number" : null, title: text }, text ?? node?.(row));
   }
 
-  function rowOf(row, index) {
-    const tr = document.createElement("tr");
-    tr.className = "row";
-    tr.dataset.name = row.name;
-    tr.setAttribute("aria-rowindex", String(index + 2));
-    tr.setAttribute("aria-selected", String(row === chosen));
-    for (const column of columns) {
-      const td = document.createElement("td");
-      if (column.number) td.className = "number";
-      const made = column.node ? column.node(row) : null;
-      if (made) td.append(made);
-      else {
-        td.textContent = column.show(row);
-        td.title = td.textContent;
-      }
-      tr.append(td);
-    }
-    return tr;
-  }
+  const rowOf = (/** @type {Row} */ row, /** @type {number} */ index) =>
+    make(
+      "tr.row",
+      { data: { name: row.name }, "aria-rowindex": index + 2, "aria-selected": String(row === chosen) },
+      ...columns.map((column) => cellOf(column, row)),
+    );
 
   function draw() {
     const first = Math.max(0, Math.floor(scroller.scrollTop / ROW_PX) - SPARE);
@@ -86,10 +77,10 @@ export function makeTable({ scroller, head, body, columns, onChoose, onSort }) {
     draw();
   }
 
-  function choose(row, { scroll = true } = {}) {
+  function choose(/** @type {Row | null} */ row) {
     chosen = row;
-    const index = rows.indexOf(row);
-    if (scroll && index >= 0) {
+    const index = row ? rows.indexOf(row) : -1;
+    if (index >= 0) {
       const top = index * ROW_PX;
       if (top < scroller.scrollTop) scroller.scrollTop = top;
       else if (top + 2 * ROW_PX > scroller.scrollTop + scroller.clientHeight)
@@ -101,21 +92,21 @@ export function makeTable({ scroller, head, body, columns, onChoose, onSort }) {
   scroller.addEventListener("scroll", draw, { passive: true });
   new ResizeObserver(redraw).observe(scroller);
   body.addEventListener("click", (event) => {
-    const tr = event.target.closest("tr.row");
+    const tr = /** @type {HTMLElement | null} */ (targetOf(event).closest("tr.row"));
     const row = tr && rows.find((r) => r.name === tr.dataset.name);
-    if (row) onChoose(row, event.target.closest("a") !== null, event);
+    if (row) onChoose(row, targetOf(event).closest("a") !== null, event);
   });
   scroller.addEventListener("keydown", (event) => {
-    const step = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10, Home: -Infinity, End: Infinity }[event.key];
+    const step = STEPS[event.key];
     if (step === undefined || event.ctrlKey || event.metaKey || event.altKey || !rows.length) return;
     event.preventDefault();
-    const at = rows.indexOf(chosen);
+    const at = chosen ? rows.indexOf(chosen) : -1;
     const next = at < 0 ? 0 : Math.min(rows.length - 1, Math.max(0, at + step));
     onChoose(rows[next], false, event);
   });
 
   return {
-    show(newRows, sort) {
+    show(/** @type {Row[]} */ newRows, /** @type {Sort} */ sort) {
       rows = newRows;
       scroller.parentElement.querySelector("table").setAttribute("aria-rowcount", String(rows.length + 1));
       for (const [name, th] of titles) {

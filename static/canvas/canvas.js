@@ -1,8 +1,8 @@
 // The flattened view: what is drawn where; pan, zoom, turn, pick and drag of the proposal.
 
 import { drawMark, drawPick, drawScale } from "/static/canvas/marks.js";
-import { byId } from "/static/page/dom.js";
-import { contains, cornersOf, grown, Transform, union } from "/static/canvas/geometry.js";
+import { byId, contextOf } from "/static/page/dom.js";
+import { addTo, contains, cornersOf, grown, Transform, union } from "/static/canvas/geometry.js";
 import { Picture } from "/static/canvas/picture.js";
 import { Pyramid } from "/static/canvas/pyramid.js";
 
@@ -18,30 +18,42 @@ const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false 
 /** @type {{ paintShape: (canvas: any) => void }} */
 const ONE_LAYER = { paintShape: (canvas) => canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image) };
 
+/**
+ * @typedef {object} CanvasHandlers
+ * @property {(u: number, v: number) => void} pick a click on the cloth
+ * @property {(u: number | null, v: number) => void} hover the pointer is at a place, or (null) has left the canvas
+ * @property {(by: By) => void} nudge the proposal was dragged
+ * @property {() => boolean} mayDrag
+ * @property {(by: By) => void} [moving] the proposal is being moved
+ * @property {() => void} [placed] the proposal is drawn where the server has put it
+ */
+
 export class FlatCanvas {
-  /** `handlers`: pick(u, v), hover(u, v) or hover(null), nudge({theta, u, v}), mayDrag(),
-   * moving({theta, u, v}) while the proposal is moved, placed() when it is drawn anew.
-   *
+  /**
    * `scenery` paints shape and proposal, and tells where the proposal can be taken hold of. `tools`
    * are offered each press of the pointer first; one that takes it gets what follows: `press(at)`
    * returns whether it does, then `drag(at)` and `release(at)`. `drawers` draw over the pictures.
    */
-  constructor(handlers) {
+  constructor(/** @type {CanvasHandlers} */ handlers) {
     this.handlers = handlers;
     this.canvas = byId("canvas");
-    this.context = this.canvas.getContext("2d");
+    this.context = contextOf(this.canvas);
+    this.width = this.height = 0; // of the pane, CSS pixels
     this.transform = new Transform();
     this.layer = new Picture(() => this.layerReady());
     this.overlay = new Picture((anew) => this.overlayReady(anew));
     this.fitted = true; // until the operator pans or zooms
     this.boxes = new Map(); // of live mode: where each view lay when it was shown last
     this.extent = null; // what all of them need together
+    /** @type {{ id: number; uv_m: UV }[]} */
     this.marks = [];
     this.pick = null;
     this.scenery = SHAPE_ALONE;
     /** @type {any} how the shape's layers are looked at; a page without a list of layers has one */
     this.layers = ONE_LAYER;
+    /** @type {Tool[]} */
     this.tools = [];
+    /** @type {Drawer[]} */
     this.drawers = [];
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
     this.center = [0, 0];
@@ -57,7 +69,7 @@ export class FlatCanvas {
   }
 
   /** Take what a state says about the pictures, and show the named layer; `look` is how, for an address. */
-  update(state, layerName, look = "") {
+  update(/** @type {State} */ state, /** @type {string} */ layerName, look = "") {
     const layers = state.layers;
     if (!layers) {
       this.layer.clear();
@@ -65,7 +77,7 @@ export class FlatCanvas {
     } else {
       this.layer.show(`/layers/${layers.revision}/${layerName}.png?${look}`, layers.revision, layers, false);
       const overlay = state.pending ? layers.overlay : null;
-      if (overlay && overlay.view_index === state.pending.view_index) {
+      if (overlay && overlay.view_index === state.pending?.view_index) {
         this.center = overlay.center_uv_m;
         // In the colours of the shape, which span another range when the shape changes.
         const address = `/overlay/${overlay.revision}.png?layer=${layerName}&shape=${layers.revision}&${look}`;
@@ -74,12 +86,15 @@ export class FlatCanvas {
         this.overlay.clear();
       }
     }
-    this.marks = state.picks.filter((p) => p.uv_m);
+    this.showMarks(state.picks);
     this.pick = state.pick?.in_shape ? state.pick : null;
     this.redraw();
   }
 
-  /** Live mode: show a frame (or none) where it lies on its plane. The zoom holds all frames, and stays still. */
+  /**
+   * Live mode: show a frame (or none) where it lies on its plane. The zoom holds all frames, and stays still.
+   * @param {Shown | null} shown @param {number} view @param {UV | null} pickUv
+   */
   showFrame(shown, view, pickUv) {
     this.layer.shown = shown;
     this.pick = pickUv ? { uv_m: pickUv } : null;
@@ -92,8 +107,8 @@ export class FlatCanvas {
   }
 
   /** Live mode: the picks that lie on the frame; none while frames pass by faster than they are told. */
-  showMarks(picks) {
-    this.marks = picks.filter((p) => p.uv_m);
+  showMarks(/** @type {ListedPick[]} */ picks) {
+    this.marks = picks.flatMap(({ id, uv_m }) => (uv_m ? [{ id, uv_m }] : []));
     this.redraw();
   }
 
@@ -107,10 +122,10 @@ export class FlatCanvas {
     this.redraw();
   }
 
-  overlayReady(anew) {
+  overlayReady(/** @type {boolean} */ anew) {
     if (anew) {
       this.resetPreview();
-      this.handlers.placed();
+      this.handlers.placed?.();
     }
     if (this.fitted) this.fit();
     this.redraw();
@@ -141,14 +156,14 @@ export class FlatCanvas {
     this.redraw();
   }
 
-  zoomBy(factor) {
+  zoomBy(/** @type {number} */ factor) {
     this.fitted = false;
     this.transform.zoom(factor, this.width / 2, this.height / 2);
     this.redraw();
   }
 
   /** Bring a place of the plane to the middle. */
-  centerOn(u, v) {
+  centerOn(/** @type {number} */ u, /** @type {number} */ v) {
     this.fitted = false;
     const { x, y } = this.transform.toPane(u, v);
     this.transform.pan(this.width / 2 - x, this.height / 2 - y);
@@ -156,34 +171,35 @@ export class FlatCanvas {
   }
 
   /** Turn and flip what is seen; the data stay as they are. */
-  turnTo(angle, flipped) {
+  turnTo(/** @type {number} */ angle, /** @type {boolean} */ flipped) {
     this.transform.turn(angle, flipped, this.width / 2, this.height / 2);
     if (this.fitted) this.fit();
     this.redraw();
   }
 
   /** Place of the plane in the page's CSS pixels. */
-  toScreen(u, v) {
+  toScreen(/** @type {number} */ u, /** @type {number} */ v) {
     const at = this.canvas.getBoundingClientRect();
     const { x, y } = this.transform.toPane(u, v);
     return { x: at.left + x, y: at.top + y };
   }
 
-  toPlane(x, y) {
+  toPlane(/** @type {number} */ x, /** @type {number} */ y) {
     const at = this.canvas.getBoundingClientRect();
     return this.transform.toPlane(x - at.left, y - at.top);
   }
 
   /** Move the proposal's preview; the server is told by the caller. */
-  movePreview(by) {
-    this.preview.theta += by.theta;
-    this.preview.u += by.u;
-    this.preview.v += by.v;
-    this.handlers.moving(this.preview);
+  movePreview(/** @type {By} */ by) {
+    addTo(this.preview, by);
+    this.handlers.moving?.(this.preview);
     this.redraw();
   }
 
-  /** A turn (clockwise) and a step (metres right and down) as they are seen, as a motion on the plane. */
+  /**
+   * A turn (clockwise) and a step (metres right and down) as they are seen, as a motion on the plane.
+   * @param {number} turn @param {number} right @param {number} down
+   */
   asSeen(turn, right, down) {
     const { scale, flipped } = this.transform;
     return { theta: flipped ? -turn : turn, ...this.transform.toPlaneVector(scale * right, scale * down) };
@@ -223,10 +239,13 @@ export class FlatCanvas {
     this.context.globalAlpha = opacity;
     this.drawPicture(proposal, proposal.image, true);
     this.context.globalAlpha = 1;
-    if (outlined) this.drawPicture(proposal, proposal.outline, true);
+    if (outlined && proposal.outline) this.drawPicture(proposal, proposal.outline, true);
   }
 
-  /** Draw a picture where it lies on the plane; `moved`: with the proposal, when that is being moved. */
+  /**
+   * Draw a picture where it lies on the plane; `moved`: with the proposal, when that is being moved.
+   * @param {{ box: Box; grid: Grid }} parts @param {Drawable | Pyramid} image
+   */
   drawPicture({ box, grid }, image, moved = false) {
     const context = this.context;
     context.save();
@@ -262,7 +281,7 @@ export class FlatCanvas {
     canvas.addEventListener("pointermove", (event) => this.move(event));
     canvas.addEventListener("pointerup", (event) => this.release(event));
     canvas.addEventListener("pointercancel", () => (this.gesture = null));
-    canvas.addEventListener("pointerleave", () => this.handlers.hover(null));
+    canvas.addEventListener("pointerleave", () => this.handlers.hover(null, 0));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener(
       "wheel",
@@ -278,12 +297,12 @@ export class FlatCanvas {
     );
   }
 
-  inPane(event) {
+  inPane(/** @type {MouseEvent} */ event) {
     const at = this.canvas.getBoundingClientRect();
     return { x: event.clientX - at.left, y: event.clientY - at.top };
   }
 
-  overProposal(x, y) {
+  overProposal(/** @type {number} */ x, /** @type {number} */ y) {
     const { u, v } = this.transform.toPlane(x, y);
     return (
       this.scenery.holds(x, y) &&
@@ -292,7 +311,7 @@ export class FlatCanvas {
     );
   }
 
-  press(event) {
+  press(/** @type {PointerEvent} */ event) {
     if (event.button > 2) return;
     const { x, y } = this.inPane(event);
     // The pointer of the keys has nothing to capture.
@@ -318,7 +337,7 @@ export class FlatCanvas {
     };
   }
 
-  move(event) {
+  move(/** @type {PointerEvent} */ event) {
     const { x, y } = this.inPane(event);
     const gesture = this.gesture;
     if (gesture?.tool) return gesture.tool.drag(this.at(x, y, event));
@@ -344,7 +363,7 @@ export class FlatCanvas {
           : { theta: this.angleAt(x, y) - this.angleAt(gesture.lastX, gesture.lastY), u: 0, v: 0 };
       if (by.theta > Math.PI) by.theta -= 2 * Math.PI;
       if (by.theta < -Math.PI) by.theta += 2 * Math.PI;
-      for (const name of ["theta", "u", "v"]) gesture.by[name] += by[name];
+      addTo(gesture.by, by);
       this.movePreview(by);
     }
     gesture.lastX = x;
@@ -352,17 +371,17 @@ export class FlatCanvas {
   }
 
   /** The direction from the proposal's centre, on the plane. */
-  angleAt(x, y) {
+  angleAt(/** @type {number} */ x, /** @type {number} */ y) {
     const { u, v } = this.transform.toPlane(x, y);
     return Math.atan2(v - this.center[1] - this.preview.v, u - this.center[0] - this.preview.u);
   }
 
-  /** A place of the pane, as tools get it. */
+  /** A place of the pane, as tools get it. @param {number} x @param {number} y @param {PointerEvent} event */
   at(x, y, event) {
     return { x, y, ...this.transform.toPlane(x, y), shift: event.shiftKey };
   }
 
-  release(event) {
+  release(/** @type {PointerEvent} */ event) {
     const gesture = this.gesture;
     this.gesture = null;
     if (!gesture) return;

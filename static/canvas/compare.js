@@ -1,6 +1,6 @@
 // A, the shape, and B, the proposal on it: both, each alone, wiped, blinking, or their difference.
 
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { byId, make, rebuild, setText, swatch } from "/static/page/dom.js";
 import { degrees, hex, number, vector } from "/static/page/format.js";
 import { Picture } from "/static/canvas/picture.js";
 
@@ -9,6 +9,7 @@ const WIPE_STEP = 0.02;
 const PALE = 0.25;
 
 /** The actions, in the order of their buttons, and the mode that each means. */
+/** @type {Record<string, string>} */
 const MODES = {
   overlay: "both",
   compare_shape: "shape",
@@ -17,6 +18,7 @@ const MODES = {
   blink: "blink",
   compare_difference: "difference",
 };
+/** @type {Record<string, string>} */
 const LABELS = {
   overlay: "Both",
   compare_shape: "A",
@@ -31,10 +33,11 @@ const KINDS = { color: "Color", height: "Height", position: "3D" };
 export class Comparison {
   name = "comparison";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     const { canvas } = page;
     this.page = page;
     this.canvas = canvas;
+    /** @type {NonNullable<Panel["actions"]>} */
     this.actions = Object.fromEntries(Object.keys(MODES).map((name) => [name, () => this.choose(name)]));
     this.mode = "both";
     this.kind = "color";
@@ -44,22 +47,23 @@ export class Comparison {
     this.legends = null;
     this.heat = new Picture(() => canvas.redraw());
     this.handle = make(
-      "div",
+      "div.wipe",
       {
-        class: "wipe",
         role: "separator",
         tabindex: 0,
         hidden: true,
         "aria-orientation": "vertical",
-        "aria-label": "Wipe: the shape on the left, the proposal on the right",
+        label: "Wipe: the shape on the left, the proposal on the right",
         "aria-valuemin": 0,
         "aria-valuemax": 100,
-        on: { pointerdown: (e) => this.grab(e), pointermove: (e) => this.drag(e), keydown: (e) => this.key(e) },
+        pointerdown: (e) => this.grab(e),
+        pointermove: (e) => this.drag(e),
+        keydown: (e) => this.key(e),
       },
-      make("span", {}, "A"),
-      make("span", {}, "B"),
+      make("span", "A"),
+      make("span", "B"),
     );
-    this.chip = make("p", { class: "compare-chip", hidden: true, role: "status" });
+    this.chip = make("p.compare-chip", { hidden: true, role: "status" });
     byId("stage").append(this.handle, this.chip);
     canvas.scenery = this;
   }
@@ -69,13 +73,13 @@ export class Comparison {
   }
 
   /** Choose a mode by its action; the same again goes back to both, or on to the next difference. */
-  choose(action) {
+  choose(/** @type {string} */ action) {
     const mode = MODES[action];
     if (mode === "difference" && this.mode === mode) return this.setKind(next(Object.keys(KINDS), this.kind));
     this.setMode(mode !== this.mode ? mode : mode === "both" ? "shape" : "both");
   }
 
-  setMode(mode) {
+  setMode(/** @type {string} */ mode) {
     this.mode = mode;
     clearInterval(this.timer);
     this.showsProposal = true;
@@ -88,7 +92,7 @@ export class Comparison {
     this.page.changed();
   }
 
-  setOpacity(value) {
+  setOpacity(/** @type {number} */ value) {
     this.opacity = value;
     this.canvas.redraw();
   }
@@ -97,17 +101,17 @@ export class Comparison {
     return Object.fromEntries(Object.entries(MODES).map(([name, mode]) => [name, mode === this.mode]));
   }
 
-  setKind(kind) {
+  setKind(/** @type {string} */ kind) {
     this.kind = kind;
     this.page.changed();
   }
 
   /** Take a state, and how layers are looked at; the difference is fetched while it is looked at. */
-  show(state, look) {
+  show(/** @type {State} */ state, /** @type {string} */ look) {
     const overlay = state.pending ? state.layers?.overlay : null;
     this.legends = overlay?.differences ?? null;
     if (overlay && this.mode === "difference") {
-      const address = `/difference/${state.layers.revision}-${overlay.revision}/${this.kind}.png?${look}`;
+      const address = `/difference/${state.layers?.revision}-${overlay.revision}/${this.kind}.png?${look}`;
       this.heat.show(address, overlay.revision, overlay, false);
     } else {
       this.heat.clear();
@@ -121,13 +125,13 @@ export class Comparison {
     this.canvas.redraw();
   }
 
-  hovered(answer) {
+  hovered(/** @type {HoverAnswer | null} */ answer) {
     showBoth(answer);
   }
 
   /** Which difference is on the canvas. */
   get shownKind() {
-    return this.heat.shown && this.heat.shown.address.includes(`/${this.kind}.png`) ? this.kind : null;
+    return this.heat.shown?.address?.includes(`/${this.kind}.png`) ? this.kind : null;
   }
 
   /** The name under which its difference is looked at. */
@@ -142,7 +146,7 @@ export class Comparison {
 
   // --- painting --------------------------------------------------------------------------------
 
-  paint(canvas) {
+  paint(/** @type {FlatCanvas} */ canvas) {
     if (!this.proposal) return canvas.drawShape();
     const at = this.share * canvas.width;
     switch (this.mode) {
@@ -161,8 +165,8 @@ export class Comparison {
     }
   }
 
-  paintDifference(canvas) {
-    const context = canvas.context;
+  paintDifference(/** @type {FlatCanvas} */ canvas) {
+    const { context } = canvas;
     if (canvas.isMoved || !this.heat.shown) {
       // While it is being moved: what the colors on the screen differ by.
       canvas.drawShape();
@@ -175,9 +179,11 @@ export class Comparison {
     canvas.drawShape();
     context.globalAlpha = 1;
     canvas.drawPicture(this.heat.shown, this.heat.shown.image);
-    if (this.proposal.outline) canvas.drawPicture(this.proposal, this.proposal.outline);
+    const { proposal } = this;
+    if (proposal?.outline) canvas.drawPicture(proposal, proposal.outline);
   }
 
+  /** @param {number} left @param {number} width @param {() => void} paint */
   within(left, width, paint) {
     const { context, height } = this.canvas;
     context.save();
@@ -189,7 +195,7 @@ export class Comparison {
   }
 
   /** Whether the proposal is seen, and so can be taken hold of, at a place of the pane. */
-  holds(x) {
+  holds(/** @type {number} */ x) {
     if (this.mode === "shape") return false;
     return this.mode !== "wipe" || x > this.share * this.canvas.width;
   }
@@ -201,25 +207,25 @@ export class Comparison {
     this.handle.setAttribute("aria-valuenow", String(Math.round(100 * this.share)));
   }
 
-  setShare(share) {
+  setShare(/** @type {number} */ share) {
     this.share = Math.min(1, Math.max(0, share));
     this.placeHandle();
     this.canvas.redraw();
   }
 
-  grab(event) {
+  grab(/** @type {PointerEvent} */ event) {
     this.handle.setPointerCapture(event.pointerId);
     event.preventDefault();
     this.handle.focus();
   }
 
-  drag(event) {
+  drag(/** @type {PointerEvent} */ event) {
     if (!this.handle.hasPointerCapture(event.pointerId)) return;
     const stage = byId("stage").getBoundingClientRect();
     this.setShare((event.clientX - stage.left) / stage.width);
   }
 
-  key(event) {
+  key(/** @type {KeyboardEvent} */ event) {
     const step = { ArrowLeft: -WIPE_STEP, ArrowRight: WIPE_STEP }[event.key];
     if (!step) return;
     event.preventDefault();
@@ -230,28 +236,18 @@ export class Comparison {
   // --- buttons ---------------------------------------------------------------------------------
 
   /** The buttons of all modes; `button(name, title)` makes one of an action. */
-  buttons(button) {
-    return make(
-      "div",
-      { class: "modes segmented-grid" },
-      ...Object.keys(MODES).map((name) => button(name, LABELS[name])),
-    );
+  buttons(/** @type {(name: string, title: string) => HTMLElement} */ button) {
+    return make("div.modes.segmented-grid", ...Object.keys(MODES).map((name) => button(name, LABELS[name])));
   }
 
   /** The choice of the difference, where it is looked at. */
-  showKinds(container) {
+  showKinds(/** @type {HTMLElement} */ container) {
     container.hidden = this.mode !== "difference";
     rebuild(container, [this.kind], () =>
       Object.entries(KINDS).map(([kind, title]) =>
         make(
-          "button",
-          {
-            type: "button",
-            class: "button",
-            "aria-pressed": String(kind === this.kind),
-            data: { id: `difference-${kind}` },
-            on: { click: () => this.setKind(kind) },
-          },
+          "button.button",
+          { pressed: kind === this.kind, key: `difference-${kind}`, click: () => this.setKind(kind) },
           title,
         ),
       ),
@@ -259,6 +255,7 @@ export class Comparison {
   }
 }
 
+/** @param {string[]} list @param {string} item */
 const next = (list, item) => list[(list.indexOf(item) + 1) % list.length];
 
 // --- both values under the pointer ---------------------------------------------------------------
@@ -271,18 +268,21 @@ const COLUMNS = [
 ];
 
 /** Show the values of both under the pointer; `answer` without both hides them. */
-function showBoth(answer) {
+function showBoth(/** @type {HoverAnswer | null} */ answer) {
   const { shape: a, proposal: b } = answer ?? {};
   const box = byId("readout-both");
-  const both = Boolean(a && b);
-  box.classList.toggle("away", !both);
-  byId("readout").classList.toggle("away", both);
-  if (!both) return;
-  const change = (of) => (a[of] === null || b[of] === null ? null : b[of] - a[of]);
+  box.classList.toggle("away", !(a && b));
+  byId("readout").classList.toggle("away", Boolean(a && b));
+  if (!a || !b) return;
+  /** @param {"height_mm" | "z_angle_now_deg"} of */
+  const change = (of) => {
+    const [from, to] = [a[of], b[of]];
+    return from === null || to === null ? null : to - from;
+  };
   const turn = change("z_angle_now_deg");
   const rows = [
-    ["A", swatch(a), number(a.height_mm), degrees(a.z_angle_now_deg), vector(a.xyz_mm)],
-    ["B", swatch(b), number(b.height_mm), degrees(b.z_angle_now_deg), vector(b.xyz_mm)],
+    ["A", coloured(a), number(a.height_mm), degrees(a.z_angle_now_deg), vector(a.xyz_mm)],
+    ["B", coloured(b), number(b.height_mm), degrees(b.z_angle_now_deg), vector(b.xyz_mm)],
     [
       "B − A",
       number(colorApart(a, b)),
@@ -291,32 +291,20 @@ function showBoth(answer) {
       `${number(Math.hypot(...a.xyz_mm.map((x, i) => b.xyz_mm[i] - x)))} mm apart`,
     ],
   ];
-  rebuild(box, rows.map((r) => r.map(String)).concat([[a.rgb, b.rgb]]), () => [
-    make(
-      "thead",
-      {},
-      make(
-        "tr",
-        {},
-        make("td"),
-        ...COLUMNS.map(([title, tip]) => make("th", { scope: "col", data: { tip } }, title)),
-      ),
-    ),
+  rebuild(box, [rows.map((r) => r.map(String)), a.rgb, b.rgb], () => [
+    make("thead", make("tr", make("td"), ...COLUMNS.map(([title, tip]) => make("th", { scope: "col", tip }, title)))),
     make(
       "tbody",
-      {},
       ...rows.map(([name, ...cells]) =>
-        make("tr", {}, make("th", { scope: "row" }, name), ...cells.map((c) => make("td", {}, c))),
+        make("tr", make("th", { scope: "row" }, name), ...cells.map((c) => make("td", c))),
       ),
     ),
   ]);
 }
 
-/** Mean absolute difference of red, green and blue. */
+/** Mean absolute difference of red, green and blue. @param {PixelValues} a @param {PixelValues} b */
 const colorApart = (a, b) => a.rgb.reduce((sum, x, i) => sum + Math.abs(b.rgb[i] - x), 0) / 3;
 
-function swatch({ rgb }) {
-  const square = make("i", { class: "swatch" });
-  square.style.background = hex(rgb);
-  return make("span", { class: "swatched" }, square, rgb.join(" "));
+function coloured(/** @type {{ rgb: RGB }} */ { rgb }) {
+  return make("span.swatched", swatch(hex(rgb)), rgb.join(" "));
 }

@@ -15,39 +15,39 @@ export class Transform {
     return { ux: side * cos, uy: side * sin, vx: -sin, vy: cos };
   }
 
-  toPane(u, v) {
+  toPane(/** @type {number} */ u, /** @type {number} */ v) {
     const at = this.toPaneVector(u, v);
     return { x: this.x + at.x, y: this.y + at.y };
   }
 
-  toPlane(x, y) {
+  toPlane(/** @type {number} */ x, /** @type {number} */ y) {
     return this.toPlaneVector(x - this.x, y - this.y);
   }
 
   /** A step on the plane as a step in the pane. */
-  toPaneVector(u, v) {
+  toPaneVector(/** @type {number} */ u, /** @type {number} */ v) {
     const { ux, uy, vx, vy } = this.axes;
     return { x: ux * u + vx * v, y: uy * u + vy * v };
   }
 
-  toPlaneVector(x, y) {
+  toPlaneVector(/** @type {number} */ x, /** @type {number} */ y) {
     const { ux, uy, vx, vy } = this.axes;
     const square = this.scale * this.scale;
     return { u: (ux * x + uy * y) / square, v: (vx * x + vy * y) / square };
   }
 
   /** Draw in metres of the plane from now on. */
-  apply(context) {
+  apply(/** @type {Context | OffscreenCanvasRenderingContext2D} */ context) {
     const { ux, uy, vx, vy } = this.axes;
     context.transform(ux, uy, vx, vy, this.x, this.y);
   }
 
-  pan(dx, dy) {
+  pan(/** @type {number} */ dx, /** @type {number} */ dy) {
     this.x += dx;
     this.y += dy;
   }
 
-  /** Zoom and keep what is under (x, y) there. */
+  /** Zoom and keep what is under (x, y) there. @param {number} factor @param {number} x @param {number} y */
   zoom(factor, x, y) {
     const scale = Math.min(200000, Math.max(50, this.scale * factor));
     this.x = x - ((x - this.x) * scale) / this.scale;
@@ -55,7 +55,10 @@ export class Transform {
     this.scale = scale;
   }
 
-  /** Turn and flip to these, and keep what is under (x, y) there. */
+  /**
+   * Turn and flip to these, and keep what is under (x, y) there.
+   * @param {number} angle @param {boolean} flipped @param {number} x @param {number} y
+   */
   turn(angle, flipped, x, y) {
     const { u, v } = this.toPlane(x, y);
     this.angle = angle;
@@ -64,7 +67,10 @@ export class Transform {
     this.pan(x - moved.x, y - moved.y);
   }
 
-  /** Fit a box of the plane into the pane, with a margin (CSS pixels). */
+  /**
+   * Fit a box of the plane into the pane, with a margin (CSS pixels).
+   * @param {Box} box @param {number} width @param {number} height @param {number} margin
+   */
   fit(box, width, height, margin) {
     const [across, down] = [box.right - box.left, box.bottom - box.top];
     const [cos, sin] = [Math.abs(Math.cos(this.angle)), Math.abs(Math.sin(this.angle))];
@@ -77,48 +83,71 @@ export class Transform {
   }
 }
 
+/** Add a motion of the proposal to another. */
+export function addTo(/** @type {By} */ sum, /** @type {By} */ by) {
+  sum.theta += by.theta;
+  sum.u += by.u;
+  sum.v += by.v;
+}
+
 /** The box of the plane that a raster covers; pixel centres have integer coordinates. */
-export function boxOf(grid) {
+export function boxOf(/** @type {Grid} */ grid) {
   const [u, v] = grid.origin_uv_m;
   const d = grid.pixel_size_m;
   return { left: u - d / 2, top: v - d / 2, right: u + (grid.cols - 0.5) * d, bottom: v + (grid.rows - 0.5) * d };
 }
 
+/**
+ * The index of the pixel of a raster at a place of the plane; -1 outside of it.
+ * @param {Grid} grid @param {number} u @param {number} v
+ */
+export function pixelAt(grid, u, v) {
+  const col = Math.round((u - grid.origin_uv_m[0]) / grid.pixel_size_m);
+  const row = Math.round((v - grid.origin_uv_m[1]) / grid.pixel_size_m);
+  return col < 0 || row < 0 || col >= grid.cols || row >= grid.rows ? -1 : row * grid.cols + col;
+}
+
 /** The corners of a box, in turn. */
-export const cornersOf = ({ left, top, right, bottom }) => [
+export const cornersOf = (/** @type {Box} */ { left, top, right, bottom }) => [
   [left, top],
   [right, top],
   [right, bottom],
   [left, bottom],
 ];
 
-/** A point of the plane moved by a rigid motion: turn (radians), then u and v (metres). */
-export function applied([theta, du, dv], u, v) {
+/** A point of the plane moved by a rigid motion: turn (radians), then u and v (metres). @returns {UV} */
+export function applied(/** @type {Motion} */ [theta, du, dv], /** @type {number} */ u, /** @type {number} */ v) {
   const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
   return [cos * u - sin * v + du, sin * u + cos * v + dv];
 }
 
-/** A point moved back by a rigid motion. */
-export function unapplied([theta, du, dv], u, v) {
+/** A point moved back by a rigid motion. @returns {UV} */
+export function unapplied(/** @type {Motion} */ [theta, du, dv], /** @type {number} */ u, /** @type {number} */ v) {
   const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
   return [cos * (u - du) + sin * (v - dv), -sin * (u - du) + cos * (v - dv)];
 }
 
+/** @param {Box} a @param {Box} b */
 export const contains = (a, b) => a.left <= b.left && a.top <= b.top && a.right >= b.right && a.bottom >= b.bottom;
 
-export const grown = (box, by) => ({
+export const grown = (/** @type {Box} */ box, /** @type {number} */ by) => ({
   left: box.left - by,
   top: box.top - by,
   right: box.right + by,
   bottom: box.bottom + by,
 });
 
+/**
+ * The box around two; of one and none it is that one.
+ *
+ * @template {Box | null | undefined} B
+ * @param {B} a @param {B} b
+ * @returns {B}
+ */
 export function union(a, b) {
   if (!a || !b) return a ?? b;
-  return {
-    left: Math.min(a.left, b.left),
-    top: Math.min(a.top, b.top),
-    right: Math.max(a.right, b.right),
-    bottom: Math.max(a.bottom, b.bottom),
-  };
+  const left = Math.min(a.left, b.left);
+  const top = Math.min(a.top, b.top);
+  const [right, bottom] = [Math.max(a.right, b.right), Math.max(a.bottom, b.bottom)];
+  return /** @type {B} */ ({ left, top, right, bottom });
 }

@@ -5,6 +5,7 @@ import { byId, make } from "/static/page/dom.js";
 
 const STEP_PX = 4;
 const FAST = 10;
+/** @type {Record<string, UV>} */
 const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /** Its actions reach the canvas as pointer events. It needs no button, because a button would need a pointer. */
@@ -14,7 +15,7 @@ export class KeyPointer {
     this.held = false;
     this.place = null; // {x, y} in the pane
     this.canvas = byId("canvas");
-    this.mark = make("div", { class: "key-pointer", hidden: true });
+    this.mark = make("div.key-pointer", { hidden: true });
     byId("stage").append(this.mark);
     // Before the table of keys: while it is there, these keys are the pointer's.
     document.addEventListener("keydown", (event) => this.key(event), { capture: true });
@@ -35,7 +36,7 @@ export class KeyPointer {
     this.show();
   }
 
-  key(event) {
+  key(/** @type {KeyboardEvent} */ event) {
     if (!this.on || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
     if (event.target !== this.canvas && event.target !== document.body) return;
     const once = {
@@ -43,14 +44,17 @@ export class KeyPointer {
       " ": () => this.press(!this.held, event.shiftKey),
       Escape: () => this.toggle(),
     }[event.key];
-    if (event.key in WAYS) this.move(...WAYS[event.key].map((way) => way * STEP_PX * (event.shiftKey ? FAST : 1)));
+    const step = STEP_PX * (event.shiftKey ? FAST : 1);
+    const way = WAYS[event.key];
+    if (way) this.move(step * way[0], step * way[1]);
     else if (!once) return;
     else if (!event.repeat) once();
     event.preventDefault();
     event.stopImmediatePropagation();
   }
 
-  move(dx, dy) {
+  move(/** @type {number} */ dx, /** @type {number} */ dy) {
+    /** @param {number} value @param {number} size */
     const within = (value, size) => Math.min(Math.max(value, 0), size - 1);
     this.place = {
       x: within(this.place.x + dx, this.canvas.clientWidth),
@@ -60,19 +64,19 @@ export class KeyPointer {
     this.show();
   }
 
-  click(shift) {
+  click(/** @type {boolean} */ shift) {
     if (this.held) return this.press(false, shift);
     this.send("pointerdown", shift);
     this.send("pointerup", shift);
   }
 
-  press(down, shift = false) {
+  press(/** @type {boolean} */ down, shift = false) {
     this.held = down;
     this.send(down ? "pointerdown" : "pointerup", shift);
     this.show();
   }
 
-  send(type, shiftKey = false) {
+  send(/** @type {string} */ type, shiftKey = false) {
     const at = this.canvas.getBoundingClientRect();
     const [clientX, clientY] = [at.left + this.place.x, at.top + this.place.y];
     const buttons = type === "pointerdown" || this.held ? 1 : 0;

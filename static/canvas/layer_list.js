@@ -5,6 +5,7 @@ import { make } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 import { Picture } from "/static/canvas/picture.js";
 
+/** @type {Record<string, string>} */
 export const LAYER_TITLES = {
   color: "Color",
   height: "Height z",
@@ -26,7 +27,7 @@ const BLENDINGS = {
 
 export class LayerList {
   /** `looking` keeps how each layer is looked at. */
-  constructor(page, looking) {
+  constructor(/** @type {Page} */ page, /** @type {Looking} */ looking) {
     this.page = page;
     this.looking = looking;
     this.pictures = new Map(); // of the layers that lie over the chosen one
@@ -38,7 +39,7 @@ export class LayerList {
     return Object.keys(LAYER_TITLES).filter((name) => name !== this.page.layer && this.looking.of(name).shown);
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     this.tellScene(state);
     const above = state.layers && !state.live ? this.above : [];
     for (const [name, picture] of this.pictures) {
@@ -48,17 +49,19 @@ export class LayerList {
     }
     for (const name of above) {
       if (!this.pictures.has(name)) this.pictures.set(name, new Picture(() => this.page.canvas.redraw()));
-      const { revision } = state.layers;
+      const { revision } = /** @type {NonNullable<State["layers"]>} */ (state.layers);
       const address = `/layers/${revision}/${name}.png?${this.looking.query(name)}`;
       this.pictures.get(name).show(address, revision, state.layers, false);
     }
   }
 
   /** The 3D scene is one for all tabs, so each tells only what its operator has changed. */
-  tellScene(state) {
+  tellScene(/** @type {State} */ state) {
     if (state.mode !== "session") return;
     const { map, low, high } = this.looking.of(this.page.layer);
-    const message = { type: "look", layer: this.page.layer, map: map || null, low, high };
+    const layer = /** @type {import("/static/page/messages").Look["layer"]} */ (this.page.layer);
+    /** @type {import("/static/page/messages").Look} */
+    const message = { type: "look", layer, map: map || null, low, high };
     const text = JSON.stringify(message);
     if (this.told === text) return;
     const first = this.told === "";
@@ -66,7 +69,7 @@ export class LayerList {
     if (!first || this.page.layer !== "color") this.page.send(message);
   }
 
-  paint(canvas) {
+  paint(/** @type {FlatCanvas} */ canvas) {
     const { context } = canvas;
     const pale = context.globalAlpha;
     for (const name of this.above) {
@@ -84,95 +87,91 @@ export class LayerList {
   // --- the list --------------------------------------------------------------------------------
 
   /** The rows; `legends` by layer. In live mode each frame has one layer, the chosen one, in its own colours. */
-  build(legends, live = false) {
+  build(/** @type {Record<string, Legend> | null | undefined} */ legends, live = false) {
     const rows = Object.keys(LAYER_TITLES).map((name) => this.row(name, legends?.[name], live));
-    return make("ul", { class: "layer-list", "aria-label": "Layers" }, ...rows);
+    return make("ul.layer-list", { label: "Layers" }, ...rows);
   }
 
+  /** @param {string} name @param {Legend | undefined} legend @param {boolean} live */
   row(name, legend, live) {
     const chosen = name === this.page.layer;
     const { shown, opacity, blending } = this.looking.of(name);
     const title = LAYER_TITLES[name];
     const visible = chosen || (shown && !live);
-    const set = (change) => this.looking.set(name, change);
+    const set = (/** @type {Partial<LayerLook>} */ change) => this.looking.set(name, change);
     return make(
       "li",
       { class: chosen ? "chosen" : "" },
       make("input", {
         type: "checkbox",
-        "aria-label": `${title}: show it over the others`,
+        label: `${title}: show it over the others`,
         checked: visible,
         disabled: chosen || live,
-        data: {
-          id: `layer-shown-${name}`,
-          tip: chosen
-            ? "The chosen layer is always shown"
-            : live
-              ? "A frame of live mode has one layer; choose it by its name"
-              : "Show it over the others",
-        },
-        on: { change: (event) => set({ shown: event.target.checked }) },
+        key: `layer-shown-${name}`,
+        tip: chosen
+          ? "The chosen layer is always shown"
+          : live
+            ? "A frame of live mode has one layer; choose it by its name"
+            : "Show it over the others",
+        change: (event) => set({ shown: event.target.checked }),
       }),
       make(
         "button",
         {
-          type: "button",
-          "aria-pressed": String(chosen),
-          data: {
-            id: `layer-row-${name}`,
-            tip: live ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
-          },
-          on: { click: () => this.page.run(`layer_${name}`) },
+          pressed: chosen,
+          key: `layer-row-${name}`,
+          tip: live ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
+          click: () => this.page.run(`layer_${name}`),
         },
         title,
       ),
       this.bar(name, legend, visible, live),
-      ...(visible
-        ? [
-            make("input", {
-              type: "range",
-              min: 0,
-              max: 1,
-              step: 0.05,
-              value: opacity,
-              "aria-label": `${title}: opacity`,
-              data: { id: `layer-opacity-${name}`, tip: "Opacity" },
-              on: {
-                input: (event) => this.looking.setQuietly(name, { opacity: event.target.valueAsNumber }),
-                change: (event) => set({ opacity: event.target.valueAsNumber }),
+      visible && [
+        make("input", {
+          type: "range",
+          min: 0,
+          max: 1,
+          step: 0.05,
+          value: opacity,
+          label: `${title}: opacity`,
+          key: `layer-opacity-${name}`,
+          tip: "Opacity",
+          input: (event) => this.looking.setQuietly(name, { opacity: event.target.valueAsNumber }),
+          change: (event) => set({ opacity: event.target.valueAsNumber }),
+        }),
+        chosen
+          ? null
+          : make(
+              "select",
+              {
+                label: `${title}: blending`,
+                key: `layer-blending-${name}`,
+                tip: "How it mixes with what lies below it",
+                change: (event) => set({ blending: /** @type {any} */ (event.target.value) }),
               },
-            }),
-            chosen
-              ? null
-              : make(
-                  "select",
-                  {
-                    "aria-label": `${title}: blending`,
-                    data: { id: `layer-blending-${name}`, tip: "How it mixes with what lies below it" },
-                    on: { change: (event) => set({ blending: event.target.value }) },
-                  },
-                  ...Object.entries(BLENDINGS).map(([value, words]) =>
-                    make("option", { value, selected: value === blending }, words),
-                  ),
-                ),
-          ]
-        : []),
+              ...Object.entries(BLENDINGS).map(([value, words]) =>
+                make("option", { value, selected: value === blending }, words),
+              ),
+            ),
+      ],
     );
   }
 
-  /** The colours with the values at both ends, as the layer is looked at. */
+  /**
+   * The colours with the values at both ends, as the layer is looked at.
+   * @param {string} name @param {Legend | undefined} legend @param {boolean} visible @param {boolean} live
+   */
   bar(name, legend, visible, live) {
     const looked = live ? legend : visible ? this.looking.legend(name, legend) : null;
-    if (looked?.kind !== "ramp") return make("span", { class: "bar-place" });
-    const ramp = make("i", { class: "color-bar" });
-    ramp.style.background = `linear-gradient(to right, ${looked.colors.join(", ")})`;
+    if (looked?.kind !== "ramp") return make("span.bar-place");
+    const background = `linear-gradient(to right, ${looked.colors.join(", ")})`;
     const digits = looked.high - looked.low < 10 ? 1 : 0;
     return make(
-      "span",
-      { class: "bar-place", data: { tip: looked.title } },
-      make("span", {}, number(looked.low, digits)),
-      ramp,
-      make("span", {}, number(looked.high, digits)),
+      "span.bar-place",
+      { tip: looked.title },
+      make("span", number(looked.low, digits)),
+      make("i.color-bar", { style: { background } }),
+      make("span", number(looked.high, digits)),
     );
   }
 }

@@ -1,21 +1,27 @@
 // Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as
 // they are.
 
+import { ask } from "/static/page/connection.js";
 import { LayerList } from "/static/canvas/layer_list.js";
+import { drawLabel, strokeLine } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
 const STEP_DEG = 15;
 const GRID_GAP_PX = 44;
 const GRID_MM = [10, 20, 50, 100, 200, 500, 1000];
+/** @type {("low" | "high")[]} */
+const ENDS = ["low", "high"];
+/** @type {Record<string, string>} */
 const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler" };
+/** @type {LayerLook} */
 const PLAIN = { map: "", low: 0, high: 1, shown: false, opacity: 1, blending: "source-over" };
 
 /** Keeps how each layer is looked at. */
 export class Looking {
   name = "looking";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     this.canvas = page.canvas;
     this.actions = {
@@ -29,33 +35,33 @@ export class Looking {
         page.changed();
       },
     };
-    this.settings = new Map(); // by layer or difference
+    /** @type {Map<string, LayerLook>} by layer or difference */
+    this.settings = new Map();
+    /** @type {Record<string, { title: string; colors: string[] }>} */
     this.maps = {};
     this.open = false;
     this.grid = false;
     this.list = new LayerList(page, this);
     this.canvas.layers = this;
     this.canvas.drawers.push((_, context, style) => this.grid && this.drawGrid(context, style));
-    this.chip = make("button", {
-      type: "button",
-      class: "button small turned",
+    this.chip = make("button.button.small.turned", {
       hidden: true,
-      "aria-label": "Undo turn and flip",
-      data: { tip: "The flattened view is turned or flipped for looking only; the data are not.\nClick: as it is" },
-      on: { click: () => this.turn(0, false) },
+      label: "Undo turn and flip",
+      tip: "The flattened view is turned or flipped for looking only; the data are not.\nClick: as it is",
+      click: () => this.turn(0, false),
     });
     byId("stage").append(this.chip);
     this.loadMaps();
   }
 
   async loadMaps() {
-    const answer = await fetch("/colormaps.json").catch(() => null);
+    const answer = await ask("/colormaps.json");
     if (answer?.ok) this.maps = await answer.json();
   }
 
   // --- turn and flip ---------------------------------------------------------------------------
 
-  turnBy(steps) {
+  turnBy(/** @type {number} */ steps) {
     const { angle, flipped } = this.canvas.transform;
     const degrees = Math.round((angle * 180) / Math.PI) + STEP_DEG * steps;
     this.turn((((degrees % 360) + 360) % 360) * (Math.PI / 180), flipped);
@@ -67,7 +73,7 @@ export class Looking {
     this.turn((2 * Math.PI - angle) % (2 * Math.PI), !flipped);
   }
 
-  turn(angle, flipped) {
+  turn(/** @type {number} */ angle, /** @type {boolean} */ flipped) {
     this.canvas.turnTo(angle, flipped);
     const degrees = Math.round((angle * 180) / Math.PI) % 360;
     this.chip.hidden = degrees === 0 && !flipped;
@@ -81,47 +87,47 @@ export class Looking {
 
   // --- colour map and window -------------------------------------------------------------------
 
-  of(layer) {
+  of(/** @type {string} */ layer) {
     return this.settings.get(layer) ?? PLAIN;
   }
 
-  set(layer, change) {
+  set(/** @type {string} */ layer, /** @type {Partial<LayerLook>} */ change) {
     this.settings.set(layer, { ...this.of(layer), ...change });
     this.page.changed();
   }
 
   /** While a slider is moved: only the canvas follows. */
-  setQuietly(layer, change) {
+  setQuietly(/** @type {string} */ layer, /** @type {Partial<LayerLook>} */ change) {
     this.settings.set(layer, { ...this.of(layer), ...change });
     this.canvas.redraw();
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     this.list.update(state);
   }
 
   /** Draw the shape: the chosen layer, and those that lie over it. */
-  paintShape(canvas) {
+  paintShape(/** @type {FlatCanvas} */ canvas) {
     const { context } = canvas;
     const pale = context.globalAlpha;
     context.globalAlpha = pale * this.of(this.page.layer).opacity;
-    canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image);
+    if (canvas.layer.shown) canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image);
     context.globalAlpha = pale;
     if (!this.page.isLive) this.list.paint(canvas);
   }
 
   /** How a layer is looked at, as part of an address. */
-  query(layer) {
+  query(/** @type {string} */ layer) {
     const { map, low, high } = this.of(layer);
     const parts = [map && `map=${map}`, low > 0 && `low=${low}`, high < 1 && `high=${high}`];
     return parts.filter(Boolean).join("&");
   }
 
   /** A legend as the layer is looked at. */
-  legend(layer, legend) {
+  legend(/** @type {string} */ layer, /** @type {Legend | null | undefined} */ legend) {
     if (legend?.kind !== "ramp") return legend;
     const { map, low, high } = this.of(layer);
-    const at = (share) => legend.low + share * (legend.high - legend.low);
+    const at = (/** @type {number} */ share) => legend.low + share * (legend.high - legend.low);
     return { ...legend, low: at(low), high: at(high), colors: this.maps[map]?.colors ?? legend.colors };
   }
 
@@ -144,84 +150,78 @@ export class Looking {
     if (this.open) byId("look").querySelector("button")?.focus();
   }
 
-  /** Show the panel for a layer with its legend (null: it has no numbers), and the legends of all. */
-  show(layer, legend, live, legends = null) {
+  /**
+   * Show the panel for a layer with its legend (null: it has no numbers), and the legends of all.
+   * @param {string} layer @param {Legend | null | undefined} legend @param {boolean} live
+   */
+  show(layer, legend, live, /** @type {Record<string, Legend> | null | undefined} */ legends = null) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
     const setting = this.of(layer);
     const ramp = legend?.kind === "ramp";
     const all = [...this.settings.entries()];
-    rebuild(panel, [layer, legend, all, Object.keys(this.maps), live, legends, this.page.layer], () =>
-      [
-        make("h2", {}, "Layers"),
-        this.list.build(live ? { [layer]: legend } : legends, live),
-        make(
-          "div",
-          { class: "looks" },
-          ...Object.entries(SIGNS).map(([name, sign]) => this.page.toolbar.button(name, sign)),
-        ),
-        make(
-          "button",
-          {
-            type: "button",
-            class: "button last",
-            data: { id: "look-reset", tip: "As it is: not turned, not flipped, no grid, each layer's own colours" },
-            on: { click: () => this.reset() },
-          },
-          "Reset",
-        ),
-        ...(live
-          ? []
-          : [
-              ramp ? this.mapField(layer, setting) : null,
-              ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : []),
-            ]),
-      ].filter(Boolean),
-    );
+    rebuild(panel, [layer, legend, all, Object.keys(this.maps), live, legends, this.page.layer], () => [
+      make("h2", "Layers"),
+      this.list.build(live && legend ? { [layer]: legend } : legends, live),
+      make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.toolbar.button(name, sign))),
+      make("button.button.last", {
+        key: "look-reset",
+        tip: "As it is: not turned, not flipped, no grid, each layer's own colours",
+        click: () => this.reset(),
+        text: "Reset",
+      }),
+      !live && [
+        ramp ? this.mapField(layer, setting) : null,
+        ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : []),
+      ],
+    ]);
   }
 
-  mapField(layer, setting) {
+  mapField(/** @type {string} */ layer, /** @type {LayerLook} */ setting) {
     const options = [["", "Own colours"], ...Object.entries(this.maps).map(([name, map]) => [name, map.title])];
     return make(
-      "label",
-      { class: "field" },
+      "label.field",
       make(
         "select",
         {
-          "aria-label": "Colours",
-          data: { id: "look-map", tip: "Colours; equal steps of a value look equal in each" },
-          on: { change: (event) => this.set(layer, { map: event.target.value }) },
+          label: "Colours",
+          key: "look-map",
+          tip: "Colours; equal steps of a value look equal in each",
+          change: (event) => this.set(layer, { map: event.target.value }),
         },
         ...options.map(([name, title]) => make("option", { value: name, selected: name === setting.map }, title)),
       ),
     );
   }
 
+  /**
+   * @param {string} layer @param {LayerLook} setting @param {Legend | null | undefined} legend
+   * @param {boolean} ramp
+   */
   windowFields(layer, setting, legend, ramp) {
-    const told = (share) =>
-      ramp ? number(legend.low + share * (legend.high - legend.low), 0) : `${Math.round(100 * share)} %`;
+    const told = (/** @type {number} */ share) =>
+      ramp && legend ? number(legend.low + share * (legend.high - legend.low), 0) : `${Math.round(100 * share)} %`;
     const names = ramp ? { low: "From", high: "To" } : { low: "Black", high: "White" };
-    return ["low", "high"].map((end) => {
-      const output = make("output", {}, told(setting[end]));
+    return ENDS.map((end) => {
+      const output = make("output", told(setting[end]));
+      /** @type {HTMLInputElement} */
       const input = make("input", {
         type: "range",
         min: 0,
         max: 1,
         step: 0.01,
         value: setting[end],
-        data: { id: `look-${end}` },
-        "aria-label": names[end],
-        on: {
-          input: () => setText(output, told(this.clamped(end, input.valueAsNumber, setting))),
-          change: () => this.set(layer, { [end]: this.clamped(end, input.valueAsNumber, setting) }),
-        },
+        key: `look-${end}`,
+        label: names[end],
+        input: () => setText(output, told(this.clamped(end, input.valueAsNumber, setting))),
+        change: () => this.set(layer, { [end]: this.clamped(end, input.valueAsNumber, setting) }),
       });
-      return make("label", { class: "field" }, make("span", {}, names[end]), input, output);
+      return make("label.field", make("span", names[end]), input, output);
     });
   }
 
-  clamped(end, value, { low, high }) {
+  clamped(/** @type {"low" | "high"} */ end, /** @type {number} */ value, /** @type {LayerLook} */ { low, high }) {
     return end === "low"
       ? Math.min(value, Math.round(100 * high - 1) / 100)
       : Math.max(value, Math.round(100 * low + 1) / 100);
@@ -229,17 +229,13 @@ export class Looking {
 
   // --- the grid --------------------------------------------------------------------------------
 
-  drawGrid(context, style) {
+  drawGrid(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { canvas } = this;
     const { transform: at, width, height } = canvas;
-    const mm = GRID_MM.find((step) => (step / 1000) * at.scale >= GRID_GAP_PX) ?? GRID_MM.at(-1);
+    const mm = GRID_MM.find((step) => (step / 1000) * at.scale >= GRID_GAP_PX) ?? GRID_MM[GRID_MM.length - 1];
     const gap = mm / 1000;
-    const corners = [
-      [0, 0],
-      [width, 0],
-      [0, height],
-      [width, height],
-    ].map(([x, y]) => at.toPlane(x, y));
+    const corners = [0, width].flatMap((x) => [at.toPlane(x, 0), at.toPlane(x, height)]);
+    /** @param {"u" | "v"} name */
     const range = (name) => [Math.min(...corners.map((c) => c[name])), Math.max(...corners.map((c) => c[name]))];
     const [u, v] = [range("u"), range("v")];
     context.lineWidth = 1;
@@ -258,23 +254,21 @@ export class Looking {
     }
   }
 
-  gridLine(context, style, [a, b], strong) {
-    for (const [color, alpha, extra] of [
-      ["#fff", 0.4, 1.5],
-      [style.getPropertyValue("--text"), strong ? 0.8 : 0.35, 0],
-    ]) {
-      context.globalAlpha = alpha;
-      context.strokeStyle = color;
-      context.lineWidth = (strong ? 1.5 : 1) + extra;
-      context.beginPath();
-      context.moveTo(a.x, a.y);
-      context.lineTo(b.x, b.y);
-      context.stroke();
-    }
+  /** @param {Context} context @param {Style} style @param {Point[]} ends @param {boolean} strong */
+  gridLine(context, style, ends, strong) {
+    const width = strong ? 1.5 : 1;
+    context.globalAlpha = 0.4;
+    strokeLine(context, ends, "#fff", width + 1.5);
+    context.globalAlpha = strong ? 0.8 : 0.35;
+    strokeLine(context, ends, style.getPropertyValue("--text"), width);
     context.globalAlpha = 1;
   }
 
-  /** Steep lines are labelled where they meet the upper rim, the others at the right one. */
+  /**
+   * Steep lines are labelled where they meet the upper rim, the others at the right one.
+   * @param {Context} context @param {Style} style @param {Point[]} parts @param {string} label
+   * @param {boolean} steep
+   */
   gridLabel(context, style, [a, b], label, steep) {
     const { width, height } = this.canvas;
     const share = steep ? -a.y / (b.y - a.y) : (width - a.x) / (b.x - a.x);
@@ -282,11 +276,6 @@ export class Looking {
     const x = steep ? a.x + share * (b.x - a.x) + 3 : width - text - 4;
     const y = steep ? 3 : a.y + share * (b.y - a.y) + 2;
     if (x < 4 || x > width - text - (steep ? 60 : 0) || y < 3 || (!steep && (y < 20 || y > height - 16))) return;
-    context.globalAlpha = 0.8;
-    context.fillStyle = style.getPropertyValue("--panel");
-    context.fillRect(x - 2, y - 1, text + 4, 14);
-    context.globalAlpha = 1;
-    context.fillStyle = style.getPropertyValue("--text");
-    context.fillText(label, x, y);
+    drawLabel(context, style, label, [x, y], [x - 2, y - 1, text + 4, 14], { alpha: 0.8 });
   }
 }

@@ -2,11 +2,63 @@
 
 import { length, niceLength } from "/static/page/format.js";
 
+/** @param {FlatCanvas} canvas @param {{ uv_m: UV }} mark @param {Style} style */
 export function drawMark(canvas, mark, style) {
   drawDot(canvas.context, canvas.transform.toPane(...mark.uv_m), style.getPropertyValue("--pick"), 4);
 }
 
-/** A dot that is seen on any cloth. */
+/**
+ * Stroke what `path` traces, in a colour and with a white rim, so that it is seen on any cloth.
+ * @param {Context} context @param {string} color @param {number} width @param {() => void} path
+ */
+export function strokeRimmed(context, color, width, path) {
+  context.beginPath();
+  path();
+  context.strokeStyle = "#fff";
+  context.lineWidth = width + 2;
+  context.stroke();
+  context.strokeStyle = color;
+  context.lineWidth = width;
+  context.stroke();
+}
+
+/**
+ * A ring that is seen on any cloth.
+ * @param {Context} context @param {Point} parts @param {string} color @param {number} radius
+ */
+export const drawRing = (context, { x, y }, color, radius) =>
+  strokeRimmed(context, color, 2, () => context.arc(x, y, radius, 0, 2 * Math.PI));
+
+/**
+ * The arms of a cross: between two distances from its middle.
+ * @param {Context} context @param {number} x @param {number} y @param {number} from @param {number} to
+ */
+export function traceCross(context, x, y, from, to) {
+  for (const side of [-1, 1]) {
+    context.moveTo(x + side * from, y);
+    context.lineTo(x + side * to, y);
+    context.moveTo(x, y + side * from);
+    context.lineTo(x, y + side * to);
+  }
+}
+
+/**
+ * A text on a plate: `box` is left, top, width and height of the plate.
+ * @param {Context} context @param {Style} style @param {string} text @param {UV} parts @param {[number, number, number, number]} box
+ */
+export function drawLabel(context, style, text, [x, y], box, { color = "--text", alpha = 1 } = {}) {
+  context.globalAlpha = alpha;
+  context.fillStyle = style.getPropertyValue("--panel");
+  context.fillRect(...box);
+  context.globalAlpha = 1;
+  context.fillStyle = style.getPropertyValue(color);
+  context.fillText(text, x, y);
+}
+
+/**
+ * A dot that is seen on any cloth.
+ * @param {Context} context @param {Point} parts @param {string} color @param {number} radius
+ */
 export function drawDot(context, { x, y }, color, radius) {
   context.beginPath();
   context.arc(x, y, radius, 0, 2 * Math.PI);
@@ -17,45 +69,29 @@ export function drawDot(context, { x, y }, color, radius) {
   context.stroke();
 }
 
+/** @param {FlatCanvas} canvas @param {{ uv_m: UV; grip?: CurrentPick["grip"] }} pick @param {Style} style */
 export function drawPick(canvas, pick, style) {
   const { x, y } = canvas.transform.toPane(...pick.uv_m);
   const context = canvas.context;
-  for (const [color, width] of [
-    ["#fff", 4.5],
-    [style.getPropertyValue("--pick"), 2],
-  ]) {
-    context.strokeStyle = color;
-    context.lineWidth = width;
-    context.beginPath();
+  strokeRimmed(context, style.getPropertyValue("--pick"), 2, () => {
     context.arc(x, y, 9, 0, 2 * Math.PI);
-    for (const [dx, dy] of [
-      [1, 0],
-      [-1, 0],
-      [0, 1],
-      [0, -1],
-    ]) {
-      context.moveTo(x + 5 * dx, y + 5 * dy);
-      context.lineTo(x + 14 * dx, y + 14 * dy);
-    }
-    context.stroke();
-  }
+    traceCross(context, x, y, 5, 14);
+  });
   if (pick.grip?.axis_uv) drawGrip(canvas, x, y, pick.grip, style);
 }
 
-/** The gripper's axis as a line through the pick, its fingers as bars on both sides of it. */
+/**
+ * The gripper's axis as a line through the pick, its fingers as bars on both sides of it.
+ * @param {FlatCanvas} canvas @param {number} x @param {number} y @param {NonNullable<CurrentPick["grip"]>} grip
+ * @param {Style} style
+ */
 function drawGrip(canvas, x, y, grip, style) {
   const context = canvas.context;
   const { scale } = canvas.transform;
-  const along = canvas.transform.toPaneVector(...grip.axis_uv);
+  const along = canvas.transform.toPaneVector(.../** @type {UV} */ (grip.axis_uv));
   const [du, dv] = [along.x / scale, along.y / scale];
   const half = (grip.opening_m / 2) * scale;
-  for (const [color, width] of [
-    ["#fff", 5],
-    [style.getPropertyValue("--pick"), 2.5],
-  ]) {
-    context.strokeStyle = color;
-    context.lineWidth = width;
-    context.beginPath();
+  strokeRimmed(context, style.getPropertyValue("--pick"), 2.5, () => {
     for (const side of [-1, 1]) {
       context.moveTo(x + 15 * side * du, y + 15 * side * dv);
       context.lineTo(x + 30 * side * du, y + 30 * side * dv);
@@ -63,11 +99,10 @@ function drawGrip(canvas, x, y, grip, style) {
       context.moveTo(fx - 8 * du, fy - 8 * dv);
       context.lineTo(fx + 8 * du, fy + 8 * dv);
     }
-    context.stroke();
-  }
+  });
 }
 
-export function drawScale(canvas, style) {
+export function drawScale(/** @type {FlatCanvas} */ canvas, /** @type {Style} */ style) {
   const context = canvas.context;
   const mm = niceLength((1000 * Math.min(150, 0.3 * canvas.width)) / canvas.transform.scale);
   const width = (mm / 1000) * canvas.transform.scale;
@@ -76,31 +111,28 @@ export function drawScale(canvas, style) {
   context.font = "12px system-ui, sans-serif";
   context.textBaseline = "bottom";
   const label = length(mm);
-  context.globalAlpha = 0.85;
-  context.fillStyle = style.getPropertyValue("--panel");
-  context.fillRect(x - 8, y - 24, Math.max(width, context.measureText(label).width) + 16, 34);
-  context.globalAlpha = 1;
-  context.fillStyle = style.getPropertyValue("--text");
-  strokeScale(context, x, y, width, context.fillStyle);
-  context.fillText(label, x + 4, y - 4);
+  const wide = Math.max(width, context.measureText(label).width) + 16;
+  drawLabel(context, style, label, [x + 4, y - 4], [x - 8, y - 24, wide, 34], { alpha: 0.85 });
+  strokeScale(context, x, y, width, style.getPropertyValue("--text"));
 }
 
-/** The bar of a scale, its ends turned up. */
+/**
+ * The bar of a scale, its ends turned up.
+ * @param {Context} context @param {number} x @param {number} y @param {number} width @param {string} color
+ */
 export function strokeScale(context, x, y, width, color) {
-  strokeLine(
-    context,
-    [
-      { x, y: y - 5 },
-      { x, y },
-      { x: x + width, y },
-      { x: x + width, y: y - 5 },
-    ],
-    color,
-    1.5,
-  );
+  const ends = [x, x + width].map((end) => [
+    { x: end, y: y - 5 },
+    { x: end, y },
+  ]);
+  strokeLine(context, [...ends[0], ...ends[1].reverse()], color, 1.5);
 }
 
-/** A line through points of the pane. */
+/**
+ * A line through points of the pane.
+ * @param {Context} context @param {Point[]} points @param {string} color @param {number} width
+ * @param {number[]} dash
+ */
 export function strokeLine(context, points, color, width, dash = []) {
   context.setLineDash(dash);
   context.strokeStyle = color;

@@ -1,5 +1,8 @@
 // Keys that move the proposal: shown at once, and one gesture of many presses is one item to undo.
 
+import { addTo } from "/static/canvas/geometry.js";
+
+/** @type {Record<string, [turn: number, right: number, down: number]>} */
 const MOVES = {
   left: [0, -1, 0],
   right: [0, 1, 0],
@@ -10,26 +13,30 @@ const MOVES = {
 };
 const PAUSE_MS = 250; // keys closer together than this are one gesture
 
-export const isMove = (name) => name in MOVES;
+export const isMove = (/** @type {string} */ name) => name in MOVES;
 
 export class KeyNudges {
-  /** `state()` is the present state; `send({theta, u, v})` moves the proposal for good. */
+  /**
+   * `state()` is the present state; `send({theta, u, v})` moves the proposal for good.
+   * @param {FlatCanvas} canvas @param {() => State} state @param {(by: By) => void} send
+   */
   constructor(canvas, state, send) {
     this.canvas = canvas;
     this.state = state;
     this.send = send;
+    /** @type {{ view: number; by: By; timer?: number } | null} */
     this.gesture = null;
   }
 
   /** Move by an action of the table, so many times its step. */
-  move(name, times) {
+  move(/** @type {string} */ name, /** @type {number} */ times) {
     const { settings, pending } = this.state();
-    const [turn, right, down] = MOVES[name].map((x) => x * times);
+    const [turn, right, down] = MOVES[name].map((steps) => steps * times);
     const step = settings.step_mm.value / 1000;
     const by = this.canvas.asSeen((turn * settings.step_deg.value * Math.PI) / 180, right * step, down * step);
     this.canvas.movePreview(by);
-    this.gesture ??= { view: pending.view_index, by: { theta: 0, u: 0, v: 0 } };
-    for (const axis of ["theta", "u", "v"]) this.gesture.by[axis] += by[axis];
+    this.gesture ??= { view: pending?.view_index ?? -1, by: { theta: 0, u: 0, v: 0 } };
+    addTo(this.gesture.by, by);
     clearTimeout(this.gesture.timer);
     this.gesture.timer = setTimeout(() => this.flush(), PAUSE_MS);
   }

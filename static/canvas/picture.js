@@ -1,16 +1,18 @@
 // The pictures of the flattened view: fetched by revision, the last one kept until the next is there.
 
-import { boxOf } from "/static/canvas/geometry.js";
+import { boxOf, pixelAt } from "/static/canvas/geometry.js";
 import { Pyramid } from "/static/canvas/pyramid.js";
 
 const OUTLINE = [230, 126, 0];
 
 /** One picture with its position on the plane; `onReady(anew)`: it is shown, `anew` if its revision is new. */
 export class Picture {
-  constructor(onReady) {
+  constructor(/** @type {(anew: boolean) => void} */ onReady) {
     this.onReady = onReady;
+    /** @type {string | null} */
     this.wanted = null;
-    this.shown = null; // {address, revision, grid, box, image, alpha, outline}
+    /** @type {Shown | null} */
+    this.shown = null;
   }
 
   clear() {
@@ -20,7 +22,10 @@ export class Picture {
     this.onReady(true);
   }
 
-  /** Ask for a picture; nothing happens if it is the one that is shown or on its way. */
+  /**
+   * Ask for a picture; nothing happens if it is the one that is shown or on its way.
+   * @param {string} address @param {number} revision @param {Grid} grid @param {boolean} withOutline
+   */
   async show(address, revision, grid, withOutline) {
     if (this.wanted === address) return;
     this.wanted = address;
@@ -39,25 +44,23 @@ export class Picture {
       ? {}
       : anew
         ? outlineOf(image)
-        : { alpha: this.shown.alpha, outline: this.shown.outline };
+        : { alpha: this.shown?.alpha, outline: this.shown?.outline };
     this.shown = { address, revision, grid, box: boxOf(grid), image: new Pyramid(image), ...shape };
     this.onReady(anew);
   }
 
   /** Whether the picture is opaque at a place of the plane. */
-  covers(u, v) {
-    if (!this.shown?.alpha) return false;
-    const { grid, alpha } = this.shown;
-    const col = Math.round((u - grid.origin_uv_m[0]) / grid.pixel_size_m);
-    const row = Math.round((v - grid.origin_uv_m[1]) / grid.pixel_size_m);
-    return col >= 0 && row >= 0 && col < grid.cols && row < grid.rows && alpha[row * grid.cols + col] > 0;
+  covers(/** @type {number} */ u, /** @type {number} */ v) {
+    return Boolean(this.shown?.alpha && this.shown.alpha[pixelAt(this.shown.grid, u, v)] > 0);
   }
 }
 
-function outlineOf(image) {
+function outlineOf(/** @type {ImageBitmap} */ image) {
   const { width, height } = image;
   const canvas = new OffscreenCanvas(width, height);
-  const context = canvas.getContext("2d", { willReadFrequently: true });
+  const context = /** @type {OffscreenCanvasRenderingContext2D} */ (
+    canvas.getContext("2d", { willReadFrequently: true })
+  );
   context.drawImage(image, 0, 0);
   const data = context.getImageData(0, 0, width, height);
   const alpha = new Uint8Array(width * height);

@@ -1,28 +1,31 @@
 // The floating pieces on the flattened view: a rectangle in its colour, and its letter with the area.
 
 import { boxOf, cornersOf } from "/static/canvas/geometry.js";
+import { drawLabel, strokeLine } from "/static/canvas/marks.js";
 import { number } from "/static/page/format.js";
 
 const FONT = "600 13px system-ui, sans-serif";
 
-/** Draw them all; the rectangle of the `chosen` one (its letter) is not broken. */
+/**
+ * Draw them all; the rectangle of the `chosen` one (its letter) is not broken.
+ * @param {FlatCanvas} canvas @param {Context} context @param {Style} style @param {Piece[]} pieces
+ * @param {string | null} chosen
+ */
 export function drawPieces(canvas, context, style, pieces, chosen) {
   for (const piece of pieces) {
     const corners = cornersOf(boxOf(piece.grid)).map(([u, v]) => canvas.transform.toPane(u, v));
-    context.beginPath();
-    corners.forEach(({ x, y }, i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
-    context.closePath();
-    context.strokeStyle = piece.color;
-    context.lineWidth = piece.label === chosen ? 3 : 1.5;
-    context.setLineDash(piece.label === chosen ? [] : [5, 4]);
-    context.stroke();
-    context.setLineDash([]);
-    drawLabel(context, style, corners, piece, canvas.width);
+    const chosenOne = piece.label === chosen;
+    strokeLine(context, [...corners, corners[0]], piece.color, chosenOne ? 3 : 1.5, chosenOne ? [] : [5, 4]);
+    drawTag(context, style, corners, piece, canvas.width);
   }
 }
 
-/** Within the canvas to the right, so that the area can be read. */
-function drawLabel(context, style, corners, piece, right) {
+/**
+ * Within the canvas to the right, so that the area can be read.
+ * @param {Context} context @param {Style} style @param {Point[]} corners @param {Piece} piece
+ * @param {number} right
+ */
+function drawTag(context, style, corners, piece, right) {
   const y = Math.min(...corners.map((c) => c.y));
   const text = `${piece.label} · ${number(piece.area_cm2, 0)} cm²`;
   context.font = FONT;
@@ -30,10 +33,7 @@ function drawLabel(context, style, corners, piece, right) {
   const width = context.measureText(text).width + 20;
   const left = Math.min(...corners.map((c) => c.x));
   const x = left < right ? Math.min(left, right - width) : left;
-  context.fillStyle = style.getPropertyValue("--panel");
-  context.fillRect(x, y - 21, width, 19);
+  drawLabel(context, style, text, [x + 12, y - 11], [x, y - 21, width, 19]);
   context.fillStyle = piece.color;
   context.fillRect(x, y - 21, 6, 19);
-  context.fillStyle = style.getPropertyValue("--text");
-  context.fillText(text, x + 12, y - 11);
 }

@@ -9,17 +9,23 @@ const LEAST_PX = 3;
 export class Ruler {
   name = "ruler";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     this.canvas = page.canvas;
     this.actions = { ruler: () => this.toggle() };
+    /** @type {Panel["messages"]} */
     this.messages = { measured: (message) => this.take(message), note: () => this.disconnected() };
     this.on = false;
-    this.line = null; // {from: {u, v}, to: {u, v}}
+    /** @type {{ from: { u: number; v: number }; to: { u: number; v: number } } | null} */
+    this.line = null;
+    /** @type {import("/static/page/messages").Measured | null} */
     this.measured = null;
+    this.start = { x: 0, y: 0, u: 0, v: 0 };
+    /** @type {number | undefined} */
+    this.revision = undefined;
     this.id = 0;
     this.waiting = false;
-    this.label = make("output", { class: "ruler-label", hidden: true });
+    this.label = make("output.ruler-label", { hidden: true });
     byId("stage").append(this.label);
     this.canvas.tools.push(this);
     this.canvas.drawers.push((_, context, style) => this.draw(context, style));
@@ -50,7 +56,7 @@ export class Ruler {
   }
 
   /** The shape at a revision is shown: what was measured on another holds no longer. */
-  update(state) {
+  update(/** @type {State} */ state) {
     if (state.mode === "live") return;
     const revision = state.layers?.revision;
     if (revision === this.revision) return;
@@ -60,21 +66,21 @@ export class Ruler {
 
   // --- a tool of the canvas --------------------------------------------------------------------
 
-  press(at) {
+  press(/** @type {PointerPlace} */ at) {
     if (!this.on || !this.canvas.layer.shown) return false;
     this.start = at;
     this.clear();
     return true;
   }
 
-  drag(at) {
+  drag(/** @type {PointerPlace} */ at) {
     if (!this.line && Math.hypot(at.x - this.start.x, at.y - this.start.y) < LEAST_PX) return;
     this.line = { from: { u: this.start.u, v: this.start.v }, to: { u: at.u, v: at.v } };
     this.ask();
     this.canvas.redraw();
   }
 
-  release(at) {
+  release(/** @type {PointerPlace} */ at) {
     this.drag(at);
   }
 
@@ -82,7 +88,7 @@ export class Ruler {
 
   ask() {
     this.measured = null;
-    if (this.waiting) return;
+    if (this.waiting || !this.line) return;
     const { from, to } = this.line;
     this.id += 1;
     this.asked = this.line;
@@ -96,7 +102,7 @@ export class Ruler {
     });
   }
 
-  take(answer) {
+  take(/** @type {import("/static/page/messages").Measured} */ answer) {
     this.waiting = false;
     if (!this.line) return;
     if (this.asked === this.line && answer.id === this.id) this.measured = answer;
@@ -109,7 +115,7 @@ export class Ruler {
     this.waiting = false;
   }
 
-  draw(context, style) {
+  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
     this.label.hidden = !this.line;
     if (!this.line) return;
     const at = this.canvas.transform;
@@ -122,13 +128,15 @@ export class Ruler {
     this.showLabel(b);
   }
 
-  showLabel(end) {
-    const { from, to } = this.line;
+  showLabel(/** @type {Point} */ end) {
     const { measured, canvas } = this;
+    const { from, to } = /** @type {NonNullable<Ruler["line"]>} */ (this.line);
     const flat = measured?.flat_mm ?? 1000 * Math.hypot(to.u - from.u, to.v - from.v);
-    const row = (value, text) => make("span", {}, make("b", {}, value), ` ${text}`);
-    const mm = (value) => (value === null || value === undefined ? "–" : `${number(value)} mm`);
-    const round = measured?.path_uv_m.length > 2 ? "along the cloth, round" : "along the cloth";
+    /** @param {string} value @param {string} text */
+    const row = (value, text) => make("span", make("b", value), ` ${text}`);
+    const mm = (/** @type {number | null | undefined} */ value) =>
+      value === null || value === undefined ? "–" : `${number(value)} mm`;
+    const round = measured && measured.path_uv_m.length > 2 ? "along the cloth, round" : "along the cloth";
     this.label.replaceChildren(
       row(mm(flat), "flat"),
       row(mm(measured?.cloth_mm), round),
@@ -140,7 +148,10 @@ export class Ruler {
   }
 }
 
-/** A line that is seen on any cloth. */
+/**
+ * A line that is seen on any cloth.
+ * @param {Context} context @param {Point[]} points @param {string} color @param {number[]} dash
+ */
 function stroke(context, points, color, dash) {
   strokeLine(context, points, "#fff", 4);
   strokeLine(context, points, color, 2, dash);

@@ -6,23 +6,28 @@ import { drawGarment, drawName } from "/static/garment/marks.js";
 const GRAB_PX = 10;
 const CLICK_PX = 4;
 
+/** @typedef {{ outline_uv_m: UV[]; points: GarmentPoint[] }} Outlined */
+
 export class GarmentDrawing {
   /** `panel` says what was found, and takes what is decided. */
-  constructor(page, panel) {
+  constructor(/** @type {Page} */ page, /** @type {GarmentPanel} */ panel) {
     this.page = page;
     this.panel = panel;
+    /** @type {Outlined | null} */
     this.preview = null; // outline and points while one of them is dragged
     this.id = 0;
     this.busy = false;
+    /** @type {(Place & { name: string }) | null} */
     this.wanted = null;
-    this.grabbed = null; // { name, x, y, moved }
+    /** @type {(Point & { name: string; moved: boolean }) | null} */
+    this.grabbed = null;
     this.revision = 0;
     page.canvas.tools.push(this);
     page.canvas.drawers.push((_, context, style) => this.draw(context, style));
     page.sceneMarks.drawers.push((context, style, place) => this.drawInScene(context, style, place));
   }
 
-  update(revision) {
+  update(/** @type {number} */ revision) {
     if (revision !== this.revision && !this.grabbed && !this.panel.moved) this.preview = null;
     this.revision = revision;
     this.page.redrawMarks();
@@ -37,7 +42,7 @@ export class GarmentDrawing {
 
   // --- a point is dragged: a tool of the canvas --------------------------------------------------
 
-  press(at) {
+  press(/** @type {PointerPlace} */ at) {
     // Brushes, pairs and the proposal have the pointer while they are there.
     const near = this.page.state?.pending || this.page.brush?.kind ? null : this.near(at);
     if (!near) return false;
@@ -45,20 +50,23 @@ export class GarmentDrawing {
     return true;
   }
 
-  drag(at) {
+  drag(/** @type {PointerPlace} */ at) {
     const { grabbed } = this;
+    if (!grabbed) return;
     grabbed.moved ||= Math.hypot(at.x - grabbed.x, at.y - grabbed.y) > CLICK_PX;
     if (grabbed.moved) this.ask(grabbed.name, at.u, at.v);
   }
 
-  release(at) {
+  release(/** @type {PointerPlace} */ at) {
+    if (!this.grabbed) return;
     const { name, moved } = this.grabbed;
     this.grabbed = null;
     if (moved) this.panel.hold(name, at.u, at.v);
     else this.page.send({ type: "pick_point", name });
   }
 
-  near({ x, y }) {
+  near(/** @type {Point} */ { x, y }) {
+    /** @type {GarmentPoint | null} */
     let best = null;
     let least = GRAB_PX;
     for (const point of this.drawn?.points ?? []) {
@@ -71,10 +79,14 @@ export class GarmentDrawing {
 
   // --- how the outline would lie -------------------------------------------------------------------
 
-  /** One question at a time, always about the latest place; the point itself follows at once. */
+  /**
+   * One question at a time, always about the latest place; the point itself follows at once.
+   * @param {string} name @param {number} u @param {number} v
+   */
   ask(name, u, v) {
     this.wanted = { name, u_m: u, v_m: v };
     const from = this.preview ?? this.panel.found;
+    if (!from) return;
     this.preview = {
       ...from,
       points: from.points.map((point) => (point.name === name ? { ...point, uv_m: [u, v], held: true } : point)),
@@ -87,10 +99,11 @@ export class GarmentDrawing {
     if (this.busy || !this.wanted) return;
     this.id += 1;
     this.busy = this.page.send({ type: "preview_point", id: this.id, ...this.wanted });
+    /** @type {(Place & { name: string }) | null} */
     this.wanted = null;
   }
 
-  takePreview(message) {
+  takePreview(/** @type {import("/static/page/messages").GarmentPreview} */ message) {
     this.busy = false;
     if (message.id === this.id && (this.grabbed || this.panel.moved) && !this.wanted) this.preview = message;
     this.page.canvas.redraw();
@@ -99,7 +112,7 @@ export class GarmentDrawing {
 
   // --- drawn ---------------------------------------------------------------------------------------
 
-  draw(context, style) {
+  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { drawn } = this;
     this.drawLinks(context, style);
     if (!drawn) return;
@@ -107,7 +120,7 @@ export class GarmentDrawing {
   }
 
   /** The outlines of the parts whose links are doubted. */
-  drawLinks(context, style) {
+  drawLinks(/** @type {Context} */ context, /** @type {Style} */ style) {
     if (!this.panel.shown || this.page.isLive) return;
     const color = style.getPropertyValue("--warn");
     for (const { outline_uv_m } of this.panel.found?.links ?? [])
@@ -117,6 +130,7 @@ export class GarmentDrawing {
       }
   }
 
+  /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
   drawInScene(context, style, place) {
     if (!this.drawn) return;
     for (const point of this.drawn.points) {

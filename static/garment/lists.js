@@ -6,47 +6,44 @@ import { number } from "/static/page/format.js";
 
 const LEAST_SHOWN = 0.005; // of a probability
 
-export const percent = (share) =>
+export const percent = (/** @type {number} */ share) =>
   share > 0.995 ? "> 99 %" : share < LEAST_SHOWN ? "< 1 %" : `${number(100 * share, 0)} %`;
 
 /** The kinds by probability, [[name, share], ...]. */
-export function shares(probabilities) {
+export function shares(/** @type {[string, number][]} */ probabilities) {
   return make(
-    "ul",
-    { class: "kinds", "aria-label": "Kinds and their probabilities" },
+    "ul.kinds",
+    { label: "Kinds and their probabilities" },
     ...probabilities
       .filter(([, share]) => share >= LEAST_SHOWN)
       .map(([name, share]) => {
         const bar = make("meter", { min: 0, max: 1, value: share, "aria-hidden": "true" });
-        return make("li", {}, make("span", {}, words(name)), bar, make("strong", {}, percent(share)));
+        return make("li", make("span", words(name)), bar, make("strong", percent(share)));
       }),
   );
 }
 
+/** @param {GarmentPoint} point */
 const stateOf = (point) => (point.held ? "held by hand" : point.seen ? "seen" : "predicted");
 
-/** The button of a named point: its state as a sign and in words, its name, how well it is known. */
+/**
+ * The button of a named point: its state as a sign and in words, its name, how well it is known.
+ * @param {GarmentPoint} point @param {string} more @param {Listeners} on
+ */
 export function pointButton(point, more, on) {
   const about = `${stateOf(point)}, known to ${number(point.std_mm, 0)} mm`;
   return make(
-    "button",
-    {
-      type: "button",
-      class: "point",
-      "aria-label": `${words(point.name)}, ${about}`,
-      data: { id: `point-${point.name}`, tip: about + more },
-      on,
-    },
-    make("i", { class: "sign", "aria-hidden": "true" }, point.held ? "◆" : point.seen ? "●" : "○"),
-    make("span", {}, words(point.name)),
-    make("small", {}, `± ${number(point.std_mm, 0)} mm`),
+    "button.point",
+    { label: `${words(point.name)}, ${about}`, key: `point-${point.name}`, tip: about + more, on },
+    make("i.sign", { "aria-hidden": "true" }, point.held ? "◆" : point.seen ? "●" : "○"),
+    make("span", words(point.name)),
+    make("small", `± ${number(point.std_mm, 0)} mm`),
   );
 }
 
-export function dimensions(found) {
+export function dimensions(/** @type {FoundGarment} */ found) {
   return make(
-    "dl",
-    { class: "values" },
+    "dl.values",
     ...found.dimensions.flatMap(({ name, mm, std_mm }) =>
       valueRow(words(name), `${number(mm, 0)} ± ${number(std_mm, 0)} mm`, "Measured flat; one standard deviation"),
     ),

@@ -6,22 +6,28 @@ import { words } from "/static/garment/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
+/** @type {Record<string, UV>} */
 const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 export class GarmentPanel {
   name = "garment";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     this.shown = true; // outline and points on the canvas
+    /** @type {State["garment"]} */
     this.told = null; // what the server says
+    /** @type {string | null} */
     this.pointed = null; // the name of the point that is pointed at
     this.finished = false; // whether the finished shape was turned upright
+    /** @type {{ angle: number; flipped: boolean } | null} */
     this.turnedFrom = null; // how the view was turned before it was turned upright
-    this.moved = null; // a point that the keys move: { name, u, v }
+    /** @type {{ name: string; u: number; v: number } | null} a point that the keys move */
+    this.moved = null;
     this.actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
+    /** @type {Panel["messages"]} */
     this.messages = { garment_preview: (message) => this.drawing.takePreview(message) };
-    this.section = make("section", { id: "garment", class: "garment", "aria-label": "Garment", hidden: true });
+    this.section = make("section#garment.garment", { label: "Garment", hidden: true });
     byId("pick").before(this.section);
     this.drawing = new GarmentDrawing(page, this);
   }
@@ -38,7 +44,7 @@ export class GarmentPanel {
     return { told: this.told, shown: this.shown, pointed: this.pointed, preview: this.drawing.preview };
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     this.finishUpright(state);
     this.told = state.garment ?? null;
     this.section.hidden = !this.told || !state.layers;
@@ -51,17 +57,18 @@ export class GarmentPanel {
 
   show() {
     const { told, found } = this;
+    if (!told) return;
     rebuild(this.section, ["garment"], () => [
-      make("h2", {}, "Garment"),
-      make("p", { id: "garment-text", role: "status" }),
-      make("div", { id: "garment-tools", class: "group", role: "group", "aria-label": "Garment, shown" }),
-      make("div", { id: "garment-kinds" }),
-      make("div", { id: "garment-links" }),
-      make("div", { id: "garment-points" }),
-      make("div", { id: "garment-dimensions" }),
+      make("h2", "Garment"),
+      make("p#garment-text", { role: "status" }),
+      make("div#garment-tools.group", { role: "group", label: "Garment, shown" }),
+      make("div#garment-kinds"),
+      make("div#garment-links"),
+      make("div#garment-points"),
+      make("div#garment-dimensions"),
     ]);
     rebuild(byId("garment-tools"), [Boolean(found)], () => (found ? this.tools() : []));
-    setText(byId("garment-text"), this.summary());
+    setText(byId("garment-text"), summary(told));
     rebuild(byId("garment-kinds"), [found?.probabilities, found?.kind, found?.by_hand], () =>
       found ? this.kinds(found, told.kinds) : [],
     );
@@ -74,16 +81,6 @@ export class GarmentPanel {
     );
   }
 
-  summary() {
-    const { told, found } = this;
-    if (!found) return told.working ? "Recognising the garment." : told.text;
-    const again = told.working ? " Recognising it again on the changed shape." : "";
-    if (found.by_hand) return `${words(found.kind)}, set by hand.${again}`;
-    const share = (name) => percent(found.probabilities.find(([each]) => each === name)[1]);
-    if (found.kind) return `${words(found.kind)}, ${share(found.kind)}.${again}`;
-    return `None of the known kinds, ${share("none of these")}; the likeliest is ${words(found.likeliest)}.${again}`;
-  }
-
   tools() {
     return ["garment", "upright"].map((name) => {
       const button = this.page.button(name, name === "garment" ? "Outline" : null);
@@ -92,46 +89,43 @@ export class GarmentPanel {
     });
   }
 
-  kinds(found, names) {
+  kinds(/** @type {FoundGarment} */ found, /** @type {string[]} */ names) {
     const select = make(
       "select",
       {
-        data: {
-          id: "garment-kind",
-          tip: "The kind of garment. Automatic: by the evidence. A kind set by hand is a decision; Undo takes it back.",
-        },
-        on: { change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }) },
+        key: "garment-kind",
+        tip: "The kind of garment. Automatic: by the evidence. A kind set by hand is a decision; Undo takes it back.",
+        change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }),
       },
       make("option", { value: "", selected: !found.by_hand }, "automatic"),
       ...names.map((name) =>
         make("option", { value: name, selected: found.by_hand && name === found.kind }, words(name)),
       ),
     );
-    return [shares(found.probabilities), make("label", { class: "field" }, make("span", {}, "Kind"), select)];
+    return [shares(found.probabilities), make("label.field", make("span", "Kind"), select)];
   }
 
   /** A part that is joined where no garment allows it, to be taken off or kept like a proposal. */
-  link({ probability, area_cm2 }, index) {
-    const { revision } = this.told;
+  link(/** @type {FoundGarment["links"][number]} */ { probability, area_cm2 }, /** @type {number} */ index) {
+    const revision = this.told?.revision ?? 0;
     const area = `${number(area_cm2, 0)} cm²`;
+    /** @param {string} title @param {boolean} taken_off @param {string} tip */
     const decide = (title, taken_off, tip) =>
       make(
-        "button",
+        "button.button.small",
         {
-          type: "button",
-          class: "button small",
-          "aria-label": `${title}: the part of ${area}`,
-          data: { id: `link-${index}-${taken_off}`, tip: `${tip}\nUndo takes it back.` },
-          on: { click: () => this.page.send({ type: "decide_link", revision, index, taken_off }) },
+          label: `${title}: the part of ${area}`,
+          key: `link-${index}-${taken_off}`,
+          tip: `${tip}\nUndo takes it back.`,
+          click: () => this.page.send({ type: "decide_link", revision, index, taken_off }),
         },
         title,
       );
     return make(
-      "div",
-      { class: "by-garment", role: "group", "aria-label": `Link of a part of ${area}` },
+      "div.by-garment",
+      { role: "group", label: `Link of a part of ${area}` },
       make(
-        "p",
-        { class: "note" },
+        "p.note",
         `A part of ${area}, outlined in dashes, is joined where no garment allows it: its link is right with ` +
           `${percent(probability)}.`,
       ),
@@ -140,23 +134,23 @@ export class GarmentPanel {
     );
   }
 
-  points(found) {
+  points(/** @type {FoundGarment} */ found) {
     const held = found.points.filter((point) => point.held).length;
-    const release = make(
-      "button",
-      {
-        type: "button",
-        class: "button small",
-        data: { id: "release-all", tip: "Release all held points: the outline follows the evidence alone again." },
-        on: { click: () => this.page.send({ type: "release_points" }) },
-      },
-      "Release all",
-    );
-    const list = (title, points, more = null) =>
+    const release = make("button.button.small", {
+      key: "release-all",
+      tip: "Release all held points: the outline follows the evidence alone again.",
+      click: () => this.page.send({ type: "release_points" }),
+      text: "Release all",
+    });
+    const list = (
+      /** @type {string} */ title,
+      /** @type {GarmentPoint[]} */ points,
+      /** @type {Child} */ more = null,
+    ) =>
       points.length
         ? [
-            make("div", { class: "heading" }, make("h3", {}, `${title}: ${points.length}`), more),
-            make("ul", { class: "named", "aria-label": title }, ...points.map((point) => this.row(point))),
+            make("div.heading", make("h3", `${title}: ${points.length}`), more),
+            make("ul.named", { label: title }, ...points.map((point) => this.row(point))),
           ]
         : [];
     const seen = found.points.filter((point) => point.seen);
@@ -167,11 +161,11 @@ export class GarmentPanel {
     ];
   }
 
-  row(point) {
+  row(/** @type {GarmentPoint} */ point) {
     const what = point.seen
       ? "Click: pick it as a grasp."
       : "No view shows cloth there, so it cannot be grasped yet.";
-    const point_at = (on) => () => this.pointAt(on ? point.name : null);
+    const point_at = (/** @type {boolean} */ on) => () => this.pointAt(on ? point.name : null);
     return make(
       "li",
       { class: point.seen ? "seen" : "predicted" },
@@ -192,19 +186,14 @@ export class GarmentPanel {
           keyup: (event) => event.key in WAYS && this.settle(),
         },
       ),
-      point.held
-        ? make(
-            "button",
-            {
-              type: "button",
-              class: "close",
-              "aria-label": `Release ${words(point.name)}`,
-              data: { id: `release-${point.name}`, tip: "Release the point: its place is fitted again." },
-              on: { click: () => this.page.send({ type: "release_points", name: point.name }) },
-            },
-            "×",
-          )
-        : null,
+      point.held &&
+        make("button.close", {
+          label: `Release ${words(point.name)}`,
+          key: `release-${point.name}`,
+          tip: "Release the point: its place is fitted again.",
+          click: () => this.page.send({ type: "release_points", name: point.name }),
+          text: "×",
+        }),
     );
   }
 
@@ -217,7 +206,7 @@ export class GarmentPanel {
   }
 
   /** Once the shape is finished and known as a garment, it is shown upright, unless it is turned already. */
-  finishUpright({ phase, garment }) {
+  finishUpright(/** @type {State} */ { phase, garment }) {
     if (phase !== "finished") this.finished = false;
     if (phase !== "finished" || this.finished || !garment?.found) return;
     this.finished = true;
@@ -240,14 +229,14 @@ export class GarmentPanel {
     this.page.changed();
   }
 
-  pointAt(name) {
+  pointAt(/** @type {string | null} */ name) {
     if (this.pointed === name) return;
     this.pointed = name;
     this.page.redrawMarks();
   }
 
   /** Arrow keys on a point of the list move it by the increment of the nudges; letting go is the decision. */
-  key(event, point) {
+  key(/** @type {KeyboardEvent} */ event, /** @type {GarmentPoint} */ point) {
     if (!(event.key in WAYS) || event.ctrlKey || event.altKey || event.metaKey) return;
     event.preventDefault();
     event.stopPropagation();
@@ -269,7 +258,20 @@ export class GarmentPanel {
     if (moved) this.hold(moved.name, moved.u, moved.v);
   }
 
+  /** @param {string} name @param {number} u_m @param {number} v_m */
   hold(name, u_m, v_m) {
     this.page.send({ type: "hold_point", name, u_m, v_m });
   }
+}
+
+/** What is known of the garment, in a line. */
+function summary(/** @type {NonNullable<State["garment"]>} */ told) {
+  const { found } = told;
+  if (!found) return told.working ? "Recognising the garment." : told.text;
+  const again = told.working ? " Recognising it again on the changed shape." : "";
+  if (found.by_hand && found.kind) return `${words(found.kind)}, set by hand.${again}`;
+  /** @param {string | null} name */
+  const share = (name) => percent(found.probabilities.find(([each]) => each === name)?.[1] ?? 0);
+  if (found.kind) return `${words(found.kind)}, ${share(found.kind)}.${again}`;
+  return `None of the known kinds, ${share("none of these")}; the likeliest is ${words(found.likeliest)}.${again}`;
 }

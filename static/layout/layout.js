@@ -1,6 +1,6 @@
 // How the panes share the window: beside one another, stacked, or one at a time.
 
-import { byId, make, rebuild } from "/static/page/dom.js";
+import { byId, make, rebuild, targetOf } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 
 const WIDE_PX = 1200; // from here on all panes are beside one another
@@ -8,8 +8,9 @@ const BESIDE_PX = 800; // from here on the details are beside the others
 const HIGH_PX = 640; // from here on two panes can be stacked
 const CHOSEN = "flatcloth-pane";
 const FOLDED = "flatcloth-readout-folded";
+/** @type {Record<string, string>} */
 const TITLES = { both: "Both", flat: "Flattened", scene: "3D", details: "Details" };
-/** The pane in which the effect of an action is seen. */
+/** @type {Record<string, string>} the pane in which the effect of an action is seen */
 const PANE_OF = {
   diagnostics: "scene",
   source_image: "scene",
@@ -21,7 +22,7 @@ const PANE_OF = {
 };
 
 /** The kind of layout for a window, and the panes that can be chosen there. */
-export function layoutOf(width, height) {
+export function layoutOf(/** @type {number} */ width, /** @type {number} */ height) {
   const high = height >= HIGH_PX;
   if (width >= WIDE_PX) return { kind: "wide", panes: [] };
   if (width >= BESIDE_PX) return { kind: "beside", panes: high ? ["both", "flat", "scene"] : ["flat", "scene"] };
@@ -41,38 +42,43 @@ export function shareWithin(share, size, [first, second]) {
   return Math.min(1, Math.min(most, Math.max(first, share * size)) / size);
 }
 
+const readouts = /** @type {HTMLElement} */ (globalThis.document?.querySelector(".readouts"));
+
 export class Layout {
   name = "layout";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     /** @type {() => void} */
     this.arranged = () => {};
     this.actions = { pane: () => this.next(), readout: () => this.fold() };
+    this.kind = "";
+    /** @type {string[]} */
+    this.panes = [];
+    /** @type {string | null} */
+    this.pane = null;
+    /** @type {number | null} */
+    this.present = null;
     this.chosen = localStorage.getItem(CHOSEN);
-    this.box = make("div", { id: "panes", class: "segmented", role: "group", "aria-label": "Pane" });
+    this.box = make("div#panes.segmented", { role: "group", label: "Pane" });
     byId("recording").before(this.box);
     this.menu = byId("menu");
     this.menu.addEventListener("click", () => this.toggleMenu());
     byId("page-actions").addEventListener("click", () => this.toggleMenu(false));
     document.addEventListener("pointerdown", (event) => {
-      /** @type {any} */
-      const target = event.target;
-      if (!target.closest("#menu, #page-actions")) this.toggleMenu(false);
+      if (!targetOf(event).closest("#menu, #page-actions")) this.toggleMenu(false);
     });
-    this.foldButton = make("button", {
-      type: "button",
-      class: "close fold",
-      "aria-label": "All values under the pointer",
-      on: { click: () => page.run("readout") },
+    this.foldButton = make("button.close.fold", {
+      label: "All values under the pointer",
+      click: () => page.run("readout"),
     });
-    document.querySelector(".readouts").append(this.foldButton);
+    readouts.append(this.foldButton);
     addEventListener("resize", () => this.apply());
     startDivider(this);
     this.apply();
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     this.foldButton.dataset.tip = this.page.tip("readout");
     if (this.listed === byId("review-list").hidden) this.apply();
     this.show();
@@ -89,7 +95,7 @@ export class Layout {
   }
 
   /** Open or close the menu of narrow windows; whether it was open. */
-  toggleMenu(open = null) {
+  toggleMenu(/** @type {boolean | null} */ open = null) {
     const was = document.body.classList.contains("menu-open");
     const now = document.body.classList.toggle("menu-open", open ?? !was);
     this.menu.setAttribute("aria-expanded", String(now));
@@ -101,7 +107,7 @@ export class Layout {
     const { kind, panes } = layoutOf(innerWidth, innerHeight);
     this.kind = kind;
     this.panes = panes;
-    this.pane = panes.includes(this.chosen) ? this.chosen : (panes[0] ?? null);
+    this.pane = this.chosen && panes.includes(this.chosen) ? this.chosen : (panes[0] ?? null);
     const { dataset } = document.documentElement;
     dataset.layout = kind;
     dataset.pane = this.pane ?? "all";
@@ -109,7 +115,7 @@ export class Layout {
     // The list of the views takes the height that the read-out has otherwise.
     this.listed = !byId("review-list").hidden;
     const fold = folded === null ? kind !== "wide" || this.listed : folded === "yes";
-    document.querySelector(".readouts").classList.toggle("folded", fold);
+    readouts.classList.toggle("folded", fold);
     this.foldButton.setAttribute("aria-expanded", String(!fold));
     this.foldButton.textContent = fold ? "▴" : "▾";
     this.arranged();
@@ -123,13 +129,12 @@ export class Layout {
     rebuild(this.box, [this.panes, this.pane], () =>
       this.panes.map((pane) =>
         make(
-          "button",
+          "button.button.small",
           {
-            type: "button",
-            class: "button small",
-            "aria-pressed": String(pane === this.pane),
-            data: { id: `pane-${pane}`, tip: `Show this pane; ${key}: the next one` },
-            on: { click: () => this.choose(pane) },
+            pressed: pane === this.pane,
+            key: `pane-${pane}`,
+            tip: `Show this pane; ${key}: the next one`,
+            click: () => this.choose(pane),
           },
           TITLES[pane],
         ),
@@ -137,7 +142,7 @@ export class Layout {
     );
   }
 
-  choose(pane) {
+  choose(/** @type {string} */ pane) {
     this.chosen = pane;
     localStorage.setItem(CHOSEN, pane);
     this.apply();
@@ -145,17 +150,17 @@ export class Layout {
 
   next() {
     if (!this.panes.length) return this.page.notify("info", "All panes are shown already.");
-    this.choose(this.panes[(this.panes.indexOf(this.pane) + 1) % this.panes.length]);
+    this.choose(this.panes[(this.panes.indexOf(this.pane ?? "") + 1) % this.panes.length]);
   }
 
   /** Show the pane in which an action is seen, unless it is shown. */
-  reveal(action) {
+  reveal(/** @type {string} */ action) {
     const pane = PANE_OF[action];
-    if (pane && this.panes.includes(pane) && ![pane, "both"].includes(this.pane)) this.choose(pane);
+    if (pane && this.panes.includes(pane) && ![pane, "both"].includes(this.pane ?? "")) this.choose(pane);
   }
 
   fold() {
-    const folded = document.querySelector(".readouts").classList.contains("folded");
+    const folded = readouts.classList.contains("folded");
     localStorage.setItem(FOLDED, folded ? "no" : "yes");
     this.apply();
   }
@@ -166,14 +171,14 @@ export class Layout {
 }
 
 /** The divider between scene and flattened view: upright where they are beside one another, else level. */
-function startDivider(layout) {
+function startDivider(/** @type {Layout} */ layout) {
   const upright = {
     property: "--left",
     stored: "flatcloth-split",
     orientation: "vertical",
     least: [584, 600], // viser's page has another design below 576 px; canvas and inspector
     size: () => split.clientWidth,
-    at: (event) => event.clientX - split.getBoundingClientRect().left,
+    at: (/** @type {PointerEvent} */ event) => event.clientX - split.getBoundingClientRect().left,
     keys: { ArrowLeft: -0.02, ArrowRight: 0.02, Home: -1, End: 1 },
   };
   const level = {
@@ -182,7 +187,7 @@ function startDivider(layout) {
     orientation: "horizontal",
     least: [160, 240],
     size: () => split.clientHeight,
-    at: (event) => event.clientY - split.getBoundingClientRect().top,
+    at: (/** @type {PointerEvent} */ event) => event.clientY - split.getBoundingClientRect().top,
     keys: { ArrowUp: -0.02, ArrowDown: 0.02, Home: -1, End: 1 },
   };
   const split = byId("split");
@@ -199,7 +204,7 @@ function startDivider(layout) {
     divider.setAttribute("aria-orientation", orientation);
     divider.setAttribute("aria-valuenow", String(Math.round(100 * share)));
   };
-  const set = (share) => {
+  const set = (/** @type {number} */ share) => {
     localStorage.setItem(way().stored, String(shareWithin(share, way().size(), way().least)));
     apply();
   };
@@ -214,7 +219,7 @@ function startDivider(layout) {
   divider.addEventListener("lostpointercapture", () => (shield.hidden = true));
   divider.addEventListener("dblclick", () => set(0.45));
   divider.addEventListener("keydown", (event) => {
-    const by = way().keys[event.key];
+    const by = /** @type {Record<string, number>} */ (way().keys)[event.key];
     if (by === undefined) return;
     set(stored() + by);
     event.preventDefault();

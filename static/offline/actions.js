@@ -3,8 +3,9 @@
 import { keyName } from "/static/page/format.js";
 import { byId, make } from "/static/page/dom.js";
 
-export function actionTable(page) {
-  const layer = (info, i) => ({
+/** @returns {OfflineAction[]} */
+export function actionTable(/** @type {OfflinePage} */ page) {
+  const layer = (/** @type {OfflineLayer} */ info, /** @type {number} */ i) => ({
     name: `layer_${info.name}`,
     group: "Layer",
     keys: [String(i + 1)],
@@ -132,9 +133,9 @@ export function actionTable(page) {
   ];
 }
 
-export function showHelp(page) {
+export function showHelp(/** @type {OfflinePage} */ page) {
   const groups = [...new Set(page.actions.map((a) => a.group))];
-  const keys = (rows) =>
+  const keys = (/** @type {[string[], string, string][]} */ rows) =>
     make(
       "dl",
       { class: "keys" },

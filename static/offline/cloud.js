@@ -1,5 +1,8 @@
 // A small 3D view of points: orbit, zoom, pan and pick, on plain WebGL; marks are drawn over it in 2D.
 
+import { drawDot } from "/static/canvas/marks.js";
+import { contextOf } from "/static/page/dom.js";
+
 const CLICK_PX = 4;
 const TURN_MS = 450;
 const REACH_PX = 9; // a click further from every point than this hits none
@@ -29,16 +32,19 @@ export class CloudView {
   /**
    * `scene`: cloth, around (by step), axis, cameras (by step). `pick(n)` is told the pixel of cloth that was
    * clicked.
+   * @param {HTMLCanvasElement} canvas @param {HTMLCanvasElement} marks @param {CloudScene} scene
+   * @param {(n: number) => void} pick
    */
   constructor(canvas, marks, scene, pick) {
     this.canvas = canvas;
     this.marksCanvas = marks;
-    this.pen = marks.getContext("2d");
+    this.pen = contextOf(marks);
     this.scene = scene;
     this.pick = pick;
     this.step = 0;
     this.tint = 0.5;
     this.showAround = true;
+    /** @type {CloudMark} */
     this.mark = null; // {point, gripper}
     this.aimAt(this.lookFrom(scene.start));
     this.gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
@@ -58,14 +64,14 @@ export class CloudView {
 
   // --- what is shown -------------------------------------------------------------------------
 
-  setStep(step, follow) {
+  setStep(/** @type {number} */ step, /** @type {boolean} */ follow) {
     this.step = step;
     if (follow) this.turnTo(this.lookFrom(step));
     this.redraw();
   }
 
   /** Color the cloth, three bytes a pixel. */
-  setColors(rgb) {
+  setColors(/** @type {Uint8Array} */ rgb) {
     this.colors = rgb;
     if (!this.gl) return;
     this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.cloth.color);
@@ -73,12 +79,12 @@ export class CloudView {
     this.redraw();
   }
 
-  setMark(mark) {
+  setMark(/** @type {CloudMark} */ mark) {
     this.mark = mark;
     this.redraw();
   }
 
-  setAround(on) {
+  setAround(/** @type {boolean} */ on) {
     this.showAround = on;
     this.redraw();
   }
@@ -86,7 +92,7 @@ export class CloudView {
   // --- the eye -------------------------------------------------------------------------------
 
   /** Where the real camera stood at a step, as an eye that turns about the middle of the cloth. */
-  lookFrom(step) {
+  lookFrom(/** @type {number} */ step) {
     const { center } = this.scene;
     const camera = this.scene.cameras[step];
     const away = camera.map((x, i) => x - center[i]);
@@ -116,20 +122,20 @@ export class CloudView {
     return { up, south, east: cross(up, south) };
   }
 
-  aimAt(eye) {
+  aimAt(/** @type {Eye} */ eye) {
     this.eye = eye;
   }
 
-  turnTo(goal) {
+  turnTo(/** @type {Eye} */ goal) {
     cancelAnimationFrame(this.turning);
     if (matchMedia("(prefers-reduced-motion: reduce)").matches) return this.aimAt(goal);
     const from = this.eye;
     const turn = Math.atan2(Math.sin(goal.yaw - from.yaw), Math.cos(goal.yaw - from.yaw));
     const began = performance.now();
-    const move = (now) => {
+    const move = (/** @type {number} */ now) => {
       const s = Math.min(1, Math.max(0, (now - began) / TURN_MS));
       const share = s * s * (3 - 2 * s);
-      const between = (a, b) => a + share * (b - a);
+      const between = (/** @type {number} */ a, /** @type {number} */ b) => a + share * (b - a);
       this.aimAt({
         target: from.target.map((x, i) => between(x, goal.target[i])),
         yaw: from.yaw + share * turn,
@@ -143,20 +149,20 @@ export class CloudView {
     this.turning = requestAnimationFrame(move);
   }
 
-  turn(dx, dy) {
+  turn(/** @type {number} */ dx, /** @type {number} */ dy) {
     cancelAnimationFrame(this.turning);
     this.eye.yaw -= dx;
     this.eye.pitch = Math.min(1.5, Math.max(-1.5, this.eye.pitch + dy));
     this.redraw();
   }
 
-  zoom(factor) {
+  zoom(/** @type {number} */ factor) {
     cancelAnimationFrame(this.turning);
     this.eye.zoom = Math.min(40, Math.max(0.2, this.eye.zoom * factor));
     this.redraw();
   }
 
-  pan(dx, dy) {
+  pan(/** @type {number} */ dx, /** @type {number} */ dy) {
     cancelAnimationFrame(this.turning);
     const { right, down } = this.axes();
     const scale = (2 * this.extent) / Math.min(this.width, this.height);
@@ -182,6 +188,7 @@ export class CloudView {
     const aspect = this.width / this.height;
     const wide = Math.max(1, aspect);
     const high = Math.max(1, 1 / aspect);
+    /** @type {[number[], number, number][]} */
     const rows = [
       [right, 1 / (extent * wide), 0],
       [down, -1 / (extent * high), 0],
@@ -197,7 +204,7 @@ export class CloudView {
   }
 
   /** Where a point appears, CSS pixels, and how far it is. */
-  toScreen(point, m = this.matrix()) {
+  toScreen(/** @type {Numbers} */ point, m = this.matrix()) {
     const [x, y, , w] = [0, 1, 2, 3].map(
       (r) => m[r] * point[0] + m[4 + r] * point[1] + m[8 + r] * point[2] + m[12 + r],
     );
@@ -205,7 +212,7 @@ export class CloudView {
   }
 
   /** The pixel of cloth that is seen at a place, or -1. */
-  pixelAt(x, y) {
+  pixelAt(/** @type {number} */ x, /** @type {number} */ y) {
     const m = this.matrix();
     const { cloth } = this.scene;
     const near = [];
@@ -225,12 +232,9 @@ export class CloudView {
   build() {
     const gl = this.gl;
     const program = gl.createProgram();
-    for (const [kind, text] of [
-      [gl.VERTEX_SHADER, POINTS.vertex],
-      [gl.FRAGMENT_SHADER, POINTS.fragment],
-    ]) {
-      const shader = gl.createShader(kind);
-      gl.shaderSource(shader, text);
+    for (const kind of [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER]) {
+      const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
+      gl.shaderSource(shader, kind === gl.VERTEX_SHADER ? POINTS.vertex : POINTS.fragment);
       gl.compileShader(shader);
       gl.attachShader(program, shader);
     }
@@ -248,10 +252,12 @@ export class CloudView {
     gl.enable(gl.DEPTH_TEST);
   }
 
+  /** @param {Float32Array} xyz @param {Uint8Array} rgb @param {Float32Array | null} first */
   cloud(xyz, rgb, first) {
     const gl = this.gl;
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
+    /** @type {(name: string, data: Float32Array | Uint8Array, size: number, type: number, normalized: boolean) => WebGLBuffer} */
     const attribute = (name, data, size, type, normalized) => {
       const buffer = gl.createBuffer();
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
@@ -293,7 +299,7 @@ export class CloudView {
     this.drawMarks(style);
   }
 
-  drawPoints(ground) {
+  drawPoints(/** @type {XYZ} */ ground) {
     const gl = this.gl;
     gl.viewport(0, 0, this.canvas.width, this.canvas.height);
     gl.clearColor(...ground, 1);
@@ -302,6 +308,7 @@ export class CloudView {
     gl.uniformMatrix4fv(this.at.clip_from_held, false, this.matrix());
     const pixelsPerMetre = Math.min(this.canvas.width, this.canvas.height) / (2 * this.extent);
     gl.uniform1f(this.at.step, this.step);
+    /** @type {(cloud: any, size: number, tint: number, lift: number, wash: [number, number, number, number]) => void} */
     const paint = (cloud, size, tint, lift, wash) => {
       gl.uniform1f(this.at.size, size * pixelsPerMetre);
       gl.uniform1f(this.at.tint, tint);
@@ -316,11 +323,12 @@ export class CloudView {
     gl.bindVertexArray(null);
   }
 
-  drawMarks(style) {
+  drawMarks(/** @type {Style} */ style) {
     const pen = this.pen;
     const m = this.matrix();
     pen.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     pen.clearRect(0, 0, this.width, this.height);
+    /** @type {(segments: [XYZ, XYZ][], color: string, width: number) => void} */
     const line = (segments, color, width) => {
       pen.strokeStyle = color;
       pen.lineWidth = width;
@@ -340,27 +348,16 @@ export class CloudView {
     if (!this.mark) return;
     const pick = style.getPropertyValue("--pick");
     if (this.mark.gripper)
-      for (const [color, width] of [
-        ["#fff", 5],
-        [pick, 2.5],
-      ])
-        line(this.mark.gripper, color, width);
+      for (const rim of [true, false]) line(this.mark.gripper, rim ? "#fff" : pick, rim ? 5 : 2.5);
     const { x, y } = this.toScreen(this.mark.point, m);
-    for (const [color, radius] of [
-      ["#fff", 6.5],
-      [pick, 5],
-    ]) {
-      pen.fillStyle = color;
-      pen.beginPath();
-      pen.arc(x, y, radius, 0, 2 * Math.PI);
-      pen.fill();
-    }
+    drawDot(pen, { x, y }, pick, 5.75);
   }
 
   // --- pointer and keys ----------------------------------------------------------------------
 
   listen() {
     const canvas = this.canvas;
+    /** @type {(Point & { moved: boolean; pan: boolean }) | null} */
     let gesture = null;
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("pointerdown", (event) => {
@@ -390,6 +387,7 @@ export class CloudView {
       { passive: false },
     );
     canvas.addEventListener("keydown", (event) => {
+      /** @type {Record<string, UV>} */
       const turns = { ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, -0.12], ArrowDown: [0, 0.12] };
       if (event.key in turns) this.turn(...turns[event.key]);
       else if (event.key === "+" || event.key === "=") this.zoom(1.25);
@@ -401,11 +399,13 @@ export class CloudView {
   }
 }
 
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const dot = (/** @type {Numbers} */ a, /** @type {Numbers} */ b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+/** @param {number[]} a @param {number[]} b */
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const unit = (v) => v.map((x) => x / (Math.hypot(...v) || 1));
+const unit = (/** @type {number[]} */ v) => v.map((x) => x / (Math.hypot(...v) || 1));
 
-function rgbOf(hex) {
+/** @returns {XYZ} */
+function rgbOf(/** @type {string} */ hex) {
   const value = parseInt(hex.trim().slice(1), 16);
   return [(value >> 16) / 255, ((value >> 8) & 255) / 255, (value & 255) / 255];
 }

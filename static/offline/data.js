@@ -3,14 +3,17 @@
 import { boxOf } from "/static/canvas/geometry.js";
 import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
 
-/** Unpack the page's own data: `history` (texts and numbers), its arrays and its pictures. */
-export async function unpack(historyText, packedText) {
+/** Unpack the page's own data: `history` (texts and numbers), its arrays and its pictures. @returns {Promise<OfflineData>} */
+export async function unpack(/** @type {string} */ historyText, /** @type {string} */ packedText) {
+  /** @type {OfflineHistory} */
   const history = JSON.parse(historyText);
   const packed = Uint8Array.from(atob(packedText.trim()), (c) => c.charCodeAt(0));
   const unzipped = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
   const bytes = new Uint8Array(await new Response(unzipped).arrayBuffer());
   const end = 8 + lengthsOf(bytes)[0];
+  /** @type {Record<string, any>} */
   const arrays = partsOf(valuesOf(bytes.subarray(8, end)).parts, bytes.subarray(end));
+  /** @type {OfflineData["layers"]} */
   const layers = {};
   for (const layer of history.layers) {
     layers[layer.name] = { ...layer, pixels: await pixelsOf(arrays[`layer ${layer.name}`]) };
@@ -18,7 +21,7 @@ export async function unpack(historyText, packedText) {
   return { history, layers, cloth: new Cloth(history, arrays), around: aroundOf(history, arrays) };
 }
 
-async function pixelsOf(png) {
+async function pixelsOf(/** @type {Blob} */ png) {
   // Colors are data here: alpha must not change them.
   const image = await createImageBitmap(png, { premultiplyAlpha: "none", colorSpaceConversion: "none" });
   const context = new OffscreenCanvas(image.width, image.height).getContext("2d", { willReadFrequently: true });
@@ -30,8 +33,8 @@ async function pixelsOf(png) {
  * The pixels of the flattened cloth, each with its point in space. Pixel n of the cloth is pixel `at[n]` of
  * the grid.
  */
-class Cloth {
-  constructor(history, arrays) {
+export class Cloth {
+  constructor(/** @type {OfflineHistory} */ history, /** @type {Record<string, any>} */ arrays) {
     this.grid = history.grid;
     this.box = boxOf(history.grid);
     this.firstOfGrid = arrays.first;
@@ -53,7 +56,8 @@ class Cloth {
     return this.at.length;
   }
 
-  place(n) {
+  /** @returns {{ rc: UV; uv: UV }} */
+  place(/** @type {number} */ n) {
     const i = this.at[n];
     const d = this.grid.pixel_size_m;
     const [row, col] = [Math.floor(i / this.grid.cols), i % this.grid.cols];
@@ -64,10 +68,14 @@ class Cloth {
     };
   }
 
-  point = (n) => [...this.xyz.subarray(3 * n, 3 * n + 3)];
-  normal = (n) => unit([...this.normals.subarray(3 * n, 3 * n + 3)]);
+  /** @type {(n: number) => XYZ} */
+  point = (n) => [this.xyz[3 * n], this.xyz[3 * n + 1], this.xyz[3 * n + 2]];
+  normal = (/** @type {number} */ n) => unit([...this.normals.subarray(3 * n, 3 * n + 3)]);
 
-  /** The pixel of cloth at a place of the plane that is there after a step; -1 if there is none. */
+  /**
+   * The pixel of cloth at a place of the plane that is there after a step; -1 if there is none.
+   * @param {number} u @param {number} v @param {number} step
+   */
   pixelAt(u, v, step) {
     const {
       rows,
@@ -82,7 +90,10 @@ class Cloth {
     return n >= 0 && this.first[n] <= step ? n : -1;
   }
 
-  /** The nearest pixel of cloth after a step, and its distance in metres of the plane. */
+  /**
+   * The nearest pixel of cloth after a step, and its distance in metres of the plane.
+   * @param {number} u @param {number} v @param {number} step
+   */
   nearest(u, v, step) {
     const here = this.pixelAt(u, v, step);
     if (here >= 0) return { n: here, miss: 0 };
@@ -98,7 +109,7 @@ class Cloth {
 }
 
 /** What each view saw of the whole item, thinned: [{xyz, rgb}] by step. */
-function aroundOf(history, arrays) {
+function aroundOf(/** @type {OfflineHistory} */ history, /** @type {Record<string, any>} */ arrays) {
   const xyz = metres(arrays.around_xyz, history.bounds);
   return history.around.map(({ start, count }) => ({
     xyz: xyz.subarray(3 * start, 3 * (start + count)),
@@ -106,10 +117,10 @@ function aroundOf(history, arrays) {
   }));
 }
 
-function metres(values, { low, step }) {
+function metres(/** @type {Numbers} */ values, /** @type {{ low: Numbers; step: number }} */ { low, step }) {
   const out = new Float32Array(values.length);
   for (let i = 0; i < values.length; i++) out[i] = low[i % 3] + step * values[i];
   return out;
 }
 
-const unit = (v) => v.map((x) => x / (Math.hypot(...v) || 1));
+const unit = (/** @type {number[]} */ v) => v.map((x) => x / (Math.hypot(...v) || 1));

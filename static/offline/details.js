@@ -3,9 +3,10 @@
 import { byId, make, rebuild, setText, valueRow } from "/static/page/dom.js";
 import { degrees, number, vector } from "/static/page/format.js";
 
+/** @type {Record<string, string>} */
 const AXIS_FROM = { outline: "along the outline", hand: "by hand", level: "level" };
 
-export function showPick(page) {
+export function showPick(/** @type {OfflinePage} */ page) {
   const pick = page.current;
   rebuild(byId("pick"), [pick, pick !== null && pick.uv_m !== null && page.isShown(pick)], () => {
     if (!pick)
@@ -64,7 +65,7 @@ export function showPick(page) {
   });
 }
 
-export function showPicks(page) {
+export function showPicks(/** @type {OfflinePage} */ page) {
   const { picks } = page.history;
   rebuild(byId("picks"), [page.step, page.current?.id ?? null], () => [
     make("h2", {}, `Picks (${picks.length})`),
@@ -96,7 +97,8 @@ export function showPicks(page) {
   ]);
 }
 
-export function showDecisions(page) {
+export function showDecisions(/** @type {OfflinePage} */ page) {
+  /** @type {Record<string, string>} */
   const signs = { accepted: "✓", rejected: "✕", skipped: "»" };
   rebuild(byId("decisions"), page.step, () => [
     make("h2", {}, `Decisions (${page.history.decisions.length})`),
@@ -115,6 +117,7 @@ export function showDecisions(page) {
   ]);
 }
 
+/** @param {OfflinePage} page @param {number | null} u @param {number} v */
 export function showValues(page, u, v) {
   const n = u === null ? -1 : page.cloth.pixelAt(u, v, page.step);
   const values =
@@ -139,12 +142,13 @@ export function showValues(page, u, v) {
       ),
     );
   }
-  values.forEach((text, i) => setText(list.children[i].lastChild, text));
+  values.forEach((text, i) => setText(list.children[i].children[1], text));
 }
 
-export async function copyPick(page) {
+export async function copyPick(/** @type {OfflinePage} */ page) {
   const pick = page.current;
   if (!pick) return;
+  /** @param {string} name @param {number[]} values */
   const numbers = (name, values) => `${name}\t${values.map((x) => x.toFixed(5)).join(" ")}`;
   const text = [
     `name\t${pick.name}`,

@@ -4,7 +4,7 @@ import { dimensions, percent, pointButton, shares } from "/static/garment/lists.
 import { words } from "/static/garment/marks.js";
 import { byId, make, rebuild } from "/static/page/dom.js";
 
-export function showGarment(page) {
+export function showGarment(/** @type {OfflinePage} */ page) {
   const { text, found } = page.history.garment;
   rebuild(byId("garment"), ["garment"], () => {
     const heading = make("h2", {}, "Garment");
@@ -22,8 +22,8 @@ export function showGarment(page) {
   });
 }
 
-function row(page, point) {
-  const at = (on) => () => {
+function row(/** @type {OfflinePage} */ page, /** @type {GarmentPoint} */ point) {
+  const at = (/** @type {boolean} */ on) => () => {
     page.pointed = on ? point.name : null;
     page.flat.redraw();
   };

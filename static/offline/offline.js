@@ -2,7 +2,7 @@
 
 import { FlatCanvas } from "/static/canvas/canvas.js";
 import { drawPieces } from "/static/canvas/pieces.js";
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { byId, make, rebuild, setText, targetOf } from "/static/page/dom.js";
 import { count, keyName, number } from "/static/page/format.js";
 import { startTips } from "/static/page/notices.js";
 import { actionTable, showHelp } from "/static/offline/actions.js";
@@ -12,11 +12,12 @@ import { drawGarment } from "/static/garment/marks.js";
 import { showGarment } from "/static/offline/garment.js";
 import { unpack } from "/static/offline/data.js";
 
+const canvasOf = (/** @type {string} */ id) => /** @type {HTMLCanvasElement} */ (byId(id));
 const PLAY_MS = 1300;
 const NEW = [255, 140, 0];
 
-class Page {
-  constructor({ history, layers, cloth, around }) {
+export class Page {
+  constructor(/** @type {OfflineData} */ { history, layers, cloth, around }) {
     this.history = history;
     this.layers = layers;
     this.cloth = cloth;
@@ -25,6 +26,7 @@ class Page {
     this.layer = history.layers[0].name;
     this.tint = false; // whether the pixels that a step added are marked
     this.follow = true;
+    /** @type {OfflinePick | null} */
     this.current = null;
     this.flat = new FlatCanvas({
       pick: (u, v) => this.pickAt(u, v),
@@ -36,6 +38,7 @@ class Page {
     this.flat.drawers.push((_, context, style) =>
       drawPieces(this.flat, context, style, this.step === this.last ? history.pieces : [], null),
     );
+    /** @type {string | null} */
     this.pointed = null; // the named point of the garment that is pointed at
     this.flat.drawers.push((_, context, style) => {
       const found = history.garment.found;
@@ -53,7 +56,7 @@ class Page {
       spacing: history.around_spacing_m,
       start: this.step,
     };
-    this.cloud = new CloudView(byId("cloud"), byId("cloud-marks"), scene, (n) => n >= 0 && this.pick(n, 0));
+    this.cloud = new CloudView(canvasOf("cloud"), canvasOf("cloud-marks"), scene, (n) => n >= 0 && this.pick(n, 0));
     byId("cloud-empty").hidden = this.cloud.works;
     this.cloud.setStep(this.step, false);
     setText(
@@ -65,9 +68,9 @@ class Page {
     this.show();
   }
 
-  action = (name) => this.actions.find((a) => a.name === name);
+  action = (/** @type {string} */ name) => this.actions.find((a) => a.name === name);
 
-  button(name) {
+  button(/** @type {string} */ name) {
     const a = this.action(name);
     return make(
       "button",
@@ -124,12 +127,13 @@ class Page {
   show() {
     const step = this.history.steps[this.step];
     this.paint();
-    for (const button of byId("timeline").children) {
+    for (const button of /** @type {Iterable<HTMLElement>} */ (/** @type {unknown} */ (byId("timeline").children))) {
       const order = Number(button.dataset.step);
       button.classList.toggle("done", order <= this.step);
       if (order === this.step) button.setAttribute("aria-current", "true");
       else button.removeAttribute("aria-current");
     }
+    /** @type {Record<string, boolean>} */
     const pressed = {
       play: Boolean(this.timer),
       tint: this.tint,
@@ -184,6 +188,7 @@ class Page {
     );
   }
 
+  /** @param {OfflinePick} pick */
   isShown = (pick) => pick.uv_m !== null && this.cloth.pixelAt(...pick.uv_m, this.step) >= 0;
 
   showLegend() {
@@ -215,7 +220,7 @@ class Page {
 
   // --- steps ---------------------------------------------------------------------------------
 
-  goTo(step, tint) {
+  goTo(/** @type {number} */ step, /** @type {boolean} */ tint) {
     const moved = step !== this.step;
     this.step = step;
     this.tint = tint && step >= 0;
@@ -223,7 +228,7 @@ class Page {
     this.show();
   }
 
-  stepBy(by) {
+  stepBy(/** @type {number} */ by) {
     this.pause();
     const step = Math.min(this.last, Math.max(0, this.step + by));
     if (step !== this.step) this.goTo(step, true);
@@ -247,36 +252,36 @@ class Page {
     this.timer = null;
   }
 
-  setLayer(name) {
+  setLayer(/** @type {string} */ name) {
     this.layer = name;
     this.show();
   }
 
-  setTint(on) {
+  setTint(/** @type {boolean} */ on) {
     this.tint = on;
     this.show();
   }
 
-  setFollow(on) {
+  setFollow(/** @type {boolean} */ on) {
     this.follow = on;
     if (on) this.cloud.setStep(this.step, true);
     this.show();
   }
 
-  setAround(on) {
+  setAround(/** @type {boolean} */ on) {
     this.cloud.setAround(on);
     this.show();
   }
 
   // --- picks ---------------------------------------------------------------------------------
 
-  pickAt(u, v) {
+  pickAt(/** @type {number} */ u, /** @type {number} */ v) {
     const { n, miss } = this.cloth.nearest(u, v, this.step);
     if (n >= 0) this.pick(n, miss);
   }
 
   /** Look at a pixel of the cloth: shown on both sides, but kept nowhere. */
-  pick(n, miss) {
+  pick(/** @type {number} */ n, /** @type {number} */ miss) {
     const { rc, uv } = this.cloth.place(n);
     this.setCurrent({
       id: null,
@@ -294,7 +299,7 @@ class Page {
     });
   }
 
-  setCurrent(pick) {
+  setCurrent(/** @type {OfflinePick} */ pick) {
     this.current = pick;
     this.marks();
     this.showPick();
@@ -309,7 +314,7 @@ class Page {
     showPicks(this);
   }
 
-  hover(u, v) {
+  hover(/** @type {number | null} */ u, /** @type {number} */ v) {
     showValues(this, u, v);
   }
 
@@ -325,12 +330,12 @@ class Page {
     showHelp(this);
   }
 
-  key(event) {
+  key(/** @type {KeyboardEvent} */ event) {
     if (event.altKey || event.metaKey || event.ctrlKey || document.querySelector("dialog[open]")) return;
     const key = event.key === " " ? "Space" : event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const action = this.actions.find((a) => a.keys.includes(key));
     // Space presses the button that has the focus.
-    if (!action || (key === "Space" && event.target.closest?.("button"))) return;
+    if (!action || (key === "Space" && targetOf(event).closest?.("button"))) return;
     event.preventDefault();
     action.run();
   }
@@ -339,7 +344,9 @@ class Page {
 // --- theme ------------------------------------------------------------------------------
 
 const system = matchMedia("(prefers-color-scheme: dark)");
+/** @type {string | null} */
 let chosen = null;
+/** @type {Page | null} */
 let page = null;
 
 function applyTheme() {
@@ -360,13 +367,13 @@ try {
   page = new Page(await unpack(byId("history").textContent, byId("arrays").textContent));
   document.addEventListener("keydown", (event) => page.key(event));
   applyTheme();
-  page.hover(null);
+  page.hover(null, 0);
   Object.assign(window, { flatcloth: page });
 } catch (error) {
   byId("broken").hidden = false;
   setText(
     byId("broken"),
-    `This page cannot be shown here: ${error.message}. Open it with a browser of 2023 or newer.`,
+    `This page cannot be shown here: ${/** @type {Error} */ (error).message}. Open it with a browser of 2023 or newer.`,
   );
   throw error;
 }

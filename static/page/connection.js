@@ -3,9 +3,13 @@
 const FIRST_WAIT_MS = 300;
 const LONGEST_WAIT_MS = 5000;
 
+/** The answer to a request; null without a connection. @returns {Promise<Response | null>} */
+export const ask = (/** @type {string} */ address, /** @type {RequestInit} */ options = {}) =>
+  fetch(address, options).catch(/** @returns {null} */ () => null);
+
 export class Connection {
   /** `handlers`: message(object), frame(buffer), opened(again), lost(seconds until the next attempt). */
-  constructor(handlers) {
+  constructor(/** @type {any} */ handlers) {
     this.handlers = handlers;
     this.wait = FIRST_WAIT_MS;
     this.openedBefore = false;
@@ -34,7 +38,7 @@ export class Connection {
   }
 
   /** Send a message; returns false if there is no connection. */
-  send(message) {
+  send(/** @type {ClientMessage} */ message) {
     if (this.socket.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(message));
     return true;

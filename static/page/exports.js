@@ -6,7 +6,8 @@ import { number } from "/static/page/format.js";
 /**
  * File, title, what it is; a piece that floats has a file of its own.
  *
- * @type {Record<string, [string, string, string][]>}
+ * @typedef {[file: string, title: string, about: string]} Kind
+ * @type {Record<string, Kind[]>}
  */
 const GROUPS = {
   Data: [
@@ -39,29 +40,31 @@ const GROUPS = {
   ],
 };
 
+/** @type {{ dialog: HTMLDialogElement; body: HTMLElement } | null} */
 let sheet = null;
 
 /** Open the sheet of exports; `notify` reports what became of each. */
-export function showExports(notify, state) {
+export function showExports(/** @type {Notify} */ notify, /** @type {State} */ state) {
   sheet ??= build();
   rebuild(sheet.body, [state.recording.name, state.layers?.pieces ?? []], () => groups(notify, state));
   sheet.dialog.showModal();
 }
 
 function build() {
-  const body = make("div", { class: "export-groups" });
+  const body = make("div.export-groups");
   const dialog = make(
-    "dialog",
-    { class: "sheet", id: "exports", "aria-labelledby": "exports-title" },
-    make("h2", { id: "exports-title" }, "Export"),
+    "dialog#exports.sheet",
+    { "aria-labelledby": "exports-title" },
+    make("h2#exports-title", "Export"),
     body,
-    make("form", { method: "dialog" }, make("button", { class: "button", autofocus: true }, "Close")),
+    make("form", { method: "dialog" }, make("button.button", { type: "submit", autofocus: true }, "Close")),
   );
   document.body.append(dialog);
   return { dialog, body };
 }
 
-function groups(notify, state) {
+function groups(/** @type {Notify} */ notify, /** @type {State} */ state) {
+  /** @type {Kind[]} */
   const pieces = (state.layers?.pieces ?? []).map(({ label, file, area_cm2 }) => [
     file,
     `Piece ${label}, NPZ`,
@@ -71,27 +74,29 @@ function groups(notify, state) {
     const rows = title === "Data" ? [...kinds.slice(0, 2), ...pieces, ...kinds.slice(2)] : kinds;
     return make(
       "section",
-      {},
-      make("h3", {}, title),
-      make("dl", { class: "exports" }, ...rows.flatMap((kind) => row(kind, notify, state.recording.name))),
+      make("h3", title),
+      make("dl.exports", ...rows.flatMap((kind) => row(kind, notify, state.recording.name))),
     );
   });
 }
 
-function row([file, title, about], notify, name) {
+function row(/** @type {Kind} */ [file, title, about], /** @type {Notify} */ notify, /** @type {string} */ name) {
   const button = exportButton(file, title, notify, name);
-  return [make("dt", {}, button), make("dd", {}, about)];
+  return [make("dt", button), make("dd", about)];
 }
 
-/** A button that makes one export and saves it. */
+/**
+ * A button that makes one export and saves it.
+ * @param {string} file @param {string} title @param {Notify} notify @param {string} name
+ */
 export function exportButton(file, title, notify, name, kind = "") {
-  const button = make("button", { type: "button", class: `button ${kind}`, data: { id: file } }, title);
-  button.addEventListener("click", () => save(button, [file, title], notify, name));
+  const button = make("button", { class: `button ${kind}`, key: file }, title);
+  button.addEventListener("click", () => save(button, file, title, notify, name));
   return button;
 }
 
-async function save(button, kind, notify, name) {
-  const [file, title] = kind;
+/** @param {HTMLElement} button @param {string} file @param {string} title @param {Notify} notify @param {string} name */
+async function save(button, file, title, notify, name) {
   if (button.getAttribute("aria-busy") === "true") return;
   button.setAttribute("aria-busy", "true");
   setText(button, "Preparing …");
@@ -103,7 +108,7 @@ async function save(button, kind, notify, name) {
     setTimeout(() => URL.revokeObjectURL(address), 60000);
     notify("info", `${title}: saved.`);
   } catch (error) {
-    notify("error", `${title}: ${error.message || "there is no connection"}`);
+    notify("error", `${title}: ${/** @type {Error} */ (error).message || "there is no connection"}`);
   } finally {
     button.removeAttribute("aria-busy");
     setText(button, title);

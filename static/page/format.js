@@ -1,42 +1,48 @@
 // Numbers as people read them, with units; a true minus sign and fixed decimals keep columns still.
 
-export function number(value, decimals = 1) {
+export function number(/** @type {number | null | undefined} */ value, decimals = 1) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const text = value.toFixed(decimals);
   return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", "\u2212");
 }
 
-export const vector = (values, decimals = 1, scale = 1) =>
+export const vector = (/** @type {(number | null)[]} */ values, decimals = 1, scale = 1) =>
   values.map((x) => number(x === null ? null : x * scale, decimals)).join(" ");
 
-export const degrees = (value, decimals = 1) =>
+export const degrees = (/** @type {number | null | undefined} */ value, decimals = 1) =>
   value === null || value === undefined ? "–" : `${number(value, decimals)}°`;
 
-export const count = (n, word) => `${n} ${word}${n === 1 ? "" : "s"}`;
+export const mm = (/** @type {number | null | undefined} */ value, decimals = 1) => `${number(value, decimals)} mm`;
 
-export const keyName = (key) =>
+export const cm2 = (/** @type {number | null | undefined} */ value) => `${number(value, 0)} cm²`;
+
+export const percent = (/** @type {number} */ share) => `${number(100 * share, 0)} %`;
+
+export const count = (/** @type {number} */ n, /** @type {string} */ word) => `${n} ${word}${n === 1 ? "" : "s"}`;
+
+export const keyName = (/** @type {string} */ key) =>
   ({ Escape: "Esc", Space: "Space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" })[key] ??
   (key.length === 1 ? [key] : key.replace("Shift+", "⇧").split("+"))
     .map((part) => (part.length === 1 || part.startsWith("⇧") ? part.toUpperCase() : part))
     .join("+");
 
-export const hex = (rgb) => "#" + rgb.map((c) => c.toString(16).padStart(2, "0")).join("");
+export const hex = (/** @type {number[]} */ rgb) => "#" + rgb.map((c) => c.toString(16).padStart(2, "0")).join("");
 
 /** The longest of 1, 2, 5 times a power of ten (mm) that is at most `limit_mm`. */
-export function niceLength(limitMm) {
+export function niceLength(/** @type {number} */ limitMm) {
   const power = 10 ** Math.floor(Math.log10(limitMm));
   for (const factor of [5, 2, 1]) if (factor * power <= limitMm) return factor * power;
   return power;
 }
 
-export function length(mm) {
+export function length(/** @type {number} */ mm) {
   if (mm >= 1000) return `${mm / 1000} m`;
   if (mm >= 1) return `${mm} mm`;
   return `${Number(mm.toPrecision(1))} mm`;
 }
 
 /** The pieces that nothing connects to the shape yet, and their area. */
-export function floatingOf(layers) {
+export function floatingOf(/** @type {{ pieces: Piece[] }} */ layers) {
   const pieces = layers.pieces.filter((piece) => !piece.placed);
   return { pieces, area_cm2: pieces.reduce((sum, piece) => sum + piece.area_cm2, 0) };
 }

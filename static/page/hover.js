@@ -3,18 +3,19 @@
 export class Hover {
   name = "hover";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     this.id = 0;
     this.wanted = null;
     this.last = null; // where the pointer is
     this.about = ""; // what the last state showed there
     this.busy = false;
+    /** @type {Panel["messages"]} */
     this.messages = { hover: (message) => this.take(message) };
   }
 
   /** What lies under a pointer that rests may be something else now. */
-  update(state) {
+  update(/** @type {State} */ state) {
     const about = JSON.stringify([
       state.layers?.revision,
       state.layers?.overlay?.revision,
@@ -28,7 +29,7 @@ export class Hover {
   }
 
   /** The pointer is at a place of the plane, or has left it. */
-  at(place) {
+  at(/** @type {Place | null} */ place) {
     this.page.each("hover", place);
     this.wanted = this.last = place;
     if (place) return this.ask();
@@ -36,7 +37,7 @@ export class Hover {
     this.page.each("hovered", null);
   }
 
-  take(message) {
+  take(/** @type {HoverAnswer} */ message) {
     this.busy = false;
     // Once it is decided the proposal is no longer asked about, though it may still be drawn.
     const answer = this.page.state?.pending || this.page.isLive ? message : { ...message, proposal: null };

@@ -1,5 +1,6 @@
 // The action of a key in the current mode, from the table of actions.
 
+import { targetOf } from "/static/page/dom.js";
 import { isMove } from "/static/canvas/nudges.js";
 
 const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
@@ -8,15 +9,16 @@ const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "l
  * `page`: state(), modes() with the uppermost first, run(name, large). Returns the listener, for frames that
  * want it as well.
  */
+/** @param {{ state: () => State; modes: () => string[]; run: (name: string, large: boolean) => void }} page */
 export function startKeys(page) {
   let tabbed = false; // whether the focus came by Tab; what a pointer pressed is not meant by a later Space
 
-  function onKeyDown(event) {
+  function onKeyDown(/** @type {KeyboardEvent} */ event) {
     if (event.key === "Tab") tabbed = true;
     const state = page.state();
     if (!state || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
     // The browser lets a dialog that was just closed keep the focus until it draws again.
-    const target = event.target.closest?.("dialog") ? document.body : event.target;
+    const target = targetOf(event).closest?.("dialog") ? document.body : targetOf(event);
     if (target.closest?.("input:not([type=range]):not([type=checkbox]), textarea, select, [contenteditable]")) return;
     if (target.closest?.("input[type=range]") && event.key.startsWith("Arrow")) return;
     const key = keyOf(event);
@@ -40,14 +42,17 @@ export function startKeys(page) {
   return onKeyDown;
 }
 
-/** The modes that are open come first; of the others, live mode and capture leave their keys to the browser. */
+/**
+ * The modes that are open come first; of the others, live mode and capture leave their keys to the browser.
+ * @param {State} state @param {string[]} modes @param {string} key
+ */
 function actionOf(state, modes, key) {
   const having = state.actions.filter((a) => a.keys.includes(key));
   const inOrder = [...modes, "", "session", "teaching"].map((mode) => having.find((a) => a.mode === mode));
   return inOrder.find(Boolean);
 }
 
-function keyOf(event) {
+function keyOf(/** @type {KeyboardEvent} */ event) {
   if (event.key === " ") return "Space";
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   return event.ctrlKey ? `Ctrl+${key}` : key;

@@ -1,52 +1,51 @@
 // Notifications: toasts that can be dismissed, and the log of all of them.
 
-import { byId, make } from "/static/page/dom.js";
+import { byId, make, targetOf } from "/static/page/dom.js";
 
 const STAYS_MS = { info: 7000, warning: 10000 }; // errors stay until they are dismissed
 const KEPT = 200;
 const WORDS = { info: "Note", warning: "Warning", error: "Error" };
 
-let lastServerNote = null;
+let lastServerNote = -1; // none
+/** @type {{ level: Note["level"]; text: string; timeS: number }[]} */
 const kept = [];
 
 /** Show a message and keep it in the log. */
-export function notify(level, text, timeS = Date.now() / 1000) {
+export function notify(/** @type {Note["level"]} */ level, /** @type {string} */ text, timeS = Date.now() / 1000) {
   keep(level, text, timeS);
+  /** @type {HTMLElement} */
   const toast = make(
     "div",
     { class: `toast ${level}`, role: level === "error" ? "alert" : "status" },
-    make("strong", {}, WORDS[level] ?? "Note"),
-    make("p", {}, text),
-    make(
-      "button",
-      { type: "button", class: "close", "aria-label": "Dismiss", on: { click: () => toast.remove() } },
-      "×",
-    ),
+    make("strong", WORDS[level]),
+    make("p", text),
+    make("button.close", { label: "Dismiss", click: () => toast.remove() }, "×"),
   );
   byId("toasts").append(toast);
-  while (byId("toasts").childElementCount > 4) byId("toasts").firstElementChild.remove();
-  if (level in STAYS_MS) setTimeout(() => toast.remove(), STAYS_MS[level]);
+  while (byId("toasts").childElementCount > 4) byId("toasts").firstElementChild?.remove();
+  if (level !== "error") setTimeout(() => toast.remove(), STAYS_MS[level]);
 }
 
+/** @param {Note["level"]} level @param {string} text @param {number} timeS */
 function keep(level, text, timeS) {
   kept.push({ level, text, timeS });
   if (kept.length > KEPT) kept.shift();
 }
 
 /** Take the server's log: what is new becomes a toast, except what was there before this page. */
-export function takeServerLog(log) {
-  const first = lastServerNote === null;
+export function takeServerLog(/** @type {Note[]} */ log) {
+  const first = lastServerNote < 0;
   for (const note of log) {
     if (!first && note.id <= lastServerNote) continue;
     if (first) keep(note.level, note.text, note.time_s);
     else notify(note.level, note.text, note.time_s);
   }
-  lastServerNote = Math.max(lastServerNote ?? 0, ...log.map((n) => n.id));
+  lastServerNote = Math.max(lastServerNote, 0, ...log.map((n) => n.id));
 }
 
 /** Another server process numbers its notes from the start. */
 export function forgetServerLog() {
-  lastServerNote = null;
+  lastServerNote = -1;
   kept.length = 0;
 }
 
@@ -55,13 +54,13 @@ export function showLog() {
     make(
       "li",
       { class: n.level },
-      make("time", {}, new Date(1000 * n.timeS).toLocaleTimeString()),
-      make("strong", {}, WORDS[n.level] ?? "Note"),
-      make("span", {}, n.text),
+      make("time", new Date(1000 * n.timeS).toLocaleTimeString()),
+      make("strong", WORDS[n.level]),
+      make("span", n.text),
     ),
   );
   byId("log-body").replaceChildren(
-    ...(items.length ? items.reverse() : [make("li", {}, make("span", {}, "Nothing to report so far."))]),
+    ...(items.length ? items.reverse() : [make("li", make("span", "Nothing to report so far."))]),
   );
   byId("log").showModal();
 }
@@ -69,17 +68,18 @@ export function showLog() {
 /** One tooltip for the whole page: shown on hover and on keyboard focus, never in the way of the pointer. */
 export function startTips() {
   const tip = byId("tip");
+  /** @type {Element | null} */
   let owner = null;
   const hide = () => {
     tip.hidden = true;
     owner = null;
   };
-  const show = (event) => {
-    const target = event.target.closest?.("[data-tip]");
+  const show = (/** @type {Event} */ event) => {
+    const target = /** @type {HTMLElement | null} */ (targetOf(event).closest?.("[data-tip]"));
     if (!target) return hide();
     if (event.type === "focusin" && !target.matches(":focus-visible")) return;
     owner = target;
-    tip.textContent = target.dataset.tip;
+    tip.textContent = target.dataset.tip ?? "";
     tip.hidden = false;
     const at = target.getBoundingClientRect();
     const box = tip.getBoundingClientRect();
@@ -93,6 +93,6 @@ export function startTips() {
   document.addEventListener("pointerdown", hide);
   document.addEventListener("keydown", hide);
   document.addEventListener("pointerout", (event) => {
-    if (owner && !owner.contains(event.relatedTarget)) hide();
+    if (owner && !owner.contains(/** @type {Node | null} */ (event.relatedTarget))) hide();
   });
 }

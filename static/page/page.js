@@ -5,12 +5,12 @@
  *
  * @typedef {object} Panel
  * @property {string} [name] under which its `status` stands in `window.flatcloth`
- * @property {(state: any) => void} [update] takes each state of the server
+ * @property {(state: State) => void} [update] takes each state of the server
  * @property {Record<string, (large: boolean) => void>} [actions] what it does, by the names of viewer/protocol/actions
  * @property {Record<string, (message: any) => void>} [messages] what it takes, by the type of the server's message
  * @property {(u_m: number, v_m: number) => boolean} [click] a click on the flattened view; true: it is taken
  * @property {(at: {u_m: number, v_m: number} | null) => void} [hover] the pointer on the flattened view
- * @property {(answer: any) => void} [hovered] the values under the pointer, null: none
+ * @property {(answer: import("/static/page/messages").HoverAnswer | null) => void} [hovered] the values under the pointer, null: none
  * @property {() => object} [asksHover] its additional request about the point under the pointer
  * @property {() => boolean} [escape] Escape was pressed; true: there was something to close
  * @property {(by: {theta: number, u: number, v: number}) => void} [moving] the proposal is being moved by so much
@@ -19,31 +19,37 @@
  * @property {() => void} [reconnected] another server process may answer from now on
  * @property {(view: number, rc: [number, number]) => void} [lookAt] show a pixel of a view
  * @property {Record<string, boolean>} [pressed] which of its actions are on, for their buttons
- * @property {(state: any) => boolean} [mayAccept] false: Accept waits, as its button now says
+ * @property {(state: State) => boolean} [mayAccept] false: Accept waits, as its button now says
  * @property {any} [status] for tests
+ */
+
+/**
+ * @typedef {"update" | "click" | "hover" | "hovered" | "escape" | "moving" | "placed" | "disconnected" |
+ *   "reconnected" | "lookAt"} PanelEvent
  */
 
 export class Page {
   /** `handlers`: send(message), notify(level, text), run(action), show(state) draws the page again. */
-  constructor(handlers) {
+  constructor(/** @type {any} */ handlers) {
     this.handlers = handlers;
-    /** @type {any} */
-    this.state = null;
+    const later = /** @type {any} */ (null); // main.js sets these parts before the first state
+    /** @type {State} the last state that the server sent; no panel acts before the first */
+    this.state = later;
     this.layer = "color"; // of the flattened view
-    /** @type {any} */
-    this.canvas = null;
-    /** @type {any} */
-    this.toolbar = null;
-    /** @type {any} */
-    this.comparison = null;
-    /** @type {any} */
-    this.looking = null;
-    /** @type {any} */
-    this.ruler = null;
-    /** @type {any} what is drawn over the 3D scene */
-    this.sceneMarks = null;
-    /** @type {any} the brush of the side of interest, for panels that can be painted on */
-    this.brush = null;
+    /** @type {FlatCanvas} */
+    this.canvas = later;
+    /** @type {Toolbar} */
+    this.toolbar = later;
+    /** @type {Comparison} */
+    this.comparison = later;
+    /** @type {Looking} */
+    this.looking = later;
+    /** @type {Ruler} */
+    this.ruler = later;
+    /** @type {SceneMarks} what is drawn over the 3D scene */
+    this.sceneMarks = later;
+    /** @type {SidesPanel} the brush of the side of interest, for panels that can be painted on */
+    this.brush = later;
     /** @type {Panel[]} */
     this.panels = [];
   }
@@ -56,7 +62,7 @@ export class Page {
    * @returns {T}
    */
   add(panel) {
-    this.panels.push(panel);
+    this.panels.push(/** @type {Panel} */ (panel));
     return panel;
   }
 
@@ -65,11 +71,11 @@ export class Page {
     return this.handlers.send(message);
   }
 
-  notify(level, text) {
+  notify(/** @type {"info" | "warning" | "error"} */ level, /** @type {string} */ text) {
     this.handlers.notify(level, text);
   }
 
-  run(name) {
+  run(/** @type {string} */ name) {
     this.handlers.run(name);
   }
 
@@ -88,39 +94,50 @@ export class Page {
     return this.state?.mode === "live";
   }
 
-  action(name) {
-    return this.state.actions.find((a) => a.name === name);
+  action(/** @type {string} */ name) {
+    return /** @type {ActionRow} */ (this.state.actions.find((a) => a.name === name));
   }
 
-  tip(name) {
+  tip(/** @type {string} */ name) {
     return this.toolbar.tip(this.action(name));
   }
 
   /** The button of an action of the table. */
-  button(name, title = null) {
+  button(/** @type {string} */ name, /** @type {string | null} */ title = null) {
     const button = this.toolbar.button(name, title);
     button.dataset.tip = this.tip(name);
     return button;
   }
 
   /** What a panel does for an action, if one does. */
-  actionOf(name) {
+  actionOf(/** @type {string} */ name) {
     for (const { actions } of this.panels) if (actions && name in actions) return actions[name];
     return null;
   }
 
-  /** Give a message of the server to whom it concerns. */
-  take(message) {
+  /** Give a message of the server to the panels that take its type. */
+  take(/** @type {ServerMessage} */ message) {
     for (const panel of this.panels) panel.messages?.[message.type]?.(message);
   }
 
-  /** Let every panel that has it hear of something. */
+  /**
+   * Call a method of each panel that has it.
+   *
+   * @param {PanelEvent} event @param {...any} args
+   */
   each(event, ...args) {
-    for (const panel of this.panels) panel[event]?.(...args);
+    for (const panel of this.panels) call(panel, event, args);
   }
 
-  /** Offer something to the panels in turn; whether one took it. */
+  /**
+   * Call a method of the panels in turn until one returns true; whether one did.
+   *
+   * @param {PanelEvent} event @param {...any} args
+   */
   offer(event, ...args) {
-    return this.panels.some((panel) => panel[event]?.(...args));
+    return this.panels.some((panel) => call(panel, event, args));
   }
 }
+
+const call = (/** @type {any} */ panel, /** @type {PanelEvent} */ event, /** @type {any[]} */ args) =>
+  panel[event]?.(...args);

@@ -3,11 +3,15 @@
 import { byId, make } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 
+/** @type {Record<string, number>} */
+const STEPS = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 };
+
 /** Open it; `run(name)` performs the chosen command after the palette has closed. */
-export function showPalette(actions, run) {
+export function showPalette(/** @type {ActionRow[]} */ actions, /** @type {(name: string) => void} */ run) {
   const dialog = byId("palette");
   const box = byId("palette-box");
   const list = byId("palette-list");
+  /** @type {ActionRow[]} */
   let shown = [];
   let at = 0;
 
@@ -15,7 +19,7 @@ export function showPalette(actions, run) {
     const words = box.value.toLowerCase().split(/\s+/).filter(Boolean);
     const found = actions
       .map((action) => ({ action, rank: rankOf(action, words) }))
-      .filter(({ rank }) => rank !== null)
+      .filter(({ rank }) => rank < Infinity)
       .sort((a, b) => Number(a.action.why_not !== null) - Number(b.action.why_not !== null) || a.rank - b.rank);
     shown = found.map(({ action }) => action);
     list.replaceChildren(...shown.map(item));
@@ -23,7 +27,7 @@ export function showPalette(actions, run) {
     choose(0);
   }
 
-  function item(action, index) {
+  function item(/** @type {ActionRow} */ action, /** @type {number} */ index) {
     const off = action.why_not !== null;
     return make(
       "li",
@@ -31,15 +35,16 @@ export function showPalette(actions, run) {
         role: "option",
         id: `palette-${index}`,
         "aria-disabled": off ? "true" : null,
-        on: { click: () => take(index), pointermove: () => choose(index) },
+        click: () => take(index),
+        pointermove: () => choose(index),
       },
-      make("strong", {}, action.title),
-      make("span", {}, off ? `Not now: ${action.why_not}` : action.description),
-      make("kbd", {}, keyName(action.keys[0])),
+      make("strong", action.title),
+      make("span", off ? `Not now: ${action.why_not}` : action.description),
+      make("kbd", keyName(action.keys[0])),
     );
   }
 
-  function choose(index) {
+  function choose(/** @type {number} */ index) {
     list.children[at]?.setAttribute("aria-selected", "false");
     at = Math.max(0, Math.min(shown.length - 1, index));
     const now = list.children[at];
@@ -49,7 +54,7 @@ export function showPalette(actions, run) {
     else box.removeAttribute("aria-activedescendant");
   }
 
-  function take(index) {
+  function take(/** @type {number} */ index) {
     const action = shown[index];
     if (!action || action.why_not !== null) return;
     dialog.close();
@@ -59,7 +64,7 @@ export function showPalette(actions, run) {
   box.value = "";
   box.oninput = search;
   dialog.onkeydown = (event) => {
-    const by = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 }[event.key];
+    const by = STEPS[event.key];
     if (by) choose(at + by);
     else if (event.key === "Enter") take(at);
     else return;
@@ -71,10 +76,10 @@ export function showPalette(actions, run) {
   box.focus();
 }
 
-/** How well the words fit, less being better; null if one does not. */
-function rankOf(action, words) {
+/** How well the words fit, less being better; infinite if one does not. */
+function rankOf(/** @type {ActionRow} */ action, /** @type {string[]} */ words) {
   const title = action.title.toLowerCase();
   const all = `${title} ${action.description.toLowerCase()} ${action.name.replaceAll("_", " ")}`;
-  if (!words.every((word) => all.includes(word))) return null;
+  if (!words.every((word) => all.includes(word))) return Infinity;
   return words.reduce((rank, word) => rank + (title.startsWith(word) ? 0 : title.includes(word) ? 1 : 2), 0);
 }

@@ -10,21 +10,22 @@ const SOFTWARE =
   "acceleration in the browser's settings.";
 
 const frame = byId("viser");
+/** @type {boolean | null} */
 let shownDark = null;
 
-export function startScene(onKeyDown) {
+export function startScene(/** @type {(event: KeyboardEvent) => void} */ onKeyDown) {
   frame.addEventListener("load", () => {
     // Same origin: keys pressed in the scene mean the same as in the page. On the capture phase,
     // so that viser does not also fly its camera with the letters that are ours.
-    frame.contentWindow.addEventListener("keydown", onKeyDown, true);
-    foldWarnings(frame.contentDocument);
+    frame.contentWindow?.addEventListener("keydown", onKeyDown, true);
+    if (frame.contentDocument) foldWarnings(frame.contentDocument);
   });
   onTheme(() => loadScene(false));
   loadScene(true);
 }
 
 /** Load viser's page (again): after a lost connection it would wait for the focus before it returns. */
-export function loadScene(force) {
+export function loadScene(/** @type {boolean} */ force) {
   if (!force && shownDark === isDark()) return;
   shownDark = isDark();
   const address = shownDark ? "/viser/?darkMode" : "/viser/";
@@ -34,9 +35,10 @@ export function loadScene(force) {
 }
 
 /** Warnings about the browser that viser's page lays over the scene become notices of this page, each once. */
-function foldWarnings(inside) {
+function foldWarnings(/** @type {Document} */ inside) {
   const fold = () => {
-    for (const warning of inside.querySelectorAll(".mantine-Notification-root:not([data-folded])")) {
+    for (const found of inside.querySelectorAll(".mantine-Notification-root:not([data-folded])")) {
+      const warning = /** @type {HTMLElement} */ (found);
       const title = warning.querySelector(".mantine-Notification-title")?.textContent ?? "";
       if (!/webgl|browser/i.test(title)) continue;
       warning.dataset.folded = "";

@@ -3,31 +3,49 @@
 // They are drawn by this page on a canvas over viser's, with the camera that viser has at that moment: so a mark
 // is never hidden, and follows the pointer without waiting for the scene.
 
-import { drawDot } from "/static/canvas/marks.js";
-import { byId, make } from "/static/page/dom.js";
+import { drawDot, drawLabel, drawRing } from "/static/canvas/marks.js";
+import { byId, contextOf, make } from "/static/page/dom.js";
 
 const EDGE = 14;
+
+/**
+ * @typedef {{ id: number; position_held_m: XYZ }} MarkedPick
+ * @typedef {{ camera: any; world: number[]; canvas: HTMLCanvasElement }} SceneView viser's camera and canvas
+ */
+
+/** A vector that is so many times as long. @returns {XYZ} */
+const scaled = (/** @type {XYZ} */ [x, y, z], /** @type {number} */ by) => [by * x, by * y, by * z];
 
 export class SceneMarks {
   name = "sceneMarks";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     this.frame = byId("viser");
-    this.overlay = make("canvas", { class: "scene-marks", "aria-hidden": "true" });
+    this.overlay = make("canvas.scene-marks", { "aria-hidden": "true" });
     this.frame.after(this.overlay);
+    /** @type {MarkedPick[]} */
     this.picks = [];
+    /** @type {number | null} */
     this.current = null;
+    /** @type {XYZ | null} */
     this.cursor = null; // a point in space that the pointer is at, on either side
+    /** @type {UV | null} */
     this.plane = null; // and where it lies on the plane
-    this.lines = []; // [[from, to], color] in space
-    this.drawers = []; // of panels: (context, style, place) draws what place(point in space) puts on the overlay
-    this.drawn = []; // where marks were drawn, for tests
+    /** @type {SceneDrawer[]} of panels */
+    this.drawers = [];
+    /** @type {({ id: number; x: number; y: number; inside: boolean } | null)[]} for tests */
+    this.drawn = [];
+    /** @type {Point | null} */
+    this.cursorAt = null;
+    this.dirty = true;
     this.id = 0;
     this.key = ""; // of what is drawn: the camera
     this.width = this.height = 0;
     this.busy = false;
+    /** @type {{ origin_m: XYZ; direction: XYZ } | null} */
     this.wanted = null;
+    /** @type {Panel["messages"]} */
     this.messages = { hover_ray: (message) => this.take(message), picked: (message) => this.highlight(message) };
     page.canvas.drawers.push((_, context, style) => this.drawOnPlane(context, style));
     this.frame.addEventListener("load", () => this.listen());
@@ -38,23 +56,23 @@ export class SceneMarks {
     requestAnimationFrame(tick);
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     this.picks = state.picks ?? [];
     this.current = state.pick?.id ?? null;
     this.dirty = true;
   }
 
   /** A new pick is shown at once; its name, its place on the plane and its numbers come with the next state. */
-  highlight(pick) {
+  highlight(/** @type {MarkedPick} */ pick) {
     this.picks = [...this.picks.filter(({ id }) => id !== pick.id), pick];
     this.current = pick.id;
     this.dirty = true;
   }
 
   /** The pointer is over the flattened view: its point in space has a cursor. */
-  hovered(answer) {
+  hovered(/** @type {HoverAnswer | null} */ answer) {
     const at = answer?.shape ?? answer?.proposal ?? null;
-    this.cursor = at ? at.xyz_mm.map((x) => x / 1000) : null;
+    this.cursor = at ? scaled(at.xyz_mm, 1 / 1000) : null;
     this.plane = null;
     this.dirty = true;
     this.page.canvas.redraw();
@@ -63,7 +81,7 @@ export class SceneMarks {
   // --- the pointer in the scene ------------------------------------------------------------------
 
   listen() {
-    const inside = this.frame.contentWindow;
+    const inside = /** @type {Window} */ (this.frame.contentWindow);
     inside.addEventListener("pointermove", (event) => {
       const ray = event.buttons ? null : this.rayAt(event.clientX, event.clientY);
       this.wanted = ray;
@@ -73,6 +91,7 @@ export class SceneMarks {
   }
 
   leave() {
+    /** @type {{ origin_m: XYZ; direction: XYZ } | null} */
     this.wanted = null;
     this.id += 1;
     this.show(null, null);
@@ -82,10 +101,11 @@ export class SceneMarks {
     if (this.busy || !this.wanted || !this.page.state?.layers || this.page.state.live?.playing) return;
     this.id += 1;
     this.busy = this.page.send({ type: "hover_ray", id: this.id, ...this.wanted });
+    /** @type {{ origin_m: XYZ; direction: XYZ } | null} */
     this.wanted = null;
   }
 
-  take(message) {
+  take(/** @type {any} */ message) {
     this.busy = false;
     if (message.id === this.id) this.show(message.xyz_m, message.uv_m);
     this.ask();
@@ -95,7 +115,7 @@ export class SceneMarks {
     this.busy = false;
   }
 
-  show(xyz, uv) {
+  show(/** @type {XYZ | null} */ xyz, /** @type {UV | null} */ uv) {
     this.cursor = xyz;
     this.plane = uv;
     this.dirty = true;
@@ -104,31 +124,30 @@ export class SceneMarks {
 
   /** viser's camera and the matrix from the object frame to its world; null until there is a scene. */
   get view() {
-    const viser = this.frame.contentWindow?.__viserMutable;
+    const viser = /** @type {any} */ (this.frame.contentWindow)?.__viserMutable;
     const node = viser?.nodeRefFromName?.["/live/cloud"];
     if (!node || !viser.camera || !viser.canvas) return null;
     return { camera: viser.camera, world: node.matrixWorld.elements, canvas: viser.canvas };
   }
 
-  rayAt(x, y) {
+  rayAt(/** @type {number} */ x, /** @type {number} */ y) {
     const { view } = this;
     if (!view) return null;
     const box = view.canvas.getBoundingClientRect();
     const [a, b] = [(2 * (x - box.left)) / box.width - 1, 1 - (2 * (y - box.top)) / box.height];
     const { matrixWorld, projectionMatrixInverse } = view.camera;
     const [px, py, pz] = applied(projectionMatrixInverse.elements, [a, b, 0.5]);
-    /** @type {any} */
-    const eye = [12, 13, 14].map((i) => matrixWorld.elements[i]);
+    const eye = matrixWorld.elements.slice(12, 15);
     const through = applied(matrixWorld.elements, [px, py, pz]);
     const origin = unapplied(view.world, eye);
     const end = unapplied(view.world, through);
-    const direction = end.map((value, i) => value - origin[i]);
-    const length = Math.hypot(...direction);
-    return { origin_m: origin, direction: direction.map((value) => value / length) };
+    /** @type {XYZ} */
+    const direction = [end[0] - origin[0], end[1] - origin[1], end[2] - origin[2]];
+    return { origin_m: origin, direction: scaled(direction, 1 / Math.hypot(...direction)) };
   }
 
   /** Where a point of the object frame is seen on the overlay; null behind the eye. */
-  place(view, point) {
+  place(/** @type {SceneView} */ view, /** @type {XYZ} */ point) {
     const seen = applied(view.camera.matrixWorldInverse.elements, applied(view.world, point));
     if (seen[2] >= 0) return null;
     const [x, y] = applied(view.camera.projectionMatrix.elements, seen);
@@ -152,28 +171,17 @@ export class SceneMarks {
     this.overlay.height = Math.round(height * ratio);
     this.overlay.style.width = `${width}px`;
     this.overlay.style.height = `${height}px`;
-    const context = this.overlay.getContext("2d");
+    const context = contextOf(this.overlay);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     const style = getComputedStyle(this.overlay);
-    for (const [ends, color] of this.lines) this.drawLine(context, view, ends, color);
     for (const draw of this.drawers) draw(context, style, (point) => this.place(view, point));
     this.drawn = this.picks.map((pick) => this.drawPick(context, style, view, pick));
     const at = this.cursor && this.place(view, this.cursor);
-    if (at) drawCursor(context, at, style.getPropertyValue("--accent"));
+    if (at) drawRing(context, at, style.getPropertyValue("--accent"), 7);
     this.cursorAt = at ?? null;
   }
 
-  drawLine(context, view, ends, color) {
-    const [a, b] = ends.map((point) => this.place(view, point));
-    if (!a || !b) return;
-    context.strokeStyle = color;
-    context.lineWidth = 1.5;
-    context.beginPath();
-    context.moveTo(a.x, a.y);
-    context.lineTo(b.x, b.y);
-    context.stroke();
-  }
-
+  /** @param {Context} context @param {Style} style @param {SceneView} view @param {MarkedPick} pick */
   drawPick(context, style, view, pick) {
     const at = this.place(view, pick.position_held_m);
     if (!at) return null;
@@ -183,9 +191,9 @@ export class SceneMarks {
     return { id: pick.id, x: at.x, y: at.y, inside: at.x > EDGE && at.x < this.width - EDGE };
   }
 
-  drawOnPlane(context, style) {
+  drawOnPlane(/** @type {Context} */ context, /** @type {Style} */ style) {
     if (this.plane) {
-      drawCursor(context, this.page.canvas.transform.toPane(...this.plane), style.getPropertyValue("--accent"));
+      drawRing(context, this.page.canvas.transform.toPane(...this.plane), style.getPropertyValue("--accent"), 7);
     }
     for (const pick of this.page.canvas.marks) {
       const at = this.page.canvas.transform.toPane(...pick.uv_m);
@@ -194,51 +202,41 @@ export class SceneMarks {
   }
 
   get status() {
-    return { drawn: this.drawn, cursor: this.cursor, cursorAt: this.cursorAt ?? null, plane: this.plane };
+    return { drawn: this.drawn, cursor: this.cursor, cursorAt: this.cursorAt, plane: this.plane };
   }
 }
 
+/**
+ * @param {Context} context @param {Point} parts @param {number} number @param {Style} style
+ * @param {boolean} current
+ */
 function drawNumber(context, { x, y }, number, style, current) {
   context.font = `${current ? 700 : 600} 12px system-ui, sans-serif`;
   context.textBaseline = "middle";
-  const width = context.measureText(String(number)).width + 6;
-  context.fillStyle = style.getPropertyValue("--panel");
-  context.globalAlpha = 0.9;
-  context.fillRect(x + 8, y - 18, width, 15);
-  context.globalAlpha = 1;
-  context.fillStyle = style.getPropertyValue("--pick");
-  context.fillText(String(number), x + 11, y - 10);
-}
-
-function drawCursor(context, { x, y }, color) {
-  for (const [stroke, width] of [
-    ["#fff", 4],
-    [color, 2],
-  ]) {
-    context.strokeStyle = stroke;
-    context.lineWidth = width;
-    context.beginPath();
-    context.arc(x, y, 7, 0, 2 * Math.PI);
-    context.stroke();
-  }
+  /** @type {[number, number, number, number]} */
+  const box = [x + 8, y - 18, context.measureText(String(number)).width + 6, 15];
+  drawLabel(context, style, String(number), [x + 11, y - 10], box, { color: "--pick", alpha: 0.9 });
 }
 
 /**
  * A point moved by a matrix of four columns, divided by its last row.
  *
- * @returns {any}
+ * @param {Numbers} m @param {XYZ} point
+ * @returns {XYZ}
  */
 function applied(m, [x, y, z]) {
-  const w = m[3] * x + m[7] * y + m[11] * z + m[15];
-  return [0, 1, 2].map((i) => (m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]) / w);
+  const [a, b, c, w] = [0, 1, 2, 3].map((i) => m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]);
+  return [a / w, b / w, c / w];
 }
 
 /**
  * A point moved back by a rigid motion.
  *
- * @returns {any}
+ * @param {Numbers} m @param {XYZ} point
+ * @returns {XYZ}
  */
 function unapplied(m, point) {
-  const from = point.map((value, i) => value - m[12 + i]);
-  return [0, 1, 2].map((i) => m[4 * i] * from[0] + m[4 * i + 1] * from[1] + m[4 * i + 2] * from[2]);
+  const [x, y, z] = point.map((value, i) => value - m[12 + i]);
+  const [a, b, c] = [0, 4, 8].map((i) => m[i] * x + m[i + 1] * y + m[i + 2] * z);
+  return [a, b, c];
 }

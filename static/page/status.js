@@ -8,13 +8,15 @@ const BUSY_AFTER_MS = 250;
 
 export class StatusLines {
   constructor() {
+    /** @type {number | null} */
     this.busyTimer = null;
-    this.busy = make("p", { class: "busy", role: "status", hidden: true }, "Drawing the shape …");
+    this.busy = make("p.busy", { role: "status", hidden: true }, "Drawing the shape …");
     byId("stage").append(this.busy);
+    /** @type {Panel["messages"]} */
     this.messages = { progress: (message) => this.showProgress(message) };
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     const { name, description, n_views } = state.recording;
     setText(byId("recording"), `${name} · ${count(n_views, "view")} · method ${state.method}`);
     byId("recording").dataset.tip = description || name;
@@ -28,10 +30,10 @@ export class StatusLines {
   }
 
   /** While the session is ahead of the shape that is shown, and not for the blink of an eye. */
-  showBusy(drawing) {
+  showBusy(/** @type {boolean} */ drawing) {
     if (drawing === (this.busyTimer !== null)) return;
-    clearTimeout(this.busyTimer);
-    const show = (on) => {
+    clearTimeout(this.busyTimer ?? 0);
+    const show = (/** @type {boolean} */ on) => {
       this.busy.hidden = !on;
       byId("stage").setAttribute("aria-busy", String(on));
     };
@@ -39,14 +41,14 @@ export class StatusLines {
     if (!drawing) show(false);
   }
 
-  showProgress(progress) {
+  showProgress(/** @type {State["progress"]} */ progress) {
     byId("progress").hidden = !progress;
     if (!progress) return;
     setText(byId("progress-text"), `${progress.text} · ${Math.round(100 * progress.share)} %`);
     byId("progress-bar").value = progress.share;
   }
 
-  showNotes({ recording, notes }) {
+  showNotes(/** @type {State} */ { recording, notes }) {
     const strip = byId("session-notes");
     const key = JSON.stringify([recording.name, notes]);
     strip.hidden = !notes.length || sessionStorage.getItem("flatcloth-notes") === key;
@@ -55,12 +57,8 @@ export class StatusLines {
       strip.hidden = true;
     };
     rebuild(strip, key, () => [
-      make("ul", {}, ...notes.map((text) => make("li", {}, text))),
-      make(
-        "button",
-        { type: "button", class: "close", "aria-label": "Dismiss the notes", on: { click: dismiss } },
-        "×",
-      ),
+      make("ul", ...notes.map((text) => make("li", text))),
+      make("button.close", { label: "Dismiss the notes", click: dismiss }, "×"),
     ]);
   }
 }

@@ -2,18 +2,19 @@
 
 const STORED = "flatcloth-theme";
 const system = matchMedia("(prefers-color-scheme: dark)");
+/** @type {((dark: boolean) => void)[]} */
 const listeners = [];
 
 export const isDark = () => (localStorage.getItem(STORED) ?? (system.matches ? "dark" : "light")) === "dark";
 
-export function onTheme(listener) {
+export function onTheme(/** @type {(dark: boolean) => void} */ listener) {
   listeners.push(listener);
 }
 
 /** What the operator chose; nothing: as the system. */
 export const chosenTheme = () => localStorage.getItem(STORED) ?? "";
 
-export function setTheme(name) {
+export function setTheme(/** @type {string} */ name) {
   if (name) localStorage.setItem(STORED, name);
   else localStorage.removeItem(STORED);
   applyTheme();

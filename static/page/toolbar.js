@@ -1,6 +1,6 @@
 // The buttons: made from the server's table of actions, so that names, keys and reasons are one.
 
-import { byId, make, rebuild, setAllowed } from "/static/page/dom.js";
+import { buttonOf, byId, make, rebuild, setAllowed } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
@@ -13,6 +13,7 @@ const STEPS = [
   [2, 1],
   [5, 2],
 ]; // of the keys that move the proposal: mm, degrees
+/** @type {Record<string, string>} */
 export const LAYERS = {
   layer_color: "color",
   layer_height: "height",
@@ -24,19 +25,22 @@ export const LAYERS = {
   layer_place: "place",
 };
 const QUALITY = ["layer_stretch", "layer_incidence", "layer_density", "layer_place"];
+/** @type {Record<string, string>} */
 const SIGNS = { zoom_out: "−", zoom_in: "+" };
+/** @type {Record<string, string>} */
 const LIVE_SIGNS = { live_back: "◂", live_forward: "▸" };
 
 /** `run(name)` performs an action; `page` holds what belongs to this tab: layer, comparison, step. */
 export class Toolbar {
-  constructor(run, page) {
+  constructor(/** @type {(name: string) => void} */ run, /** @type {Page} */ page) {
     this.run = run;
     this.page = page;
+    /** @type {Map<string, ActionRow>} */
+    this.actions = new Map();
   }
 
-  update(state) {
-    const actions = new Map(state.actions.map((a) => [a.name, a]));
-    this.actions = actions;
+  update(/** @type {State} */ state) {
+    this.actions = new Map(state.actions.map((a) => [a.name, a]));
     if (state.mode === "live") this.build(byId("actions"), LIVE, LIVE_SIGNS);
     else this.build(byId("actions"), SESSION);
     byId("actions").setAttribute("aria-label", state.mode === "live" ? "Playing" : "Session");
@@ -44,93 +48,87 @@ export class Toolbar {
     this.buildLayers(state.mode === "live");
     this.buildOverlay();
     this.build(byId("zoom-tools"), ["zoom_out", "zoom_in", "fit"], SIGNS);
-    for (const button of document.querySelectorAll("[data-action]")) {
-      const action = actions.get(button.getAttribute("data-action"));
-      setAllowed(button, action.why_not, this.tip(action));
-    }
+    for (const action of state.actions)
+      for (const button of document.querySelectorAll(`[data-action="${action.name}"]`))
+        setAllowed(/** @type {HTMLElement} */ (button), action.why_not, this.tip(action));
     for (const { pressed } of this.page.panels)
       for (const [name, on] of Object.entries(pressed ?? {})) this.setPressed(name, on);
     byId("canvas").classList.toggle("measuring", this.page.ruler.on);
-    if (state.mode === "live") this.updateLive(state.live);
+    if (state.live) this.updateLive(state.live);
     else this.updateSession(state);
     for (const [name, layer] of Object.entries(LAYERS)) {
       this.setPressed(name, this.page.layer === layer);
     }
   }
 
-  updateLive(live) {
-    const play = document.querySelector('[data-action="live_play"]');
-    play.firstChild.textContent = live.playing ? "Pause" : "Play";
-    play.classList.toggle("primary", !live.playing);
-    document.querySelector('[data-action="live_turn"]').firstChild.textContent = live.forward
-      ? "Forward"
-      : "Backward";
+  updateLive(/** @type {NonNullable<State["live"]>} */ live) {
+    setTitle("live_play", live.playing ? "Pause" : "Play");
+    buttonOf("live_play").classList.toggle("primary", !live.playing);
+    setTitle("live_turn", live.forward ? "Forward" : "Backward");
   }
 
-  updateSession(state) {
-    const auto = document.querySelector('[data-action="auto"]');
-    auto.setAttribute("aria-pressed", String(state.auto.running));
-    auto.firstChild.textContent = state.auto.running ? "Stop Auto" : "Auto";
+  updateSession(/** @type {State} */ state) {
+    this.setPressed("auto", state.auto.running);
+    setTitle("auto", state.auto.running ? "Stop Auto" : "Auto");
     showSteps(byId("increment"), state.settings);
     this.page.comparison.showKinds(byId("difference-kinds"));
     const main = { deciding: "accept", ready: "step" }[state.phase];
     for (const name of ["step", "accept"]) {
-      document
-        .querySelector(`[data-action="${name}"]`)
-        .classList.toggle("primary", name === main && !state.auto.running);
+      buttonOf(name).classList.toggle("primary", name === main && !state.auto.running);
     }
   }
 
-  tip(action) {
+  tip(/** @type {ActionRow} */ action) {
     const keys = action.keys.slice(0, 2).map(keyName).join(" or ");
     return `${action.description}\nKey: ${keys}`;
   }
 
-  setPressed(name, on) {
-    document.querySelector(`[data-action="${name}"]`)?.setAttribute("aria-pressed", String(on));
+  action(/** @type {string} */ name) {
+    return /** @type {ActionRow} */ (this.actions.get(name));
   }
 
-  button(name, title = null) {
-    const action = this.actions.get(name);
+  setPressed(/** @type {string} */ name, /** @type {boolean} */ on) {
+    buttonOf(name)?.setAttribute("aria-pressed", String(on));
+  }
+
+  button(/** @type {string} */ name, /** @type {string | null} */ title = null) {
+    const action = this.action(name);
     return make(
-      "button",
-      {
-        type: "button",
-        class: "button",
-        "aria-label": title ? action.title : null,
-        data: { action: name, id: name },
-        on: { click: () => this.run(name) },
-      },
+      "button.button",
+      { label: title ? action.title : null, key: name, data: { action: name }, click: () => this.run(name) },
       title ?? action.title,
-      make("kbd", {}, keyName(action.keys[0])),
+      make("kbd", keyName(action.keys[0])),
     );
   }
 
-  build(container, names, titles = {}) {
+  build(
+    /** @type {HTMLElement} */ container,
+    /** @type {string[]} */ names,
+    /** @type {Record<string, string>} */ titles = {},
+  ) {
     rebuild(container, [names], () =>
       names.flatMap((name) => {
-        if (name === "|") return [make("span", { class: "gap", "aria-hidden": "true" })];
+        if (name === "|") return [make("span.gap", { "aria-hidden": "true" })];
         const button = this.button(name, titles[name]);
         if (name !== "reject") return [button];
         const more = make(
-          "button",
+          "button.button.more",
           {
-            type: "button",
-            class: "button more",
             "aria-haspopup": "menu",
-            "aria-label": "Reject with a reason",
-            data: { action: "reject_menu", id: "reject_menu" },
-            on: { click: () => this.run("reject_menu") },
+            label: "Reject with a reason",
+            key: "reject_menu",
+            data: { action: "reject_menu" },
+            click: () => this.run("reject_menu"),
           },
           "▾",
-          make("kbd", {}, keyName(this.actions.get("reject_menu").keys[0])),
+          make("kbd", keyName(this.action("reject_menu").keys[0])),
         );
-        return [make("span", { class: "joined" }, button, more)];
+        return [make("span.joined", button, more)];
       }),
     );
   }
 
-  buildLayers(live) {
+  buildLayers(/** @type {boolean} */ live) {
     const names = Object.keys(LAYERS);
     const quality = QUALITY.filter((name) => !live || name !== "layer_place"); // a single view has no placement
     rebuild(byId("layers"), ["layers"], () =>
@@ -142,59 +140,48 @@ export class Toolbar {
 
   buildOverlay() {
     const page = this.page;
+    /** @param {number} mm @param {number} deg */
     const setStep = (mm, deg) => page.send({ type: "set", step_mm: mm, step_deg: deg });
     rebuild(byId("overlay-tools"), ["overlay"], () => [
       page.comparison.buttons((name, title) => this.button(name, title)),
-      make("div", {
-        id: "difference-kinds",
-        class: "segmented",
-        role: "group",
-        "aria-label": "Difference",
-        hidden: true,
-      }),
+      make("div#difference-kinds.segmented", { role: "group", label: "Difference", hidden: true }),
       make(
-        "div",
-        { class: "field" },
+        "div.field",
         this.button("diagnostics"),
         make(
-          "label",
-          { class: "field" },
-          make("span", {}, "Opacity"),
+          "label.field",
+          make("span", "Opacity"),
           make("input", {
             type: "range",
             min: 0,
             max: 1,
             step: 0.05,
             value: page.comparison.opacity,
-            data: { id: "opacity" },
-            on: { input: (event) => page.comparison.setOpacity(Number(event.target.value)) },
+            key: "opacity",
+            input: (event) => page.comparison.setOpacity(Number(event.target.value)),
           }),
         ),
       ),
       make(
-        "label",
+        "label.field",
         {
-          class: "field",
-          data: {
-            tip:
-              "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It " +
-              "can also be dragged.",
-          },
+          tip:
+            "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It " +
+            "can also be dragged.",
         },
-        make("span", {}, "Arrows, [ ]"),
-        make("select", {
-          id: "increment",
-          data: { id: "increment" },
-          on: { change: (event) => setStep(...STEPS[event.target.value]) },
+        make("span", "Arrows, [ ]"),
+        make("select#increment", {
+          key: "increment",
+          change: (event) => setStep(...STEPS[Number(event.target.value)]),
         }),
       ),
     ]);
   }
 }
 
-function showSteps(select, { step_mm, step_deg }) {
+function showSteps(/** @type {HTMLElement} */ select, /** @type {State["settings"]} */ { step_mm, step_deg }) {
   const now = STEPS.findIndex(([mm, deg]) => mm === step_mm.value && deg === step_deg.value);
-  const told = ([mm, deg]) => `${mm} mm · ${deg}°`;
+  const told = (/** @type {[number, number]} */ [mm, deg]) => `${mm} mm · ${deg}°`;
   rebuild(select, [step_mm.value, step_deg.value], () => [
     ...STEPS.map((step, i) => make("option", { value: i, selected: i === now }, told(step))),
     ...(now < 0
@@ -203,37 +190,37 @@ function showSteps(select, { step_mm, step_deg }) {
   ]);
 }
 
+/** Give the button of an action another title. @param {string} action @param {string} title */
+function setTitle(action, title) {
+  const text = buttonOf(action).firstChild;
+  if (text) text.textContent = title;
+}
+
 /** The reasons to reject, as a menu under its button. */
 export class RejectMenu {
-  constructor(choose) {
+  constructor(/** @type {(reason: string) => void} */ choose) {
     this.choose = choose;
     this.menu = byId("reject-menu");
     this.menu.addEventListener("keydown", (event) => this.key(event));
     this.menu.addEventListener("focusout", (event) => {
-      if (!this.menu.contains(event.relatedTarget)) this.close();
+      if (!this.menu.contains(/** @type {Node | null} */ (event.relatedTarget))) this.close();
     });
   }
 
-  open(reasons) {
-    const button = document.querySelector('[data-action="reject"]');
-    const at = button.getBoundingClientRect();
+  open(/** @type {string[]} */ reasons) {
+    const at = buttonOf("reject").getBoundingClientRect();
     this.menu.replaceChildren(
       ...reasons.map((reason, i) =>
-        make(
-          "button",
-          { type: "button", role: "menuitem", on: { click: () => this.take(reason) } },
-          reason,
-          make("kbd", {}, String(i + 1)),
-        ),
+        make("button", { role: "menuitem", click: () => this.take(reason) }, reason, make("kbd", String(i + 1))),
       ),
     );
     this.menu.style.left = `${at.left}px`;
     this.menu.style.top = `${at.bottom + 4}px`;
     this.menu.hidden = false;
-    this.menu.firstElementChild.focus();
+    /** @type {HTMLElement} */ (this.menu.firstElementChild).focus();
   }
 
-  take(reason) {
+  take(/** @type {string} */ reason) {
     this.close();
     this.choose(reason);
   }
@@ -242,9 +229,9 @@ export class RejectMenu {
     this.menu.hidden = true;
   }
 
-  key(event) {
-    const items = [...this.menu.children];
-    const at = items.indexOf(document.activeElement);
+  key(/** @type {KeyboardEvent} */ event) {
+    const items = /** @type {HTMLElement[]} */ ([...this.menu.children]);
+    const at = items.indexOf(/** @type {HTMLElement} */ (document.activeElement));
     const digit = Number(event.key);
     if (event.key === "ArrowDown") items[(at + 1) % items.length].focus();
     else if (event.key === "ArrowUp") items[(at + items.length - 1) % items.length].focus();
@@ -258,7 +245,8 @@ export class RejectMenu {
 }
 
 /** Fill the sheet of keys. */
-export function showHelp(actions, mode) {
+export function showHelp(/** @type {ActionRow[]} */ actions, /** @type {string} */ mode) {
+  /** @param {string} of */
   const not = (of) => (mode === of ? "" : of === "live" ? " (with --live)" : " (without --live)");
   const capture = { capture: "Capture (with --camera)" };
   const session = {
@@ -275,35 +263,31 @@ export function showHelp(actions, mode) {
     ...Object.entries(titles).map(([group, title]) =>
       make(
         "section",
-        {},
-        make("h3", {}, title),
+        make("h3", title),
         make(
-          "dl",
-          { class: "keys" },
+          "dl.keys",
           ...actions
             .filter((a) => a.group === group)
             .flatMap((a) => [
-              make("dt", {}, ...a.keys.slice(0, 2).map((k) => make("kbd", {}, keyName(k)))),
-              make("dd", {}, make("strong", {}, a.title), " ", a.description),
+              make("dt", ...a.keys.slice(0, 2).map((k) => make("kbd", keyName(k)))),
+              make("dd", make("strong", a.title), " ", a.description),
             ]),
         ),
       ),
     ),
     make(
       "section",
-      {},
-      make("h3", {}, "Pointer"),
+      make("h3", "Pointer"),
       make(
-        "dl",
-        { class: "keys" },
-        make("dt", {}, "Click"),
-        make("dd", {}, "Pick a grasp point, on the flattened view or in 3D."),
-        make("dt", {}, "Drag"),
-        make("dd", {}, "Pan the flattened view; on the proposal: move it, with Shift turn it."),
-        make("dt", {}, "Right drag"),
-        make("dd", {}, "Pan, also over the proposal."),
-        make("dt", {}, "Wheel"),
-        make("dd", {}, "Zoom at the pointer."),
+        "dl.keys",
+        make("dt", "Click"),
+        make("dd", "Pick a grasp point, on the flattened view or in 3D."),
+        make("dt", "Drag"),
+        make("dd", "Pan the flattened view; on the proposal: move it, with Shift turn it."),
+        make("dt", "Right drag"),
+        make("dd", "Pan, also over the proposal."),
+        make("dt", "Wheel"),
+        make("dd", "Zoom at the pointer."),
       ),
     ),
   );

@@ -1,35 +1,40 @@
 // A camera's page: what it sees wrong, and the guided capture: turn, hold still, keep or repeat.
 
-import { byId, make, rebuild, setAllowed, setText } from "/static/page/dom.js";
+import { buttonOf, byId, make, rebuild, setAllowed, setText } from "/static/page/dom.js";
 import { count, number } from "/static/page/format.js";
 
+/** @type {Record<string, "keep" | "repeat" | "turned">} */
 const ACTIONS = { capture_keep: "keep", capture_repeat: "repeat", capture_turned: "turned" };
+/** @type {Record<string, string[]>} */
 const BUTTONS = { turn: ["capture_turned"], review: ["capture_keep", "capture_repeat"] };
 
 export class CapturePanel {
   name = "capture";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
+    /** @type {NonNullable<Panel["actions"]>} */
     this.actions = Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.do(name)]));
+    /** @type {Panel["messages"]} */
     this.messages = { capture: (message) => page.state?.capture && this.take(message) };
+    /** @type {ActionRow[]} */
     this.table = []; // its actions as the server tells them
     this.status = null;
   }
 
   /** Take a state of the page; without a camera there is nothing to show. */
-  update(state) {
+  update(/** @type {State} */ state) {
     const there = Boolean(state.capture);
     document.body.classList.toggle("has-camera", there);
     byId("capture").hidden = !there;
-    if (!there) return;
+    if (!state.capture) return;
     this.table = state.actions.filter((action) => action.name in ACTIONS);
-    document.querySelector(".on-air").setAttribute("data-tip", "What the camera sees now.");
+    document.querySelector(".on-air")?.setAttribute("data-tip", "What the camera sees now.");
     this.take(state.capture);
   }
 
   /** Take how the capture stands; this comes several times a second. */
-  take(status) {
+  take(/** @type {CaptureStatus} */ status) {
     this.status = status;
     // These overtake the states, in which the table of actions comes.
     for (const action of this.table) action.why_not = status.why_not[action.name];
@@ -43,46 +48,34 @@ export class CapturePanel {
   }
 
   /** Do what a key or a button of the table says. */
-  do(name) {
+  do(/** @type {string} */ name) {
     this.page.send({ type: "capture", action: ACTIONS[name] });
   }
 
-  parts(status) {
+  parts(/** @type {CaptureStatus} */ status) {
     return [
+      make("div.heading", make("h2", "Capture"), make("span#capture-rate.quiet-text", { tip: status.camera })),
+      make("ul#capture-warnings.capture-warnings", { role: "status" }),
+      make("p#capture-task.capture-task", { role: "status" }),
+      make("p#capture-way.quiet-text"),
       make(
-        "div",
-        { class: "heading" },
-        make("h2", {}, "Capture"),
-        make("span", { id: "capture-rate", class: "quiet-text", data: { tip: status.camera } }),
+        "label.capture-still",
+        make("span", "Still"),
+        make("meter#capture-still", { min: 0, max: 1, value: 0, label: "How long the item has hung still" }),
+        make("output#capture-speed"),
       ),
-      make("ul", { id: "capture-warnings", class: "capture-warnings", role: "status" }),
-      make("p", { id: "capture-task", class: "capture-task", role: "status" }),
-      make("p", { id: "capture-way", class: "quiet-text" }),
-      make(
-        "label",
-        { class: "capture-still" },
-        make("span", {}, "Still"),
-        make("meter", {
-          id: "capture-still",
-          min: 0,
-          max: 1,
-          value: 0,
-          "aria-label": "How long the item has hung still",
-        }),
-        make("output", { id: "capture-speed" }),
-      ),
-      make("div", { id: "capture-view" }),
-      make("div", { id: "capture-buttons", class: "capture-buttons", role: "group", "aria-label": "Capture" }),
-      make("p", { id: "capture-kept", class: "quiet-text capture-kept" }),
+      make("div#capture-view"),
+      make("div#capture-buttons.capture-buttons", { role: "group", label: "Capture" }),
+      make("p#capture-kept.quiet-text.capture-kept"),
     ];
   }
 
-  showWarnings(status) {
+  showWarnings(/** @type {CaptureStatus} */ status) {
     const texts = [...(status.ended ? [status.ended] : []), ...status.warnings];
-    rebuild(byId("capture-warnings"), texts, () => texts.map((text) => make("li", {}, text)));
+    rebuild(byId("capture-warnings"), texts, () => texts.map((text) => make("li", text)));
   }
 
-  showTask(status) {
+  showTask(/** @type {CaptureStatus} */ status) {
     setText(byId("capture-task"), task(status));
     setText(byId("capture-way"), way(status));
     const meter = byId("capture-still");
@@ -92,38 +85,37 @@ export class CapturePanel {
     byId("capture").dataset.phase = status.phase;
   }
 
-  showView(view) {
+  showView(/** @type {CaptureStatus["view"]} */ view) {
     byId("capture-view").hidden = !view;
     // The angle is left alone while it is typed.
     if (!view) return;
     rebuild(byId("capture-view"), [view.number, view.angle_deg], () => [
-      make("img", {
-        class: "capture-picture",
+      make("img.capture-picture", {
         src: `/capture/view.png?number=${view.number}`,
         alt: `Color and depth of the view at ${number(view.angle_deg, 1)} degrees`,
       }),
-      make("p", { class: "quiet-text" }, `${view.frames} frames, which agree to ${number(view.noise_mm, 1)} mm`),
-      ...view.warnings.map((text) => make("p", { class: "capture-warning" }, text)),
+      make("p.quiet-text", `${view.frames} frames, which agree to ${number(view.noise_mm, 1)} mm`),
+      ...view.warnings.map((text) => make("p.capture-warning", text)),
       make(
-        "label",
-        { class: "field", data: { tip: "If the item was turned to another angle than it was asked for" } },
-        make("span", {}, "Angle °"),
+        "label.field",
+        { tip: "If the item was turned to another angle than it was asked for" },
+        make("span", "Angle °"),
         make("input", {
           type: "number",
           step: 1,
           value: view.angle_deg,
-          data: { id: "capture-angle" },
-          on: { change: (event) => this.aim(event.target.valueAsNumber) },
+          key: "capture-angle",
+          change: (event) => this.aim(event.target.valueAsNumber),
         }),
       ),
     ]);
   }
 
-  aim(angle) {
+  aim(/** @type {number} */ angle) {
     if (Number.isFinite(angle)) this.page.send({ type: "capture", action: "aim", angle_deg: angle });
   }
 
-  showButtons(status) {
+  showButtons(/** @type {CaptureStatus} */ status) {
     const names = status.announced && status.phase === "turn" ? [] : (BUTTONS[status.phase] ?? []);
     const idle = ["idle", "done"].includes(status.phase);
     byId("capture-buttons").hidden = status.ended !== null;
@@ -141,24 +133,23 @@ export class CapturePanel {
             this.send("finish"),
           ),
     ]);
-    for (const button of byId("capture-buttons").querySelectorAll("[data-action]")) {
-      const action = this.table.find((a) => a.name === button.dataset.action);
-      if (action) setAllowed(button, action.why_not, this.page.tip(action.name));
-      button.classList.toggle("primary", button.dataset.action === "capture_keep");
-    }
+    for (const { name, why_not } of this.table)
+      if (names.includes(name)) setAllowed(buttonOf(name), why_not, this.page.tip(name));
+    if (names.includes("capture_keep")) buttonOf("capture_keep").classList.add("primary");
   }
 
-  send(action) {
+  send(/** @type {import("/static/page/messages").Capture["action"]} */ action) {
     this.page.send({ type: "capture", action });
   }
 }
 
+/** @param {string} id @param {string} title @param {string} more @param {string} tip @param {() => void} click */
 function plain(id, title, more, tip, click) {
-  return make("button", { type: "button", class: `button ${more}`, data: { id, tip }, on: { click } }, title);
+  return make("button", { class: `button ${more}`, key: id, tip, click }, title);
 }
 
 /** What is to be done now, in one line. */
-function task(status) {
+function task(/** @type {CaptureStatus} */ status) {
   const view = `view ${status.kept_deg.length}`;
   if (status.ended) return `The camera has ended. ${count(status.kept_deg.length, "view")} on disk.`;
   switch (status.phase) {
@@ -180,23 +171,23 @@ function task(status) {
 }
 
 /** Which way a turn goes, as seen in the picture. */
-function way(status) {
+function way(/** @type {CaptureStatus} */ status) {
   if (status.phase !== "turn" || status.announced) return "";
   return status.turn_by_deg > 0
     ? "What faces the camera moves to the right →"
     : "← What faces the camera moves to the left";
 }
 
-function signed(degrees) {
+function signed(/** @type {number} */ degrees) {
   return `${degrees < 0 ? "−" : ""}${number(Math.abs(degrees), 0)}°`;
 }
 
-function speed(status) {
+function speed(/** @type {CaptureStatus} */ status) {
   if (status.speed_px_s === null) return "–";
   return status.still_s > 0 ? `${number(status.still_s, 1)} s` : `${number(status.speed_px_s, 0)} px/s`;
 }
 
-function kept(status) {
+function kept(/** @type {CaptureStatus} */ status) {
   if (!status.kept_deg.length) return `Folder: ${status.folder}`;
   return `${count(status.kept_deg.length, "view")} on disk in ${status.folder}`;
 }

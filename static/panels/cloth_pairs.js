@@ -10,15 +10,33 @@ const NEAR_PX = 14;
 const BINS = 24;
 const COLORS = ["#2c7bb6", "#e67e00", "#b3261e"]; // below a third of the limit, below the limit, beyond it
 
+/**
+ * @typedef {object} Pairs the pairs of a proposal, as /diagnostics tells them
+ * @property {number} total
+ * @property {number} median_mm
+ * @property {number} nine_tenths_mm
+ * @property {number} beyond_share
+ * @property {number} limit_mm
+ * @property {number} apart_median_mm
+ * @property {number[]} residual_mm
+ * @property {number[]} apart_mm
+ * @property {UV[]} shape_uv_m
+ * @property {UV[]} placed_uv_m
+ * @property {XYZ[]} shape_xyz_m
+ * @property {XYZ[]} new_xyz_m
+ */
+
 export class ClothPairs {
-  constructor(canvas, sheet) {
+  constructor(/** @type {FlatCanvas} */ canvas, /** @type {Sheet} */ sheet) {
     this.canvas = canvas;
     this.sheet = sheet;
-    this.pairs = null;
+    /** @type {Pairs} */
+    this.pairs = /** @type {any} */ (null); // until the first are taken
+    /** @type {number | null} */
     this.marked = null; // number of a pair
   }
 
-  take(pairs) {
+  take(/** @type {Pairs} */ pairs) {
     this.pairs = pairs;
     this.marked = null;
   }
@@ -35,19 +53,19 @@ export class ClothPairs {
     );
   }
 
-  told(n) {
+  told(/** @type {number | null} */ n) {
     if (n === null) return "";
     const { residual_mm: off, apart_mm: apart } = this.pairs;
     return `This pair: ${number(off[n])} mm apart on the plane, ${number(apart[n])} mm in space.`;
   }
 
-  color(n) {
+  color(/** @type {number} */ n) {
     return colorAt(this.pairs.residual_mm[n], this.pairs.limit_mm);
   }
 
   // --- histograms --------------------------------------------------------------------------------
 
-  drawPlots(rect) {
+  drawPlots(/** @type {Rect} */ rect) {
     const { residual_mm, apart_mm, limit_mm } = this.pairs;
     const split = rect.w > 1.3 * rect.h ? columns : rows;
     const places = split(rect, [1, 1], 6);
@@ -55,6 +73,10 @@ export class ClothPairs {
     this.histogram(places[1], apart_mm, null, "Apart in space", "mm");
   }
 
+  /**
+   * @param {Rect} place @param {number[]} values @param {number | null} limit @param {string} title
+   * @param {string} unit
+   */
   histogram(place, values, limit, title, unit) {
     const { sheet } = this;
     const inner = sheet.titled(place, title);
@@ -77,10 +99,12 @@ export class ClothPairs {
   // --- on the canvas and in 3D -------------------------------------------------------------------
 
   /** The pair at a place of the plane, null if none is near. */
-  nearest(at) {
+  nearest(/** @type {Place | null} */ at) {
     if (!at || !this.pairs) return null;
     const here = this.canvas.transform.toPane(at.u_m, at.v_m);
-    let [best, nearest] = [null, NEAR_PX];
+    /** @type {number | null} */
+    let best = null;
+    let nearest = NEAR_PX;
     this.pairs.shape_uv_m.forEach((uv, n) => {
       const { x, y } = this.canvas.transform.toPane(...uv);
       const off = Math.hypot(x - here.x, y - here.y);
@@ -89,24 +113,25 @@ export class ClothPairs {
     return best;
   }
 
-  paint(context) {
+  paint(/** @type {Context} */ context) {
     const { shape_uv_m: from, placed_uv_m: to } = this.pairs;
     from.forEach((uv, n) => {
-      const end = uv.map((value, i) => value + STRETCH * (to[n][i] - value));
-      const [a, b] = [uv, end].map((place) => this.canvas.transform.toPane(...place));
+      const [u, v] = uv.map((value, i) => value + STRETCH * (to[n][i] - value));
+      const [a, b] = [this.canvas.transform.toPane(...uv), this.canvas.transform.toPane(u, v)];
       const on = n === this.marked;
       strokeLine(context, [a, b], this.color(n), on ? 3 : 1.25);
       this.end(context, a, n, on);
     });
   }
 
+  /** @param {Context} context @param {Point} parts @param {number} n @param {boolean} on */
   end(context, { x, y }, n, on) {
     if (on) return drawDot(context, { x, y }, this.color(n), 6);
     context.fillStyle = this.color(n);
     context.fillRect(x - 1, y - 1, 2.5, 2.5);
   }
 
-  paintInSpace(context, place) {
+  paintInSpace(/** @type {Context} */ context, /** @type {PlaceInScene} */ place) {
     const { shape_xyz_m: from, new_xyz_m: to } = this.pairs;
     from.forEach((point, n) => {
       const [a, b] = [place(point), place(to[n])];
@@ -118,4 +143,5 @@ export class ClothPairs {
   }
 }
 
+/** @param {number} mm @param {number | null} limit */
 const colorAt = (mm, limit) => COLORS[limit === null || mm <= limit / 3 ? 0 : mm <= limit ? 1 : 2];

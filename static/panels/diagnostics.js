@@ -1,5 +1,6 @@
 // What placed a proposal: pairs of cloth; the paper's curves, linked to the canvas, and lines; strained edges.
 
+import { ask } from "/static/page/connection.js";
 import { applied, unapplied } from "/static/canvas/geometry.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
@@ -8,16 +9,46 @@ import { ClothPairs } from "/static/panels/cloth_pairs.js";
 import { columns, rows, Sheet } from "/static/teaching/draw.js";
 import { Plot } from "/static/teaching/plot.js";
 
+/** @typedef {"current" | "new"} Side */
+
+/** @type {Side[]} */
 const PLOTS = ["current", "new"];
 const EDGE_COLORS = ["#d95f02", "#286ec8"]; // longer, shorter: as in the 3D scene
 const FAR_M = 4;
 const CURVES = "Curves over the columns. The arrow keys move the marked column.";
 const HISTOGRAMS = "How many pairs of cloth lie how far apart, on the plane and in space.";
 
+/**
+ * @typedef {{ pixels_uv_m: UV[]; center_uv_m: UV; direction: UV; point_uv_m: UV }} DiagnosticLine
+ * @typedef {{ uv_m: [UV, UV][]; strain: number[]; total: number }} Edges
+ * @typedef {{ u_mm: number[]; h: number[]; a_z_deg: (number | null)[]; pixel_size_mm: number }} Curve
+ *
+ * @typedef {object} Known what placed a proposal, as /diagnostics tells it
+ * @property {import("/static/panels/cloth_pairs.js").Pairs} pairs
+ * @property {string} trouble
+ * @property {number[]} angles_deg
+ * @property {number} front_view
+ * @property {number} view_index
+ * @property {"left" | "right"} side
+ * @property {number} turn_deg
+ * @property {number} limit_deg
+ * @property {number} overlap_cm2
+ * @property {number} u_b_mm
+ * @property {number} a_0_deg
+ * @property {number} rotation_deg
+ * @property {{ current: DiagnosticLine; new: DiagnosticLine; a_m_deg: number; height_mm: number; common_range_deg: UV } |
+ *   null} lines
+ * @property {{ shape: Edges; new: Edges }} edges
+ * @property {Curve} current
+ * @property {Curve} new
+ * @property {Motion} front_from_current
+ * @property {Motion} current_from_new
+ */
+
 export class Diagnostics {
   name = "diagnostics";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     this.canvas = page.canvas;
     this.actions = { diagnostics: () => this.toggle() };
@@ -25,9 +56,16 @@ export class Diagnostics {
     this.wantsCurves = false; // though pairs are known
     this.showsLines = true;
     this.showsEdges = false;
+    /** @type {Known | null} */
     this.known = null; // what the server told
+    /** @type {string | null} */
     this.asked = null;
-    this.marked = {}; // column (mm) of each plot
+    /** @type {Partial<Record<Side, number>>} column (mm) of each plot */
+    this.marked = {};
+    /** @type {Partial<Record<Side, Plot>>} */
+    this.plots = {};
+    /** @type {UV} */
+    this.angles = [0, 1];
     this.panel = byId("diagnostics");
     this.build();
     this.pairs = new ClothPairs(this.canvas, this.sheet);
@@ -40,7 +78,7 @@ export class Diagnostics {
     return Boolean(this.known?.pairs) && !this.wantsCurves;
   }
 
-  paintInSpace(context, place) {
+  paintInSpace(/** @type {Context} */ context, /** @type {PlaceInScene} */ place) {
     if (this.open && !this.panel.hidden && this.showsPairs) this.pairs.paintInSpace(context, place);
   }
 
@@ -54,29 +92,26 @@ export class Diagnostics {
     this.plotCanvas = make("canvas", {
       tabindex: 0,
       role: "img",
-      "aria-label": CURVES,
-      on: { pointermove: (e) => this.point(e), pointerleave: () => this.mark({}), keydown: (e) => this.key(e) },
+      label: CURVES,
+      pointermove: (e) => this.point(e),
+      pointerleave: () => this.mark({}),
+      keydown: (e) => this.key(e),
     });
     this.sheet = new Sheet(this.plotCanvas, { redraw: () => this.draw(), probe: () => {} });
-    this.title = make("h2", {});
-    this.facts = make("p", { class: "diagnostics-facts" });
-    this.trouble = make("p", { class: "diagnostics-trouble", role: "status" });
-    this.column = make("output", { class: "diagnostics-column" });
-    this.choices = make("div", { class: "diagnostics-choices" });
+    this.title = make("h2");
+    this.facts = make("p.diagnostics-facts");
+    this.trouble = make("p.diagnostics-trouble", { role: "status" });
+    this.column = make("output.diagnostics-column");
+    this.choices = make("div.diagnostics-choices");
     this.panel.append(
       make(
-        "div",
-        { class: "heading" },
+        "div.heading",
         this.title,
         this.choices,
-        make(
-          "button",
-          { type: "button", class: "close", "aria-label": "Close", on: { click: () => this.toggle() } },
-          "×",
-        ),
+        make("button.close", { label: "Close", click: () => this.toggle() }, "×"),
       ),
-      make("div", { class: "diagnostics-plots" }, this.plotCanvas, this.trouble),
-      make("div", { class: "diagnostics-foot" }, this.facts, this.column),
+      make("div.diagnostics-plots", this.plotCanvas, this.trouble),
+      make("div.diagnostics-foot", this.facts, this.column),
     );
     new ResizeObserver(() => this.open && this.draw()).observe(this.plotCanvas);
   }
@@ -91,14 +126,14 @@ export class Diagnostics {
     return { diagnostics: this.open };
   }
 
-  setEdges(on) {
+  setEdges(/** @type {boolean} */ on) {
     this.showsEdges = on;
     this.page.send({ type: "edges", show: on });
     this.canvas.redraw();
   }
 
   /** Take a state; what it is about is fetched while the panel is open. */
-  update(state) {
+  update(/** @type {State} */ state) {
     const overlay = state.pending ? state.layers?.overlay : null;
     const shown = this.open && Boolean(overlay);
     if (this.panel.hidden === shown) this.page.redrawMarks();
@@ -109,10 +144,10 @@ export class Diagnostics {
     if (key !== this.asked) this.ask(key, state);
   }
 
-  async ask(key, state) {
+  async ask(/** @type {string} */ key, /** @type {State} */ state) {
     this.asked = key;
     setText(this.title, `What placed view ${state.pending.view_index}`);
-    const answer = await fetch(`/diagnostics/${key}.json`).catch(() => null);
+    const answer = await ask(`/diagnostics/${key}.json`);
     if (this.asked !== key) return;
     if (!answer?.ok) {
       this.known = null;
@@ -137,16 +172,12 @@ export class Diagnostics {
   showChoices() {
     const { shape, new: own } = this.known?.edges ?? {};
     const edges = shape ? ` (${shape.strain.length + own.strain.length} of ${shape.total + own.total})` : "";
+    /** @param {string} label @param {string} tip @param {boolean} checked @param {(on: boolean) => void} change */
     const box = (label, tip, checked, change) =>
       make(
         "label",
-        { data: { tip } },
-        make("input", {
-          type: "checkbox",
-          checked,
-          data: { id: label },
-          on: { change: (e) => change(e.target.checked) },
-        }),
+        { tip },
+        make("input", { type: "checkbox", checked, key: label, change: (e) => change(e.target.checked) }),
         label,
       );
     const { showsPairs } = this;
@@ -182,7 +213,7 @@ export class Diagnostics {
     setText(this.trouble, this.showsPairs ? "" : k.trouble);
     this.plotCanvas.setAttribute("aria-label", this.showsPairs ? HISTOGRAMS : CURVES);
     if (this.showsPairs) return setText(this.facts, this.pairs.facts);
-    const name = (view) => `view ${view} (${number(k.angles_deg[view], 0)}°)`;
+    const name = (/** @type {number} */ view) => `view ${view} (${number(k.angles_deg[view], 0)}°)`;
     const facts = [
       `Continues ${name(k.front_view)} on the ${k.side}, turned by A = ${degrees(k.turn_deg, 0)}`,
       `S_0 ${number(k.overlap_cm2, 0)} cm² at u_b = ${number(k.u_b_mm, 0)} mm`,
@@ -214,14 +245,15 @@ export class Diagnostics {
     split(rect, [1, 1], 6).forEach((place, i) => this.drawPlot(PLOTS[i], place));
   }
 
-  drawPlot(of, place) {
+  drawPlot(/** @type {Side} */ of, /** @type {Rect} */ place) {
     const { sheet, known: k } = this;
     const { color } = sheet;
     const { u_mm: u, h, a_z_deg: a } = k[of];
     const turn = of === "new" ? k.turn_deg : 0;
     const inner = sheet.titled(place, of === "new" ? `New: view ${k.view_index}` : `Shape, at view ${k.front_view}`);
     const most = Math.max(1, ...h);
-    const ends = u.length ? [u[0], u.at(-1)] : [0, 1];
+    /** @type {UV} */
+    const ends = u.length ? [u[0], u[u.length - 1]] : [0, 1];
     const plot = new Plot(sheet, inner, {
       x: ends,
       y: this.angles,
@@ -248,7 +280,7 @@ export class Diagnostics {
     if (k.lines) plot.horizontal(k.lines.a_m_deg, color.band, "A_m", [2, 3]);
     if (of === "current" && k.u_b_mm !== null) {
       const b = nearest(u, k.u_b_mm);
-      plot.area(u, h, color.accent, ...(k.side === "left" ? [0, b] : [b, u.length - 1]), plot.y2, 0.2);
+      plot.area(u, h, color.accent, k.side === "left" ? 0 : b, k.side === "left" ? b : u.length - 1, plot.y2, 0.2);
       plot.vertical(k.u_b_mm, color.accent, "u_b", 1.5, [], true);
       sheet.ring(plot.at(k.u_b_mm, k.a_0_deg), 4, color.accent, 2);
       sheet.text("A_0", plot.px(k.u_b_mm) + 7, plot.py(k.a_0_deg) - 5, {
@@ -261,7 +293,7 @@ export class Diagnostics {
   }
 
   /** Mark columns, {current, new} in mm, in the plots and on the canvas. */
-  mark(marked) {
+  mark(/** @type {Partial<Record<Side, number>>} */ marked) {
     this.marked = marked;
     if (!this.known) return;
     const told = PLOTS.filter((of) => Number.isFinite(marked[of])).map((of) => {
@@ -276,14 +308,14 @@ export class Diagnostics {
     this.canvas.redraw();
   }
 
-  markPair(n) {
+  markPair(/** @type {number | null} */ n) {
     if (n === this.pairs.marked) return;
     this.pairs.marked = n;
     setText(this.column, this.pairs.told(n));
     this.drawAll();
   }
 
-  point(event) {
+  point(/** @type {PointerEvent} */ event) {
     if (this.showsPairs) return;
     const [x, y] = [event.offsetX, event.offsetY];
     const of = PLOTS.find((name) => {
@@ -298,7 +330,7 @@ export class Diagnostics {
     this.mark({ [of]: low + ((x - inner.x) / inner.w) * (high - low) });
   }
 
-  key(event) {
+  key(/** @type {KeyboardEvent} */ event) {
     const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
     if (!step || !this.known || this.showsPairs) return;
     event.preventDefault();
@@ -310,7 +342,7 @@ export class Diagnostics {
   }
 
   /** The pointer is at a place of the plane: its column is marked in both plots. */
-  hover(at) {
+  hover(/** @type {Place | null} */ at) {
     if (!this.open || !this.known) return;
     if (this.showsPairs) return this.markPair(this.pairs.nearest(at));
     if (!at) return this.mark({});
@@ -321,9 +353,10 @@ export class Diagnostics {
 
   // --- on the canvas ---------------------------------------------------------------------------
 
-  paint(context) {
+  paint(/** @type {Context} */ context) {
     if (!this.open || this.panel.hidden || !this.known) return;
     const k = this.known;
+    /** @type {Record<Side, (u: number, v: number) => UV>} */
     const toPlane = {
       current: (u, v) => unapplied(k.front_from_current, u, v),
       new: (u, v) => applied(k.current_from_new, u, v),
@@ -342,10 +375,14 @@ export class Diagnostics {
     }
   }
 
-  at([u, v]) {
+  at(/** @type {UV} */ [u, v]) {
     return this.canvas.transform.toPane(u, v);
   }
 
+  /**
+   * @param {Context} context @param {DiagnosticLine} line @param {(u: number, v: number) => UV} place
+   * @param {string} color
+   */
   paintLine(context, line, place, color) {
     context.fillStyle = color;
     context.globalAlpha = 0.55;
@@ -362,7 +399,7 @@ export class Diagnostics {
     drawDot(context, this.at(place(...line.point_uv_m)), color, 6);
   }
 
-  paintEdges(context, edges) {
+  paintEdges(/** @type {Context} */ context, /** @type {Known["edges"]} */ edges) {
     for (const { uv_m: ends, strain } of [edges.shape, edges.new]) {
       ends.forEach((pair, i) => {
         const [a, b] = pair.map((uv) => this.at(uv));
@@ -373,11 +410,11 @@ export class Diagnostics {
 }
 
 /** A text in which A_z is set as A with a small z. */
-const withSubscripts = (text) =>
-  text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((part, i) => (i % 2 ? make("sub", {}, part) : part));
+const withSubscripts = (/** @type {string} */ text) =>
+  text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((part, i) => (i % 2 ? make("sub", part) : part));
 
 /** The index of the value nearest to x in an even sequence, -1 if it is empty. */
-function nearest(values, x) {
+function nearest(/** @type {Numbers} */ values, /** @type {number} */ x) {
   if (!values.length) return -1;
   const step = values.length > 1 ? values[1] - values[0] : 1;
   return Math.min(values.length - 1, Math.max(0, Math.round((x - values[0]) / step)));

@@ -8,7 +8,7 @@ const RATES = [1, 2, 5, 10, 15, 30, 60];
 const RATE_WINDOW_MS = 1000;
 
 /** Split a frame's message: the length of its JSON (4 bytes, little-endian), JSON, PNG. */
-export function unpack(buffer) {
+export function unpack(/** @type {ArrayBuffer} */ buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const about = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
   return {
@@ -22,7 +22,7 @@ export class LiveBar {
   name = "live";
 
   /** `drawn(frame, image or null)` draws a frame. */
-  constructor(page, drawn) {
+  constructor(/** @type {Page} */ page, /** @type {(frame: FrameInfo, shown: Shown | null) => void} */ drawn) {
     this.page = page;
     this.drawn = drawn;
     this.actions = {
@@ -31,8 +31,14 @@ export class LiveBar {
       live_forward: () => page.send({ type: "play", step: 1 }),
       live_turn: () => page.send({ type: "play", forward: !page.state.live.forward }),
     };
+    /** @type {FrameInfo | null} */
     this.frame = null;
+    /** @type {number[]} */
     this.drawnAt = [];
+    /** @type {number[]} */
+    this.angles = [];
+    this.camera = "";
+    this.playing = false;
     this.arrived = 0;
     this.dragging = false;
     this.dragged = 0; // how often the slider was moved by hand
@@ -49,7 +55,7 @@ export class LiveBar {
   }
 
   /** Take a state: what does not change with each frame. */
-  update(state) {
+  update(/** @type {State} */ state) {
     if (!state.live) return;
     this.angles = state.views.map((view) => view.angle_deg);
     this.camera = state.capture?.camera ?? "";
@@ -68,10 +74,10 @@ export class LiveBar {
   }
 
   /** Decode and draw a frame; the server sends the next one only after `then`. */
-  async take(buffer, then) {
+  async take(/** @type {ArrayBuffer} */ buffer, /** @type {() => void} */ then) {
     const { about, png } = unpack(buffer);
     const arrival = ++this.arrived;
-    const image = png === null ? null : await createImageBitmap(png).catch(() => null);
+    const image = png === null ? null : await createImageBitmap(png).catch(/** @returns {null} */ () => null);
     const shown = image && { revision: about.sequence, grid: about.grid, box: boxOf(about.grid), image };
     requestAnimationFrame(() => {
       // Decoding may finish out of order: a change of layer overtakes the frame before it.
@@ -102,7 +108,7 @@ export class LiveBar {
     return { frame: this.frame, fps: this.fps };
   }
 
-  showPlace(index) {
+  showPlace(/** @type {number} */ index) {
     const text = index < 0 ? this.camera : `View ${index} · ${number(this.angles?.[index], 0)}°`;
     setText(byId("live-place"), text);
     this.slider.setAttribute("aria-valuetext", text);

@@ -6,13 +6,13 @@ import { degrees, number, vector } from "/static/page/format.js";
 export class PicksPanel {
   name = "picks";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     this.actions = { copy: () => this.copy() };
   }
 
-  update(state) {
-    const send = (message) => this.page.send(message);
+  update(/** @type {State} */ state) {
+    const send = (/** @type {any} */ message) => this.page.send(message);
     showPick(state, () => this.copy(), send);
     showPicks(state, send);
   }
@@ -25,7 +25,7 @@ export class PicksPanel {
       await navigator.clipboard.writeText(text);
     } catch {
       // Without https or permission there is only the old way.
-      const area = make("textarea", { class: "unseen", readonly: true }, text);
+      const area = make("textarea.unseen", { readonly: true }, text);
       document.body.append(area);
       area.select();
       const done = document.execCommand("copy");
@@ -36,7 +36,7 @@ export class PicksPanel {
   }
 }
 
-function pickText(pick) {
+function pickText(/** @type {CurrentPick} */ pick) {
   return [
     `name\t${pick.name}`,
     `position_held_m\t${pick.position_held_m.map((x) => x.toFixed(5)).join(" ")}`,
@@ -56,37 +56,37 @@ function pickText(pick) {
   ].join("\n");
 }
 
+/** @type {Record<string, string>} */
 const AXIS_FROM = { outline: "along the outline", hand: "by hand", level: "level: no outline nearby" };
 const OPENING_MM = [5, 300];
 
-const stdMm = (metres) =>
+const stdMm = (/** @type {number | null} */ metres) =>
   metres !== null && metres < 1e-4 ? "< 0.1 mm" : `${number(metres === null ? null : 1000 * metres)} mm`;
 
 /** The grip of a pick: axis on the plane, opening, and how surely it is known. */
-function gripTools(pick, send) {
+function gripTools(/** @type {CurrentPick & { grip: object }} */ pick, /** @type {Send} */ send) {
   const grip = pick.grip;
-  const change = (field, scale) => (event) => {
-    const value = event.target.valueAsNumber;
-    if (Number.isFinite(value)) send({ type: "grip", id: pick.id, [field]: value * scale });
-  };
+  const change =
+    (/** @type {"axis_deg" | "opening_m"} */ field, /** @type {number} */ scale) =>
+    (/** @type {ChangeEvent} */ event) => {
+      const value = event.target.valueAsNumber;
+      if (Number.isFinite(value)) send({ type: "grip", id: pick.id, [field]: value * scale });
+    };
   const outline = grip.axis_from === "outline";
   const away = grip.outline_distance_m === null ? "–" : `${number(1000 * grip.outline_distance_m, 0)} mm away`;
   const noAxis = grip.axis_deg === null ? "The pick is not on the present shape." : null;
   return [
     make(
-      "div",
-      { class: "grip", role: "group", "aria-label": "Grip" },
+      "div.grip",
+      { role: "group", label: "Grip" },
       make(
-        "label",
+        "label.field",
         {
-          class: "field",
-          data: {
-            tip:
-              "Direction of the gripper's axis on the flattened view, clockwise from right; the fingers " +
-              "close across it",
-          },
+          tip:
+            "Direction of the gripper's axis on the flattened view, clockwise from right; the fingers " +
+            "close across it",
         },
-        make("span", {}, "Axis °"),
+        make("span", "Axis °"),
         make("input", {
           type: "number",
           step: 5,
@@ -94,42 +94,34 @@ function gripTools(pick, send) {
           max: 180,
           value: grip.axis_deg === null ? null : Math.round(grip.axis_deg),
           disabled: noAxis !== null,
-          data: { id: "grip-axis" },
-          on: { change: change("axis_deg", 1) },
+          key: "grip-axis",
+          change: change("axis_deg", 1),
         }),
       ),
+      make("button.button.small", {
+        pressed: outline,
+        key: "grip-outline",
+        tip: `Lay the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}`,
+        click: () => send({ type: "grip", id: pick.id, outline: true }),
+        text: "Outline",
+      }),
       make(
-        "button",
-        {
-          type: "button",
-          class: "button small",
-          "aria-pressed": String(outline),
-          data: {
-            id: "grip-outline",
-            tip: `Lay the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}`,
-          },
-          on: { click: () => send({ type: "grip", id: pick.id, outline: true }) },
-        },
-        "Outline",
-      ),
-      make(
-        "label",
-        { class: "field", data: { tip: "Distance of the fingers" } },
-        make("span", {}, "Open mm"),
+        "label.field",
+        { tip: "Distance of the fingers" },
+        make("span", "Open mm"),
         make("input", {
           type: "number",
           step: 5,
           min: OPENING_MM[0],
           max: OPENING_MM[1],
           value: Math.round(1000 * grip.opening_m),
-          data: { id: "grip-opening" },
-          on: { change: change("opening_m", 0.001) },
+          key: "grip-opening",
+          change: change("opening_m", 0.001),
         }),
       ),
     ),
     make(
-      "dl",
-      { class: "values" },
+      "dl.values",
       ...valueRow("outline", away, "Distance to the nearest outline of the cloth, on the flattened view"),
       ...valueRow(
         "known to",
@@ -141,26 +133,21 @@ function gripTools(pick, send) {
         `${degrees(grip.normal_std_deg, 0)}, ${degrees(grip.axis_std_deg, 0)}`,
         "One standard deviation of each, from the scatter of normals and outline nearby",
       ),
-      ...(grip.placement_std_m === null
-        ? []
-        : valueRow(
-            "place",
-            stdMm(grip.placement_std_m),
-            "One standard deviation of its place on the flattened plane",
-          )),
+      grip.placement_std_m !== null &&
+        valueRow("place", stdMm(grip.placement_std_m), "One standard deviation of its place on the flattened plane"),
     ),
   ];
 }
 
+/** @param {State} state @param {() => void} copy @param {Send} send */
 function showPick(state, copy, send) {
   const pick = state.pick;
   rebuild(byId("pick"), [pick, Boolean(state.layers)], () => {
     if (!pick) {
       return [
-        make("h2", {}, "Pick"),
+        make("h2", "Pick"),
         make(
-          "p",
-          { class: "nothing" },
+          "p.nothing",
           state.layers
             ? "Click the cloth, flat or in 3D, to get its grasp point."
             : "Grasp points can be picked once a view is flattened.",
@@ -169,24 +156,17 @@ function showPick(state, copy, send) {
     }
     return [
       make(
-        "div",
-        { class: "heading" },
-        make("h2", {}, pick.name),
+        "div.heading",
+        make("h2", pick.name),
         make(
-          "button",
-          {
-            type: "button",
-            class: "button small",
-            data: { id: "copy", tip: "Copy all numbers in metres" },
-            on: { click: copy },
-          },
+          "button.button.small",
+          { key: "copy", tip: "Copy all numbers in metres", click: copy },
           "Copy",
-          make("kbd", {}, "C"),
+          make("kbd", "C"),
         ),
       ),
       make(
-        "dl",
-        { class: "values" },
+        "dl.values",
         ...valueRow("held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"),
         ...valueRow(
           `camera ${number(pick.angle_deg, 0)}°`,
@@ -212,40 +192,36 @@ function showPick(state, copy, send) {
           "Distance between the click and the nearest cloth",
         ),
       ),
-      ...(pick.grip ? gripTools(pick, send) : []),
-      pick.in_shape ? null : make("p", { class: "note" }, "Its view is not part of the present shape."),
-    ].filter(Boolean);
+      pick.grip && gripTools(pick, send),
+      !pick.in_shape && make("p.note", "Its view is not part of the present shape."),
+    ];
   });
 }
 
 /** `send` goes to the server. */
-function showPicks(state, send) {
+function showPicks(/** @type {State} */ state, /** @type {Send} */ send) {
   rebuild(byId("picks"), [state.picks, state.pick?.id ?? null], () => [
     make(
-      "div",
-      { class: "heading" },
-      make("h2", {}, `Picks${state.picks.length ? ` (${state.picks.length})` : ""}`),
-      state.picks.length
-        ? make(
-            "a",
-            {
-              class: "button small",
-              href: "/export/grasps.json",
-              download: "grasps.json",
-              data: { id: "export", tip: "Download all picks as grasps.json" },
-            },
-            "Export",
-          )
-        : null,
+      "div.heading",
+      make("h2", `Picks${state.picks.length ? ` (${state.picks.length})` : ""}`),
+      state.picks.length > 0 &&
+        make("a.button.small", {
+          href: "/export/grasps.json",
+          download: "grasps.json",
+          key: "export",
+          tip: "Download all picks as grasps.json",
+          text: "Export",
+        }),
     ),
     state.picks.length
-      ? make("ol", { class: "picks" }, ...state.picks.map((p) => pickRow(p, p.id === state.pick?.id, send)))
-      : make("p", { class: "nothing" }, "Every pick is kept here: name it, show it again, export it."),
+      ? make("ol.picks", ...state.picks.map((p) => pickRow(p, p.id === state.pick?.id, send)))
+      : make("p.nothing", "Every pick is kept here: name it, show it again, export it."),
   ]);
 }
 
+/** @param {ListedPick} pick @param {boolean} current @param {Send} send */
 function pickRow(pick, current, send) {
-  const rename = (event) => {
+  const rename = (/** @type {ChangeEvent} */ event) => {
     const name = event.target.value.trim();
     if (name && name !== pick.name) send({ type: "rename_pick", id: pick.id, name });
     else event.target.value = pick.name;
@@ -254,46 +230,36 @@ function pickRow(pick, current, send) {
     "li",
     { class: current ? "current" : "" },
     make(
-      "button",
+      "button.show",
       {
-        type: "button",
-        class: "show",
-        "aria-label": `Show ${pick.name}`,
-        "aria-pressed": String(current),
-        data: {
-          id: `show-${pick.id}`,
-          tip: pick.uv_m ? "Show on both sides" : "Show in 3D; its view is not part of the present shape",
-        },
-        on: { click: () => send({ type: "show_pick", id: pick.id }) },
+        label: `Show ${pick.name}`,
+        pressed: current,
+        key: `show-${pick.id}`,
+        tip: pick.uv_m ? "Show on both sides" : "Show in 3D; its view is not part of the present shape",
+        click: () => send({ type: "show_pick", id: pick.id }),
       },
       pick.uv_m ? "◎" : "○",
     ),
     make("input", {
       value: pick.name,
       maxlength: 80,
-      "aria-label": `Name of ${pick.name}`,
-      data: { id: `name-${pick.id}` },
-      on: {
-        change: rename,
-        keydown: (e) => {
-          if (e.key === "Enter") e.target.blur();
-          if (e.key === "Escape") {
-            e.target.value = pick.name;
-            e.target.blur();
-          }
-        },
+      label: `Name of ${pick.name}`,
+      key: `name-${pick.id}`,
+      change: rename,
+      keydown: (e) => {
+        if (e.key === "Enter") e.target.blur();
+        if (e.key === "Escape") {
+          e.target.value = pick.name;
+          e.target.blur();
+        }
       },
     }),
-    make(
-      "button",
-      {
-        type: "button",
-        class: "close",
-        "aria-label": `Delete ${pick.name}`,
-        data: { id: `delete-${pick.id}`, tip: "Delete" },
-        on: { click: () => send({ type: "delete_pick", id: pick.id }) },
-      },
-      "×",
-    ),
+    make("button.close", {
+      label: `Delete ${pick.name}`,
+      key: `delete-${pick.id}`,
+      tip: "Delete",
+      click: () => send({ type: "delete_pick", id: pick.id }),
+      text: "×",
+    }),
   );
 }

@@ -4,24 +4,27 @@ import { strokeLine } from "/static/canvas/marks.js";
 import { applied, boxOf, cornersOf } from "/static/canvas/geometry.js";
 import { drawPieces } from "/static/canvas/pieces.js";
 import { percent } from "/static/garment/lists.js";
-import { byId, make, rebuild } from "/static/page/dom.js";
+import { byId, make, rebuild, swatch } from "/static/page/dom.js";
 import { count, floatingOf, number } from "/static/page/format.js";
 
 export class PiecesPanel {
   name = "pieces";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     this.canvas = page.canvas;
+    /** @type {Piece[]} */
     this.pieces = [];
-    this.places = new Map(); // that the garment has for them, by letter
+    /** @type {Map<string, FoundGarment["pieces"][number]>} that the garment has for them, by letter */
+    this.places = new Map();
+    /** @type {string | null} */
     this.chosen = null; // its letter
-    this.section = make("section", { id: "floating", "aria-label": "Floating pieces", hidden: true });
+    this.section = make("section#floating", { label: "Floating pieces", hidden: true });
     byId("pick").before(this.section);
     this.canvas.drawers.push((_, context, style) => this.draw(context, style));
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     this.pieces = state.layers?.pieces ?? [];
     // While the garment is being recognised again, its places are those of another shape.
     const places = state.garment?.working ? [] : (state.garment?.found?.pieces ?? []);
@@ -36,77 +39,62 @@ export class PiecesPanel {
     rebuild(this.section, [this.pieces, [...this.places.values()], this.chosen, why], () => this.build(why));
   }
 
-  build(why) {
+  build(/** @type {string | null} */ why) {
     const { pieces: floating, area_cm2: area } = floatingOf({ pieces: this.pieces });
     const placed = this.pieces.length - floating.length;
     return [
-      make("h2", {}, `Floating: ${count(floating.length, "piece")}, ${number(area, 0)} cm²`),
-      placed ? make("p", { class: "note" }, `${count(placed, "piece")} placed by the garment.`) : null,
-      make("ul", { class: "pieces" }, ...this.pieces.map((piece) => this.row(piece, why))),
-    ].filter(Boolean);
+      make("h2", `Floating: ${count(floating.length, "piece")}, ${number(area, 0)} cm²`),
+      placed && make("p.note", `${count(placed, "piece")} placed by the garment.`),
+      make("ul.pieces", ...this.pieces.map((piece) => this.row(piece, why))),
+    ];
   }
 
-  row(piece, why) {
+  row(/** @type {Piece} */ piece, /** @type {string | null} */ why) {
     const on = piece.label === this.chosen;
-    const swatch = make("i", { class: "swatch" });
-    swatch.style.background = piece.color;
     const views = `Seen by view${piece.views.length === 1 ? "" : "s"} ${piece.views.join(", ")}.`;
     const place = () =>
       why ? this.page.notify("info", why) : this.page.send({ type: "place_piece", label: piece.label });
     return make(
       "li",
-      {},
       make(
-        "button",
+        "button.button.piece",
         {
-          type: "button",
-          class: "button piece",
-          "aria-pressed": String(on),
-          data: { id: `floating-${piece.label}`, tip: `${piece.reason}\n${views}\nClick: show it.` },
-          on: { click: () => this.choose(on ? null : piece) },
+          pressed: on,
+          key: `floating-${piece.label}`,
+          tip: `${piece.reason}\n${views}\nClick: show it.`,
+          click: () => this.choose(on ? null : piece),
         },
-        swatch,
-        make("b", {}, piece.label),
+        swatch(piece.color),
+        make("b", piece.label),
         ` ${number(piece.area_cm2, 0)} cm²`,
       ),
       this.byGarment(piece),
-      ...(on
-        ? [
-            make("p", { class: "note" }, `${piece.reason} ${views}`),
-            make(
-              "button",
-              {
-                type: "button",
-                class: "button small",
-                "aria-disabled": why ? "true" : null,
-                data: {
-                  id: `place-${piece.label}`,
-                  tip:
-                    why ??
-                    "The view that shows most of it is proposed: drag it onto the shape; the piece comes along.",
-                },
-                on: { click: place },
-              },
-              "Place by hand",
-            ),
-          ]
-        : []),
+      on && [
+        make("p.note", `${piece.reason} ${views}`),
+        make("button.button.small", {
+          "aria-disabled": why ? "true" : null,
+          key: `place-${piece.label}`,
+          tip: why ?? "The view that shows most of it is proposed: drag it onto the shape; the piece comes along.",
+          click: place,
+          text: "Place by hand",
+        }),
+      ],
     );
   }
 
   /** The place that the garment has for a piece, to be accepted or refused like a proposal. */
-  byGarment(piece) {
+  byGarment(/** @type {Piece} */ piece) {
     const place = this.places.get(piece.label);
-    if (!place) return piece.placed ? make("p", { class: "note" }, "Placed by the garment.") : null;
+    if (!place) return piece.placed ? make("p.note", "Placed by the garment.") : null;
+    /** @param {string} title @param {boolean} accepted @param {string} tip */
     const button = (title, accepted, tip) =>
       make(
-        "button",
+        "button.button.small",
         {
-          type: "button",
-          class: "button small",
-          "aria-label": `${title}: piece ${piece.label}`,
-          data: { id: `garment-${piece.label}-${accepted}`, tip: `${tip}\nUndo takes it back.` },
-          on: { click: () => this.page.send({ type: "decide_piece", label: piece.label, accepted }) },
+          label: `${title}: piece ${piece.label}`,
+          key: `garment-${piece.label}-${accepted}`,
+          tip: `${tip}\nUndo takes it back.`,
+          click: () => this.page.send({ type: "decide_piece", label: piece.label, accepted }),
         },
         title,
       );
@@ -114,15 +102,15 @@ export class PiecesPanel {
     const accept = button("Place there", true, "It becomes part of the shape that is shown, where it is outlined.");
     const refuse = button("Refuse", false, "The garment has no place for it there.");
     return make(
-      "div",
-      { class: "by-garment", role: "group", "aria-label": `Place of piece ${piece.label} by the garment` },
-      make("p", { class: "note" }, place.state === "proposed" ? `${told}.` : `${told}: ${place.state}.`),
-      place.state === "placed" ? null : accept,
-      place.state === "refused" ? null : refuse,
+      "div.by-garment",
+      { role: "group", label: `Place of piece ${piece.label} by the garment` },
+      make("p.note", place.state === "proposed" ? `${told}.` : `${told}: ${place.state}.`),
+      place.state !== "placed" && accept,
+      place.state !== "refused" && refuse,
     );
   }
 
-  choose(piece) {
+  choose(/** @type {Piece | null} */ piece) {
     this.chosen = piece?.label ?? null;
     this.page.changed();
     this.canvas.redraw();
@@ -133,7 +121,7 @@ export class PiecesPanel {
   }
 
   /** Each floating piece has a rectangle and its letter; one with a place by the garment its outline there. */
-  draw(context, style) {
+  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
     for (const piece of this.pieces) this.drawPlace(context, piece);
     this.drawBrought(context);
     const beside = this.pieces.filter((piece) => !piece.placed);
@@ -141,7 +129,7 @@ export class PiecesPanel {
   }
 
   /** Where a piece comes to lie that goes along with the proposal. */
-  drawBrought(context) {
+  drawBrought(/** @type {Context} */ context) {
     const { brings } = this.page.state?.pending ?? {};
     const piece = brings && this.pieces.find(({ label }) => label === brings.label);
     if (!piece) return;
@@ -153,7 +141,7 @@ export class PiecesPanel {
   }
 
   /** The outline of a piece where the garment has a place for it. */
-  drawPlace(context, piece) {
+  drawPlace(/** @type {Context} */ context, /** @type {Piece} */ piece) {
     const place = this.places.get(piece.label);
     if (!place || place.state === "refused") return;
     const chosen = piece.label === this.chosen;

@@ -1,9 +1,12 @@
 // Why pixels of a view are not in the shape: a layer over its source image, and the legend with their shares.
 
-import { make, rebuild } from "/static/page/dom.js";
+import { ask } from "/static/page/connection.js";
+import { make, rebuild, swatch } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
 const SHOWN = "flatcloth-source-states";
+
+/** @typedef {{ state: string; text: string; color: string | null; share: number; missing: number }} Share */
 
 export class PixelStates {
   /** @param {() => void} changed called when a legend has come */
@@ -11,6 +14,7 @@ export class PixelStates {
     this.changed = changed;
     this.shown = localStorage.getItem(SHOWN) === "yes";
     this.asked = ""; // the address of the legend that was asked for
+    /** @type {Share[] | null} */
     this.legend = null; // what the server says, of that address
   }
 
@@ -20,11 +24,14 @@ export class PixelStates {
   }
 
   /** The address of the layer of a view for a revision of the shape; null if it is not shown. */
-  addressOf(view, revision) {
+  addressOf(/** @type {number} */ view, /** @type {number} */ revision) {
     return this.shown && revision ? `/source/${view}/states-${revision}.png` : null;
   }
 
-  /** Show the shares of a view below its image. */
+  /**
+   * Show the shares of a view below its image.
+   * @param {HTMLElement} element @param {number} view @param {number} revision
+   */
   show(element, view, revision) {
     const address = this.addressOf(view, revision)?.replace(".png", ".json") ?? "";
     element.hidden = !address;
@@ -33,10 +40,10 @@ export class PixelStates {
     rebuild(element, [address, this.legend], () => (this.legend ?? []).map(row));
   }
 
-  async load(address) {
+  async load(/** @type {string} */ address) {
     this.asked = address;
     this.legend = null;
-    const answer = await fetch(address).catch(() => null);
+    const answer = await ask(address);
     if (this.asked !== address) return;
     if (!answer) this.asked = ""; // the connection was lost; asked again when it is shown again
     if (!answer?.ok) return;
@@ -45,11 +52,9 @@ export class PixelStates {
   }
 }
 
-function row({ state, text, color, share, missing }) {
+function row(/** @type {Share} */ { state, text, color, share, missing }) {
   const tip =
     `${number(100 * share, 1)} % of the item's pixels; ` +
     `${number(100 * missing, 1)} % show cloth that is in the result from no view`;
-  const swatch = make("i", { class: "swatch" });
-  swatch.style.background = color ?? "transparent";
-  return make("p", { data: { state, tip } }, swatch, `${number(100 * share, 0)} % ${text}`);
+  return make("p", { tip, data: { state } }, swatch(color ?? "transparent"), `${number(100 * share, 0)} % ${text}`);
 }

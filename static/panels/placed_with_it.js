@@ -5,9 +5,13 @@ import { drawName } from "/static/garment/marks.js";
 import { make } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
+/** @param {Pending["also"][number]} parts */
 const nameOf = ({ view_index, component }) => `view ${view_index}, part ${component + 1}`;
 
-/** Name each part where it adds cloth: its outline is one with the proposal's. */
+/**
+ * Name each part where it adds cloth: its outline is one with the proposal's.
+ * @param {FlatCanvas} canvas @param {Context} context @param {Style} style @param {Pending | null} pending
+ */
 export function drawPlacedWithIt(canvas, context, style, pending) {
   if (!pending || !canvas.overlay.shown || canvas.isMoved) return;
   for (const part of pending.also) {
@@ -17,46 +21,42 @@ export function drawPlacedWithIt(canvas, context, style, pending) {
   }
 }
 
+/** @param {Pending} parts @param {Send} send @param {(place: UV) => void} show */
 export function placedWithIt({ also, view_index }, send, show) {
   if (!also.length) return null;
   return make(
-    "div",
-    { class: "placed-with-it", id: "placed-with-it" },
-    make("p", { class: "note" }, "Accepting also places:"),
-    make("ul", {}, ...also.map((part) => row(part, view_index, send, show))),
+    "div#placed-with-it.placed-with-it",
+    make("p.note", "Accepting also places:"),
+    make("ul", ...also.map((part) => row(part, view_index, send, show))),
   );
 }
 
+/**
+ * @param {Pending["also"][number]} part @param {number} view_index @param {Send} send
+ * @param {(place: UV) => void} show
+ */
 function row(part, view_index, send, show) {
   const { component, area_cm2, place_uv_m } = part;
   const name = nameOf(part);
   const id = `${part.view_index}-${component}`;
   return make(
     "li",
-    {},
     make(
       "button",
       {
-        type: "button",
-        data: { id: `show-part-${id}`, tip: "Its place is found like the proposal's.\nClick: show the place." },
-        on: { click: () => show(place_uv_m) },
+        key: `show-part-${id}`,
+        tip: "Its place is found like the proposal's.\nClick: show the place.",
+        click: () => show(place_uv_m),
       },
-      make("span", {}, name),
-      make("span", {}, `${number(area_cm2, 0)} cm²`),
+      make("span", name),
+      make("span", `${number(area_cm2, 0)} cm²`),
     ),
-    make(
-      "button",
-      {
-        type: "button",
-        class: "button",
-        "aria-label": `Leave out ${name}`,
-        data: {
-          id: `leave-out-${id}`,
-          tip: "Accept the proposal without this part. It is not proposed again; Undo takes it back.",
-        },
-        on: { click: () => send({ type: "leave_out", view_index, part_view: part.view_index, component }) },
-      },
-      "Leave out",
-    ),
+    make("button.button", {
+      label: `Leave out ${name}`,
+      key: `leave-out-${id}`,
+      tip: "Accept the proposal without this part. It is not proposed again; Undo takes it back.",
+      click: () => send({ type: "leave_out", view_index, part_view: part.view_index, component }),
+      text: "Leave out",
+    }),
   );
 }

@@ -1,9 +1,9 @@
 // The values under the pointer, and the legend of the layer that is shown.
 
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { byId, make, rebuild, setText, swatch } from "/static/page/dom.js";
 import { degrees, hex, number, vector } from "/static/page/format.js";
 
-/** @type {[string, string, (values: any) => string][]} */
+/** @type {[string, string, (values: PixelValues) => string][]} */
 const READOUT = [
   ["Pixel", "row, column", (a) => `${a.rc[0]}, ${a.rc[1]}`],
   ["u, v", "mm on the plane", (a) => `${vector(a.uv_mm)} mm`],
@@ -32,54 +32,43 @@ const READOUT = [
 ];
 
 export class Readout {
-  hovered(answer) {
+  hovered(/** @type {HoverAnswer | null} */ answer) {
     showReadout(answer);
   }
 }
 
-function showReadout(answer) {
+function showReadout(/** @type {HoverAnswer | null} */ answer) {
   const list = byId("readout");
   if (!list.childElementCount) {
     list.append(
-      ...READOUT.map(([name, about]) =>
-        make("div", {}, make("dt", { data: { tip: `${name}: ${about}` } }, name), make("dd", {}, "–")),
-      ),
+      ...READOUT.map(([name, about]) => make("div", make("dt", { tip: `${name}: ${about}` }, name), make("dd", "–"))),
     );
   }
   const values = answer?.shape ?? answer?.proposal ?? null;
   list.classList.toggle("of-proposal", Boolean(!answer?.shape && answer?.proposal));
   READOUT.forEach(([name, , text], i) => {
-    const cell = list.children[i].lastChild;
+    const cell = /** @type {HTMLElement} */ (list.children[i].lastChild);
     setText(cell, values ? text(values) : "–");
     if (name === "Color") cell.style.setProperty("--swatch", values ? hex(values.rgb) : "transparent");
   });
 }
 
-export function showLegend(legend) {
+export function showLegend(/** @type {Legend | null | undefined} */ legend) {
   const box = byId("legend");
   box.hidden = !legend || legend.kind === "none";
   if (box.hidden) return;
   rebuild(box, legend, () => {
     if (legend.kind === "classes") {
-      return [
-        make("h3", {}, legend.title),
-        ...legend.classes.map((c) => {
-          const swatch = make("i", { class: "swatch" });
-          swatch.style.background = c.color;
-          return make("p", {}, swatch, c.label);
-        }),
-      ];
+      return [make("h3", legend.title), ...legend.classes.map((c) => make("p", swatch(c.color), c.label))];
     }
-    const ramp = make("i", { class: "ramp" });
-    ramp.style.background = `linear-gradient(to top, ${legend.colors.join(", ")})`;
+    const ramp = make("i.ramp", { style: { background: `linear-gradient(to top, ${legend.colors.join(", ")})` } });
     const middle = (legend.low + legend.high) / 2;
     return [
-      make("h3", {}, legend.title),
+      make("h3", legend.title),
       make(
-        "div",
-        { class: "scale" },
+        "div.scale",
         ramp,
-        make("div", {}, ...[legend.high, middle, legend.low].map((x) => make("span", {}, number(x, 0)))),
+        make("div", ...[legend.high, middle, legend.low].map((x) => make("span", number(x, 0)))),
       ),
     ];
   });

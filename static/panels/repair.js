@@ -1,5 +1,7 @@
 // Repair of a proposal: how it fits while it is moved, refinement from there, and pairs of points to fit.
 
+import { applied, unapplied } from "/static/canvas/geometry.js";
+import { strokeRimmed } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
@@ -8,11 +10,14 @@ const SEEN_EVERY_MS = 60;
 const FAR_BELOW = 0.2; // of the score: so much below the best place is far from it
 const LEAST_GAIN = 0.005; // of the score
 
+/** @typedef {{ own: UV; shape: UV | null; weight: number }} Pair `own` is a place in the proposal's own plane */
+/** @typedef {Point & { pair: Pair; index: number; end: "own" | "shape" }} End */
+
 export class Repair {
   name = "repair";
 
   /** `page.canvas` shows the markers; `nudges` holds what the keys have moved but not told yet. */
-  constructor(page, nudges) {
+  constructor(/** @type {Page} */ page, /** @type {KeyNudges} */ nudges) {
     this.page = page;
     this.canvas = page.canvas;
     this.actions = {
@@ -30,20 +35,28 @@ export class Repair {
         page.send({ type: "refine", view_index: this.view });
       },
     };
+    /** @type {Panel["messages"]} */
     this.messages = { preview: (message) => this.takePreview(message), pairs: (message) => this.takePairs(message) };
     this.picking = false;
+    /** @type {number | null} */
     this.view = null; // the view that the pairs are about
-    this.pairs = []; // {own: [u, v] in the proposal's own plane, shape: [u, v] or null, weight}
+    /** @type {Pair[]} */
+    this.pairs = [];
+    /** @type {import("/static/page/messages").PairsAnswer | null} */
     this.fit = null; // residuals as the server tells them
+    /** @type {End | null} */
     this.held = null; // the marker that is being dragged
     this.asked = 0;
     this.answered = 0;
+    /** @type {By | null} */
     this.wanted = null;
+    /** @type {Pending | null} */
+    this.pending = null;
     this.canvas.tools.push(this);
     this.canvas.drawers.push((_, context, style) => this.draw(context, style));
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     this.pending = state.pending;
     if (this.view !== (state.pending?.view_index ?? null)) {
       this.view = state.pending?.view_index ?? null;
@@ -74,32 +87,25 @@ export class Repair {
   }
 
   /** The connected parts of the view, if it has several: which one is placed. */
-  showPieces({ pieces, view_index }) {
+  showPieces(/** @type {Pending} */ { pieces, view_index }) {
     const box = byId("pieces");
     box.hidden = pieces.length < 2;
     rebuild(box, [pieces, view_index], () =>
       pieces.map((piece) =>
         make(
-          "button",
+          "button.button",
           {
-            type: "button",
-            class: "button",
-            "aria-pressed": String(piece.chosen),
-            "aria-label":
-              `Part ${piece.component + 1}, ${number(piece.area_cm2, 0)} cm²` + (piece.waits ? ", waits" : ""),
-            data: {
-              id: `piece-${piece.component}`,
-              tip: piece.waits
-                ? "Nothing connects this part to the shape yet; it floats until something does.\n" +
-                  "Click: place it by hand."
-                : "Place this part of the view.",
-            },
-            on: {
-              click: () =>
-                piece.chosen || this.page.send({ type: "take_part", view_index, component: piece.component }),
-            },
+            pressed: piece.chosen,
+            label: `Part ${piece.component + 1}, ${number(piece.area_cm2, 0)} cm²` + (piece.waits ? ", waits" : ""),
+            key: `piece-${piece.component}`,
+            tip: piece.waits
+              ? "Nothing connects this part to the shape yet; it floats until something does.\n" +
+                "Click: place it by hand."
+              : "Place this part of the view.",
+            click: () =>
+              piece.chosen || this.page.send({ type: "take_part", view_index, component: piece.component }),
           },
-          make("b", {}, String(piece.component + 1)),
+          make("b", String(piece.component + 1)),
           `${number(piece.area_cm2, 0)} cm²${piece.waits ? " …" : ""}`,
         ),
       ),
@@ -122,7 +128,7 @@ export class Repair {
   // --- how it fits -----------------------------------------------------------------------------
 
   /** Ask how the proposal would fit, moved by `by`; while an answer is on its way only the newest is kept. */
-  moving(by) {
+  moving(/** @type {By} */ by) {
     this.wanted = { ...by };
     if (this.asked === this.answered) this.sendWanted();
   }
@@ -143,13 +149,14 @@ export class Repair {
     if (!sent) this.answered = this.asked;
   }
 
-  takePreview(message) {
+  takePreview(/** @type {import("/static/page/messages").PreviewAnswer} */ message) {
     if (message.id !== this.asked) return;
     setTimeout(() => {
       this.answered = this.asked;
       this.sendWanted();
     }, SEEN_EVERY_MS);
     if (!this.pending) return;
+    /** @param {number | null} score @param {number} mm */
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const here = fit(message.score, message.apart_mm);
     const refined = fit(message.refined_score, message.refined_apart_mm);
@@ -161,7 +168,7 @@ export class Repair {
       : far
         ? "You are far from the best place: back to it?"
         : "Refine would not improve it.";
-    setText(byId("fit-here"), message.why ?? `At this place: score ${here}. ${more}`);
+    setText(byId("fit-here"), message.why || `At this place: score ${here}. ${more}`);
     byId("back-to-best").hidden = !far;
   }
 
@@ -190,7 +197,7 @@ export class Repair {
   }
 
   /** A click on the plane; returns whether it was meant for a pair. */
-  click(u, v) {
+  click(/** @type {number} */ u, /** @type {number} */ v) {
     if (!this.picking || this.view === null) return false;
     const open = this.pairs.at(-1);
     if (open && !open.shape) {
@@ -207,12 +214,12 @@ export class Repair {
     return true;
   }
 
-  onProposal(u, v) {
+  onProposal(/** @type {number} */ u, /** @type {number} */ v) {
     const at = this.unmoved(u, v);
     return this.canvas.overlay.covers(at[0], at[1]);
   }
 
-  remove(index) {
+  remove(/** @type {number} */ index) {
     this.pairs.splice(index, 1);
     this.fit = null;
     this.showPairs();
@@ -224,7 +231,7 @@ export class Repair {
     if (this.whole().length > 1) this.sendPairs(false);
   }
 
-  sendPairs(fit) {
+  sendPairs(/** @type {boolean} */ fit) {
     if (this.view === null) return;
     const whole = this.whole();
     this.page.send({
@@ -237,7 +244,7 @@ export class Repair {
     });
   }
 
-  takePairs(message) {
+  takePairs(/** @type {import("/static/page/messages").PairsAnswer} */ message) {
     if (message.residual_mm.length !== this.whole().length) return; // of pairs before
     this.fit = message;
     this.showPairs();
@@ -254,16 +261,12 @@ export class Repair {
     rebuild(
       box,
       [this.picking, this.pairs.length, this.pairs.map((p) => [Boolean(p.shape), p.weight]), this.fit],
-      () =>
-        [
-          make("p", { class: "note" }, this.nextClick()),
-          this.pairs.length
-            ? make("ol", { class: "pairs" }, ...this.pairs.map((pair, i) => this.row(pair, i)))
-            : null,
-          enough
-            ? this.page.button("fit_pairs", this.fit ? `Fit pairs: ${number(this.fit.rms_mm)} mm rms` : "Fit pairs")
-            : null,
-        ].filter(Boolean),
+      () => [
+        make("p.note", this.nextClick()),
+        this.pairs.length > 0 && make("ol.pairs", ...this.pairs.map((pair, i) => this.row(pair, i))),
+        enough &&
+          this.page.button("fit_pairs", this.fit ? `Fit pairs: ${number(this.fit.rms_mm)} mm rms` : "Fit pairs"),
+      ],
     );
   }
 
@@ -274,58 +277,54 @@ export class Repair {
       : "Click a point on the proposal.";
   }
 
-  row(pair, index) {
+  row(/** @type {Pair} */ pair, /** @type {number} */ index) {
     const residual = this.fit?.residual_mm[index];
     const told = !pair.shape
       ? "…"
       : residual === undefined
         ? "–"
         : `${number(residual)} mm, fitted ${number(this.fit.fitted_mm[index])}`;
-    const weigh = (event) => {
+    const weigh = (/** @type {ChangeEvent} */ event) => {
       const weight = event.target.valueAsNumber;
       if (weight > 0) pair.weight = weight;
-      else event.target.value = pair.weight;
+      else event.target.value = String(pair.weight);
       this.askResiduals();
     };
     return make(
       "li",
-      {},
-      make("b", {}, String(index + 1)),
-      make("span", {}, told),
+      make("b", String(index + 1)),
+      make("span", told),
       make("input", {
         type: "number",
         min: 0.1,
         max: 10,
         step: 0.1,
         value: pair.weight,
-        "aria-label": `Weight of pair ${index + 1}`,
-        data: { id: `weight-${index}`, tip: "Weight of this pair" },
-        on: { change: weigh },
+        label: `Weight of pair ${index + 1}`,
+        key: `weight-${index}`,
+        tip: "Weight of this pair",
+        change: weigh,
       }),
-      make(
-        "button",
-        {
-          type: "button",
-          class: "close",
-          "aria-label": `Remove pair ${index + 1}`,
-          data: { id: `unpair-${index}`, tip: "Remove" },
-          on: { click: () => this.remove(index) },
-        },
-        "×",
-      ),
+      make("button.close", {
+        label: `Remove pair ${index + 1}`,
+        key: `unpair-${index}`,
+        tip: "Remove",
+        click: () => this.remove(index),
+        text: "×",
+      }),
     );
   }
 
   // --- the markers -----------------------------------------------------------------------------
 
-  press({ x, y }) {
+  press(/** @type {Point} */ { x, y }) {
     if (!this.picking) return false;
     const near = this.ends().find((end) => Math.hypot(x - end.x, y - end.y) < REACH_PX);
     this.held = near ?? null;
     return Boolean(near);
   }
 
-  drag({ u, v }) {
+  drag(/** @type {PointerPlace} */ { u, v }) {
     this.held.pair[this.held.end] = this.held.end === "own" ? this.toOwn(u, v) : [u, v];
     this.canvas.redraw();
   }
@@ -335,14 +334,17 @@ export class Repair {
     this.askResiduals();
   }
 
+  /** @returns {End[]} */
   ends() {
     return this.pairs.flatMap((pair, index) => [
-      { pair, index, end: "own", ...this.canvas.transform.toPane(...this.fromOwn(pair.own)) },
-      ...(pair.shape ? [{ pair, index, end: "shape", ...this.canvas.transform.toPane(...pair.shape) }] : []),
+      { pair, index, end: /** @type {const} */ ("own"), ...this.canvas.transform.toPane(...this.fromOwn(pair.own)) },
+      ...(pair.shape
+        ? [{ pair, index, end: /** @type {const} */ ("shape"), ...this.canvas.transform.toPane(...pair.shape) }]
+        : []),
     ]);
   }
 
-  draw(context, style) {
+  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
     const ends = this.ends();
     context.font = "600 11px system-ui, sans-serif";
     context.textAlign = "center";
@@ -350,17 +352,10 @@ export class Repair {
     for (const { pair, x, y, end } of ends) {
       if (end !== "own" || !pair.shape) continue;
       const to = this.canvas.transform.toPane(...pair.shape);
-      for (const [color, width] of [
-        ["#fff", 4],
-        [style.getPropertyValue("--accent"), 2],
-      ]) {
-        context.strokeStyle = color;
-        context.lineWidth = width;
-        context.beginPath();
+      strokeRimmed(context, style.getPropertyValue("--accent"), 2, () => {
         context.moveTo(x, y);
         context.lineTo(to.x, to.y);
-        context.stroke();
-      }
+      });
     }
     for (const { index, end, x, y } of ends) {
       context.beginPath();
@@ -378,32 +373,28 @@ export class Repair {
 
   // --- between the proposal's own plane and the shape's ------------------------------------------
 
-  fromOwn([x, y]) {
+  /** @returns {UV} */
+  fromOwn(/** @type {UV} */ [x, y]) {
     const at = this.canvas.overlay.shown?.grid.placement;
-    return at ? this.previewed(turned(x, y, at.theta_rad, at.u_m, at.v_m)) : [x, y];
+    return at ? this.previewed(...applied([at.theta_rad, at.u_m, at.v_m], x, y)) : [x, y];
   }
 
-  toOwn(u, v) {
-    const [x, y] = this.unmoved(u, v);
+  toOwn(/** @type {number} */ u, /** @type {number} */ v) {
     const { theta_rad, u_m, v_m } = this.canvas.overlay.shown.grid.placement;
-    return turned(x - u_m, y - v_m, -theta_rad, 0, 0);
+    return unapplied([theta_rad, u_m, v_m], ...this.unmoved(u, v));
   }
 
-  previewed([u, v]) {
+  previewed(/** @type {number} */ u, /** @type {number} */ v) {
     const { theta, u: du, v: dv } = this.canvas.preview;
     const [cu, cv] = this.canvas.center;
-    return turned(u - cu, v - cv, theta, cu + du, cv + dv);
+    return applied([theta, cu + du, cv + dv], u - cu, v - cv);
   }
 
-  unmoved(u, v) {
+  /** @returns {UV} */
+  unmoved(/** @type {number} */ u, /** @type {number} */ v) {
     const { theta, u: du, v: dv } = this.canvas.preview;
     const [cu, cv] = this.canvas.center;
-    return turned(...turned(u - cu - du, v - cv - dv, -theta, 0, 0), 0, cu, cv);
+    const [x, y] = unapplied([theta, cu + du, cv + dv], u, v);
+    return [x + cu, y + cv];
   }
-}
-
-/** @returns {[number, number]} */
-function turned(x, y, theta, u, v) {
-  const [c, s] = [Math.cos(theta), Math.sin(theta)];
-  return [c * x - s * y + u, s * x + c * y + v];
 }

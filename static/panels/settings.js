@@ -1,16 +1,20 @@
 // The settings: one door, made from the server's table, each with a reset; and the numbers of the method, to read.
 
+import { ask } from "/static/page/connection.js";
 import { byId, make, rebuild } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 import { chosenTheme, setTheme } from "/static/page/theme.js";
 
+/** @type {Record<string, string>} */
 const THEMES = { "": "As the system", light: "Light", dark: "Dark" };
 
 export class SettingsSheet {
   name = "settings";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
+    /** @type {State["settings"]} */
+    this.settings = /** @type {any} */ ({});
     this.actions = { settings: () => this.open() };
     byId("settings-reset").addEventListener("click", () => {
       page.send({ type: "set", reset: true });
@@ -19,7 +23,7 @@ export class SettingsSheet {
     });
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     this.settings = state.settings;
     if (byId("settings").open) this.show();
   }
@@ -40,9 +44,9 @@ export class SettingsSheet {
     ]);
   }
 
-  row(setting) {
+  row(/** @type {State["settings"][keyof State["settings"]]} */ setting) {
     const { name, title, description, value } = setting;
-    const set = (next) => this.page.send({ type: "set", [name]: next });
+    const set = (/** @type {unknown} */ next) => this.page.send({ type: "set", [name]: next });
     const id = `setting-${name}`;
     const field =
       setting.low === null
@@ -50,9 +54,9 @@ export class SettingsSheet {
             type: "checkbox",
             id,
             checked: value,
-            data: { id },
+            key: id,
             "aria-describedby": `${id}-about`,
-            on: { change: (event) => set(event.target.checked) },
+            change: (event) => set(event.target.checked),
           })
         : make("input", {
             type: "number",
@@ -61,14 +65,12 @@ export class SettingsSheet {
             max: setting.high,
             step: setting.step,
             value,
-            data: { id },
+            key: id,
             "aria-describedby": `${id}-about`,
-            on: {
-              change: (event) =>
-                event.target.validity.rangeOverflow || event.target.validity.rangeUnderflow || !event.target.value
-                  ? (event.target.value = value)
-                  : set(event.target.valueAsNumber),
-            },
+            change: (event) =>
+              event.target.validity.rangeOverflow || event.target.validity.rangeUnderflow || !event.target.value
+                ? (event.target.value = String(value))
+                : set(event.target.valueAsNumber),
           });
     return this.line(
       id,
@@ -81,15 +83,15 @@ export class SettingsSheet {
     );
   }
 
-  themeRow(theme) {
+  themeRow(/** @type {string} */ theme) {
     const id = "setting-theme";
-    const change = (name) => {
+    const change = (/** @type {string} */ name) => {
       setTheme(name);
       this.show();
     };
     const field = make(
       "select",
-      { id, data: { id }, "aria-describedby": `${id}-about`, on: { change: (event) => change(event.target.value) } },
+      { id, key: id, "aria-describedby": `${id}-about`, change: (event) => change(event.target.value) },
       ...Object.entries(THEMES).map(([name, title]) =>
         make("option", { value: name, selected: name === theme }, title),
       ),
@@ -105,48 +107,45 @@ export class SettingsSheet {
     );
   }
 
+  /**
+   * @param {string} id @param {string} title @param {string} description @param {HTMLElement} field
+   * @param {boolean} changed @param {string} first @param {() => void} reset
+   */
   line(id, title, description, field, changed, first, reset) {
     return [
       make("label", { for: id }, title),
       field,
       make(
         "span",
-        {},
-        changed
-          ? make(
-              "button",
-              {
-                type: "button",
-                class: "button small",
-                data: { id: `${id}-reset`, tip: `Reset: ${first}` },
-                "aria-label": `Reset ${title}`,
-                on: { click: reset },
-              },
-              "Reset",
-            )
-          : null,
+        changed &&
+          make("button.button.small", {
+            key: `${id}-reset`,
+            tip: `Reset: ${first}`,
+            label: `Reset ${title}`,
+            click: reset,
+            text: "Reset",
+          }),
       ),
-      make("p", { id: `${id}-about`, class: "note" }, description),
+      make("p.note", { id: `${id}-about` }, description),
     ];
   }
 
   async showNumbers() {
     const box = byId("settings-numbers");
     if (box.childElementCount) return;
-    const answer = await fetch("/settings/numbers.json").catch(() => null);
+    const answer = await ask("/settings/numbers.json");
     if (!answer?.ok) return;
+    /** @type {{ section: string; values: { name: string; about: string; value: unknown; default: unknown }[] }[]} */
     const sections = await answer.json();
     box.replaceChildren(
       ...sections.map(({ section, values }) =>
         make(
           "section",
-          {},
-          make("h3", {}, section),
+          make("h3", section),
           make(
-            "dl",
-            { class: "values" },
+            "dl.values",
             ...values.flatMap((v) => [
-              make("dt", { data: { tip: v.about } }, v.name.replaceAll("_", " ")),
+              make("dt", { tip: v.about }, v.name.replaceAll("_", " ")),
               make("dd", { class: told(v.value) === told(v.default) ? "" : "changed" }, told(v.value)),
             ]),
           ),
@@ -156,7 +155,8 @@ export class SettingsSheet {
   }
 }
 
-function told(value) {
+/** @returns {string} */
+function told(/** @type {unknown} */ value) {
   if (Array.isArray(value)) return value.map(told).join(", ");
   if (typeof value === "number")
     return number(value, Number.isInteger(value) ? 0 : Math.abs(value) >= 0.1 ? 2 : 5)

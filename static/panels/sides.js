@@ -1,5 +1,6 @@
 // The side of interest: brushes on the source image and the shape, a cut, what is uncertain, where to stroke next.
 
+import { ask } from "/static/page/connection.js";
 import { strokeLine } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
@@ -10,10 +11,12 @@ const MOST_POINTS = 900; // of a stroke; the server takes a thousand
 const COLORS = { this: "--side-this", other: "--side-other", cut: "--warn" };
 const NAMES = { this: "This side", other: "Not this side", cut: "Cut" };
 
+/** @typedef {"this" | "other" | "cut"} BrushKind */
+
 export class SidesPanel {
   name = "sides";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     page.brush = this;
     this.actions = {
@@ -26,16 +29,24 @@ export class SidesPanel {
       show_sides: () => this.toggle("shown"),
       show_certainty: () => this.toggle("certain"),
     };
+    /** @type {Panel["messages"]} */
     this.messages = { where_to_stroke: (answer) => this.goTo(answer) };
+    /** @type {BrushKind | null} */
     this.kind = null; // "this", "other", "cut", or null: no brush
     this.radius_mm = FIRST_MM;
     this.shown = true;
     this.certain = false;
+    /** @type {UV[] | null} */
     this.line = null; // of the stroke that is being drawn on the shape: [[u, v], ...]
+    /** @type {UV[] | null} */
     this.cutLine = null; // drawn, and waits for a click beyond it
+    /** @type {State["sides"]} */
     this.known = null;
+    /** @type {string | null} */
+    this.wanted = null;
+    /** @type {ImageBitmap | null} */
     this.image = null; // the uncertainty of the shape
-    this.panel = make("section", { id: "sides", class: "sides", "aria-label": "Side of interest", hidden: true });
+    this.panel = make("section#sides.sides", { label: "Side of interest", hidden: true });
     byId("picks").before(this.panel);
     page.canvas.tools.push(this);
     page.canvas.drawers.push((_, context, style) => this.draw(context, style));
@@ -59,7 +70,7 @@ export class SidesPanel {
     return this.radius_mm / 1000;
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     this.known = state.sides ?? null;
     this.panel.hidden = !this.known;
     if (!this.known) {
@@ -73,52 +84,51 @@ export class SidesPanel {
   show() {
     const known = this.known;
     rebuild(this.panel, ["sides"], () => [
-      make("h2", {}, "Side of interest"),
-      make("p", { id: "sides-text", role: "status" }),
-      make("ul", { id: "sides-conflicts", class: "conflicts", hidden: true }),
+      make("h2", "Side of interest"),
+      make("p#sides-text", { role: "status" }),
+      make("ul#sides-conflicts.conflicts", { hidden: true }),
       this.group("Brush", ["brush_this", "brush_other", "cut"]),
       make(
-        "label",
-        { class: "field", data: { tip: "Half the width of the brush, measured on the cloth. Keys: < and >" } },
-        make("span", {}, "Radius"),
-        make("input", {
+        "label.field",
+        { tip: "Half the width of the brush, measured on the cloth. Keys: < and >" },
+        make("span", "Radius"),
+        make("input#brush-radius", {
           type: "range",
           min: 0,
           max: RADII_MM.length - 1,
           step: 1,
-          data: { id: "brush-radius" },
-          id: "brush-radius",
-          on: { input: (event) => this.setRadius(Number(event.target.value)) },
+          key: "brush-radius",
+          input: (event) => this.setRadius(Number(event.target.value)),
         }),
-        make("output", { id: "brush-size" }),
+        make("output#brush-size"),
       ),
       this.group("Shown", ["show_sides", "show_certainty", "where_to_stroke"]),
     ]);
     setText(byId("sides-text"), known.text);
     const conflicts = byId("sides-conflicts");
     conflicts.hidden = !known.conflicts.length;
-    rebuild(conflicts, known.conflicts, () => known.conflicts.map((text) => make("li", {}, text)));
+    rebuild(conflicts, known.conflicts, () => known.conflicts.map((text) => make("li", text)));
     this.showRadius();
   }
 
-  group(label, actions) {
+  group(/** @type {string} */ label, /** @type {string[]} */ actions) {
     const buttons = actions.map((name) => {
       const button = this.page.button(name);
       button.classList.add("small");
       return button;
     });
-    return make("div", { class: "group", role: "group", "aria-label": label }, ...buttons);
+    return make("div.group", { role: "group", label }, ...buttons);
   }
 
   showRadius() {
-    byId("brush-radius").value = RADII_MM.indexOf(this.radius_mm);
+    byId("brush-radius").value = String(RADII_MM.indexOf(this.radius_mm));
     byId("brush-radius").setAttribute("aria-valuetext", `${this.radius_mm} mm`);
     setText(byId("brush-size"), `${number(this.radius_mm, 0)} mm`);
   }
 
   // --- the brush -------------------------------------------------------------------------------
 
-  take(kind) {
+  take(/** @type {BrushKind} */ kind) {
     if (!this.known) {
       this.page.notify("info", "This recording has masks of its own; there is nothing to paint.");
       return;
@@ -140,19 +150,19 @@ export class SidesPanel {
     this.tellScene();
   }
 
-  resize(by) {
+  resize(/** @type {number} */ by) {
     const at = RADII_MM.indexOf(this.radius_mm) + by;
     this.setRadius(Math.min(Math.max(at, 0), RADII_MM.length - 1));
   }
 
-  setRadius(index) {
+  setRadius(/** @type {number} */ index) {
     this.radius_mm = RADII_MM[index];
     if (this.known) this.showRadius();
     this.tellScene();
     this.page.canvas.redraw();
   }
 
-  toggle(what) {
+  toggle(/** @type {"shown" | "certain"} */ what) {
     this[what] = !this[what];
     this.page.changed();
     this.page.canvas.redraw();
@@ -169,7 +179,7 @@ export class SidesPanel {
 
   // --- a tool of the canvas --------------------------------------------------------------------
 
-  press(at) {
+  press(/** @type {PointerPlace} */ at) {
     if (!this.kind || !this.page.canvas.layer.shown) return false;
     if (this.cutLine) {
       this.page.send({ type: "cut_shape", points_uv_m: this.cutLine, beyond_uv_m: [at.u, at.v] });
@@ -182,13 +192,13 @@ export class SidesPanel {
     return true;
   }
 
-  drag(at) {
+  drag(/** @type {PointerPlace} */ at) {
     if (!this.line || this.line.length >= MOST_POINTS) return;
     this.line.push([at.u, at.v]);
     this.page.canvas.redraw();
   }
 
-  release(at) {
+  release(/** @type {PointerPlace} */ at) {
     const line = this.line;
     this.line = null;
     if (!line) return;
@@ -215,43 +225,43 @@ export class SidesPanel {
     return this.kind === "this" || this.kind === "other";
   }
 
-  color(element) {
-    return getComputedStyle(element).getPropertyValue(COLORS[this.kind]);
+  color(/** @type {Element} */ element) {
+    return getComputedStyle(element).getPropertyValue(COLORS[this.kind ?? "this"]);
   }
 
-  paintImage(view, points) {
+  paintImage(/** @type {number} */ view, /** @type {UV[]} */ points) {
     const side = this.kind === "this" ? "this" : "other";
     const most = points.slice(0, MOST_POINTS);
     this.page.send({ type: "stroke_image", side, view_index: view, points_rc: most, radius_m: this.radius_m });
   }
 
   /** The address of the labels of a view, null if they are not shown or not known. */
-  addressOf(view) {
+  addressOf(/** @type {number} */ view) {
     if (!this.known?.certainty || !(this.shown || this.certain)) return null;
     return `/sides/${view}.png?layer=${this.certain ? "certainty" : "side"}&revision=${this.known.revision}`;
   }
 
   /** The addresses of a small image of a view and of its labels, null if they are not shown or not known. */
-  thumbsOf(view) {
+  thumbsOf(/** @type {number} */ view) {
     const labels = this.addressOf(view)?.replace(".png", "/small.png");
     return labels ? [`/sides/${view}/color.jpg?v=${this.known.token}`, labels] : null;
   }
 
-  goTo(answer) {
+  goTo(/** @type {import("/static/page/messages").StrokeAdvice} */ answer) {
     this.page.notify("info", answer.text);
     if (answer.view_index !== null) this.page.each("lookAt", answer.view_index, answer.rc);
   }
 
   // --- over the shape --------------------------------------------------------------------------
 
-  async fetchImage(state) {
+  async fetchImage(/** @type {State} */ state) {
     const layers = state.layers?.revision;
     const key = this.certain && this.known.certainty !== null && layers ? `${layers}-${this.known.revision}` : null;
     if (key === this.wanted) return;
     this.wanted = key;
     this.image = null;
     if (!key) return;
-    const answer = await fetch(`/sides/shape.png?revision=${key}`).catch(() => null);
+    const answer = await ask(`/sides/shape.png?revision=${key}`);
     if (!answer?.ok || this.wanted !== key) return;
     const image = await createImageBitmap(await answer.blob());
     if (this.wanted !== key) return;
@@ -259,7 +269,7 @@ export class SidesPanel {
     this.page.canvas.redraw();
   }
 
-  draw(context, style) {
+  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
     const canvas = this.page.canvas;
     const shown = canvas.layer.shown;
     if (this.image && shown && this.image.width === shown.grid.cols) canvas.drawPicture(shown, this.image);
@@ -272,7 +282,7 @@ export class SidesPanel {
     strokeLine(
       context,
       line.map(([u, v]) => canvas.transform.toPane(u, v)),
-      style.getPropertyValue(COLORS[this.kind]),
+      style.getPropertyValue(COLORS[this.kind ?? "this"]),
       width,
     );
     context.restore();

@@ -1,7 +1,8 @@
 // The source image of a view with its mask, beside the flattened view, and every view that saw the current pick.
 
-import { strokeLine } from "/static/canvas/marks.js";
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { ask } from "/static/page/connection.js";
+import { strokeLine, strokeRimmed, traceCross } from "/static/canvas/marks.js";
+import { byId, contextOf, make, rebuild, setText } from "/static/page/dom.js";
 import { count, number } from "/static/page/format.js";
 import { PixelStates } from "/static/panels/pixel_states.js";
 
@@ -12,6 +13,7 @@ const MOST_SHARE = 0.42; // of the scene's width and height
 const LOW_PX = 420; // a scene that is lower than this keeps the most of it for itself
 const MARGIN = 0.12; // around the item, as a share of its size
 const IMAGES_KEPT = 8;
+/** @type {Record<string, string>} */
 const HIDDEN = {
   "faces away": "face away",
   "covered by nearer cloth": "covered",
@@ -19,10 +21,26 @@ const HIDDEN = {
   "nothing measured there": "not measured",
 };
 
+/**
+ * @typedef {{ view_index: number; angle_deg: number; rc: UV; thumb: string }} Seen a view that saw the pick
+ * @typedef {{ left: number; top: number; width: number; height: number }} ItemBox
+ * @typedef {ImageBitmap & { box?: ItemBox }} Picture
+ *
+ * @typedef {object} Drawn what is drawn, for tests
+ * @property {boolean} labels
+ * @property {boolean} states
+ * @property {number} view
+ * @property {boolean} masked
+ * @property {ItemBox} box
+ * @property {number} scale
+ * @property {RC | null} pick
+ * @property {RC | null} pointer
+ */
+
 export class SourcePanel {
   name = "sources";
 
-  constructor(page) {
+  constructor(/** @type {Page} */ page) {
     this.page = page;
     this.states = new PixelStates(() => this.show());
     this.actions = {
@@ -36,14 +54,27 @@ export class SourcePanel {
     this.panel = byId("sources");
     this.folded = localStorage.getItem(FOLDED) === "yes";
     this.masked = localStorage.getItem(MASKED) !== "no";
+    /** @type {number | null} */
     this.present = null; // the view that the page is at
+    /** @type {number | null} */
     this.pinned = null; // another view that the operator looks at
+    /** @type {CurrentPick | null} */
     this.pick = null;
-    this.seen = null; // what the server says of the pick: {id, seen, n_views, hidden}
+    /** @type {{ id: number; seen: Seen[]; n_views: number; hidden: Record<string, number> } | null} of the pick */
+    this.seen = null;
+    /** @type {HoverAnswer["source"]} */
     this.at = null; // what is under the pointer on the flattened view
-    this.images = new Map(); // by address
-    this.canvas = make("canvas", { id: "source-canvas", role: "img" });
+    /** @type {Map<string, Picture | null>} by address */
+    this.images = new Map();
+    this.canvas = make("canvas#source-canvas", { role: "img" });
+    /** @type {UV[] | null} */
     this.stroke = null; // pixels (row, col) of the stroke that is being drawn
+    /** @type {Drawn | null} */
+    this.drawn = null;
+    /** @type {number[]} */
+    this.angles = [];
+    this.revision = 0;
+    /** @type {{ view: number; rc: RC } | null} */
     this.aim = null; // {view, rc}: where a stroke is suggested
     this.listen();
     new ResizeObserver(() => this.draw()).observe(this.panel.parentElement);
@@ -58,7 +89,7 @@ export class SourcePanel {
     return this.panel.hidden || this.folded || this.view === null ? {} : { view: this.view };
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     this.panel.hidden = Boolean(state.capture) || state.present_view === null || Boolean(state.live?.playing);
     if (this.panel.hidden) return;
     if (state.present_view !== this.present) this.pinned = null;
@@ -70,13 +101,13 @@ export class SourcePanel {
   }
 
   /** Mark the pixel that shows what is under the pointer on the flattened view. */
-  hovered(answer) {
+  hovered(/** @type {HoverAnswer | null} */ answer) {
     this.at = answer?.source ?? null;
     this.draw();
   }
 
   /** Show a pixel of a view, and mark it until something is painted. */
-  lookAt(view, rc) {
+  lookAt(/** @type {number} */ view, /** @type {RC} */ rc) {
     this.aim = { view, rc };
     this.folded = false;
     this.pin(view);
@@ -113,35 +144,39 @@ export class SourcePanel {
     canvas.addEventListener("keydown", (event) => this.key(event));
   }
 
-  /** The pixel (row, col) of the recorded image under a pointer. */
-  pixelAt(event) {
+  /** The pixel (row, col) of the recorded image under a pointer. @returns {UV} */
+  pixelAt(/** @type {PointerEvent} */ event) {
     const at = this.canvas.getBoundingClientRect();
     const { box, scale } = this.drawn;
     return [(event.clientY - at.top) / scale + box.top - 0.5, (event.clientX - at.left) / scale + box.left - 0.5];
   }
 
   /** With a brush the arrow keys move a mark over the image (Shift: tenfold), Enter paints a dab there. */
-  key(event) {
+  key(/** @type {KeyboardEvent} */ event) {
     if (!this.page.brush?.paintsImages || !this.drawn || event.ctrlKey || event.altKey || event.metaKey) return;
     const { box, view } = this.drawn;
     const step = event.shiftKey ? 10 : 1;
+    /** @type {Record<string, UV>} */
     const ways = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] };
+    /** @type {number[]} */
     const here = this.aim?.view === view ? this.aim.rc : [box.top + box.height / 2, box.left + box.width / 2];
     if (event.key in ways) {
       const [row, col] = ways[event.key].map((way, i) => here[i] + way * step);
+      /** @param {number} value @param {number} least @param {number} size */
       const within = (value, least, size) => Math.min(Math.max(value, least), least + size - 1);
       this.aim = { view, rc: [within(row, box.top, box.height), within(col, box.left, box.width)] };
     } else if (event.key === "Enter") {
-      this.page.brush.paintImage(view, [here]);
+      this.page.brush.paintImage(view, [[here[0], here[1]]]);
     } else return;
     event.preventDefault();
     event.stopPropagation();
     this.draw();
   }
 
-  drawStroke(context) {
+  drawStroke(/** @type {Context} */ context) {
     const { box, scale } = this.drawn;
     const brush = this.page.brush;
+    /** @param {UV} parts */
     const at = ([row, col]) => ({ x: (col + 0.5 - box.left) * scale, y: (row + 0.5 - box.top) * scale });
     context.save();
     context.globalAlpha = 0.6;
@@ -165,7 +200,7 @@ export class SourcePanel {
   }
 
   /** Look at another view: its image here, the item in 3D from where it was taken. */
-  pin(view) {
+  pin(/** @type {number} */ view) {
     this.page.send({ type: "turn_to", view_index: view });
     this.pinned = view === this.present ? null : view;
     this.show();
@@ -173,14 +208,14 @@ export class SourcePanel {
 
   // --- the pick --------------------------------------------------------------------------------
 
-  async takePick(pick) {
+  async takePick(/** @type {CurrentPick | null} */ pick) {
     const key = pick && JSON.stringify([pick.id, pick.position_held_m]);
     const known = this.pick && JSON.stringify([this.pick.id, this.pick.position_held_m]);
     this.pick = pick;
     if (key === known) return;
     this.seen = null;
     if (!pick) return;
-    const answer = await fetch(`/source/seen/${pick.id}.json`).catch(() => null);
+    const answer = await ask(`/source/seen/${pick.id}.json`);
     if (!answer?.ok || this.pick?.id !== pick.id) return;
     this.seen = { id: pick.id, ...(await answer.json()) };
     this.show();
@@ -190,28 +225,25 @@ export class SourcePanel {
 
   show() {
     this.panel.classList.toggle("folded", this.folded);
-    const button = (name, title) => this.page.button(name, title);
+    const button = (/** @type {string} */ name, title = "") => this.page.button(name, title || null);
     rebuild(this.panel, ["frame", this.folded], () => {
       if (this.folded) return [this.tipped(button("source_image"), "source_image")];
-      const back = make("button", {
-        type: "button",
-        class: "button small",
-        id: "source-back",
-        data: { id: "source-back", tip: "Show the view that the page is at" },
-        on: { click: () => this.pin(this.present) },
+      const back = make("button#source-back.button.small", {
+        key: "source-back",
+        tip: "Show the view that the page is at",
+        click: () => this.pin(this.present),
       });
       return [
         make(
-          "div",
-          { class: "heading" },
-          make("h2", { id: "source-title" }),
+          "div.heading",
+          make("h2#source-title"),
           back,
           this.tipped(button("source_mask"), "source_mask"),
           this.tipped(button("source_states"), "source_states"),
           this.tipped(button("source_image", "Fold"), "source_image"),
         ),
-        make("div", { class: "source-body" }, this.canvas, make("div", { id: "source-seen", class: "source-seen" })),
-        make("div", { id: "source-states", class: "source-states" }),
+        make("div.source-body", this.canvas, make("div#source-seen.source-seen")),
+        make("div#source-states.source-states"),
       ];
     });
     if (this.folded || this.view === null) return;
@@ -226,7 +258,7 @@ export class SourcePanel {
     this.draw();
   }
 
-  tipped(element, action) {
+  tipped(/** @type {HTMLElement} */ element, /** @type {string} */ action) {
     element.classList.add("small");
     element.dataset.tip = this.page.tip(action);
     return element;
@@ -237,47 +269,39 @@ export class SourcePanel {
     byId("source-seen").hidden = !pick;
     if (!pick) return;
     rebuild(byId("source-seen"), [pick.id, pick.name, seen, this.view], () => {
-      if (!seen) return [make("p", { class: "nothing" }, `Looking for ${pick.name} in every view.`)];
+      if (!seen) return [make("p.nothing", `Looking for ${pick.name} in every view.`)];
       const others = Object.entries(seen.hidden)
         .filter(([, n]) => n)
         .map(([why, n]) => `${n} ${HIDDEN[why]}`)
         .join(", ");
       const title = `${pick.name}: seen in ${seen.seen.length} of ${count(seen.n_views, "view")}`;
       return [
-        make("p", { data: { tip: others ? `The others: ${others}.` : "" } }, title),
-        make(
-          "div",
-          { class: "thumbs", role: "group", "aria-label": title },
-          ...seen.seen.map((one) => this.thumb(one)),
-        ),
+        make("p", { tip: others ? `The others: ${others}.` : "" }, title),
+        make("div.thumbs", { role: "group", label: title }, ...seen.seen.map((one) => this.thumb(one))),
       ];
     });
   }
 
-  thumb(one) {
+  thumb(/** @type {Seen} */ one) {
     const name = `View ${one.view_index}, ${number(one.angle_deg, 0)}°`;
     return make(
-      "button",
+      "button.thumb",
       {
-        type: "button",
-        class: "thumb",
-        "aria-label": `${name}: show its image`,
-        "aria-pressed": String(one.view_index === this.view),
-        data: {
-          id: `thumb-${one.view_index}`,
-          tip:
-            `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\n` +
-            "Click: show its image, and turn the item to it",
-        },
-        on: { click: () => this.pin(one.view_index) },
+        label: `${name}: show its image`,
+        pressed: one.view_index === this.view,
+        key: `thumb-${one.view_index}`,
+        tip:
+          `${name}, pixel ${number(one.rc[0], 0)}, ${number(one.rc[1], 0)}\n` +
+          "Click: show its image, and turn the item to it",
+        click: () => this.pin(one.view_index),
       },
       make("img", { src: one.thumb, alt: "", width: 44, height: 44 }),
-      make("span", {}, `${number(one.angle_deg, 0)}°`),
+      make("span", `${number(one.angle_deg, 0)}°`),
     );
   }
 
   /** Return a picture, or null while it is fetched: it is drawn when it is there. */
-  image(address) {
+  image(/** @type {string} */ address) {
     const kept = this.images.get(address);
     if (kept !== undefined) return kept;
     this.images.set(address, null);
@@ -285,7 +309,7 @@ export class SourcePanel {
     const fetched = async () => {
       const answer = await fetch(address);
       if (!answer.ok) throw new Error(await answer.text());
-      /** @type {any} */
+      /** @type {Picture} */
       const image = await createImageBitmap(await answer.blob());
       if (address.endsWith("/mask.png")) image.box = boxOfItem(image);
       this.images.set(address, image);
@@ -322,7 +346,7 @@ export class SourcePanel {
     this.canvas.style.width = `${width}px`;
     this.canvas.style.height = `${height}px`;
     byId("source-seen").style.maxHeight = `${height}px`;
-    const context = this.canvas.getContext("2d");
+    const context = contextOf(this.canvas);
     context.scale(ratio, ratio);
     context.imageSmoothingQuality = "high";
     for (const image of this.masked || lost ? [color, labels ?? mask] : [color]) {
@@ -330,18 +354,11 @@ export class SourcePanel {
     }
     const style = getComputedStyle(this.canvas);
     const [pick, pointer] = [this.pickedPixel(), this.at?.view_index === this.view ? this.at.rc : null];
-    for (const [rc, name] of [
-      [pick, "--pick"],
-      [pointer, "--accent"],
-      [this.aim?.view === this.view ? this.aim.rc : null, "--warn"],
-    ]) {
-      if (rc)
-        cross(
-          context,
-          (rc[1] + 0.5 - box.left) * scale,
-          (rc[0] + 0.5 - box.top) * scale,
-          style.getPropertyValue(name),
-        );
+    const aim = this.aim?.view === this.view ? this.aim.rc : null;
+    for (const [name, rc] of Object.entries({ "--pick": pick, "--accent": pointer, "--warn": aim })) {
+      if (!rc) continue;
+      const [x, y] = [(rc[1] + 0.5 - box.left) * scale, (rc[0] + 0.5 - box.top) * scale];
+      strokeRimmed(context, style.getPropertyValue(name), 1.75, () => traceCross(context, x, y, 3, 10));
     }
     this.drawn = {
       labels: Boolean(labels),
@@ -368,16 +385,16 @@ export class SourcePanel {
     return {
       view: this.view,
       folded: this.folded,
-      drawn: this.drawn ?? null,
+      drawn: this.drawn,
       seen: this.seen?.seen.map((one) => one.view_index) ?? null,
     };
   }
 }
 
 /** The part of an image that shows the item, where its cover lets it through; all of it if that is nothing. */
-function boxOfItem(image) {
+function boxOfItem(/** @type {ImageBitmap} */ image) {
   const { width, height } = image;
-  const context = new OffscreenCanvas(width, height).getContext("2d");
+  const context = contextOf(new OffscreenCanvas(width, height));
   context.drawImage(image, 0, 0);
   const { data } = context.getImageData(0, 0, width, height);
   let [left, top, right, bottom] = [width, height, -1, -1];
@@ -394,25 +411,4 @@ function boxOfItem(image) {
   const by = Math.round(MARGIN * Math.max(right - left, bottom - top, 20));
   [left, top] = [Math.max(0, left - by), Math.max(0, top - by)];
   return { left, top, width: Math.min(width, right + by) - left, height: Math.min(height, bottom + by) - top };
-}
-
-function cross(context, x, y, color) {
-  for (const [stroke, width] of [
-    ["#fff", 3.5],
-    [color, 1.75],
-  ]) {
-    context.strokeStyle = stroke;
-    context.lineWidth = width;
-    context.beginPath();
-    for (const [dx, dy] of [
-      [1, 0],
-      [-1, 0],
-      [0, 1],
-      [0, -1],
-    ]) {
-      context.moveTo(x + 3 * dx, y + 3 * dy);
-      context.lineTo(x + 10 * dx, y + 10 * dy);
-    }
-    context.stroke();
-  }
 }

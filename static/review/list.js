@@ -1,13 +1,13 @@
 // All views as a list: sorted by a column, filtered by what was decided, with the reasons.
 
-import { byId, make, rebuild } from "/static/page/dom.js";
+import { byId, focusOn, make, rebuild, targetOf } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 import { added, doubtsOf, flagsOf, isFlattened, scoreBar, STATES, thumbsOf } from "/static/review/timeline.js";
 
 const UNDECIDED = ["unused", "pending", "skipped", "later"];
 const LEFT_OUT = ["rejected", "skipped"];
 
-/** @type {[string, string, (view: any) => boolean][]} */
+/** @type {[string, string, (view: ViewRow) => boolean][]} */
 const FILTERS = [
   ["all", "All", () => true],
   ["undecided", "Undecided", (view) => UNDECIDED.includes(view.state)],
@@ -19,7 +19,7 @@ const FILTERS = [
 /**
  * Column, title, what it is sorted by (null: last).
  *
- * @type {[string, string, (view: any) => number | null][]}
+ * @type {[string, string, (view: ViewRow) => number | null][]}
  */
 const COLUMNS = [
   ["view", "View", (view) => view.index],
@@ -34,7 +34,7 @@ const COLUMNS = [
 export class ReviewList {
   name = "review";
 
-  constructor(page, verdicts) {
+  constructor(/** @type {Page} */ page, /** @type {Verdicts} */ verdicts) {
     this.page = page;
     this.verdicts = verdicts;
     this.section = byId("review-list");
@@ -53,78 +53,59 @@ export class ReviewList {
     this.section.hidden = !this.section.hidden;
     this.page.changed();
     if (this.section.hidden) byId("timeline-tools").querySelector("button")?.focus();
-    else this.section.querySelector("tbody button")?.focus({ focusVisible: true });
+    else focusOn(this.section.querySelector("tbody button"));
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     if (!state.review) this.section.hidden = true; // live mode and capture decide nothing
     if (this.section.hidden) return;
     const key = [state.views, state.review.token, this.filter, this.sort, this.falling];
     rebuild(this.section, key, () => this.build(state));
   }
 
-  build(state) {
+  build(/** @type {State} */ state) {
     const shown = this.sorted(state.views.filter(FILTERS.find(([name]) => name === this.filter)[2]));
     return [
       make(
-        "div",
-        { class: "review-head" },
-        make("h2", { id: "review-title" }, "Views"),
+        "div.review-head",
+        make("h2#review-title", "Views"),
         make(
-          "div",
-          { class: "segmented", role: "group", "aria-label": "Filter" },
+          "div.segmented",
+          { role: "group", label: "Filter" },
           ...FILTERS.map(([name, title, keeps]) =>
-            make(
-              "button",
-              {
-                type: "button",
-                class: "button small",
-                "aria-pressed": String(this.filter === name),
-                data: { id: `filter-${name}` },
-                on: { click: () => this.set({ filter: name }) },
-              },
-              `${title} ${state.views.filter(keeps).length}`,
-            ),
+            make("button.button.small", {
+              pressed: this.filter === name,
+              key: `filter-${name}`,
+              click: () => this.set({ filter: name }),
+              text: `${title} ${state.views.filter(keeps).length}`,
+            }),
           ),
         ),
-        make(
-          "button",
-          {
-            type: "button",
-            class: "close",
-            "aria-label": "Close the list",
-            data: { id: "close-review" },
-            on: { click: () => this.toggle() },
-          },
-          "×",
-        ),
+        make("button.close", { label: "Close the list", key: "close-review", click: () => this.toggle() }, "×"),
       ),
       make(
-        "div",
-        { class: "review-table", tabindex: "0", role: "region", "aria-labelledby": "review-title" },
+        "div.review-table",
+        { tabindex: "0", role: "region", "aria-labelledby": "review-title" },
         make(
           "table",
-          {},
           make(
             "thead",
-            {},
             make(
               "tr",
-              {},
-              make("th", {}, "Images"),
+              make("th", "Images"),
               ...COLUMNS.map((c) => this.head(c[0], c[1])),
-              make("th", {}, "Reason"),
-              make("th", {}, make("span", { class: "unseen" }, "Decide again")),
+              make("th", "Reason"),
+              make("th", make("span.unseen", "Decide again")),
             ),
           ),
-          make("tbody", {}, ...shown.map((view) => this.row(view, state))),
+          make("tbody", ...shown.map((view) => this.row(view, state))),
         ),
-        shown.length ? null : make("p", { class: "nothing" }, "No view matches this filter."),
+        !shown.length && make("p.nothing", "No view matches this filter."),
       ),
     ];
   }
 
-  head(name, title) {
+  head(/** @type {string} */ name, /** @type {string} */ title) {
     const on = this.sort === name;
     const turn = () => this.set({ sort: name, falling: on ? !this.falling : name === "added" });
     return make(
@@ -132,14 +113,14 @@ export class ReviewList {
       { "aria-sort": on ? (this.falling ? "descending" : "ascending") : null, class: `col-${name}` },
       make(
         "button",
-        { type: "button", data: { id: `sort-${name}` }, on: { click: turn } },
+        { key: `sort-${name}`, click: turn },
         title,
         make("span", { "aria-hidden": "true" }, on ? (this.falling ? " ▾" : " ▴") : ""),
       ),
     );
   }
 
-  row(view, state) {
+  row(/** @type {ViewRow} */ view, /** @type {State} */ state) {
     const [sign, word] = STATES[view.state];
     const flags = flagsOf(view, state);
     const known = isFlattened(view);
@@ -151,50 +132,33 @@ export class ReviewList {
       "tr",
       {
         class: `${view.state}${view.flagged ? " flagged" : ""}`,
-        on: { click: (event) => event.target.closest("button") || goTo() },
+        click: (event) => event.target.closest("button") || goTo(),
       },
-      make("td", { class: "pair" }, ...(known ? thumbsOf(view, state) : [])),
+      make("td.pair", known && thumbsOf(view, state)),
       make(
         "td",
-        {},
         make(
-          "button",
-          {
-            type: "button",
-            class: "button small",
-            "aria-label": `View ${view.index}: turn the item to it`,
-            data: { id: `row-${view.index}` },
-            on: { click: goTo },
-          },
+          "button.button.small",
+          { label: `View ${view.index}: turn the item to it`, key: `row-${view.index}`, click: goTo },
           String(view.index),
         ),
       ),
-      make("td", { class: "figure" }, `${number(view.angle_deg, 0)}°`),
-      make("td", { class: "figure" }, view.order === null ? "" : view.order === 0 ? "start" : String(view.order)),
-      make("td", {}, make("b", { class: `sign-of ${view.state}`, "aria-hidden": "true" }, sign), ` ${word}`),
+      make("td.figure", `${number(view.angle_deg, 0)}°`),
+      make("td.figure", view.order === null ? "" : view.order === 0 ? "start" : String(view.order)),
+      make("td", make("b", { class: `sign-of ${view.state}`, "aria-hidden": "true" }, sign), ` ${word}`),
+      make("td.figure", view.score !== null && [scoreBar(view.score, view.flagged), number(view.score, 2)]),
+      make("td.figure", view.added_cm2 === null ? "" : `${added(view.added_cm2)} cm²`),
+      make("td.flags", ...flags.map((text) => make("span.flag", text))),
+      make("td.reason", view.detail),
       make(
         "td",
-        { class: "figure" },
-        ...(view.score === null ? [] : [scoreBar(view.score, view.flagged), number(view.score, 2)]),
-      ),
-      make("td", { class: "figure" }, view.added_cm2 === null ? "" : `${added(view.added_cm2)} cm²`),
-      make("td", { class: "flags" }, ...flags.map((text) => make("span", { class: "flag" }, text))),
-      make("td", { class: "reason" }, view.detail),
-      make(
-        "td",
-        {},
-        may
-          ? make(
-              "button",
-              { type: "button", class: "button small", data: { id: `again-${view.index}` }, on: { click: decide } },
-              again ? "Reopen" : "Propose",
-            )
-          : null,
+        may &&
+          make("button.button.small", { key: `again-${view.index}`, click: decide }, again ? "Reopen" : "Propose"),
       ),
     );
   }
 
-  sorted(views) {
+  sorted(/** @type {ViewRow[]} */ views) {
     const of = COLUMNS.find(([name]) => name === this.sort)[2];
     const sign = this.falling ? -1 : 1;
     return [...views].sort((a, b) => {
@@ -204,21 +168,21 @@ export class ReviewList {
     });
   }
 
-  set(changed) {
+  set(/** @type {{ filter?: string; sort?: string; falling?: boolean }} */ changed) {
     Object.assign(this, changed);
     this.page.changed();
   }
 
-  key(event) {
+  key(/** @type {KeyboardEvent} */ event) {
     if (event.key === "Escape") {
       this.toggle();
     } else if (["ArrowDown", "ArrowUp"].includes(event.key)) {
       const rows = [...this.section.querySelectorAll("tbody tr")];
-      const at = rows.indexOf(event.target.closest("tr"));
+      const at = rows.indexOf(/** @type {Element} */ (targetOf(event).closest("tr")));
       const next = rows[Math.max(0, Math.min(rows.length - 1, at + (event.key === "ArrowDown" ? 1 : -1)))];
       const button = next?.querySelector("button");
       if (!button) return;
-      button.focus({ focusVisible: true });
+      focusOn(button);
       button.click();
     } else {
       return;

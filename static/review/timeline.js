@@ -1,7 +1,7 @@
 // The views of the recording in a row: what was decided, in which order, with which score; dragging along it
 // turns the item.
 
-import { byId, make, rebuild } from "/static/page/dom.js";
+import { byId, focusOn, make, rebuild } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
 export const STATES = {
@@ -22,11 +22,12 @@ export class Timeline {
   name = "timeline";
 
   /** `choose(view)` is what a press on a view means. */
-  constructor(page, choose) {
+  constructor(/** @type {Page} */ page, /** @type {(view: ViewRow) => void} */ choose) {
     this.page = page;
     this.choose = choose;
     this.row = byId("timeline");
     this.tools = byId("timeline-tools");
+    /** @type {number | null} */
     this.scrubbed = null; // view that the item was turned to
     this.from = null; // where the pointer went down
     this.row.addEventListener("pointerdown", (event) => (this.from = event.button === 0 ? event.clientX : null));
@@ -36,7 +37,7 @@ export class Timeline {
     for (const end of ["pointerup", "pointercancel"]) window.addEventListener(end, () => this.end());
   }
 
-  update(state) {
+  update(/** @type {State} */ state) {
     const live = state.mode === "live";
     const small = live || Boolean(state.capture);
     const labels = [this.page.brush?.addressOf(0), this.page.brush?.certain];
@@ -48,7 +49,7 @@ export class Timeline {
     if (!live) markPresent(state.present_view); // in live mode each frame does
   }
 
-  cell(view, state) {
+  cell(/** @type {ViewRow} */ view, /** @type {State} */ state) {
     const live = state.mode === "live";
     const [sign] = STATES[view.state];
     const decided = DECIDED.includes(view.state);
@@ -58,37 +59,39 @@ export class Timeline {
     return make(
       "button",
       {
-        type: "button",
         class: `view ${view.state}${view.flagged ? " flagged" : ""}${shown ? " pictured" : ""}`,
         "aria-disabled": String(view.why_not !== null && !decided),
-        "aria-label": about,
-        data: { id: `view-${view.index}`, tip: about + whatAPressDoes(view, state) },
-        on: { click: () => this.choose(view) },
+        label: about,
+        key: `view-${view.index}`,
+        tip: about + whatAPressDoes(view, state),
+        click: () => this.choose(view),
       },
-      shown ? make("span", { class: "pair" }, ...this.pictures(view, state, labelled)) : null,
-      make("span", { class: "sign", "aria-hidden": "true" }, live ? String(view.index) : view.flagged ? "⚑" : sign),
-      shown && view.order ? make("span", { class: "order", "aria-hidden": "true" }, String(view.order)) : null,
-      shown ? scoreBar(view.score, view.flagged) : null,
+      shown && make("span.pair", ...this.pictures(view, state, labelled)),
+      make("span.sign", { "aria-hidden": "true" }, live ? String(view.index) : view.flagged ? "⚑" : sign),
+      shown && view.order && make("span.order", { "aria-hidden": "true" }, String(view.order)),
+      shown && scoreBar(view.score, view.flagged),
       make(
-        "span",
-        { class: "angle" },
+        "span.angle",
         number(view.angle_deg, 0),
-        shown && view.added_cm2 !== null ? make("b", {}, added(view.added_cm2)) : null,
+        shown && view.added_cm2 !== null && make("b", added(view.added_cm2)),
       ),
     );
   }
 
-  /** The image, under the sides of its cloth if they are found here, and the flattened view if there is one. */
+  /**
+   * The image, under the sides of its cloth if they are found here, and the flattened view if there is one.
+   * @param {ViewRow} view @param {State} state @param {string[] | null | undefined} labelled
+   */
   pictures(view, state, labelled) {
     const [color, flat] = isFlattened(view) ? thumbsOf(view, state) : [];
     if (!labelled) return [color, flat];
     const layers = labelled.map((src) => make("img", { src, alt: "", loading: "lazy", draggable: "false" }));
-    return [make("span", { class: "labelled" }, ...layers), ...(flat ? [flat] : [])];
+    return [make("span.labelled", ...layers), ...(flat ? [flat] : [])];
   }
 
   // --- turning the item --------------------------------------------------------------------------
 
-  drag(event) {
+  drag(/** @type {PointerEvent} */ event) {
     if (this.from === null || !event.buttons || this.page.isLive || this.page.state?.capture) return;
     if (!this.dragged && Math.abs(event.clientX - this.from) < DRAG_PX) return;
     this.dragged = true;
@@ -102,13 +105,13 @@ export class Timeline {
     setTimeout(() => (this.dragged = false)); // after the click that ends a drag
   }
 
-  stop(event) {
+  stop(/** @type {Event} */ event) {
     event.preventDefault();
     event.stopPropagation();
   }
 
   /** Arrow keys go from view to view and turn the item, unless they move a proposal. */
-  key(event) {
+  key(/** @type {KeyboardEvent} */ event) {
     const { state } = this.page;
     const by = { ArrowLeft: -1, ArrowRight: 1, Home: -1e9, End: 1e9 }[event.key];
     if (!by || state?.pending || state?.capture || this.page.isLive) return;
@@ -117,12 +120,12 @@ export class Timeline {
     const next = Math.max(0, Math.min(cells.length - 1, at));
     event.preventDefault();
     event.stopPropagation();
-    cells[next].focus({ focusVisible: true });
+    focusOn(cells[next]);
     cells[next].scrollIntoView({ block: "nearest", inline: "nearest" });
     this.turnTo(next);
   }
 
-  turnTo(index) {
+  turnTo(/** @type {number} */ index) {
     if (this.scrubbed === index) return;
     this.row.querySelector(".scrubbed")?.classList.remove("scrubbed");
     this.row.children[index]?.classList.add("scrubbed");
@@ -136,32 +139,37 @@ export class Timeline {
 }
 
 /** Views with a decision have pictures: the others are not flattened yet. */
-export const isFlattened = (view) => view.state !== "unused";
+export const isFlattened = (/** @type {ViewRow} */ view) => view.state !== "unused";
 
 /** The color image and the flattened view. */
-export function thumbsOf(view, state) {
-  const address = (file) => `/review/${view.index}/${file}?v=${state.review.token}`;
+export function thumbsOf(/** @type {ViewRow} */ view, /** @type {State} */ state) {
+  const address = (/** @type {string} */ file) => `/review/${view.index}/${file}?v=${state.review.token}`;
+  /** @param {string} file */
   const picture = (file) => make("img", { src: address(file), alt: "", loading: "lazy", draggable: "false" });
   return [picture("color.jpg"), picture("flat.png")];
 }
 
-export function scoreBar(score, low) {
-  const bar = make("span", { class: `bar-of-score${low ? " low" : ""}`, "aria-hidden": "true" }, make("i", {}));
-  bar.firstChild.style.width = `${Math.round(100 * (score ?? 0))}%`;
-  return bar;
+export function scoreBar(/** @type {number | null} */ score, /** @type {boolean} */ low) {
+  const width = `${Math.round(100 * (score ?? 0))}%`;
+  return make(
+    "span.bar-of-score",
+    { class: low ? "low" : "", "aria-hidden": "true" },
+    make("i", { style: { width } }),
+  );
 }
 
-export const added = (cm2) => `${cm2 < 0 ? "" : "+"}${number(cm2, 0)}`;
+export const added = (/** @type {number} */ cm2) => `${cm2 < 0 ? "" : "+"}${number(cm2, 0)}`;
 
-/** The flags of a view in words. */
+/** The flags of a view in words. @param {ViewRow} view @param {State} state */
 export const flagsOf = (view, state) => (view.flags ?? []).map((flag) => state.review.flags[flag]);
 
 /** The flags that ask for a look: that a view was placed by hand is no doubt about it. */
-export const doubtsOf = (view) => (view.flags ?? []).filter((flag) => flag !== "by_hand");
+export const doubtsOf = (/** @type {ViewRow} */ view) => (view.flags ?? []).filter((flag) => flag !== "by_hand");
+/** @param {ViewRow} view @param {State} state */
 export const doubtsInWords = (view, state) => doubtsOf(view).map((flag) => state.review.flags[flag]);
 
 /** A view in words, for its tooltip and for screen readers. */
-export function aboutView(view, state) {
+export function aboutView(/** @type {ViewRow} */ view, /** @type {State} */ state) {
   const [, word] = STATES[view.state];
   const detail = view.detail ? ` (${view.detail})` : "";
   const flags = doubtsInWords(view, state);
@@ -175,7 +183,7 @@ export function aboutView(view, state) {
   return `View ${view.index}, ${number(view.angle_deg, 0)}°: ${parts.filter(Boolean).join(", ")}`;
 }
 
-function whatAPressDoes(view, state) {
+function whatAPressDoes(/** @type {ViewRow} */ view, /** @type {State} */ state) {
   if (state.capture) return "\nOn disk.";
   if (state.mode === "live") return "\nClick: show this frame.";
   if (DECIDED.includes(view.state)) return "\nClick: look at the decision, reopen it. Drag: turn the item.";
@@ -184,7 +192,7 @@ function whatAPressDoes(view, state) {
 }
 
 /** Mark the view at whose rotation the item stands. */
-export function markPresent(index) {
+export function markPresent(/** @type {number | null} */ index) {
   const views = byId("timeline").children;
   for (const view of byId("timeline").querySelectorAll(".present")) {
     if (view === views[index]) return;

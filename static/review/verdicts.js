@@ -10,7 +10,7 @@ export class Verdicts {
   name = "verdicts";
 
   /** `decide(action, more)` tells the server. */
-  constructor(page, decide) {
+  constructor(/** @type {Page} */ page, /** @type {(action: string, more: object) => void} */ decide) {
     this.page = page;
     this.decide = decide;
     this.actions = {
@@ -18,23 +18,24 @@ export class Verdicts {
       next_undecided: () => this.nextUndecided(page.state),
       lowest_score: () => this.lowestScore(page.state),
     };
+    /** @type {number | null} */
     this.chosen = null; // index of the view that is chosen on the timeline
     this.card = byId("view-card");
     this.card.addEventListener("keydown", (event) => this.key(event));
     this.card.addEventListener("focusout", (event) => {
-      if (!this.card.contains(event.relatedTarget)) this.close();
+      if (!this.card.contains(/** @type {Node | null} */ (event.relatedTarget))) this.close();
     });
   }
 
   /** A press on a view of the timeline. */
-  press(view) {
+  press(/** @type {ViewRow} */ view) {
     this.chosen = view.index;
     if (DECIDED.includes(view.state)) this.open(view);
     else this.propose(view);
   }
 
   /** Decide again about the view that is chosen, or say how to choose one. */
-  reopenChosen(state) {
+  reopenChosen(/** @type {State} */ state) {
     const view = state.views[this.chosen];
     if (!view) return this.page.notify("info", "Choose a view on the timeline first.");
     this.close();
@@ -42,16 +43,16 @@ export class Verdicts {
     this.reopen(view);
   }
 
-  reopen(view) {
+  reopen(/** @type {ViewRow} */ view) {
     this.decide("reopen", { view_index: view.index });
   }
 
-  propose(view) {
+  propose(/** @type {ViewRow} */ view) {
     if (view.why_not !== null) return this.page.notify("info", view.why_not);
     this.decide("view", { view_index: view.index });
   }
 
-  nextUndecided(state) {
+  nextUndecided(/** @type {State} */ state) {
     const from = this.chosen ?? state.present_view ?? -1;
     const order = [...state.views.slice(from + 1), ...state.views.slice(0, from + 1)];
     const next = order.find((v) => WAITING.includes(v.state)) ?? order.find((v) => v.state === "unused");
@@ -59,7 +60,7 @@ export class Verdicts {
     this.goTo(next);
   }
 
-  lowestScore(state) {
+  lowestScore(/** @type {State} */ state) {
     const scored = state.views.filter((v) => ACCEPTED.includes(v.state) && v.score !== null);
     if (!scored.length) return this.page.notify("info", "No accepted view has a known score.");
     const flagged = scored.filter((v) => v.flagged);
@@ -68,7 +69,7 @@ export class Verdicts {
     this.goTo(next ?? scored.reduce((least, v) => (v.score < least.score ? v : least)));
   }
 
-  goTo(view) {
+  goTo(/** @type {ViewRow} */ view) {
     this.chosen = view.index;
     const button = buttonOf(view);
     button.scrollIntoView({ block: "nearest", inline: "center" });
@@ -76,36 +77,28 @@ export class Verdicts {
     if (DECIDED.includes(view.state)) this.open(view);
   }
 
-  open(view) {
+  open(/** @type {ViewRow} */ view) {
     const reopen = this.page.action("reopen");
     const again = view.state === "skipped" ? "Propose it now" : view.state === "later" ? "Decide it now" : "Reopen";
     const why = view.why_not_reopen;
     this.card.replaceChildren(
-      make("h2", { id: "view-card-title" }, `View ${view.index}, ${number(view.angle_deg, 0)}°`),
-      make("p", {}, told(view)),
+      make("h2#view-card-title", `View ${view.index}, ${number(view.angle_deg, 0)}°`),
+      make("p", told(view)),
       ...this.flags(view),
-      ...(view.follows && view.state !== "later" ? [make("p", { class: "note" }, followers(view.follows))] : []),
+      ...(view.follows && view.state !== "later" ? [make("p.note", followers(view.follows))] : []),
       make(
-        "div",
-        { class: "group" },
+        "div.group",
         make(
-          "button",
+          "button.button.primary",
           {
-            type: "button",
-            class: "button primary",
             "aria-disabled": why === null ? null : "true",
             data: { id: "reopen", ...(why === null ? {} : { tip: why }) },
-            on: { click: () => (why === null ? (this.close(), this.reopen(view)) : this.page.notify("info", why)) },
+            click: () => (why === null ? (this.close(), this.reopen(view)) : this.page.notify("info", why)),
           },
           again,
-          make("kbd", {}, keyName(reopen.keys[0])),
+          make("kbd", keyName(reopen.keys[0])),
         ),
-        make(
-          "button",
-          { type: "button", class: "button", on: { click: () => this.close() } },
-          "Close",
-          make("kbd", {}, "Esc"),
-        ),
+        make("button.button", { click: () => this.close() }, "Close", make("kbd", "Esc")),
       ),
     );
     this.card.hidden = false;
@@ -118,22 +111,22 @@ export class Verdicts {
   }
 
   /** Why it is flagged, and what it really added. */
-  flags(view) {
+  flags(/** @type {ViewRow} */ view) {
     const flags = doubtsInWords(view, this.page.state);
     return [
       ...(view.order && view.added_cm2 !== null ? [`It added ${number(view.added_cm2, 0)} cm².`] : []),
       ...(flags.length ? [`⚑ Flagged: ${flags.join(", ")}.`] : []),
-    ].map((text) => make("p", { class: "note" }, text));
+    ].map((text) => make("p.note", text));
   }
 
   close() {
     if (this.card.hidden) return;
     const inside = this.card.contains(document.activeElement);
     this.card.hidden = true;
-    if (inside) buttonOf({ index: this.chosen })?.focus();
+    if (inside) buttonOf(this.page.state.views[this.chosen ?? 0])?.focus();
   }
 
-  key(event) {
+  key(/** @type {KeyboardEvent} */ event) {
     if (event.key !== "Escape") return;
     event.preventDefault();
     event.stopPropagation();
@@ -142,14 +135,14 @@ export class Verdicts {
 }
 
 /** @returns {any} */
-const buttonOf = (view) => document.querySelector(`[data-id="view-${view.index}"]`);
+const buttonOf = (/** @type {ViewRow} */ view) => document.querySelector(`[data-id="view-${view.index}"]`);
 
-const followers = (n) =>
+const followers = (/** @type {number} */ n) =>
   n === 1
     ? "1 view was accepted after it, and follows what you decide."
     : `${count(n, "view")} were accepted after it, and follow what you decide.`;
 
-function told(view) {
+function told(/** @type {ViewRow} */ view) {
   const score = view.score === null ? "" : `, score ${number(view.score, 2)}`;
   switch (view.state) {
     case "accepted":

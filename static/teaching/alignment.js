@@ -1,11 +1,9 @@
 // What stages 11 to 15 draw: the new view, the lines, the overlay, the search, the renewed view.
 
-import { degrees, number } from "/static/page/format.js";
-import { boxOf, union } from "/static/canvas/geometry.js";
-import { columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
+import { cm2, degrees, mm, number } from "/static/page/format.js";
+import { applied, boxOf, cornersOf, grown, union } from "/static/canvas/geometry.js";
+import { boxOfPoints, columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
 import { imageBox } from "/static/teaching/detail.js";
-import { cm2 } from "/static/teaching/fig2.js";
-import { mm } from "/static/teaching/states.js";
 import { Plot, ticks } from "/static/teaching/plot.js";
 import { viewName } from "/static/teaching/rotation.js";
 
@@ -13,11 +11,16 @@ const [KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH] = [1, 2, 3, 4]; // as flatcloth/teac
 
 // --- the new view ----------------------------------------------------------------------------------
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts */
 export function drawNewView(sheet, rect, { flattening, alignment: lesson }) {
   const before = flattening?.picture.image;
   const boxes = [before && imageBox(before), imageBox(lesson.picture.image), boxOf(lesson.new)].filter(Boolean);
   const shares = boxes.map((b) => Math.min(0.6, Math.max(0.2, (b.right - b.left) / (b.bottom - b.top))));
   const panes = columns(rect, shares);
+  /**
+   * @param {string} key @param {string} title @param {string} detail @param {Drawable} image @param {Box} box
+   * @param {Rect} pane @param {boolean} bar
+   */
   const draw = (key, title, detail, image, box, pane, bar) => {
     const map = sheet.pane(key, box, sheet.titled(pane, title, detail));
     sheet.within(map.rect, () => {
@@ -41,6 +44,7 @@ export function drawNewView(sheet, rect, { flattening, alignment: lesson }) {
 
 // --- lines -----------------------------------------------------------------------------------------
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts */
 export function drawLines(sheet, rect, { alignment: lesson }) {
   const lines = lesson.lines;
   columns(rect, [1, 1], 20).forEach((half, n) => {
@@ -84,8 +88,11 @@ export function drawLines(sheet, rect, { alignment: lesson }) {
   });
 }
 
-function drawLine(sheet, map, line, pixels, moved = null) {
-  const place = moved ?? ((p) => p);
+/** @param {Sheet} sheet @param {PaneMap} map @param {LessonLine} line @param {Numbers | undefined} pixels */
+function drawLine(sheet, map, line, pixels, /** @type {Motion | null} */ moved = null) {
+  /** @type {(at: UV) => UV} */
+  /** @type {(at: UV) => UV} */
+  const place = ([u, v]) => (moved ? applied(moved, u, v) : [u, v]);
   if (pixels) {
     const dots = Float32Array.from(pixels);
     for (let i = 0; i < dots.length; i += 2) [dots[i], dots[i + 1]] = place([dots[i], dots[i + 1]]);
@@ -97,27 +104,21 @@ function drawLine(sheet, map, line, pixels, moved = null) {
     const along = (pixels[i] - center[0]) * direction[0] + (pixels[i + 1] - center[1]) * direction[1];
     [from, to] = [Math.min(from, along), Math.max(to, along)];
   }
-  const ends = [from, to].map((t) => map.at(...place([center[0] + t * direction[0], center[1] + t * direction[1]])));
-  sheet.line(...ends, sheet.color.panel, 5);
-  sheet.line(...ends, sheet.color.text, 2.5);
+  const at = (/** @type {number} */ t) =>
+    map.at(...place([center[0] + t * direction[0], center[1] + t * direction[1]]));
+  sheet.line(at(from), at(to), sheet.color.panel, 5);
+  sheet.line(at(from), at(to), sheet.color.text, 2.5);
   sheet.ring(map.at(...place(line.point_uv_m)), 7, sheet.color.mark, 3);
 }
 
-const mover =
-  ([theta, u, v]) =>
-  ([x, y]) => [Math.cos(theta) * x - Math.sin(theta) * y + u, Math.sin(theta) * x + Math.cos(theta) * y + v];
-
 /** The outline of a picture's opaque part, one pixel wide. */
-function outline(image, color) {
+function outline(/** @type {Drawable} */ image, /** @type {string} */ color) {
   const canvas = new OffscreenCanvas(image.width + 2, image.height + 2);
   const context = canvas.getContext("2d");
-  for (const [x, y] of [
-    [0, 1],
-    [2, 1],
-    [1, 0],
-    [1, 2],
-  ])
-    context.drawImage(image, x, y);
+  for (const side of [0, 2]) {
+    context.drawImage(image, side, 1);
+    context.drawImage(image, 1, side);
+  }
   context.globalCompositeOperation = "source-in";
   context.fillStyle = color;
   context.fillRect(0, 0, canvas.width, canvas.height);
@@ -128,29 +129,13 @@ function outline(image, color) {
 
 // --- overlay and search ----------------------------------------------------------------------------
 
-function movedBox(box, motion) {
-  const move = mover(motion);
-  const corners = [
-    [box.left, box.top],
-    [box.right, box.top],
-    [box.left, box.bottom],
-    [box.right, box.bottom],
-  ].map(move);
-  return {
-    left: Math.min(...corners.map((c) => c[0])),
-    right: Math.max(...corners.map((c) => c[0])),
-    top: Math.min(...corners.map((c) => c[1])),
-    bottom: Math.max(...corners.map((c) => c[1])),
-  };
-}
+/** @param {Box} box @param {Motion} motion */
+const movedBox = (box, motion) => boxOfPoints(cornersOf(box).flatMap(([u, v]) => applied(motion, u, v)));
 
-const grownByPixel = (box, grid) => ({
-  left: box.left - grid.pixel_size_m,
-  top: box.top - grid.pixel_size_m,
-  right: box.right + grid.pixel_size_m,
-  bottom: box.bottom + grid.pixel_size_m,
-});
-
+/**
+ * @param {Sheet} sheet @param {Rect} rect @param {AlignmentLesson} lesson @param {Motion} motion @param {string} key
+ * @param {boolean} withLines
+ */
 export function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
   const [currentBox, newBox] = [boxOf(lesson.current), boxOf(lesson.new)];
   const ends = [lesson.initial, lesson.found, motion].map((m) => movedBox(newBox, m));
@@ -161,29 +146,32 @@ export function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
     sheet.picture(
       map,
       outline(lesson.picture.current_color, sheet.color.kept),
-      grownByPixel(currentBox, lesson.current),
+      grown(currentBox, lesson.current.pixel_size_m),
     );
     sheet.movedPicture(
       map,
       outline(lesson.picture.new_color, sheet.color.new),
-      grownByPixel(newBox, lesson.new),
+      grown(newBox, lesson.new.pixel_size_m),
       motion,
     );
     if (withLines && lesson.lines) {
       drawLine(sheet, map, lesson.lines.current, lesson.array.current_pixels_uv);
-      drawLine(sheet, map, lesson.lines.new, lesson.array.new_pixels_uv, mover(motion));
+      drawLine(sheet, map, lesson.lines.new, lesson.array.new_pixels_uv, motion);
     }
     sheet.scaleBar(map);
   });
   sheet.frame(rect);
 }
 
-function motionAt(motions, time) {
+/** @returns {Motion} */
+function motionAt(/** @type {Motion[]} */ motions, /** @type {number} */ time) {
   const from = Math.min(motions.length - 1, Math.floor(time));
   const to = motions[Math.min(motions.length - 1, from + 1)];
-  return motions[from].map((x, i) => x + (time - from) * (to[i] - x));
+  const [turn, u, v] = motions[from].map((x, i) => x + (time - from) * (to[i] - x));
+  return [turn, u, v];
 }
 
+/** @param {AlignmentLesson} lesson @param {number} slice @param {Sheet} sheet */
 function costPicture(lesson, slice, sheet) {
   const side = lesson.search.shifts_mm.length;
   const cost = lesson.array.cost;
@@ -197,6 +185,7 @@ function costPicture(lesson, slice, sheet) {
   });
 }
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
 export function drawSearch(sheet, rect, { alignment: lesson }, ui) {
   const [left, right] = columns(rect, [0.52, 0.48]);
   const { turns_deg: turns, shifts_mm: shifts, motions } = lesson.search;
@@ -213,14 +202,14 @@ export function drawSearch(sheet, rect, { alignment: lesson }, ui) {
     { ...inner, x: inner.x + (inner.w - size) / 2, w: size, h: size },
     {
       x: [shifts[0], shifts.at(-1)],
-      y: [shifts[0], shifts.at(-1)].reverse(),
+      y: [shifts[shifts.length - 1], shifts[0]],
       xLabel: "u (mm)",
       yLabel: "v (mm), strong color: low cost",
       yTicks: ticks(shifts[0], shifts.at(-1), 4),
     },
   );
   const step = (shifts[1] - shifts[0]) / 2;
-  const map = { at: (u, v) => plot.at(u, v) };
+  const map = { at: plot.at.bind(plot) };
   sheet.within(plot.inner, () => {
     sheet.picture(map, costPicture(lesson, slice, sheet), {
       left: shifts[0] - step,
@@ -233,7 +222,7 @@ export function drawSearch(sheet, rect, { alignment: lesson }, ui) {
     for (let i = 3; i < path.length; i += 3)
       sheet.line(plot.at(path[i - 2], path[i - 1]), plot.at(path[i + 1], path[i + 2]), sheet.color.mark, 2);
     const now = motionAt(
-      Array.from({ length: path.length / 3 }, (_, i) => [...path.slice(3 * i, 3 * i + 3)]),
+      Array.from({ length: path.length / 3 }, (_, i) => [path[3 * i], path[3 * i + 1], path[3 * i + 2]]),
       ui.time,
     );
     sheet.ring(plot.at(now[1], now[2]), 6, sheet.color.mark, 3);
@@ -255,7 +244,7 @@ export function drawSearch(sheet, rect, { alignment: lesson }, ui) {
   turnPlot.vertical(last[0], sheet.color.mark, "found", 2, [], true);
 }
 
-function stepName(lesson, ui) {
+function stepName(/** @type {AlignmentLesson} */ lesson, /** @type {Ui} */ ui) {
   const n = Math.round(ui.time);
   const last = lesson.search.motions.length - 1;
   if (n === 0) return "initial estimate";
@@ -264,7 +253,8 @@ function stepName(lesson, ui) {
   return lesson.search.start_stands ? "end of the search" : "found";
 }
 
-export function searchFacts({ alignment: lesson }) {
+/** @returns {Fact[]} */
+export function searchFacts(/** @type {Lessons} */ { alignment: lesson }) {
   const [turn, u, v] = lesson.array.path.slice(-3);
   const { start_stands: stands, end_score: end } = lesson.search;
   return [
@@ -280,7 +270,7 @@ export function searchFacts({ alignment: lesson }) {
 
 // --- renewal ---------------------------------------------------------------------------------------
 
-function originPicture(lesson, sheet) {
+function originPicture(/** @type {AlignmentLesson} */ lesson, /** @type {Sheet} */ sheet) {
   const { rows: down, cols } = lesson.renewed;
   const [kept, fresh] = [rgbOf(sheet.color.kept), rgbOf(sheet.color.new)];
   const colors = {
@@ -292,18 +282,18 @@ function originPicture(lesson, sheet) {
   return painted(down, cols, (i) => colors[lesson.array.origin[i]] ?? null);
 }
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts */
 export function drawRenewal(sheet, rect, { alignment: lesson }) {
   const box = boxOf(lesson.renewed);
   const [left, right] = columns(rect, [1, 1]);
-  for (const [key, title, pane, image] of [
-    ["origin", "Who shows each pixel", left, originPicture(lesson, sheet)],
-    ["renewed", "Renewed flattened view", right, lesson.picture.renewed_color],
-  ]) {
-    const map = sheet.pane(key, box, sheet.titled(pane, title), { margin: 10 });
+  const show = (/** @type {string} */ key, /** @type {Rect} */ inner, /** @type {Drawable} */ image) => {
+    const map = sheet.pane(key, box, inner, { margin: 10 });
     sheet.within(map.rect, () => {
       sheet.picture(map, image, box);
       sheet.scaleBar(map);
     });
     sheet.frame(map.rect);
-  }
+  };
+  show("origin", sheet.titled(left, "Who shows each pixel"), originPicture(lesson, sheet));
+  show("renewed", sheet.titled(right, "Renewed flattened view"), lesson.picture.renewed_color);
 }

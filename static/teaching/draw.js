@@ -1,34 +1,14 @@
 // The drawing sheet of the teaching mode: panes that can be zoomed, and what is drawn in them.
 
-import { strokeScale } from "/static/canvas/marks.js";
+import { strokeScale, traceCross } from "/static/canvas/marks.js";
+import { contextOf } from "/static/page/dom.js";
 import { length, niceLength } from "/static/page/format.js";
 
-const COLORS = [
-  "panel",
-  "raised",
-  "line",
-  "text",
-  "soft",
-  "accent",
-  "sample",
-  "pair",
-  "unused",
-  "point",
-  "short",
-  "even",
-  "long",
-  "count",
-  "mean",
-  "before",
-  "limit",
-  "mark",
-  "band",
-  "kept",
-  "new",
-];
+const COLORS =
+  "panel raised line text soft accent sample pair unused point short even long count mean before limit mark band kept new";
 
 /** Rectangles of CSS pixels: `{x, y, w, h}`. */
-export function columns(rect, shares, gap = 16) {
+export function columns(/** @type {Rect} */ rect, /** @type {number[]} */ shares, gap = 16) {
   const total = shares.reduce((a, b) => a + b, 0);
   const room = rect.w - gap * (shares.length - 1);
   let x = rect.x;
@@ -40,11 +20,12 @@ export function columns(rect, shares, gap = 16) {
   });
 }
 
-export function rows(rect, shares, gap = 16) {
+export function rows(/** @type {Rect} */ rect, /** @type {number[]} */ shares, gap = 16) {
   const turned = columns({ x: rect.y, y: rect.x, w: rect.h, h: rect.w }, shares, gap);
   return turned.map((r) => ({ x: r.y, y: r.x, w: r.h, h: r.w }));
 }
 
+/** @param {Rect} rect @param {number} left */
 export const inset = (rect, left, top = left, right = left, bottom = top) => ({
   x: rect.x + left,
   y: rect.y + top,
@@ -52,11 +33,15 @@ export const inset = (rect, left, top = left, right = left, bottom = top) => ({
   h: Math.max(1, rect.h - top - bottom),
 });
 
+/** @param {Rect} rect @param {number} x @param {number} y */
 const inside = (rect, x, y) => x >= rect.x && y >= rect.y && x <= rect.x + rect.w && y <= rect.y + rect.h;
 
-export const rgbOf = (color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
+export const rgbOf = (/** @type {string} */ color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
 
-/** A picture made pixel by pixel: `colorAt(index)` is [r, g, b, alpha], or nothing. */
+/**
+ * A picture made pixel by pixel: `colorAt(index)` is [r, g, b, alpha], or nothing.
+ * @param {number} rowsCount @param {number} cols @param {(i: number) => number[] | null} colorAt
+ */
 export function painted(rowsCount, cols, colorAt) {
   const canvas = new OffscreenCanvas(cols, rowsCount);
   const context = canvas.getContext("2d");
@@ -70,7 +55,7 @@ export function painted(rowsCount, cols, colorAt) {
 }
 
 /** The box of points [x0, y0, x1, y1, ...]. */
-export function boxOfPoints(points) {
+export function boxOfPoints(/** @type {Numbers} */ points) {
   const box = { left: Infinity, top: Infinity, right: -Infinity, bottom: -Infinity };
   for (let i = 0; i < points.length; i += 2) {
     box.left = Math.min(box.left, points[i]);
@@ -82,7 +67,11 @@ export function boxOfPoints(points) {
 }
 
 /** From a pane's own units to CSS pixels; both directions may have scales of their own. */
-class PaneMap {
+export class PaneMap {
+  /**
+   * @param {string} key @param {Rect} rect @param {number} scaleX @param {number} scaleY @param {number} x
+   * @param {number} y
+   */
   constructor(key, rect, scaleX, scaleY, x, y) {
     this.key = key;
     this.rect = rect;
@@ -92,23 +81,31 @@ class PaneMap {
     this.y = y;
   }
 
-  at(u, v) {
+  /** @returns {UV} */
+  at(/** @type {number} */ u, /** @type {number} */ v) {
     return [this.x + this.scaleX * u, this.y + this.scaleY * v];
   }
 
-  from(x, y) {
+  /** @returns {UV} */
+  from(/** @type {number} */ x, /** @type {number} */ y) {
     return [(x - this.x) / this.scaleX, (y - this.y) / this.scaleY];
   }
 }
 
 export class Sheet {
   /** `handlers`: redraw(), probe(pane key, place in its units). */
-  constructor(canvas, handlers) {
+  constructor(/** @type {HTMLCanvasElement} */ canvas, /** @type {SheetHandlers} */ handlers) {
     this.canvas = canvas;
-    this.context = canvas.getContext("2d");
+    this.context = contextOf(canvas);
     this.handlers = handlers;
+    /** @type {Map<string, { factor: number; x: number; y: number }>} */
     this.zooms = new Map();
+    /** @type {Pane[]} */
     this.panes = [];
+    /** @type {Record<string, string>} */
+    this.color = {};
+    this.em = this.weight = 1;
+    this.family = "";
     this.listen();
   }
 
@@ -120,7 +117,9 @@ export class Sheet {
     this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
     this.context.clearRect(0, 0, w, h);
     const style = getComputedStyle(this.canvas);
-    this.color = Object.fromEntries(COLORS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+    this.color = Object.fromEntries(
+      COLORS.split(" ").map((name) => [name, style.getPropertyValue(`--${name}`).trim()]),
+    );
     this.em = parseFloat(style.fontSize);
     this.weight = Math.max(1, Math.min(2, h / 620)); // strokes and dots grow with the sheet
     this.family = style.fontFamily;
@@ -132,24 +131,17 @@ export class Sheet {
     this.context.font = `${weight} ${(size * this.em).toFixed(1)}px ${this.family}`;
   }
 
-  /** Write a text; A_w in it is set as A with a small w. */
-  text(
-    text,
-    x,
-    y,
-    {
-      color = this.color.text,
-      size = 0.92,
-      weight = 400,
-      align = "left",
-      baseline = "alphabetic",
-      plate = false,
-    } = {},
-  ) {
+  /**
+   * Write a text; A_w in it is set as A with a small w.
+   *
+   * @param {string} text @param {number} x @param {number} y @param {TextLook} look
+   */
+  text(text, x, y, look = {}) {
+    const { color = this.color.text, size = 0.92, weight = 400, align = "left", plate = false } = look;
     const context = this.context;
-    const runs = text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((run, i) => ({ run, small: i % 2 === 1 }));
+    const runs = text.split(/(?<=\b[A-Za-z])_([a-z0-9])\b/).map((run, i) => ({ run, small: i % 2 === 1, width: 0 }));
     context.textAlign = "left";
-    context.textBaseline = baseline;
+    context.textBaseline = look.baseline ?? "alphabetic";
     for (const part of runs) {
       this.font(part.small ? 0.76 * size : size, weight);
       part.width = context.measureText(part.run).width;
@@ -174,7 +166,7 @@ export class Sheet {
   }
 
   /** A title above a pane; returns what is left of it. */
-  titled(rect, title, detail = "") {
+  titled(/** @type {Rect} */ rect, /** @type {string} */ title, detail = "") {
     const high = 1.7 * this.em;
     this.text(title, rect.x, rect.y + 1.05 * this.em, { weight: 600 });
     if (detail) {
@@ -185,7 +177,10 @@ export class Sheet {
     return inset(rect, 0, high, 0, 0);
   }
 
-  /** A pane that shows a box of its own units, y down; the learner may zoom it. */
+  /**
+   * A pane that shows a box of its own units, y down; the learner may zoom it.
+   * @param {string} key @param {Box} box @param {Rect} rect
+   */
   pane(key, box, rect, { margin = 6, stretch = false, zoom = true, aligned = 0.5 } = {}) {
     const across = Math.max(1e-9, box.right - box.left);
     const down = Math.max(1e-9, box.bottom - box.top);
@@ -212,7 +207,7 @@ export class Sheet {
     return map;
   }
 
-  within(rect, draw) {
+  within(/** @type {Rect} */ rect, /** @type {() => void} */ draw) {
     const context = this.context;
     context.save();
     context.beginPath();
@@ -222,7 +217,7 @@ export class Sheet {
     context.restore();
   }
 
-  frame(rect, color = this.color.line) {
+  frame(/** @type {Rect} */ rect, color = this.color.line) {
     this.context.strokeStyle = color;
     this.context.lineWidth = 1;
     this.context.strokeRect(
@@ -233,6 +228,7 @@ export class Sheet {
     );
   }
 
+  /** @param {PictureMap} map @param {Drawable} image @param {Box} box */
   picture(map, image, box, alpha = 1) {
     const [x0, y0] = map.at(box.left, box.top);
     const [x1, y1] = map.at(box.right, box.bottom);
@@ -245,7 +241,10 @@ export class Sheet {
     context.restore();
   }
 
-  /** A picture of another plane, moved here by (theta, u, v). */
+  /**
+   * A picture of another plane, moved here by (theta, u, v).
+   * @param {PaneMap} map @param {Drawable} image @param {Box} box @param {Motion} parts
+   */
   movedPicture(map, image, box, [theta, u, v], alpha = 1) {
     const context = this.context;
     context.save();
@@ -255,6 +254,7 @@ export class Sheet {
     context.restore();
   }
 
+  /** @param {PictureMap} map @param {Numbers} points @param {number} radius @param {string} color */
   dots(map, points, radius, color) {
     const context = this.context;
     context.beginPath();
@@ -268,8 +268,12 @@ export class Sheet {
     context.fill();
   }
 
-  /** Lines between points by pairs of indices; `pick(pair)` says which are drawn. */
-  segments(map, points, pairs, color, width, pick = null) {
+  /**
+   * Lines between points by pairs of indices; `pick(pair)` says which are drawn.
+   * @param {PictureMap} map @param {Numbers} points @param {Numbers} pairs @param {string} color
+   * @param {number} width
+   */
+  segments(map, points, pairs, color, width, /** @type {((pair: number) => boolean) | null} */ pick = null) {
     const context = this.context;
     context.beginPath();
     for (let e = 0; e < pairs.length; e += 2) {
@@ -284,6 +288,7 @@ export class Sheet {
     context.stroke();
   }
 
+  /** @param {UV} from @param {UV} to @param {string} color @param {number[]} dash */
   line(from, to, color, width = 1.5, dash = []) {
     const context = this.context;
     context.save();
@@ -297,6 +302,7 @@ export class Sheet {
     context.restore();
   }
 
+  /** @param {UV} from @param {UV} to @param {string} color */
   arrow(from, to, color, width = 2) {
     const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
     const head = (4 + 2 * width) * this.weight;
@@ -310,39 +316,31 @@ export class Sheet {
     context.fill();
   }
 
+  /** @param {UV} place @param {number} radius @param {string} color */
   ring(place, radius, color, width = 2.5) {
     const context = this.context;
-    for (const [stroke, w] of [
-      [this.color.panel, width + 3],
-      [color, width],
-    ]) {
-      context.strokeStyle = stroke;
-      context.lineWidth = w * this.weight;
-      context.beginPath();
-      context.arc(...place, radius * this.weight, 0, 2 * Math.PI);
-      context.stroke();
-    }
+    context.beginPath();
+    context.arc(...place, radius * this.weight, 0, 2 * Math.PI);
+    this.stroke(this.color.panel, width + 3);
+    this.stroke(color, width);
   }
 
-  cross([x, y], color) {
-    for (const [stroke, width] of [
-      [this.color.panel, 4.5],
-      [color, 2],
-    ]) {
-      const [from, to] = [4 * this.weight, 13 * this.weight];
-      for (const [dx, dy] of [
-        [1, 0],
-        [-1, 0],
-        [0, 1],
-        [0, -1],
-      ])
-        this.line([x + from * dx, y + from * dy], [x + to * dx, y + to * dy], stroke, width);
-    }
+  stroke(/** @type {string} */ color, /** @type {number} */ width) {
+    this.context.strokeStyle = color;
+    this.context.lineWidth = width * this.weight;
+    this.context.stroke();
+  }
+
+  cross(/** @type {UV} */ [x, y], /** @type {string} */ color) {
+    this.context.beginPath();
+    traceCross(this.context, x, y, 4 * this.weight, 13 * this.weight);
+    this.stroke(this.color.panel, 4.5);
+    this.stroke(color, 2);
     this.ring([x, y], 8, color, 2);
   }
 
   /** A scale bar in the corner of a pane of the plane, whose unit is the metre. */
-  scaleBar(map) {
+  scaleBar(/** @type {PaneMap} */ map) {
     const { rect } = map;
     const mm = niceLength((1000 * Math.min(120, 0.4 * rect.w)) / map.scaleX);
     const width = (mm / 1000) * map.scaleX;
@@ -365,13 +363,14 @@ export class Sheet {
 
   // --- the pointer ---------------------------------------------------------------------------
 
-  paneAt(event) {
+  paneAt(/** @type {MouseEvent} */ event) {
     const at = this.canvas.getBoundingClientRect();
     const [x, y] = [event.clientX - at.left, event.clientY - at.top];
     const pane = this.panes.findLast(({ map }) => inside(map.rect, x, y));
     return pane ? { ...pane, x, y } : null;
   }
 
+  /** @param {Pane} pane @param {number} factor @param {number} x @param {number} y */
   zoomBy(pane, factor, x, y) {
     const { map } = pane;
     const [u, v] = map.from(x, y);
@@ -390,7 +389,7 @@ export class Sheet {
   }
 
   /** Zoom all panes about their middles, or show them whole again. */
-  zoomAll(factor) {
+  zoomAll(/** @type {number | null} */ factor) {
     if (factor === null) this.zooms.clear();
     else
       for (const pane of this.panes.filter((p) => p.zoom))
@@ -400,6 +399,7 @@ export class Sheet {
 
   listen() {
     const canvas = this.canvas;
+    /** @type {{ pane: Pane; x: number; y: number } | null} */
     let drag = null;
     canvas.addEventListener(
       "wheel",

@@ -1,10 +1,10 @@
 // The stages of Fig. 2: one view, from samples to the flattened view.
 
-import { number } from "/static/page/format.js";
-import { boxOf } from "/static/canvas/geometry.js";
-import { imageBox, onImage, shareOf, withDetail } from "/static/teaching/detail.js";
+import { cm2, mm, number } from "/static/page/format.js";
+import { boxOf, pixelAt } from "/static/canvas/geometry.js";
+import { imageBox, middleOf, onImage, shareOf, withDetail } from "/static/teaching/detail.js";
 import { boxOfPoints, columns, rows } from "/static/teaching/draw.js";
-import { strains } from "/static/teaching/lesson.js";
+import { stagesOf, strains } from "/static/teaching/lesson.js";
 import { equation, root, row, sub, sum, sup, words } from "/static/teaching/math.js";
 import {
   drawForeshortening,
@@ -12,7 +12,6 @@ import {
   fillTriangles,
   histogram,
   minimisationFacts,
-  mm,
   partsNote,
   planeShare,
   rms,
@@ -21,16 +20,15 @@ import {
   trianglePairs,
 } from "/static/teaching/states.js";
 
-export const cm2 = (value) => `${number(value, 0)} cm²`;
-
 // --- samples and pairs on the image ----------------------------------------------------------------
 
-const dotSize = (size) => (size === 1 ? 1.7 : 4);
+const dotSize = (/** @type {number} */ size) => (size === 1 ? 1.7 : 4);
 
-/** Where the detail is first: in the middle of the unused pairs, so that a reason to look is seen. */
-function detailStart({ flattening }) {
+/** Where the detail is first: in the middle of the unused pairs, so that a reason to look is seen. @returns {UV} */
+function detailStart(/** @type {Lessons} */ { flattening }) {
   const level = flattening.levels[0];
   const { xy, unusedPairs } = level;
+  /** @type {UV[]} */
   const middles = [];
   for (let e = 0; e < unusedPairs.length; e += 2) {
     const [a, b] = [2 * unusedPairs[e], 2 * unusedPairs[e + 1]];
@@ -44,32 +42,14 @@ function detailStart({ flattening }) {
 // --- the flattened view ----------------------------------------------------------------------------
 
 /** The pixel of the flattened view under the probe: its index, or -1. */
-function probed(lesson, ui) {
-  const { origin_uv_m: origin, pixel_size_m: size, rows: down, cols } = lesson.flat;
-  const col = Math.round((ui.at[0] - origin[0]) / size);
-  const line = Math.round((ui.at[1] - origin[1]) / size);
-  if (col < 0 || line < 0 || col >= cols || line >= down) return -1;
-  const at = line * cols + col;
-  return lesson.array.source_rc[2 * at] < 0 ? -1 : at;
-}
-
-/** The pixel of cloth nearest to the middle: where the probe begins. */
-function flatStart({ flattening }) {
-  const { origin_uv_m: origin, pixel_size_m: size, rows: down, cols } = flattening.flat;
-  const source = flattening.array.source_rc;
-  let best = [Infinity, 0, 0];
-  for (let r = 0; r < down; r++) {
-    for (let c = 0; c < cols; c++) {
-      if (source[2 * (r * cols + c)] < 0) continue;
-      const far = Math.hypot(r - down / 2, c - cols / 2);
-      if (far < best[0]) best = [far, r, c];
-    }
-  }
-  return [origin[0] + size * best[2], origin[1] + size * best[1]];
+function probed(/** @type {FlatteningLesson} */ lesson, /** @type {Ui} */ ui) {
+  const at = pixelAt(lesson.flat, ...ui.at);
+  return at < 0 || lesson.array.source_rc[2 * at] < 0 ? -1 : at;
 }
 
 const FLAT_LAYERS = { color: "Color", height: "Height z", normal: "Normal" };
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
 function drawFlattened(sheet, rect, { flattening: lesson }, ui) {
   const image = lesson.picture.image;
   const share = shareOf(imageBox(image), rect, 0.25, 0.45);
@@ -91,12 +71,15 @@ function drawFlattened(sheet, rect, { flattening: lesson }, ui) {
   sheet.within(onto.rect, () => sheet.cross(b, sheet.color.mark));
 }
 
-function flattenedFacts({ flattening: lesson }, ui) {
+/** @returns {Fact[]} */
+function flattenedFacts(/** @type {Lessons} */ { flattening: lesson }, /** @type {Ui} */ ui) {
   const at = probed(lesson, ui);
+  /** @param {Numbers} array @param {number} scale @param {number} decimals */
   const three = (array, scale, decimals) =>
     at < 0 ? "–" : [0, 1, 2].map((i) => number(array[3 * at + i] * scale, decimals)).join(" ");
   const others = lesson.parts_cm2.slice(1);
-  return [
+  /** @type {(Fact | null)[]} */
+  const facts = [
     ["r, g, b", three(lesson.array.rgb, 1, 0)],
     ["x, y, z", at < 0 ? "–" : `${three(lesson.array.xyz_mm, 1, 0)} mm`],
     ["normal", three(lesson.array.normal_percent, 0.01, 2)],
@@ -106,15 +89,16 @@ function flattenedFacts({ flattening: lesson }, ui) {
     lesson.folded_share > 0.03
       ? ["Folded", `${number(100 * lesson.folded_share, 0)} % lies on itself: not to be used`]
       : null,
-  ].filter(Boolean);
+  ];
+  return facts.filter((fact) => fact !== null);
 }
 
 // --- the stages ------------------------------------------------------------------------------------
 
-const P = (below) => sub("P", below);
-const pair = () => row(sub("n", "1"), sub("n", "2"));
-const D = ["sampling_interval_px"];
+const PAIR = "n_1 n_2";
+const squared = (/** @type {string} */ name) => sup(row("(", sub(name, "n_1"), "−", sub(name, "n_2"), ")"), "2");
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
 function drawTriangles(sheet, rect, { flattening: lesson }, ui) {
   const level = lesson.levels.at(-1);
   const points = level.states.at(-1);
@@ -127,287 +111,212 @@ function drawTriangles(sheet, rect, { flattening: lesson }, ui) {
   });
 }
 
-export const FLATTENING_STAGES = [
-  {
-    name: "Sampling",
-    figure: "Fig. 2b · section 3",
-    part: "flattening",
-    parameters: D,
-    probe: "image",
-    start: detailStart,
-    text: [
-      "The camera gives a depth image D: behind every pixel there is a 3D point. Every d-th pixel of the " +
-        "cloth, along rows and columns, becomes a sample.",
-      "Few samples are solved quickly and safely; more of them follow at stage 5. Pull d: narrow strips of " +
-        "cloth lose their samples first.",
-    ],
-    math: () => [
-      equation(P("n"), "=", "D", "(", sub("i", "n"), ",", sub("j", "n"), ")"),
-      equation(sub("i", "n"), ",", sub("j", "n"), "∈", "{", "½", "d", ",", "1½", "d", ",", "2½", "d", ",", "…", "}"),
-    ],
-    facts: ({ flattening: f }) => [
-      ["Samples", String(f.levels[0].points)],
-      [
-        "d on the cloth",
-        `${number(f.levels[0].interval_px, 0)} px ≈ ${mm(f.levels[0].interval_px * f.pixel_pitch_mm, 0)}`,
-      ],
-      ["Cloth in the image", `${number(f.surface_px, 0)} px`],
-      ["Distance", mm(f.depth_mm, 0)],
-    ],
-    legend: [["sample", "sample"]],
-    draw(sheet, rect, { flattening: lesson }, ui) {
-      onImage(sheet, rect, lesson, ui, (map, size) =>
-        sheet.dots(map, lesson.levels[0].xy, dotSize(size), sheet.color.sample),
-      );
-    },
-  },
-  {
-    name: "Pairs",
-    figure: "Fig. 2c · section 3",
-    part: "flattening",
-    parameters: D,
-    probe: "image",
-    start: detailStart,
-    text: [
-      "Each sample is paired with its eight neighbours if the straight way between them stays on the visible " +
-        "cloth (B = 1).",
-      "The way along the cloth keeps its length when the cloth is spread out. Between near samples it is about " +
-        "the straight distance E, which is measured. A pair across a jump to another layer, or across a fold, " +
-        "would be wrong: it is not used (B = 0).",
-    ],
-    math: () => [
-      equation(
-        sub("E", pair()),
-        "=",
-        "|",
-        P(sub("n", "1")),
-        "−",
-        P(sub("n", "2")),
-        "|",
-        words(" where "),
-        sub("B", pair()),
-        "=",
-        "1",
-      ),
-    ],
-    facts: ({ flattening: f }) => [
-      ["Pairs used", String(f.levels[0].pairs)],
-      ["Not used", String(f.levels[0].unused)],
-      ["Mean length E", f.levels[0].mean_length_mm === null ? "–" : mm(f.levels[0].mean_length_mm)],
-      ["Connected", partsNote(f.levels[0])],
-    ],
-    legend: [
-      ["pair", "pair used"],
-      ["unused", "pair not used"],
-      ["point", "sample"],
-    ],
-    draw(sheet, rect, { flattening: lesson }, ui) {
-      const level = lesson.levels[0];
-      onImage(sheet, rect, lesson, ui, (map, size) => {
-        sheet.segments(map, level.xy, level.edges, sheet.color.pair, size === 1 ? 1 : 2.2);
-        sheet.segments(map, level.xy, level.unusedPairs, sheet.color.unused, size === 1 ? 1 : 2.2);
-        sheet.dots(map, level.xy, dotSize(size), sheet.color.point);
-      });
-    },
-  },
-  {
-    name: "Initial state",
-    figure: "Fig. 2c · section 3",
-    part: "flattening",
-    parameters: D,
-    text: [
-      "The minimisation must begin somewhere: each sample is put where its pixel is, scaled to metres.",
-      "The camera sees slanted cloth foreshortened. So most pairs are too short on the plane; they have to be " +
-        "pushed apart.",
-    ],
-    math: () => [
-      equation("(", sub("u", "n"), ",", sub("v", "n"), ")", "=", "s", "(", sub("j", "n"), ",", sub("i", "n"), ")"),
-      equation("s", "=", words("metres per pixel")),
-    ],
-    facts: ({ flattening: f }) => {
-      const level = f.levels[0];
-      const strain = strains(level, level.states[0]);
-      const short = strain.filter((s) => s < -0.01).length / Math.max(1, strain.length);
-      return [
-        ["H", `${threeDigits(level.energy_mm2[0])} mm²`],
-        ["Error of a pair (rms)", mm(rms(level, level.energy_mm2[0]), 2)],
-        ["Too short by 1 % or more", `${number(100 * short, 0)} %`],
-        ["Connected", partsNote(level)],
-      ];
-    },
-    legend: [
-      ["short", "too short"],
-      ["even", "right"],
-      ["long", "too long"],
-      ["text", "sample"],
-    ],
-    draw(sheet, rect, { flattening: lesson }) {
-      const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
-      const [top, bottom] = rows(right, [1.1, 1]);
-      const { strain } = statePane(
-        sheet,
-        sheet.titled(left, "The plane", "every sample at its pixel"),
-        lesson.levels[0],
-        0,
-        "coarse",
-      );
-      histogram(sheet, sheet.titled(top, "Lengths"), strain, 25);
-      drawForeshortening(sheet, sheet.titled(bottom, "Why too short", "seen from above"));
-    },
-  },
-  {
-    name: "Minimisation",
-    figure: "Fig. 2d · Eq. (2)",
-    part: "flattening",
-    parameters: D,
-    plays: ({ flattening: f }) => f.levels[0].states.length - 1,
-    text: [
-      "The samples move in the plane until each pair is as long as it is on the cloth. H adds up the squares " +
-        "of all errors of length; every iteration lowers it.",
-      "Most is won in the first steps. What is left is cloth that stretches, and noise of the camera.",
-    ],
-    math: () => [
-      equation(
-        "H",
-        "=",
-        sum(row(sub("n", "1"), "<", sub("n", "2"))),
-        sub("B", pair()),
-        sup(row("(", sub("ℓ", pair()), "−", sub("E", pair()), ")"), "2"),
-      ),
-      equation(
-        sub("ℓ", pair()),
-        "=",
-        root(
-          sup(row("(", sub("u", sub("n", "1")), "−", sub("u", sub("n", "2")), ")"), "2"),
-          "+",
-          sup(row("(", sub("v", sub("n", "1")), "−", sub("v", sub("n", "2")), ")"), "2"),
-        ),
-      ),
-    ],
-    facts: ({ flattening: f }, ui) => minimisationFacts(f.levels[0], ui),
-    legend: [
-      ["short", "too short"],
-      ["even", "right"],
-      ["long", "too long"],
-      ["mark", "now"],
-    ],
-    draw: (sheet, rect, { flattening: lesson }, ui) => drawMinimisation(sheet, rect, lesson.levels[0], ui, "coarse"),
-  },
-  {
-    name: "Finer level",
-    figure: "Fig. 2e · section 3",
-    part: "flattening",
-    parameters: D,
-    plays: ({ flattening: f }) => f.levels.at(-1).states.length - 1,
-    text: [
-      "Now with samples at half the interval. The coarse result carries each of them to its place, and the " +
-        "same minimisation goes on from there.",
-      "From the pixels, so many unknowns would take long and might fold the sheet. From here, H begins low already.",
-    ],
-    math: () => [
-      equation(sup("d", "′"), "=", "d", "/", "2"),
-      equation(sub(row("(", "u", ",", "v", ")"), "n"), "=", words("as the result for d carries it")),
-    ],
-    facts: ({ flattening: f }, ui) => [
-      ["Samples", `${f.levels.at(-1).points} (before ${f.levels[0].points})`],
-      ...minimisationFacts(f.levels.at(-1), ui),
-    ],
-    legend: [
-      ["short", "too short"],
-      ["even", "right"],
-      ["long", "too long"],
-      ["mark", "now"],
-    ],
-    draw: (sheet, rect, { flattening: lesson }, ui) =>
-      drawMinimisation(sheet, rect, lesson.levels.at(-1), ui, "fine"),
-  },
-  {
-    name: "Triangulation",
-    figure: "Fig. 2f · section 3",
-    part: "flattening",
-    parameters: D,
-    probe: "mesh",
-    start: ({ flattening: f }) => {
-      const box = boxOfPoints(f.levels.at(-1).states.at(-1));
-      return [(box.left + box.right) / 2, box.top + 0.3 * (box.bottom - box.top)];
-    },
-    text: [
-      "Delaunay triangles join the flattened samples and fill the cloth between them. Where no cloth was seen, " +
-        "there is no triangle.",
-      "A point inside a triangle is a weighted mean of the three corners; the same mean of their pixels " +
-        "is its position in the image.",
-    ],
-    math: () => [
-      equation(
-        "p",
-        "=",
-        sub("λ", "1"),
-        sub("p", "1"),
-        "+",
-        sub("λ", "2"),
-        sub("p", "2"),
-        "+",
-        sub("λ", "3"),
-        sub("p", "3"),
-      ),
-      equation(sub("λ", "1"), "+", sub("λ", "2"), "+", sub("λ", "3"), "=", "1"),
-    ],
-    facts: ({ flattening: f }) => [
-      ["Triangles", String(f.triangles)],
-      ["Samples", String(f.levels.at(-1).main_points)],
-      ["Area", cm2(f.area_cm2)],
-    ],
-    legend: [
-      ["accent", "triangle"],
-      ["text", "sample"],
-    ],
-    draw: drawTriangles,
-  },
-  {
-    name: "Flattened view",
-    figure: "Fig. 2g · section 3",
-    part: "flattening",
-    parameters: D,
-    probe: "flat",
-    start: flatStart,
-    layers: FLAT_LAYERS,
-    text: [
-      "Every pixel of F takes nine values from the 3D point that it belongs to: color, position and normal.",
-      "The link remains. Move the pointer over the flattened view, or the arrow keys on it, and see the same " +
-        "cloth in the image: this is how a click on the flat shape becomes a grasp point.",
-    ],
-    math: () => [
-      equation(
-        "F",
-        "(",
-        "u",
-        ",",
-        "v",
-        ")",
-        "=",
-        "(",
-        "r",
-        ",",
-        "g",
-        ",",
-        "b",
-        ",",
-        "x",
-        ",",
-        "y",
-        ",",
-        "z",
-        ",",
-        sub("n", "x"),
-        ",",
-        sub("n", "y"),
-        ",",
-        sub("n", "z"),
-        ")",
-      ),
-    ],
-    facts: flattenedFacts,
-    legend: [["mark", "the same cloth"]],
-    draw: drawFlattened,
-  },
+/** @type {LegendRow[]} */
+const STRAINS = [
+  ["short", "too short"],
+  ["even", "right"],
+  ["long", "too long"],
 ];
+
+export const FLATTENING_STAGES = stagesOf(
+  "flattening",
+  ["sampling_interval_px"],
+  [
+    {
+      name: "Sampling",
+      figure: "Fig. 2b · section 3",
+      probe: "image",
+      start: detailStart,
+      text: [
+        "The camera gives a depth image D: behind every pixel there is a 3D point. Every d-th pixel of the " +
+          "cloth, along rows and columns, becomes a sample.",
+        "Few samples are solved quickly and safely; more of them follow at stage 5. Pull d: narrow strips of " +
+          "cloth lose their samples first.",
+      ],
+      math: () => [equation("P_n = D(i_n, j_n)"), equation("i_n, j_n ∈ {½ d, 1½ d, 2½ d, …}")],
+      facts: ({ flattening: f }) => [
+        ["Samples", String(f.levels[0].points)],
+        [
+          "d on the cloth",
+          `${number(f.levels[0].interval_px, 0)} px ≈ ${mm(f.levels[0].interval_px * f.pixel_pitch_mm, 0)}`,
+        ],
+        ["Cloth in the image", `${number(f.surface_px, 0)} px`],
+        ["Distance", mm(f.depth_mm, 0)],
+      ],
+      legend: [["sample", "sample"]],
+      /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
+      draw(sheet, rect, { flattening: lesson }, ui) {
+        onImage(sheet, rect, lesson, ui, (map, size) =>
+          sheet.dots(map, lesson.levels[0].xy, dotSize(size), sheet.color.sample),
+        );
+      },
+    },
+    {
+      name: "Pairs",
+      figure: "Fig. 2c · section 3",
+      probe: "image",
+      start: detailStart,
+      text: [
+        "Each sample is paired with its eight neighbours if the straight way between them stays on the visible " +
+          "cloth (B = 1).",
+        "The way along the cloth keeps its length when the cloth is spread out. Between near samples it is about " +
+          "the straight distance E, which is measured. A pair across a jump to another layer, or across a fold, " +
+          "would be wrong: it is not used (B = 0).",
+      ],
+      math: () => [
+        equation(
+          sub("E", PAIR),
+          "= |",
+          sub("P", "n_1"),
+          "−",
+          sub("P", "n_2"),
+          "|",
+          words(" where "),
+          sub("B", PAIR),
+          "= 1",
+        ),
+      ],
+      facts: ({ flattening: f }) => [
+        ["Pairs used", String(f.levels[0].pairs)],
+        ["Not used", String(f.levels[0].unused)],
+        ["Mean length E", f.levels[0].mean_length_mm === null ? "–" : mm(f.levels[0].mean_length_mm)],
+        ["Connected", partsNote(f.levels[0])],
+      ],
+      legend: [
+        ["pair", "pair used"],
+        ["unused", "pair not used"],
+        ["point", "sample"],
+      ],
+      /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
+      draw(sheet, rect, { flattening: lesson }, ui) {
+        const level = lesson.levels[0];
+        onImage(sheet, rect, lesson, ui, (map, size) => {
+          sheet.segments(map, level.xy, level.edges, sheet.color.pair, size === 1 ? 1 : 2.2);
+          sheet.segments(map, level.xy, level.unusedPairs, sheet.color.unused, size === 1 ? 1 : 2.2);
+          sheet.dots(map, level.xy, dotSize(size), sheet.color.point);
+        });
+      },
+    },
+    {
+      name: "Initial state",
+      figure: "Fig. 2c · section 3",
+      text: [
+        "The minimisation must begin somewhere: each sample is put where its pixel is, scaled to metres.",
+        "The camera sees slanted cloth foreshortened. So most pairs are too short on the plane; they have to be " +
+          "pushed apart.",
+      ],
+      math: () => [equation("(u_n, v_n) = s(j_n, i_n)"), equation("s =", words("metres per pixel"))],
+      facts: ({ flattening: f }) => {
+        const level = f.levels[0];
+        const strain = strains(level, level.states[0]);
+        const short = strain.filter((s) => s < -0.01).length / Math.max(1, strain.length);
+        return [
+          ["H", `${threeDigits(level.energy_mm2[0])} mm²`],
+          ["Error of a pair (rms)", mm(rms(level, level.energy_mm2[0]), 2)],
+          ["Too short by 1 % or more", `${number(100 * short, 0)} %`],
+          ["Connected", partsNote(level)],
+        ];
+      },
+      legend: [...STRAINS, ["text", "sample"]],
+      draw(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @type {Lessons} */ { flattening: lesson }) {
+        const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
+        const [top, bottom] = rows(right, [1.1, 1]);
+        const { strain } = statePane(
+          sheet,
+          sheet.titled(left, "The plane", "every sample at its pixel"),
+          lesson.levels[0],
+          0,
+          "coarse",
+        );
+        histogram(sheet, sheet.titled(top, "Lengths"), strain, 25);
+        drawForeshortening(sheet, sheet.titled(bottom, "Why too short", "seen from above"));
+      },
+    },
+    {
+      name: "Minimisation",
+      figure: "Fig. 2d · Eq. (2)",
+      plays: ({ flattening: f }) => f.levels[0].states.length - 1,
+      text: [
+        "The samples move in the plane until each pair is as long as it is on the cloth. H adds up the squares " +
+          "of all errors of length; every iteration lowers it.",
+        "Most is won in the first steps. What is left is cloth that stretches, and noise of the camera.",
+      ],
+      math: () => [
+        equation(
+          "H =",
+          sum("n_1 < n_2"),
+          sub("B", PAIR),
+          sup(row("(", sub("ℓ", PAIR), "−", sub("E", PAIR), ")"), "2"),
+        ),
+        equation(sub("ℓ", PAIR), "=", root(squared("u"), "+", squared("v"))),
+      ],
+      facts: ({ flattening: f }, ui) => minimisationFacts(f.levels[0], ui),
+      legend: [...STRAINS, ["mark", "now"]],
+      draw: (sheet, rect, { flattening: lesson }, ui) =>
+        drawMinimisation(sheet, rect, lesson.levels[0], ui, "coarse"),
+    },
+    {
+      name: "Finer level",
+      figure: "Fig. 2e · section 3",
+      plays: ({ flattening: f }) => f.levels.at(-1).states.length - 1,
+      text: [
+        "Now with samples at half the interval. The coarse result carries each of them to its place, and the " +
+          "same minimisation goes on from there.",
+        "From the pixels, so many unknowns would take long and might fold the sheet. From here, H begins low already.",
+      ],
+      math: () => [
+        equation("d^′ = d / 2"),
+        equation(sub("(u, v)", "n"), "=", words("as the result for d carries it")),
+      ],
+      facts: ({ flattening: f }, ui) => [
+        ["Samples", `${f.levels.at(-1).points} (before ${f.levels[0].points})`],
+        ...minimisationFacts(f.levels.at(-1), ui),
+      ],
+      legend: [...STRAINS, ["mark", "now"]],
+      draw: (sheet, rect, { flattening: lesson }, ui) =>
+        drawMinimisation(sheet, rect, lesson.levels.at(-1), ui, "fine"),
+    },
+    {
+      name: "Triangulation",
+      figure: "Fig. 2f · section 3",
+      probe: "mesh",
+      start: ({ flattening: f }) => {
+        const box = boxOfPoints(f.levels.at(-1).states.at(-1));
+        return [(box.left + box.right) / 2, box.top + 0.3 * (box.bottom - box.top)];
+      },
+      text: [
+        "Delaunay triangles join the flattened samples and fill the cloth between them. Where no cloth was seen, " +
+          "there is no triangle.",
+        "A point inside a triangle is a weighted mean of the three corners; the same mean of their pixels " +
+          "is its position in the image.",
+      ],
+      math: () => [equation("p = λ_1 p_1 + λ_2 p_2 + λ_3 p_3"), equation("λ_1 + λ_2 + λ_3 = 1")],
+      facts: ({ flattening: f }) => [
+        ["Triangles", String(f.triangles)],
+        ["Samples", String(f.levels.at(-1).main_points)],
+        ["Area", cm2(f.area_cm2)],
+      ],
+      legend: [
+        ["accent", "triangle"],
+        ["text", "sample"],
+      ],
+      draw: drawTriangles,
+    },
+    {
+      name: "Flattened view",
+      figure: "Fig. 2g · section 3",
+      probe: "flat",
+      start: ({ flattening: f }) => middleOf(f.flat, (i) => f.array.source_rc[2 * i] >= 0),
+      layers: FLAT_LAYERS,
+      text: [
+        "Every pixel of F takes nine values from the 3D point that it belongs to: color, position and normal.",
+        "The link remains. Move the pointer over the flattened view, or the arrow keys on it, and see the same " +
+          "cloth in the image: this is how a click on the flat shape becomes a grasp point.",
+      ],
+      math: () => [equation("F(u, v) = (r, g, b, x, y, z, n_x, n_y, n_z)")],
+      facts: flattenedFacts,
+      legend: [["mark", "the same cloth"]],
+      draw: drawFlattened,
+    },
+  ],
+);

@@ -1,6 +1,6 @@
 // The stages of Fig. 4: the next rotation, the new view, and its alignment.
 
-import { degrees, number } from "/static/page/format.js";
+import { cm2, degrees, mm, number } from "/static/page/format.js";
 import {
   drawLines,
   drawNewView,
@@ -9,9 +9,8 @@ import {
   drawSearch,
   searchFacts,
 } from "/static/teaching/alignment.js";
-import { cm2 } from "/static/teaching/fig2.js";
-import { mm } from "/static/teaching/states.js";
-import { cases, equation, fraction, row, sub, sum, sup, words } from "/static/teaching/math.js";
+import { stagesOf } from "/static/teaching/lesson.js";
+import { cases, equation, fraction, row, sum, sup, words } from "/static/teaching/math.js";
 import {
   angleStart,
   curvesFacts,
@@ -23,13 +22,10 @@ import {
   zAngleFacts,
 } from "/static/teaching/rotation.js";
 
+/** @type {ParameterName[]} */
 const ALL = ["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"];
 
-const A = (below) => sub("A", below);
-const Az = (upper = null) => (upper === null ? sub("A", "z") : sup(sub("A", "z"), upper));
-const a = () => row("a", "(", "u", ",", "v", ")");
-
-export const EXTENDING_STAGES = [
+export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
   {
     name: "Z-angle",
     figure: "Fig. 4a · section 4.1, step 1",
@@ -44,20 +40,14 @@ export const EXTENDING_STAGES = [
     ],
     math: () => [
       equation(
-        "a",
-        "=",
-        sup("tan", row("−", "1")),
+        "a =",
+        sup("tan", "−1"),
         "(",
-        fraction(sub("n", "y"), sub("n", "x")),
-        ")",
-        "·",
+        fraction("n_y", "n_x"),
+        ") ·",
         fraction("180°", "π"),
         words(",   "),
-        "|",
-        "a",
-        "|",
-        "<",
-        A("w"),
+        "|a| < A_w",
       ),
     ],
     facts: zAngleFacts,
@@ -81,8 +71,8 @@ export const EXTENDING_STAGES = [
         "of a column around the item.",
     ],
     math: () => [
-      equation("h", "(", "u", ")", "=", "#", "{", "v", ":", "|", a(), "|", "<", A("w"), "}"),
-      equation(Az(), "(", "u", ")", "=", fraction("1", row("h", "(", "u", ")")), sum("v"), a()),
+      equation("h(u) = # {v : |a(u, v)| < A_w}"),
+      equation("A_z (u) =", fraction("1", "h(u)"), sum("v"), "a(u, v)"),
     ],
     facts: curvesFacts,
     legend: [
@@ -96,7 +86,6 @@ export const EXTENDING_STAGES = [
     name: "Rotation",
     figure: "Fig. 4a · steps 3 and 4",
     part: "planning",
-    parameters: ALL,
     text: [
       "A larger turn shows more hidden cloth; but the next view must overlap this one by S_0. Columns are " +
         "counted from the occluding edge until their area exceeds S_0: at u_b, with the Z-angle A_0.",
@@ -104,30 +93,8 @@ export const EXTENDING_STAGES = [
         "50°. Of the recorded views, the largest turn up to A is taken.",
     ],
     math: ({ planning: p }) => [
-      equation(
-        sup("p", "2"),
-        sum(row("u", p.side === "right" ? "≥" : "≤", sub("u", "b"))),
-        "h",
-        "(",
-        "u",
-        ")",
-        ">",
-        sub("S", "0"),
-      ),
-      equation(
-        A("0"),
-        "=",
-        Az(),
-        "(",
-        sub("u", "b"),
-        ")",
-        words(",   "),
-        "A",
-        "=",
-        A("w"),
-        p.side === "right" ? "+" : "−",
-        A("0"),
-      ),
+      equation("p^2", sum(`u ${p.side === "right" ? "≥" : "≤"} u_b`), "h(u) > S_0"),
+      equation("A_0 = A_z (u_b)", words(",   "), `A = A_w ${p.side === "right" ? "+" : "−"} A_0`),
     ],
     facts: rotationFacts,
     legend: [
@@ -141,19 +108,16 @@ export const EXTENDING_STAGES = [
   {
     name: "New view",
     figure: "Fig. 4b, c · section 3",
-    part: "alignment",
-    parameters: ALL,
     text: [
       "The item is turned by A, and the new view is flattened by the same stages 1 to 7.",
       "It shows cloth that was hidden, and cloth that both views show. Its place on the plane is still " +
         "unknown: each view has a plane of its own.",
     ],
-    math: () => [
-      equation(sup("x", "′"), "=", "c", "+", "R", "(", "k", ",", "A", ")", "(", "x", "−", "c", ")"),
-      equation("c", ",", "k", words(": point and direction of the axis")),
-    ],
-    facts: ({ alignment: a }) =>
-      [
+    math: () => [equation("x^′ = c + R(k, A)(x − c)"), equation("c, k", words(": point and direction of the axis"))],
+    facts: ({ alignment: a }) => {
+      /** @type {Fact[]} */
+      const leftOut = [["Left out", `view ${a.planned_view}: it could not be aligned`]];
+      return [
         ["New view", viewName(a, a.view_index)],
         [
           "Turned by",
@@ -162,22 +126,21 @@ export const EXTENDING_STAGES = [
             : "–",
         ],
         ["Area", cm2(a.new_cm2)],
-        a.planned_view === a.view_index ? null : ["Left out", `view ${a.planned_view}: it could not be aligned`],
-      ].filter(Boolean),
+        ...(a.planned_view === a.view_index ? [] : leftOut),
+      ];
+    },
     draw: drawNewView,
   },
   {
     name: "Lines",
     figure: "Fig. 4d, e · section 4.2",
-    part: "alignment",
-    parameters: ALL,
     text: [
       "Turning adds A to every Z-angle: A_z − A is what the cloth of the new view had before. Both views saw " +
         "the range that they share (shaded).",
       "Pixels of its middle A_m make a band in each view; the axis of the band is a line on the cloth, and the " +
         "same height z on both lines gives a pair of points.",
     ],
-    math: () => [equation(A("m"), "=", words("middle of "), Az("0"), "∩", "(", Az("1"), "−", "A", ")")],
+    math: () => [equation("A_m =", words("middle of "), sup("A_z", "0"), "∩ (", sup("A_z", "1"), "− A)")],
     facts: ({ alignment: a }) =>
       a.lines
         ? [
@@ -200,8 +163,6 @@ export const EXTENDING_STAGES = [
   {
     name: "Initial overlay",
     figure: "Fig. 4f · section 4.2",
-    part: "alignment",
-    parameters: ALL,
     text: [
       "Line on line and point on point: that fixes one turn θ and one shift t, the initial estimate.",
       "It need not be good. Where the overlap is nearly flat, all of it has about one Z-angle, and the band " +
@@ -209,8 +170,8 @@ export const EXTENDING_STAGES = [
         "that show the same place of the item, and the overlay is that one.",
     ],
     math: () => [
-      equation("R", "(", "θ", ")", sup("d", "1"), "=", sup("d", "0"), words(" (directions)")),
-      equation("R", "(", "θ", ")", sup("q", "1"), "+", "t", "=", sup("q", "0"), words(" (points)")),
+      equation("R(θ) d^1 = d^0", words(" (directions)")),
+      equation("R(θ) q^1 + t = q^0", words(" (points)")),
     ],
     facts: ({ alignment: a }) => [
       ["Turn θ", degrees((180 * a.initial[0]) / Math.PI)],
@@ -237,8 +198,6 @@ export const EXTENDING_STAGES = [
   {
     name: "Search",
     figure: "section 4.2",
-    part: "alignment",
-    parameters: ALL,
     plays: ({ alignment: a }) => a.search.motions.length - 1,
     text: [
       "Turns and shifts around the initial estimate are tried. Where both views lie on each other, intensity I, " +
@@ -249,30 +208,8 @@ export const EXTENDING_STAGES = [
         "estimate where that scores more.",
     ],
     math: () => [
-      equation(
-        "T",
-        "=",
-        words("arg min "),
-        sum("p"),
-        "ρ",
-        "(",
-        "Δ",
-        "I",
-        ")",
-        "+",
-        "ρ",
-        "(",
-        "Δ",
-        "z",
-        ")",
-        "+",
-        "ρ",
-        "(",
-        "Δ",
-        "a",
-        ")",
-      ),
-      equation("Δ", "I", "=", sup("I", "0"), "(", "T", "p", ")", "−", sup("I", "1"), "(", "p", ")"),
+      equation("T =", words("arg min "), sum("p"), "ρ(Δ I) + ρ(Δ z) + ρ(Δ a)"),
+      equation("Δ I = I^0 (T p) − I^1 (p)"),
     ],
     facts: searchFacts,
     legend: [
@@ -286,8 +223,6 @@ export const EXTENDING_STAGES = [
   {
     name: "Renewal",
     figure: "Fig. 4g · section 4.3",
-    part: "alignment",
-    parameters: ALL,
     text: [
       "Both views become one. Where both show the cloth, the half next to the occluding edge takes the new " +
         "view; in the other half the smaller |Z-angle| wins, as it was measured more frontally.",
@@ -296,12 +231,11 @@ export const EXTENDING_STAGES = [
     ],
     math: () => [
       equation(
-        "F",
-        "=",
+        "F =",
         cases(
-          [sup("F", "1"), words(" in the half at the edge")],
-          [sup("F", "1"), row(words(" where "), "|", sup("a", "1"), "|", "<", "|", sup("a", "0"), "|")],
-          [sup("F", "0"), words(" elsewhere")],
+          ["F^1", words(" in the half at the edge")],
+          ["F^1", row(words(" where "), "|a^1| < |a^0|")],
+          ["F^0", words(" elsewhere")],
         ),
       ),
     ],
@@ -319,4 +253,4 @@ export const EXTENDING_STAGES = [
     ],
     draw: drawRenewal,
   },
-];
+]);

@@ -2,27 +2,30 @@
 
 import { boxOf } from "/static/canvas/geometry.js";
 import { words as asWords } from "/static/garment/marks.js";
-import { number } from "/static/page/format.js";
+import { cm2, number, percent } from "/static/page/format.js";
 import { boxOfPoints, columns } from "/static/teaching/draw.js";
-import { cm2 } from "/static/teaching/fig2.js";
-import { equation, fraction, row, sub, sum, sup, words } from "/static/teaching/math.js";
+import { stagesOf } from "/static/teaching/lesson.js";
+import { equation, fraction, row, sum, sup, words } from "/static/teaching/math.js";
 import { Plot } from "/static/teaching/plot.js";
 
 const TRUSTED = 0.6; // an edge that counts this much is drawn as well seen
 const SHOWN_KINDS = 3;
 const KIND_COLORS = ["mark", "kept", "new"];
 
-const percent = (share) => `${number(100 * share, 0)} %`;
-const metres = (value) => `${number(value, 2)} m`;
+const metres = (/** @type {number} */ value) => `${number(value, 2)} m`;
 
 // --- what all of them show ---------------------------------------------------------------------------
 
 const NONE = new Float32Array(0);
 
-/** The shape with its evidence, in a pane; returns the pane's map. */
+/**
+ * The shape with its evidence, in a pane; returns the pane's map.
+ * @param {Sheet} sheet @param {Rect} rect @param {GarmentLesson} lesson @param {Numbers} more
+ * @param {(map: PaneMap) => void} draw
+ */
 function drawShape(sheet, rect, lesson, more, draw) {
   const { inside_uv: inside, edge_uv: edge } = lesson.array;
-  const box = boxOfPoints(Float32Array.from([...inside, ...edge, ...more]));
+  const box = boxOfPoints(Float32Array.from([inside, edge, more].flatMap((uv) => Array.from(uv))));
   const map = sheet.pane("garment", box, rect, { margin: 18 });
   sheet.within(rect, () => {
     if (lesson.flat) sheet.picture(map, lesson.picture.shape, boxOf(lesson.flat), 0.4);
@@ -34,16 +37,25 @@ function drawShape(sheet, rect, lesson, more, draw) {
   return map;
 }
 
-/** The true edges that are trusted, and those that are less. */
+/**
+ * The true edges that are trusted, and those that are less.
+ * @param {Sheet} sheet @param {PaneMap} map @param {GarmentLesson} parts @param {number} radius
+ */
 function drawEdges(sheet, map, { array }, radius) {
   const { edge_uv: uv, edge_trust: trust } = array;
+  /** @type {number[]} */
   const well = [];
+  /** @type {number[]} */
   const less = [];
   for (let i = 0; i < trust.length; i++) (trust[i] >= TRUSTED ? well : less).push(uv[2 * i], uv[2 * i + 1]);
   sheet.dots(map, well, radius, sheet.color.pair);
   sheet.dots(map, less, radius, sheet.color.sample);
 }
 
+/**
+ * @param {Sheet} sheet @param {PaneMap} map @param {Numbers} uv @param {string} color @param {number} width
+ * @param {number[]} dash
+ */
 function drawOutline(sheet, map, uv, color, width, dash = []) {
   for (let i = 0; i < uv.length; i += 2) {
     const j = (i + 2) % uv.length;
@@ -51,11 +63,12 @@ function drawOutline(sheet, map, uv, color, width, dash = []) {
   }
 }
 
-const shapeName = (lesson) => (lesson.flat ? "The shape" : "An example");
-const detailOf = (lesson) => (lesson.flat ? "" : "no shape of two views yet");
+const shapeName = (/** @type {GarmentLesson} */ lesson) => (lesson.flat ? "The shape" : "An example");
+const detailOf = (/** @type {GarmentLesson} */ lesson) => (lesson.flat ? "" : "no shape of two views yet");
 
 // --- true edges --------------------------------------------------------------------------------------
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts */
 function drawTrueEdges(sheet, rect, { garment: lesson }) {
   const inner = sheet.titled(rect, shapeName(lesson), detailOf(lesson));
   drawShape(sheet, inner, lesson, lesson.array.unseen_uv, (map) => {
@@ -74,7 +87,7 @@ function drawTrueEdges(sheet, rect, { garment: lesson }) {
 // --- starts and fits ---------------------------------------------------------------------------------
 
 /** The outlines at a time between the recorded steps, one a start, and their energies. */
-function outlinesAt(lesson, time) {
+function outlinesAt(/** @type {GarmentLesson} */ lesson, /** @type {number} */ time) {
   const [steps, starts, vertices] = lesson.state_shape;
   const from = Math.min(steps - 1, Math.floor(time));
   const to = Math.min(steps - 1, from + 1);
@@ -92,9 +105,11 @@ function outlinesAt(lesson, time) {
   return { step: Math.round(time), outlines };
 }
 
-const lastEnergies = (lesson) => lesson.energy[lesson.energy.length - 1];
-const bestStart = (lesson) => lastEnergies(lesson).indexOf(Math.min(...lastEnergies(lesson)));
+const lastEnergies = (/** @type {GarmentLesson} */ lesson) => lesson.energy[lesson.energy.length - 1];
+const bestStart = (/** @type {GarmentLesson} */ lesson) =>
+  lastEnergies(lesson).indexOf(Math.min(...lastEnergies(lesson)));
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
 function drawFits(sheet, rect, { garment: lesson }, ui) {
   const [left, right] = columns(rect, [1.7, 1]);
   const { outlines } = outlinesAt(lesson, ui.time);
@@ -108,6 +123,7 @@ function drawFits(sheet, rect, { garment: lesson }, ui) {
   drawEnergy(sheet, sheet.titled(right, "Energy E", "of each start, step by step"), lesson, ui.time, best);
 }
 
+/** @param {Sheet} sheet @param {Rect} rect @param {GarmentLesson} lesson @param {number} time @param {number} best */
 function drawEnergy(sheet, rect, lesson, time, best) {
   const all = lesson.energy.flat();
   const [low, high] = [Math.min(...all), Math.max(...all)];
@@ -132,7 +148,8 @@ function drawEnergy(sheet, rect, lesson, time, best) {
   plot.vertical(time, sheet.color.text, "", 1);
 }
 
-function fitFacts({ garment: lesson }, ui) {
+/** @returns {Fact[]} */
+function fitFacts(/** @type {Lessons} */ { garment: lesson }, /** @type {Ui} */ ui) {
   const best = bestStart(lesson);
   const step = Math.round(ui.time);
   const [first, now, last] = [0, step, lesson.energy.length - 1].map((at) => lesson.energy[at][best]);
@@ -146,6 +163,7 @@ function fitFacts({ garment: lesson }, ui) {
 
 // --- evidence ----------------------------------------------------------------------------------------
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts */
 function drawEvidence(sheet, rect, { garment: lesson }) {
   const [left, right] = columns(rect, [1.4, 1]);
   const kinds = lesson.kinds.slice(0, SHOWN_KINDS);
@@ -159,8 +177,12 @@ function drawEvidence(sheet, rect, { garment: lesson }) {
   drawBars(sheet, sheet.titled(right, "Probability", "by this shape alone"), lesson);
 }
 
-/** A bar a kind, with its probability and its evidence below the best. */
+/**
+ * A bar a kind, with its probability and its evidence below the best.
+ * @param {Sheet} sheet @param {Rect} rect @param {GarmentLesson} lesson
+ */
 function drawBars(sheet, rect, lesson) {
+  /** @type {{ name: string; probability: number; below: number | null }[]} */
   const all = [...lesson.kinds, { name: "none of these", probability: lesson.none, below: null }];
   const high = Math.min(rect.h / all.length, 3.6 * sheet.em);
   all.forEach(({ name, probability, below }, k) => {
@@ -178,109 +200,92 @@ function drawBars(sheet, rect, lesson) {
 
 // --- the stages ----------------------------------------------------------------------------------------
 
+/** @type {LegendRow[]} */
 const EDGE_LEGEND = [
   ["pair", "true edge, well seen"],
   ["sample", "true edge, seen once or twice"],
 ];
-const z = () => fraction(sub("d", "i"), sub("σ", "i"));
 
-export const GARMENT_STAGES = [
-  {
-    name: "True edges",
-    figure: "evidence · docs/garments.md",
-    part: "garment",
-    parameters: [],
-    text: [
-      "The border of the shape has two sorts of places. At a true edge some view saw the cloth end while it " +
-        "faced the camera; elsewhere it was only not seen further: hidden, grazing, or outside of the image.",
-      "Only true edges say where the outline is. One that many views saw from the front counts much; the " +
-        "silhouette of a fold passes for an edge in one view or two, so such edges count little.",
-    ],
-    math: () => [
-      equation(
-        sub("t", "i"),
-        "=",
-        fraction(sub("s", "i"), row("1", "+", sub("s", "i"))),
-        words(",   "),
-        sub("s", "i"),
-        "=",
-        sum(words("views")),
-        words("frontality"),
-      ),
-    ],
-    facts: ({ garment: lesson }) => [
-      ["True edges", metres(lesson.edges_m)],
-      ["Not seen further", metres(lesson.unseen_m)],
-      ["Mean trust t", lesson.trust === null ? "–" : number(lesson.trust, 2)],
-      ["Cloth", cm2(lesson.area_cm2)],
-    ],
-    legend: [...EDGE_LEGEND, ["even", "not seen further"]],
-    draw: drawTrueEdges,
-  },
-  {
-    name: "Starts and fits",
-    figure: "fit · docs/garments.md",
-    part: "garment",
-    parameters: [],
-    plays: ({ garment: lesson }) => lesson.energy.length - 1,
-    text: [
-      "An outline of each kind, with lengths in metres and wide priors, is laid on the evidence in many turns, " +
-        "places and sizes. The best starts are refined: lengths and pose together.",
-      "True edges belong on the outline, cloth inside of it; what was not seen costs nothing. The deviations σ " +
-        "are four times as wide at first, so that far edges pull, too; ρ limits what a false edge can do.",
-    ],
-    math: () => [
-      equation(
-        "E",
-        "=",
-        sum("i"),
-        sub("t", "i"),
-        "ρ",
-        "(",
-        z(),
-        ")",
-        "+",
-        sum(words("cloth")),
-        "…",
-        "+",
-        sum("k"),
-        fraction(sup(row("(", sub("p", "k"), "−", sub("m", "k"), ")"), "2"), row("2", sup(sub("s", "k"), "2"))),
-      ),
-    ],
-    facts: fitFacts,
-    legend: [["mark", "the best start"], ["soft", "the others"], ...EDGE_LEGEND],
-    draw: drawFits,
-  },
-  {
-    name: "Evidence",
-    figure: "kinds · docs/garments.md",
-    part: "garment",
-    parameters: [],
-    text: [
-      "Kinds are compared by evidence, not by how near they come: a kind with more parameters must explain more, " +
-        "as each of them could have been anything within its prior.",
-      "If even the best fits badly, or a hole has edges all round, it is none of these. Neighbouring edges err " +
-        "alike, so differences are divided by T.",
-    ],
-    math: ({ garment: lesson }) => [
-      equation(words("log "), "Z", "≈", "−", "E", "−", fraction("1", "2"), words("log det "), "H", words(" + prior")),
-      equation(
-        "p",
-        "∝",
-        sup("e", fraction(row(words("log "), "Z"), "T")),
-        words(",   "),
-        "T",
-        "=",
-        String(lesson.temperature),
-      ),
-    ],
-    facts: ({ garment: lesson }) => [
-      ["Likeliest", `${asWords(lesson.kinds[0].name)}, ${percent(lesson.kinds[0].probability)}`],
-      ["Its parameters", String(lesson.kinds[0].parameters)],
-      ["None of these", percent(lesson.none)],
-      ["E per edge", `${number(lesson.misfit, 3)} (limit ${number(lesson.misfit_limit, 3)})`],
-    ],
-    legend: [["mark", "the likeliest kind"], ["kept", "the second"], ["new", "the third"], ...EDGE_LEGEND],
-    draw: drawEvidence,
-  },
-];
+export const GARMENT_STAGES = stagesOf(
+  "garment",
+  [],
+  [
+    {
+      name: "True edges",
+      figure: "evidence · docs/garments.md",
+      text: [
+        "The border of the shape has two sorts of places. At a true edge some view saw the cloth end while it " +
+          "faced the camera; elsewhere it was only not seen further: hidden, grazing, or outside of the image.",
+        "Only true edges say where the outline is. One that many views saw from the front counts much; the " +
+          "silhouette of a fold passes for an edge in one view or two, so such edges count little.",
+      ],
+      math: () => [
+        equation(
+          "t_i =",
+          fraction("s_i", "1 + s_i"),
+          words(",   "),
+          "s_i =",
+          sum(words("views")),
+          words("frontality"),
+        ),
+      ],
+      facts: ({ garment: lesson }) => [
+        ["True edges", metres(lesson.edges_m)],
+        ["Not seen further", metres(lesson.unseen_m)],
+        ["Mean trust t", lesson.trust === null ? "–" : number(lesson.trust, 2)],
+        ["Cloth", cm2(lesson.area_cm2)],
+      ],
+      legend: [...EDGE_LEGEND, ["even", "not seen further"]],
+      draw: drawTrueEdges,
+    },
+    {
+      name: "Starts and fits",
+      figure: "fit · docs/garments.md",
+      plays: ({ garment: lesson }) => lesson.energy.length - 1,
+      text: [
+        "An outline of each kind, with lengths in metres and wide priors, is laid on the evidence in many turns, " +
+          "places and sizes. The best starts are refined: lengths and pose together.",
+        "True edges belong on the outline, cloth inside of it; what was not seen costs nothing. The deviations σ " +
+          "are four times as wide at first, so that far edges pull, too; ρ limits what a false edge can do.",
+      ],
+      math: () => [
+        equation(
+          "E =",
+          sum("i"),
+          "t_i ρ(",
+          fraction("d_i", "σ_i"),
+          ") +",
+          sum(words("cloth")),
+          "… +",
+          sum("k"),
+          fraction(sup("(p_k − m_k)", "2"), row("2", sup("s_k", "2"))),
+        ),
+      ],
+      facts: fitFacts,
+      legend: [["mark", "the best start"], ["soft", "the others"], ...EDGE_LEGEND],
+      draw: drawFits,
+    },
+    {
+      name: "Evidence",
+      figure: "kinds · docs/garments.md",
+      text: [
+        "Kinds are compared by evidence, not by how near they come: a kind with more parameters must explain more, " +
+          "as each of them could have been anything within its prior.",
+        "If even the best fits badly, or a hole has edges all round, it is none of these. Neighbouring edges err " +
+          "alike, so differences are divided by T.",
+      ],
+      math: ({ garment: lesson }) => [
+        equation(words("log "), "Z ≈ − E −", fraction("1", "2"), words("log det "), "H", words(" + prior")),
+        equation("p ∝", sup("e", fraction(row(words("log "), "Z"), "T")), words(",   "), `T = ${lesson.temperature}`),
+      ],
+      facts: ({ garment: lesson }) => [
+        ["Likeliest", `${asWords(lesson.kinds[0].name)}, ${percent(lesson.kinds[0].probability)}`],
+        ["Its parameters", String(lesson.kinds[0].parameters)],
+        ["None of these", percent(lesson.none)],
+        ["E per edge", `${number(lesson.misfit, 3)} (limit ${number(lesson.misfit_limit, 3)})`],
+      ],
+      legend: [["mark", "the likeliest kind"], ["kept", "the second"], ["new", "the third"], ...EDGE_LEGEND],
+      draw: drawEvidence,
+    },
+  ],
+);

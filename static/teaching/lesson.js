@@ -8,6 +8,8 @@ export class LessonError extends Error {}
 /**
  * Ask for a part (flattening, planning, alignment). `query` holds the parameters, `progress(share, text)` is told
  * how far it is; aborting `signal` gives the computation up.
+ * @param {string} part @param {Record<string, any>} query @param {AbortSignal} signal
+ * @param {(share: number, text: string) => void} progress
  */
 export async function fetchLesson(part, query, signal, progress) {
   let response;
@@ -26,16 +28,19 @@ export async function fetchLesson(part, query, signal, progress) {
   throw new LessonError("The answer of flatcloth ended too early; try once more.");
 }
 
-async function* records(stream, signal) {
+async function* records(
+  /** @type {ReadableStream<Uint8Array<ArrayBuffer>>} */ stream,
+  /** @type {AbortSignal} */ signal,
+) {
   const reader = stream.getReader();
   let waiting = new Uint8Array(0);
-  const more = async (length) => {
+  const more = async (/** @type {number} */ length) => {
     const chunks = [waiting];
     let size = waiting.length;
     while (size < length) {
       const { done, value } = await reader.read().catch((error) => {
         if (signal.aborted) throw error;
-        return { done: true };
+        return { done: true, value: new Uint8Array(0) };
       });
       if (done) return null;
       chunks.push(value);
@@ -59,7 +64,7 @@ async function* records(stream, signal) {
   }
 }
 
-async function unpack(values, body) {
+async function unpack(/** @type {any} */ values, /** @type {Uint8Array} */ body) {
   const lesson = { ...values, array: {}, picture: {} };
   await Promise.all(
     Object.entries(partsOf(values.parts, body)).map(async ([name, part]) => {
@@ -71,8 +76,15 @@ async function unpack(values, body) {
   return lesson;
 }
 
+/**
+ * Stages that share a part of the lesson and the parameters that change it, where they do not say otherwise.
+ * @param {PartName} part @param {ParameterName[]} parameters @param {StagePart[]} stages
+ * @returns {Stage[]}
+ */
+export const stagesOf = (part, parameters, stages) => stages.map((stage) => ({ part, parameters, ...stage }));
+
 /** One level's samples as drawn: places in the image, and the largest part's own numbering. */
-function prepared(array, name) {
+function prepared(/** @type {Record<string, NumberArray>} */ array, /** @type {string} */ name) {
   const rc = array[`${name}_points_rc`];
   const xy = new Float32Array(rc.length);
   for (let i = 0; i < rc.length; i += 2) [xy[i], xy[i + 1]] = [rc[i + 1], rc[i]];
@@ -102,13 +114,13 @@ function prepared(array, name) {
   };
 }
 
-function statesOf(flat, count) {
+function statesOf(/** @type {NumberArray} */ flat, /** @type {number} */ count) {
   const size = 2 * count;
   return Array.from({ length: size ? flat.length / size : 0 }, (_, i) => flat.subarray(i * size, (i + 1) * size));
 }
 
 /** The points of a level at a time between its recorded states (0 to their number less one). */
-export function stateAt(level, time) {
+export function stateAt(/** @type {Level} */ level, /** @type {number} */ time) {
   const last = level.states.length - 1;
   const from = Math.min(last, Math.floor(time));
   const a = level.states[from];
@@ -121,14 +133,14 @@ export function stateAt(level, time) {
 }
 
 /** The iteration at a time; states are thinned, iterations are not. */
-export function iterationAt(level, time) {
+export function iterationAt(/** @type {Level} */ level, /** @type {number} */ time) {
   const at = level.state_iterations;
   const from = Math.min(at.length - 1, Math.floor(time));
   return at[from] + (time - from) * ((at[from + 1] ?? at[from]) - at[from]);
 }
 
 /** Relative error of length of every pair of the largest part: below 0 too short, above too long. */
-export function strains(level, points) {
+export function strains(/** @type {Level} */ level, /** @type {Numbers} */ points) {
   const { mainEdges: edges, mainLength: length } = level;
   const strain = new Float32Array(length.length);
   for (let e = 0; e < length.length; e++) {
@@ -140,6 +152,6 @@ export function strains(level, points) {
 }
 
 /** H of Eq. (2), mm². */
-export function energy(level, strain) {
+export function energy(/** @type {Level} */ level, /** @type {Float32Array} */ strain) {
   return strain.reduce((total, s, e) => total + (1000 * s * level.mainLength[e]) ** 2, 0);
 }

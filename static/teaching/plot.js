@@ -4,7 +4,7 @@ import { number } from "/static/page/format.js";
 import { inset } from "/static/teaching/draw.js";
 
 /** Round numbers that divide a range into about `count` steps. */
-export function ticks(low, high, count = 5) {
+export function ticks(/** @type {number} */ low, /** @type {number} */ high, count = 5) {
   const rough = Math.max(1e-12, (high - low) / count);
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= 0.999 * rough);
@@ -14,10 +14,11 @@ export function ticks(low, high, count = 5) {
   return found;
 }
 
-const decimals = (values) => (values.length > 1 && values[1] - values[0] < 1 ? 1 : 0);
+const decimals = (/** @type {number[]} */ values) => (values.length > 1 && values[1] - values[0] < 1 ? 1 : 0);
 
 /** One plot: two axes, y up. `y2` is a second scale at the right. */
 export class Plot {
+  /** @param {Sheet} sheet @param {Rect} rect @param {PlotOptions} parts */
   constructor(
     sheet,
     rect,
@@ -46,22 +47,23 @@ export class Plot {
     this.axes({ xLabel, yLabel, y2Label, yColor, y2Color, xTicks, yTicks, xAxis });
   }
 
-  px(value) {
+  px(/** @type {number} */ value) {
     const [low, high] = this.x;
     return this.inner.x + (this.inner.w * (value - low)) / (high - low || 1);
   }
 
-  py(value, scale = this.y) {
+  py(/** @type {number} */ value, scale = this.y) {
     const [low, high] = this.log ? scale.map(Math.log10) : scale;
     const at = this.log ? Math.log10(Math.max(value, 1e-12)) : value;
     return this.inner.y + this.inner.h * (1 - (at - low) / (high - low || 1));
   }
 
+  /** @param {number} x @param {number} y @param {UV} [scale] @returns {UV} */
   at(x, y, scale) {
     return [this.px(x), this.py(y, scale)];
   }
 
-  axes({ xLabel, yLabel, y2Label, yColor, y2Color, xTicks, yTicks, xAxis }) {
+  axes(/** @type {Axes} */ { xLabel, yLabel, y2Label, yColor, y2Color, xTicks, yTicks, xAxis }) {
     const { sheet, inner } = this;
     const { soft, line } = sheet.color;
     const em = sheet.em;
@@ -110,7 +112,11 @@ export class Plot {
       });
   }
 
-  /** A curve over arrays; NaN makes a gap. */
+  /**
+   * A curve over arrays; NaN makes a gap.
+   * @param {Numbers} xs @param {Numbers} ys @param {string} color
+   * @param {{ width?: number; scale?: UV; dash?: number[] }} parts
+   */
   curve(xs, ys, color, { width = 2, scale = this.y, dash = [] } = {}) {
     const context = this.sheet.context;
     this.sheet.within(inset(this.inner, -1), () => {
@@ -134,7 +140,7 @@ export class Plot {
     });
   }
 
-  /** The area under a curve, between two indices. */
+  /** The area under a curve, between two indices. @param {Numbers} xs @param {Numbers} ys @param {string} color */
   area(xs, ys, color, from = 0, to = xs.length - 1, scale = this.y, alpha = 0.3) {
     const context = this.sheet.context;
     this.sheet.within(this.inner, () => {
@@ -148,6 +154,7 @@ export class Plot {
     });
   }
 
+  /** @param {number} low @param {number} high @param {string} color */
   band(low, high, color, alpha = 0.16) {
     const context = this.sheet.context;
     this.sheet.within(this.inner, () => {
@@ -157,6 +164,7 @@ export class Plot {
     });
   }
 
+  /** @param {number} x @param {string} color @param {number[]} dash */
   vertical(x, color, label = "", width = 2, dash = [], above = false) {
     const { inner, sheet } = this;
     sheet.line([this.px(x), inner.y], [this.px(x), inner.y + inner.h], color, width, dash);
@@ -169,7 +177,7 @@ export class Plot {
       });
   }
 
-  horizontal(y, color, label = "", dash = [5, 4]) {
+  horizontal(/** @type {number} */ y, /** @type {string} */ color, label = "", dash = [5, 4]) {
     const { inner, sheet } = this;
     sheet.line([inner.x, this.py(y)], [inner.x + inner.w, this.py(y)], color, 1.5, dash);
     if (label)
@@ -182,6 +190,7 @@ export class Plot {
       });
   }
 
+  /** @param {number[]} edges @param {number[]} counts @param {(value: number) => string} colorOf */
   bars(edges, counts, colorOf) {
     const context = this.sheet.context;
     counts.forEach((count, i) => {
@@ -193,7 +202,7 @@ export class Plot {
   }
 }
 
-function decades([low, high]) {
+function decades(/** @type {UV} */ [low, high]) {
   const found = [];
   for (let p = Math.ceil(Math.log10(low) - 1e-9); p <= Math.log10(high) + 1e-9; p++) found.push(10 ** p);
   return found;
@@ -201,8 +210,8 @@ function decades([low, high]) {
 
 const DIGITS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
 
-function power(value) {
+function power(/** @type {number} */ value) {
   const p = Math.round(Math.log10(value));
   if (p >= -1 && p <= 4) return p < 0 ? "0.1" : String(10 ** p);
-  return `10${p < 0 ? "⁻" : ""}${[...String(Math.abs(p))].map((d) => DIGITS[d]).join("")}`;
+  return `10${p < 0 ? "⁻" : ""}${[...String(Math.abs(p))].map((d) => DIGITS[Number(d)]).join("")}`;
 }

@@ -1,21 +1,26 @@
 // What stages 8 to 10 draw: Z-angles, the curves over the columns, and the rotation.
 
-import { degrees, number } from "/static/page/format.js";
-import { boxOf } from "/static/canvas/geometry.js";
+import { cm2, degrees, mm, number } from "/static/page/format.js";
+import { boxOf, pixelAt } from "/static/canvas/geometry.js";
 import { columns, inset, painted, rgbOf, rows } from "/static/teaching/draw.js";
-import { shareOf } from "/static/teaching/detail.js";
-import { cm2 } from "/static/teaching/fig2.js";
-import { mm } from "/static/teaching/states.js";
+import { middleOf, shareOf } from "/static/teaching/detail.js";
 import { Plot, ticks } from "/static/teaching/plot.js";
 
 const UNKNOWN_ANGLE = -128;
 
-const radians = (deg) => (deg * Math.PI) / 180;
+/** @type {TextLook} */
+const BELOW = { align: "center", baseline: "top", size: 0.85 };
+/** @type {TextLook} */
+const MIDDLE = { align: "center", baseline: "middle", size: 0.85 };
+/** @type {TextLook} */
+const NAME = { align: "center", weight: 700, plate: true };
 
-/** A view as it is named everywhere: its number, and its angle. */
+const radians = (/** @type {number} */ deg) => (deg * Math.PI) / 180;
+
+/** A view as it is named everywhere: its number, and its angle. @param {{ angles_deg: number[] }} lesson @param {number} view */
 export const viewName = (lesson, view) => `view ${view} (${degrees(lesson.angles_deg[view], 0)})`;
 
-/** The Z-angles in color; beyond the limit grey. */
+/** The Z-angles in color; beyond the limit grey. @param {PlanningLesson} lesson @param {number} limit @param {Sheet} sheet */
 function zAnglePicture(lesson, limit, sheet) {
   const { rows: down, cols } = lesson.flat;
   const [angle, colors, span] = [lesson.array.z_angle_deg, lesson.z_angle_colors, lesson.z_angle_span_deg];
@@ -28,36 +33,36 @@ function zAnglePicture(lesson, limit, sheet) {
   });
 }
 
+/** @param {Sheet} sheet @param {Rect} rect @param {PlanningLesson} lesson @param {number} limit */
 function zRamp(sheet, rect, lesson, limit) {
   const { z_angle_colors: colors, z_angle_span_deg: span } = lesson;
   const high = 0.9 * sheet.em;
   const inner = inset(rect, 4, 1.9 * sheet.em, 4, 0);
   sheet.text("Z-angle (°)", rect.x, rect.y + 1.1 * sheet.em, { color: sheet.color.soft, size: 0.85 });
   const context = sheet.context;
-  const px = (deg) => inner.x + (inner.w * (deg / span + 1)) / 2;
+  const px = (/** @type {number} */ deg) => inner.x + (inner.w * (deg / span + 1)) / 2;
   colors.forEach((color, i) => {
     const deg = span * ((2 * (i + 0.5)) / colors.length - 1);
     context.fillStyle = Math.abs(deg) < limit ? `rgb(${color.join(" ")})` : sheet.color.line;
     context.fillRect(inner.x + (inner.w * i) / colors.length, inner.y, inner.w / colors.length + 0.6, high);
   });
   for (const t of ticks(-span, span, 4))
-    sheet.text(number(t, 0), px(t), inner.y + high + 4, {
-      align: "center",
-      baseline: "top",
-      color: sheet.color.soft,
-      size: 0.85,
-    });
+    sheet.text(number(t, 0), px(t), inner.y + high + 4, { ...BELOW, color: sheet.color.soft });
   for (const t of [-limit, limit])
     sheet.line([px(t), inner.y - 4], [px(t), inner.y + high + 3], sheet.color.limit, 2);
 }
 
 // --- seen from above -------------------------------------------------------------------------------
 
-/** The item from above: the camera below, the directions that count shaded, arrows at Z-angles. */
-function fromAbove(sheet, rect, limit, arrows, turn = null) {
+/**
+ * The item from above: the camera below, the directions that count shaded, arrows at Z-angles.
+ * @param {Sheet} sheet @param {Rect} rect @param {number} limit @param {Arrow[]} arrows
+ */
+function fromAbove(sheet, rect, limit, arrows, /** @type {UV | null} */ turn = null) {
   const context = sheet.context;
   const radius = Math.min(rect.w / 2 - 1.4 * sheet.em, (rect.h - 3.4 * sheet.em) / 1.4);
   const [x, y] = [rect.x + rect.w / 2, rect.y + rect.h / 2 - 0.3 * radius];
+  /** @type {(deg: number, r: number) => UV} */
   const at = (deg, r) => [x + r * Math.sin(radians(deg)), y + r * Math.cos(radians(deg))];
   context.beginPath();
   context.moveTo(x, y);
@@ -71,13 +76,7 @@ function fromAbove(sheet, rect, limit, arrows, turn = null) {
   for (const deg of [-limit, limit]) {
     sheet.line([x, y], at(deg, radius), sheet.color.limit, 1.5, [5, 4]);
     const [tx, ty] = at(deg, radius + 0.8 * sheet.em);
-    sheet.text(degrees(deg, 0), tx, ty, {
-      color: sheet.color.limit,
-      align: "center",
-      baseline: "middle",
-      size: 0.85,
-      weight: 600,
-    });
+    sheet.text(degrees(deg, 0), tx, ty, { ...MIDDLE, color: sheet.color.limit, weight: 600 });
   }
   context.beginPath();
   context.ellipse(x, y, 0.3 * radius, 0.2 * radius, 0.2, 0, 2 * Math.PI);
@@ -86,7 +85,7 @@ function fromAbove(sheet, rect, limit, arrows, turn = null) {
   context.lineWidth = 2;
   context.fill();
   context.stroke();
-  sheet.text("item", x, y, { align: "center", baseline: "middle", color: sheet.color.soft, size: 0.85 });
+  sheet.text("item", x, y, { ...MIDDLE, color: sheet.color.soft });
   const cy = y + radius + 1.1 * sheet.em;
   context.beginPath();
   context.moveTo(x, cy - 6);
@@ -106,13 +105,7 @@ function fromAbove(sheet, rect, limit, arrows, turn = null) {
     const back = at(to - 8 * Math.sign(to - from), 0.66 * radius);
     sheet.arrow(back, at(to, 0.66 * radius), sheet.color.accent, 2);
     const [lx, ly] = at((from + to) / 2, 0.66 * radius + 0.9 * sheet.em);
-    sheet.text("A", lx, ly, {
-      color: sheet.color.accent,
-      weight: 700,
-      align: "center",
-      baseline: "middle",
-      plate: true,
-    });
+    sheet.text("A", lx, ly, { ...NAME, color: sheet.color.accent, baseline: "middle" });
   }
   for (const { deg, label, color, dash } of arrows) {
     const tip = at(deg, 0.94 * radius);
@@ -120,39 +113,23 @@ function fromAbove(sheet, rect, limit, arrows, turn = null) {
     else sheet.arrow(at(deg, 0.24 * radius), tip, color, 2.5);
     if (label) {
       const [lx, ly] = at(deg, 0.5 * radius);
-      sheet.text(label, lx, ly, { color, weight: 700, align: "center", baseline: "middle", plate: true });
+      sheet.text(label, lx, ly, { ...NAME, color, baseline: "middle" });
     }
   }
 }
 
 // --- Z-angle and curves ----------------------------------------------------------------------------
 
-function pixelAt(grid, place) {
-  const col = Math.round((place[0] - grid.origin_uv_m[0]) / grid.pixel_size_m);
-  const line = Math.round((place[1] - grid.origin_uv_m[1]) / grid.pixel_size_m);
-  return col < 0 || line < 0 || col >= grid.cols || line >= grid.rows ? -1 : line * grid.cols + col;
-}
-
-function probedAngle({ planning: lesson }, ui) {
-  const at = pixelAt(lesson.flat, ui.at);
+function probedAngle(/** @type {Lessons} */ { planning: lesson }, /** @type {Ui} */ ui) {
+  const at = pixelAt(lesson.flat, ...ui.at);
   const angle = at < 0 ? UNKNOWN_ANGLE : lesson.array.z_angle_deg[at];
   return angle === UNKNOWN_ANGLE ? null : angle;
 }
 
-function middle(grid, known) {
-  const { rows: down, cols, origin_uv_m: origin, pixel_size_m: size } = grid;
-  let best = [Infinity, 0, 0];
-  for (let i = 0; i < down * cols; i++) {
-    if (!known(i)) continue;
-    const [r, c] = [Math.floor(i / cols), i % cols];
-    const far = Math.hypot(r - down / 2, c - cols / 2);
-    if (far < best[0]) best = [far, r, c];
-  }
-  return [origin[0] + size * best[2], origin[1] + size * best[1]];
-}
+/** @param {Lessons} parts */
+export const angleStart = ({ planning: p }) => middleOf(p.flat, (i) => p.array.z_angle_deg[i] !== UNKNOWN_ANGLE);
 
-export const angleStart = ({ planning: p }) => middle(p.flat, (i) => p.array.z_angle_deg[i] !== UNKNOWN_ANGLE);
-
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} lessons @param {Ui} ui */
 export function drawZAngle(sheet, rect, lessons, ui) {
   const lesson = lessons.planning;
   const limit = ui.parameters.z_angle_limit_deg;
@@ -173,7 +150,8 @@ export function drawZAngle(sheet, rect, lessons, ui) {
   sheet.frame(map.rect);
 }
 
-export function zAngleFacts(lessons, ui) {
+/** @returns {Fact[]} */
+export function zAngleFacts(/** @type {Lessons} */ lessons, /** @type {Ui} */ ui) {
   const values = lessons.planning.array.z_angle_deg;
   const limit = ui.parameters.z_angle_limit_deg;
   let [low, high, known, within] = [Infinity, -Infinity, 0, 0];
@@ -190,7 +168,10 @@ export function zAngleFacts(lessons, ui) {
   ];
 }
 
-/** The curves over the columns, and the flattened view drawn as wide below them. Returns the plot. */
+/**
+ * The curves over the columns, and the flattened view drawn as wide below them. Returns the plot.
+ * @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui
+ */
 function drawCurves(sheet, rect, { planning: lesson }, ui) {
   const box = boxOf(lesson.flat);
   const [top, bottom] = rows(rect, [1.25, 1], 6);
@@ -214,7 +195,7 @@ function drawCurves(sheet, rect, { planning: lesson }, ui) {
   const map = sheet.pane("columns", box, strip, { margin: 0, stretch: true, zoom: false });
   sheet.within(strip, () => sheet.picture(map, zAnglePicture(lesson, ui.parameters.z_angle_limit_deg, sheet), box));
   sheet.frame(strip);
-  const low = { color: sheet.color.soft, size: 0.85, align: "center", baseline: "top" };
+  const low = { ...BELOW, color: sheet.color.soft };
   for (const t of ticks(...plot.x, Math.max(2, Math.round(strip.w / (7 * sheet.em)))))
     sheet.text(number(t, 0), plot.px(t), strip.y + strip.h + 0.3 * sheet.em, low);
   sheet.text(
@@ -226,13 +207,14 @@ function drawCurves(sheet, rect, { planning: lesson }, ui) {
   return { plot, strip, map };
 }
 
-function columnAt(lesson, ui) {
+function columnAt(/** @type {PlanningLesson} */ lesson, /** @type {Ui} */ ui) {
   const u = lesson.array.current_u_mm;
   if (!u.length) return -1;
   const at = Math.round((1000 * ui.at[0] - u[0]) / (1000 * lesson.flat.pixel_size_m));
   return at >= 0 && at < u.length ? at : -1;
 }
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} lessons @param {Ui} ui */
 export function drawCurvesStage(sheet, rect, lessons, ui) {
   const { plot, strip } = drawCurves(sheet, rect, lessons, ui);
   const lesson = lessons.planning;
@@ -246,7 +228,8 @@ export function drawCurvesStage(sheet, rect, lessons, ui) {
     sheet.ring(plot.at(u, lesson.array.current_a_z_deg[at], plot.y2), 4, sheet.color.mean, 2);
 }
 
-export function curvesFacts({ planning: lesson }, ui) {
+/** @returns {Fact[]} */
+export function curvesFacts(/** @type {Lessons} */ { planning: lesson }, /** @type {Ui} */ ui) {
   const at = columnAt(lesson, ui);
   const total = lesson.array.current_h.reduce((a, b) => a + b, 0);
   const finite = lesson.array.current_a_z_deg.filter(Number.isFinite);
@@ -261,8 +244,10 @@ export function curvesFacts({ planning: lesson }, ui) {
 
 // --- the rotation ----------------------------------------------------------------------------------
 
+/** @param {PlanningLesson} lesson */
 const chosenSide = (lesson) => lesson.sides.find((s) => s.side === lesson.side) ?? lesson.sides[0];
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} lessons @param {Ui} ui */
 export function drawRotation(sheet, rect, lessons, ui) {
   const lesson = lessons.planning;
   const side = chosenSide(lesson);
@@ -294,22 +279,19 @@ export function drawRotation(sheet, rect, lessons, ui) {
   plot.vertical(side.u_b_mm, sheet.color.accent, "u_b", 2);
   sheet.line([x, strip.y], [x, strip.y + strip.h], sheet.color.accent, 2);
   const middleOf = (plot.px(u[sign > 0 ? 0 : u.length - 1]) + x) / 2;
-  sheet.text("S_0", middleOf, plot.inner.y + plot.inner.h - 0.8 * sheet.em, {
-    color: sheet.color.accent,
-    weight: 700,
-    align: "center",
-    plate: true,
-  });
+  sheet.text("S_0", middleOf, plot.inner.y + plot.inner.h - 0.8 * sheet.em, { ...NAME, color: sheet.color.accent });
   sheet.ring([x, plot.py(side.a_0_deg, plot.y2)], 7, sheet.color.mark, 3);
   sheet.text("A_0", x + sign * 14, plot.py(side.a_0_deg, plot.y2) - 8, {
+    ...NAME,
     color: sheet.color.mark,
-    weight: 700,
     align: sign > 0 ? "left" : "right",
-    plate: true,
   });
 }
 
-/** The turns to the views on the chosen side, with A and the one that is taken. */
+/**
+ * The turns to the views on the chosen side, with A and the one that is taken.
+ * @param {Sheet} sheet @param {Rect} rect @param {PlanningLesson} lesson @param {PlannedSide} side @param {number} sign
+ */
 function drawViews(sheet, rect, lesson, side, sign) {
   const here = lesson.angles_deg[lesson.view_index];
   const turns = lesson.angles_deg
@@ -317,21 +299,11 @@ function drawViews(sheet, rect, lesson, side, sign) {
     .filter((v) => v.turn > 0 && v.turn <= 60)
     .sort((a, b) => a.turn - b.turn);
   const y = rect.y + Math.min(rect.h * 0.4, 3 * sheet.em);
-  const px = (turn) => rect.x + 12 + ((rect.w - 24) * turn) / 60;
+  const px = (/** @type {number} */ turn) => rect.x + 12 + ((rect.w - 24) * turn) / 60;
   sheet.line([px(0), y], [px(60), y], sheet.color.soft, 1);
   for (const t of [0, 10, 20, 30, 40, 50, 60])
-    sheet.text(number(t, 0), px(t), y + 0.9 * sheet.em, {
-      align: "center",
-      baseline: "top",
-      size: 0.85,
-      color: sheet.color.soft,
-    });
-  sheet.text("turn (°)", rect.x + rect.w / 2, y + 2.3 * sheet.em, {
-    align: "center",
-    baseline: "top",
-    size: 0.85,
-    color: sheet.color.soft,
-  });
+    sheet.text(number(t, 0), px(t), y + 0.9 * sheet.em, { ...BELOW, color: sheet.color.soft });
+  sheet.text("turn (°)", rect.x + rect.w / 2, y + 2.3 * sheet.em, { ...BELOW, color: sheet.color.soft });
   for (const { view, turn } of turns) {
     const taken = view === side.view_index;
     sheet.ring([px(turn), y], taken ? 6 : 3.5, taken ? sheet.color.mark : sheet.color.soft, taken ? 3 : 1.5);
@@ -344,19 +316,14 @@ function drawViews(sheet, rect, lesson, side, sign) {
   }
   if (side.rotation_deg !== null) {
     sheet.line([px(side.rotation_deg), y - 10], [px(side.rotation_deg), y + 10], sheet.color.accent, 3);
-    sheet.text("A", px(side.rotation_deg), y + 10, {
-      align: "center",
-      baseline: "top",
-      weight: 700,
-      color: sheet.color.accent,
-      plate: true,
-    });
+    sheet.text("A", px(side.rotation_deg), y + 10, { ...NAME, baseline: "top", color: sheet.color.accent });
   }
 }
 
-export function rotationFacts({ planning: lesson }, ui) {
+/** @returns {Fact[]} */
+export function rotationFacts(/** @type {Lessons} */ { planning: lesson }, /** @type {Ui} */ ui) {
   const side = chosenSide(lesson);
-  const edge = (name) => number(lesson.sides.find((s) => s.side === name).occluding_edge_mm, 0);
+  const edge = (/** @type {string} */ name) => number(lesson.sides.find((s) => s.side === name).occluding_edge_mm, 0);
   return [
     ["Edges, left and right", `${edge("left")}, ${edge("right")} mm`],
     ["Side taken", lesson.side ?? "none left"],

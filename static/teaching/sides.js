@@ -1,20 +1,22 @@
 // The stages of the side of interest: the item, the evidence of two layers, the sides, and a stroke.
 
-import { length, number } from "/static/page/format.js";
+import { cm2, length, number, percent } from "/static/page/format.js";
 import { imageBox, shareOf } from "/static/teaching/detail.js";
-import { columns, painted, rgbOf } from "/static/teaching/draw.js";
-import { cm2 } from "/static/teaching/fig2.js";
-import { cases, equation, fraction, row, sub, sum, sup, words } from "/static/teaching/math.js";
+import { boxOfPoints, columns, painted, rgbOf } from "/static/teaching/draw.js";
+import { stagesOf } from "/static/teaching/lesson.js";
+import { cases, equation, fraction, row, sum, sup, words } from "/static/teaching/math.js";
 
 const UNDECIDED = 0;
 const NO_ITEM = 2;
 const STRIPE_PX = 6; // undecided cloth is striped, so that it differs without colour, too
 
-const percent = (share) => `${number(100 * share, 0)} %`;
-
 // --- pictures of labels ----------------------------------------------------------------------------
 
-/** The labels of a view, or their certainty, as a picture of the size of its crop. */
+/**
+ * The labels of a view, or their certainty, as a picture of the size of its crop.
+ * @param {Sheet} sheet @param {SidesLesson} lesson @param {string} name @param {{ rows: number; cols: number }} grid
+ * @param {boolean} certain
+ */
 function labelPicture(sheet, lesson, name, grid, certain) {
   const side = lesson.array[`${name}_side`];
   const sure = lesson.array[`${name}_percent`];
@@ -32,8 +34,13 @@ function labelPicture(sheet, lesson, name, grid, certain) {
   });
 }
 
+/** @param {{ rows: number; cols: number }} grid */
 const boxOfGrid = (grid) => ({ left: -0.5, top: -0.5, right: grid.cols - 0.5, bottom: grid.rows - 0.5 });
 
+/**
+ * @param {Sheet} sheet @param {Rect} rect @param {string} key @param {SidesLesson} lesson @param {string} name
+ * @param {{ rows: number; cols: number }} grid @param {boolean} certain
+ */
 function drawLabels(sheet, rect, key, lesson, name, grid, certain) {
   const box = boxOfGrid(grid);
   const map = sheet.pane(key, box, rect);
@@ -44,15 +51,10 @@ function drawLabels(sheet, rect, key, lesson, name, grid, certain) {
 
 // --- the slice seen from above ---------------------------------------------------------------------
 
+/** @param {Sheet} sheet @param {Rect} rect @param {SidesLesson} lesson @param {boolean} colored */
 function drawSection(sheet, rect, lesson, colored) {
   const { section_mm: place, section_normal: normal, section_side: side } = lesson.array;
-  const box = { left: Infinity, right: -Infinity, top: Infinity, bottom: -Infinity };
-  for (let i = 0; i < place.length; i += 2) {
-    box.left = Math.min(box.left, place[i]);
-    box.right = Math.max(box.right, place[i]);
-    box.top = Math.min(box.top, place[i + 1]);
-    box.bottom = Math.max(box.bottom, place[i + 1]);
-  }
+  const box = boxOfPoints(place);
   const map = sheet.pane("section", box, rect, { margin: 24 });
   const dot = Math.max(1.6, Math.min(4, 1.3 * map.scaleX));
   sheet.within(rect, () => {
@@ -86,7 +88,10 @@ function drawSection(sheet, rect, lesson, colored) {
   sheet.frame(rect);
 }
 
-/** The start view beside the slice, which is marked in it. */
+/**
+ * The start view beside the slice, which is marked in it.
+ * @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts
+ */
 function drawEvidence(sheet, rect, { sides: lesson }) {
   const image = lesson.picture.image;
   const box = imageBox(image);
@@ -94,6 +99,7 @@ function drawEvidence(sheet, rect, { sides: lesson }) {
   const [left, right] = columns(rect, [share, 1 - share]);
   const map = sheet.pane("image", box, sheet.titled(left, `View ${lesson.view_index}`, "with the slice"));
   const { top, left: first } = { top: lesson.first.offset_rc[0], left: lesson.first.offset_rc[1] };
+  /** @type {number[]} */
   const points = [];
   const rc = lesson.array.section_rc;
   for (let i = 0; i < rc.length; i += 2) points.push(rc[i + 1] + first, rc[i] + top);
@@ -105,7 +111,7 @@ function drawEvidence(sheet, rect, { sides: lesson }) {
   drawSection(sheet, sheet.titled(right, "The slice", "of all views, seen from above"), lesson, false);
 }
 
-function drawItem(sheet, rect, { sides: lesson }) {
+function drawItem(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @type {Lessons} */ { sides: lesson }) {
   const image = lesson.picture.image;
   const box = imageBox(image);
   const map = sheet.pane("image", box, sheet.titled(rect, `View ${lesson.view_index}`, "pale: no part of the item"));
@@ -113,6 +119,7 @@ function drawItem(sheet, rect, { sides: lesson }) {
   sheet.frame(map.rect);
 }
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
 function drawSides(sheet, rect, { sides: lesson }, ui) {
   const grid = lesson.first;
   const share = shareOf(boxOfGrid(grid), rect, 0.25, 0.5);
@@ -123,34 +130,33 @@ function drawSides(sheet, rect, { sides: lesson }, ui) {
   drawSection(sheet, sheet.titled(right, "The slice", "of all views, seen from above"), lesson, true);
 }
 
-function drawStroke(sheet, rect, { sides: lesson }) {
+function drawStroke(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @type {Lessons} */ { sides: lesson }) {
   const stroke = lesson.stroke;
   if (!stroke) {
     sheet.text("All cloth is certain: no stroke is needed.", rect.x, rect.y + 2 * sheet.em);
     return;
   }
   const [left, right] = columns(rect, [1, 1]);
-  for (const [name, part, title] of [
-    ["before", left, "Before"],
-    ["after", right, "After"],
-  ]) {
+  const show = (/** @type {"before" | "after"} */ name, /** @type {Rect} */ part, /** @type {string} */ title) => {
     const inner = sheet.titled(part, title, `view ${stroke.view_index}`);
     const map = drawLabels(sheet, inner, name, lesson, name, stroke[name], false);
     sheet.within(inner, () => sheet.ring(map.at(...stroke.at), 8, sheet.color.mark, 3));
-  }
+  };
+  show("before", left, "Before");
+  show("after", right, "After");
 }
 
 // --- the stages ------------------------------------------------------------------------------------
 
+/** @type {LegendRow[]} */
 const LEGEND = [
   ["kept", "of interest"],
   ["new", "the other side"],
   ["even", "undecided (striped)"],
 ];
-const w = () => sub("w", "ij");
-const n = (i) => sub("n", i);
 
-function itemFacts({ sides: lesson }) {
+/** @returns {Fact[]} */
+function itemFacts(/** @type {Lessons} */ { sides: lesson }) {
   const cut = Object.entries(lesson.cut_off_cm2);
   return [
     ["Item in this view", `${number(lesson.item_px, 0)} px`],
@@ -159,114 +165,92 @@ function itemFacts({ sides: lesson }) {
   ];
 }
 
-export const SIDE_STAGES = [
-  {
-    name: "The item",
-    figure: "no mask · docs/segmentation.md",
-    part: "sides",
-    parameters: [],
-    text: [
-      "The paper cuts the cloth of interest out of each image by hand. Without such masks, what hangs near the " +
-        "axis, in one piece, and turns with it is taken for the item.",
-      "The background is farther away; a stand does not turn; a gripper lies above the held point, or sticks to " +
-        "the top by a narrow neck.",
-    ],
-    math: () => [
-      equation("r", "=", "|", "x", "−", "c", "−", "(", "(", "x", "−", "c", ")", "·", "k", ")", "k", "|"),
-      equation("r", "≤", sub("r", "max"), "+", words(length(30))),
-    ],
-    facts: itemFacts,
-    draw: drawItem,
-  },
-  {
-    name: "Two layers",
-    figure: "evidence · docs/segmentation.md",
-    part: "sides",
-    parameters: [],
-    text: [
-      "Surface of all views is gathered by place and normal. What is next to each other in a view lies on one " +
-        "side, less surely across a sharp convex turn s, as at a side seam (weight w > 0).",
-      "Front and back of the item are two layers of cloth, back to back, less than 4 mm apart: they lie on " +
-        "opposite sides (w < 0). This tells most.",
-    ],
-    math: () => [
-      equation(
-        w(),
-        "∝",
-        cases(
-          [sup("e", row("−", sup("s", "2"))), words("neighbours")],
-          [row("−", "1"), row(n("i"), "·", n("j"), "<", "−", "0.85")],
-        ),
-      ),
-    ],
-    facts: ({ sides: lesson }) => [
-      ["Places on the cloth", String(lesson.clusters)],
-      ["Pairs alike", String(lesson.n_alike)],
-      ["Pairs opposite", String(lesson.n_opposite)],
-    ],
-    legend: [
-      ["pair", "same side"],
-      ["unused", "opposite sides"],
-      ["mark", "the slice"],
-    ],
-    draw: drawEvidence,
-  },
-  {
-    name: "Sides",
-    figure: "certainty · docs/segmentation.md",
-    part: "sides",
-    parameters: [],
-    layers: { color: "Sides", certainty: "Certainty" },
-    text: [
-      "Each place gets a side, +1 or −1, so that as much evidence as possible is satisfied: the strongest is " +
-        "joined first. The side that the largest sheet of this view lies on is of interest.",
-      "The same is done again with disturbed evidence. How often a place keeps its side tells how sure it is; " +
-        "what is not sure stays out.",
-    ],
-    math: ({ sides: lesson }) => [
-      equation(sub("max", "σ"), sum("ij"), w(), sub("σ", "i"), sub("σ", "j"), words(",   "), "σ", "=", "±", "1"),
-      equation("p", "≈", fraction(words("times it is the same"), String(lesson.samples))),
-    ],
-    facts: ({ sides: lesson }) => [
-      ["Mean certainty", percent(lesson.certainty)],
-      ["Of interest", cm2(lesson.found_cm2)],
-      ["Undecided", cm2(lesson.undecided_cm2)],
-    ],
-    legend: LEGEND,
-    draw: drawSides,
-  },
-  {
-    name: "A stroke",
-    figure: "correction · docs/segmentation.md",
-    part: "sides",
-    parameters: [],
-    text: [
-      "Where geometry does not decide, the operator does. A stroke in one view spreads over the cloth to all " +
-        "views: it turns over the region R around it whose border costs least for its size.",
-      "Here the stroke, at the ring, says the contrary of what was found where it would tell most. If no border " +
-        "is cheap, a first stroke turns all over: the start was the other side; where that is not sure, the rest " +
-        "waits for another stroke.",
-    ],
-    math: () => [
-      equation(
-        sub("min", "R"),
-        fraction(
-          row(sum(row("i", "∈", "R", ",", "j", "∉", "R")), w(), sub("σ", "i"), sub("σ", "j")),
-          sup(row("|", "R", "|"), "0.3"),
-        ),
-      ),
-    ],
-    facts: ({ sides: lesson }) => [
-      ["The stroke says", lesson.stroke ? (lesson.stroke.side === "this" ? "this side" : "not this side") : "–"],
-      ["What it changed", lesson.stroke?.changed || "nothing"],
-      [
-        "Mean certainty",
-        lesson.stroke
-          ? `${percent(lesson.certainty)} → ${percent(lesson.stroke.certainty)}`
-          : percent(lesson.certainty),
+export const SIDE_STAGES = stagesOf(
+  "sides",
+  [],
+  [
+    {
+      name: "The item",
+      figure: "no mask · docs/segmentation.md",
+      text: [
+        "The paper cuts the cloth of interest out of each image by hand. Without such masks, what hangs near the " +
+          "axis, in one piece, and turns with it is taken for the item.",
+        "The background is farther away; a stand does not turn; a gripper lies above the held point, or sticks to " +
+          "the top by a narrow neck.",
       ],
-    ],
-    legend: [...LEGEND, ["mark", "the stroke"]],
-    draw: drawStroke,
-  },
-];
+      math: () => [equation("r = |x − c − ((x − c) · k) k|"), equation("r ≤ r_max +", words(length(30)))],
+      facts: itemFacts,
+      draw: drawItem,
+    },
+    {
+      name: "Two layers",
+      figure: "evidence · docs/segmentation.md",
+      text: [
+        "Surface of all views is gathered by place and normal. What is next to each other in a view lies on one " +
+          "side, less surely across a sharp convex turn s, as at a side seam (weight w > 0).",
+        "Front and back of the item are two layers of cloth, back to back, less than 4 mm apart: they lie on " +
+          "opposite sides (w < 0). This tells most.",
+      ],
+      math: () => [
+        equation("w_ij ∝", cases([sup("e", row("−", "s^2")), words("neighbours")], ["− 1", "n_i · n_j < − 0.85"])),
+      ],
+      facts: ({ sides: lesson }) => [
+        ["Places on the cloth", String(lesson.clusters)],
+        ["Pairs alike", String(lesson.n_alike)],
+        ["Pairs opposite", String(lesson.n_opposite)],
+      ],
+      legend: [
+        ["pair", "same side"],
+        ["unused", "opposite sides"],
+        ["mark", "the slice"],
+      ],
+      draw: drawEvidence,
+    },
+    {
+      name: "Sides",
+      figure: "certainty · docs/segmentation.md",
+      layers: { color: "Sides", certainty: "Certainty" },
+      text: [
+        "Each place gets a side, +1 or −1, so that as much evidence as possible is satisfied: the strongest is " +
+          "joined first. The side that the largest sheet of this view lies on is of interest.",
+        "The same is done again with disturbed evidence. How often a place keeps its side tells how sure it is; " +
+          "what is not sure stays out.",
+      ],
+      math: ({ sides: lesson }) => [
+        equation("max_σ", sum("ij"), "w_ij σ_i σ_j", words(",   "), "σ = ± 1"),
+        equation("p ≈", fraction(words("times it is the same"), String(lesson.samples))),
+      ],
+      facts: ({ sides: lesson }) => [
+        ["Mean certainty", percent(lesson.certainty)],
+        ["Of interest", cm2(lesson.found_cm2)],
+        ["Undecided", cm2(lesson.undecided_cm2)],
+      ],
+      legend: LEGEND,
+      draw: drawSides,
+    },
+    {
+      name: "A stroke",
+      figure: "correction · docs/segmentation.md",
+      text: [
+        "Where geometry does not decide, the operator does. A stroke in one view spreads over the cloth to all " +
+          "views: it turns over the region R around it whose border costs least for its size.",
+        "Here the stroke, at the ring, says the contrary of what was found where it would tell most. If no border " +
+          "is cheap, a first stroke turns all over: the start was the other side; where that is not sure, the rest " +
+          "waits for another stroke.",
+      ],
+      math: () => [equation("min_R", fraction(row(sum("i ∈ R, j ∉ R"), "w_ij σ_i σ_j"), sup("|R|", "0.3")))],
+      facts: ({ sides: lesson }) => [
+        ["The stroke says", lesson.stroke ? (lesson.stroke.side === "this" ? "this side" : "not this side") : "–"],
+        ["What it changed", lesson.stroke?.changed || "nothing"],
+        [
+          "Mean certainty",
+          lesson.stroke
+            ? `${percent(lesson.certainty)} → ${percent(lesson.stroke.certainty)}`
+            : percent(lesson.certainty),
+        ],
+      ],
+      legend: [...LEGEND, ["mark", "the stroke"]],
+      draw: drawStroke,
+    },
+  ],
+);

@@ -1,6 +1,7 @@
 // States of the minimisation: pairs colored by their error of length, energy, and shares of errors.
 
-import { count, hex, number } from "/static/page/format.js";
+import { count, hex, mm, number } from "/static/page/format.js";
+import { union } from "/static/canvas/geometry.js";
 import { boxOfPoints, columns, rgbOf, rows } from "/static/teaching/draw.js";
 import { energy, iterationAt, stateAt, strains } from "/static/teaching/lesson.js";
 import { Plot } from "/static/teaching/plot.js";
@@ -9,26 +10,37 @@ const STRAIN_SPAN = 0.2; // relative errors beyond have the last color
 const CLASSES = 9;
 const BARS = 24;
 
-export const mm = (value, decimals = 1) => `${number(value, decimals)} mm`;
-export const threeDigits = (value) => number(value, value >= 100 ? 0 : value >= 10 ? 1 : 2);
+export const threeDigits = (/** @type {number} */ value) => number(value, value >= 100 ? 0 : value >= 10 ? 1 : 2);
 
-function strainColor(sheet, strain) {
+function strainColor(/** @type {Sheet} */ sheet, /** @type {number} */ strain) {
   const share = Math.max(-1, Math.min(1, strain / STRAIN_SPAN));
   const even = rgbOf(sheet.color.even);
   const end = rgbOf(share < 0 ? sheet.color.short : sheet.color.long);
   return hex(even.map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c))));
 }
 
+/**
+ * @param {Sheet} sheet @param {PaneMap} map @param {Level} level @param {Numbers} points
+ * @param {Float32Array} strain
+ */
 function drawPairsByStrain(sheet, map, level, points, strain) {
   const width = Math.min(2.4, Math.max(1, (0.12 * level.interval_px * map.scaleX) / 1000));
   for (let c = 0; c < CLASSES; c++) {
     const low = c === 0 ? -Infinity : STRAIN_SPAN * ((2 * c) / CLASSES - 1);
     const high = c === CLASSES - 1 ? Infinity : STRAIN_SPAN * ((2 * (c + 1)) / CLASSES - 1);
     const color = strainColor(sheet, STRAIN_SPAN * ((2 * c + 1) / CLASSES - 1));
-    sheet.segments(map, points, level.mainEdges, color, width, (e) => strain[e] >= low && strain[e] < high);
+    sheet.segments(
+      map,
+      points,
+      level.mainEdges,
+      color,
+      width,
+      (/** @type {number} */ e) => strain[e] >= low && strain[e] < high,
+    );
   }
 }
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Float32Array} strain */
 export function histogram(sheet, rect, strain, most = 60) {
   const span = 1.25 * STRAIN_SPAN;
   const edges = Array.from({ length: BARS + 1 }, (_, i) => 100 * span * ((2 * i) / BARS - 1));
@@ -45,6 +57,7 @@ export function histogram(sheet, rect, strain, most = 60) {
   plot.vertical(0, sheet.color.soft, "", 1, [3, 3]);
 }
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Level} level @param {number} time @param {number} now */
 function energyPlot(sheet, rect, level, time, now) {
   const all = level.energy_mm2;
   const low = 10 ** Math.floor(Math.log10(Math.max(1e-3, Math.min(...all)) * 0.8));
@@ -63,15 +76,10 @@ function energyPlot(sheet, rect, level, time, now) {
   sheet.ring(plot.at(iterationAt(level, time), now), 6, sheet.color.mark, 3);
 }
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Level} level @param {number} time @param {string} key */
 export function statePane(sheet, rect, level, time, key) {
   // All states in one frame, so that nothing jumps while they are played.
-  const boxes = [level.states[0], level.states.at(-1)].map(boxOfPoints);
-  const box = {
-    left: Math.min(...boxes.map((b) => b.left)),
-    right: Math.max(...boxes.map((b) => b.right)),
-    top: Math.min(...boxes.map((b) => b.top)),
-    bottom: Math.max(...boxes.map((b) => b.bottom)),
-  };
+  const box = union(boxOfPoints(level.states[0]), boxOfPoints(level.states.at(-1)));
   const points = stateAt(level, time);
   const strain = strains(level, points);
   const map = sheet.pane(key, box, rect, { margin: 10 });
@@ -86,13 +94,14 @@ export function statePane(sheet, rect, level, time, key) {
 }
 
 /** A bent cloth seen from above: equal steps along it make unequal steps in the image. */
-export function drawForeshortening(sheet, rect) {
+export function drawForeshortening(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect) {
   const { context, em } = sheet;
   const steps = 9;
   const r = Math.min((rect.w - 2 * em) / 2, rect.h - 6.6 * em);
   const [x, y] = [rect.x + rect.w / 2, rect.y + 2 * em];
   const ground = y + r + 2.2 * em;
-  const angle = (t) => Math.PI * (0.04 + 0.92 * t);
+  const angle = (/** @type {number} */ t) => Math.PI * (0.04 + 0.92 * t);
+  /** @type {(t: number) => UV} */
   const place = (t) => [x - r * Math.cos(angle(t)), y + r * Math.sin(angle(t))];
   context.beginPath();
   for (let i = 0; i <= 60; i++) context[i ? "lineTo" : "moveTo"](...place(i / 60));
@@ -115,14 +124,17 @@ export function drawForeshortening(sheet, rect) {
     sheet.ring([px, py], 3, sheet.color.text, 2);
     sheet.ring([px, ground], 2, sheet.color.text, 2);
   }
+  /** @type {TextLook} */
   const small = { align: "center", size: 0.85, color: sheet.color.soft };
   sheet.text("cloth: equal steps along it", x, y + 0.5 * em, small);
   sheet.text("image: the steps at the sides are too short", x, ground + 1.8 * em, small);
 }
 
+/** @param {Level} level @param {number} h */
 export const rms = (level, h) => Math.sqrt(h / Math.max(1, level.mainLength.length));
 export const planeShare = 0.46;
 
+/** @param {Sheet} sheet @param {Rect} rect @param {Level} level @param {Ui} ui @param {string} key */
 export function drawMinimisation(sheet, rect, level, ui, key) {
   const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
   const iteration = iterationAt(level, ui.time);
@@ -138,7 +150,8 @@ export function drawMinimisation(sheet, rect, level, ui, key) {
   histogram(sheet, sheet.titled(bottom, "Lengths"), strain);
 }
 
-export function minimisationFacts(level, ui) {
+/** @returns {Fact[]} */
+export function minimisationFacts(/** @type {Level} */ level, /** @type {Ui} */ ui) {
   const now = energy(level, strains(level, stateAt(level, ui.time)));
   const [first, last] = [level.energy_mm2[0], level.energy_mm2.at(-1)];
   return [
@@ -149,10 +162,10 @@ export function minimisationFacts(level, ui) {
   ];
 }
 
-export const partsNote = (level) =>
+export const partsNote = (/** @type {Level} */ level) =>
   level.parts > 1 ? `${count(level.parts, "part")}; the largest is shown` : "1 part";
 
-export function trianglePairs(lesson, level) {
+export function trianglePairs(/** @type {Lesson} */ lesson, /** @type {Level} */ level) {
   const triangles = lesson.array.triangles;
   const pairs = new Int32Array(2 * triangles.length);
   for (let i = 0; i < triangles.length; i += 3) {
@@ -162,6 +175,7 @@ export function trianglePairs(lesson, level) {
   return pairs;
 }
 
+/** @param {Sheet} sheet @param {PaneMap} map @param {Numbers} points @param {Lesson} lesson @param {Level} level */
 export function fillTriangles(sheet, map, points, lesson, level) {
   const context = sheet.context;
   const triangles = lesson.array.triangles;

@@ -1,6 +1,6 @@
 // The teaching mode: the stages of the method on the current recording. It only asks; it decides nothing.
 
-import { byId, make, setAllowed, setText } from "/static/page/dom.js";
+import { byId, make, setAllowed, setText, swatch } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 import { Sheet, inset } from "/static/teaching/draw.js";
 import { action, makeFrame, showLayers, showMath, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
@@ -8,28 +8,70 @@ import { onKey } from "/static/teaching/keys.js";
 import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
 
+/** @type {PartName[]} */
 const AHEAD = ["flattening", "planning", "alignment"]; // asked for before they are wanted
+/** @type {PartName[]} */
 const PARTS = [...AHEAD, "sides", "garment"];
+/** @type {ParameterName[]} */
+const PARAMETERS = ["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"];
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer
 const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel", "fit", "zoom_in", "zoom_out"];
 const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
 
+/**
+ * What is known of a part: the lesson, or why there is none; `abort` while it is being made.
+ *
+ * @typedef {object} Entry
+ * @property {string | null} key the parameters it was asked for with
+ * @property {Lesson | null} lesson
+ * @property {string | null} error
+ * @property {AbortController | null} abort
+ * @property {{ share: number; text: string } | null} progress
+ * @property {Promise<void>} [promise]
+ * @property {number} [since]
+ *
+ * @typedef {object} Session what the teaching mode asks of the page
+ * @property {() => ActionRow[]} actions
+ * @property {(action: ActionRow) => string} tip
+ * @property {() => string} name
+ * @property {() => number | null} startView
+ * @property {() => number} garment the revision of what is known of it
+ * @property {Notify} notify
+ * @property {(name: string) => void} run
+ */
+
+/** @type {Entry} */
+const NOTHING = { key: null, lesson: null, error: null, abort: null, progress: null };
+
 export class Teaching {
-  /** `session`: actions(), tip(action), startView(), garment() (its revision), notify(level, text). */
-  constructor(session) {
+  constructor(/** @type {Session} */ session) {
     this.session = session;
     this.at = 0;
     this.time = 0;
+    /** @type {Partial<Record<ParameterName, number>>} */
     this.changed = {}; // the learner's parameters
-    this.lessons = {}; // by part: {key, lesson, error, abort}
-    this.ui = { at: null, layer: "color", time: 0, parameters: {} };
-    this.probe = null; // where the learner points: {at, moved, lesson}
+    /** @type {Partial<Record<PartName, Entry>>} */
+    this.lessons = {};
+    /** @type {Ui} */
+    this.ui = { at: [0, 0], layer: "color", time: 0, parameters: /** @type {any} */ ({}) };
+    /** @type {{ at: UV; moved: boolean; lesson?: Lesson } | null} where the learner points */
+    this.probe = null;
     this.drawn = 0;
+    /** @type {HTMLElement | null} */
     this.root = null;
-    /** @type {any[]} what lies behind it */
+    /** @type {number | null} the animation frame of the player, and of the next drawing */
+    this.playing = null;
+    /** @type {number | null} */
+    this.waiting = null;
+    this.round = 0;
+    this.autoplay = false;
+    this.mathKey = "";
+    /** @type {{ stage: number; key: string | null; parameters: object } | null} for tests */
+    this.shown = null;
+    /** @type {HTMLElement[]} what lies behind it */
     this.behind = [];
-    /** @type {any} what had the focus */
+    /** @type {HTMLElement | null} what had the focus */
     this.opener = null;
   }
 
@@ -48,13 +90,13 @@ export class Teaching {
       playing: Boolean(this.playing),
       busy: PARTS.some((p) => this.lessons[p]?.abort),
       parameters: this.parameters(),
-      shown: this.shown ?? null,
+      shown: this.shown,
       error: this.lessons[STAGES[this.at].part]?.error ?? null,
     };
   }
 
   /** Take an action of the page's table; returns whether it was meant for the teaching mode. */
-  takes(name) {
+  takes(/** @type {string} */ name) {
     if (!this.open) {
       if (name === "teach" && action(this, name).why_not !== null) return false; // the page says why
       if (name === "teach") return (this.enter(), true);
@@ -77,10 +119,9 @@ export class Teaching {
 
   enter() {
     if (!this.root) this.build();
-    this.opener = document.activeElement;
-    this.behind = [...document.body.children].filter(
-      (/** @type {any} */ e) =>
-        e !== this.root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG",
+    this.opener = /** @type {HTMLElement | null} */ (document.activeElement);
+    this.behind = /** @type {HTMLElement[]} */ ([...document.body.children]).filter(
+      (e) => e !== this.root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG",
     );
     for (const element of this.behind) element.inert = true;
     this.root.hidden = false;
@@ -109,19 +150,19 @@ export class Teaching {
     const part = STAGES[this.at].part;
     const shown = this.lessons[part]?.lesson;
     if (shown) {
-      this.changed = Object.fromEntries(
-        Object.entries(shown.parameters).filter(([name, value]) => value !== shown.defaults[name]),
-      );
+      this.changed = {};
+      for (const name of PARAMETERS)
+        if (shown.parameters[name] !== shown.defaults[name]) this.changed[name] = shown.parameters[name];
       this.lessons[part].key = JSON.stringify(this.query(part));
     } else {
-      this.lessons[part] = { key: null, lesson: null, error: "Cancelled: this stage has not been computed." };
+      this.lessons[part] = { ...NOTHING, error: "Cancelled: this stage has not been computed." };
     }
     this.update();
   }
 
   // --- the stages ------------------------------------------------------------------------------
 
-  go(index) {
+  go(/** @type {number} */ index) {
     if (index < 0 || index >= STAGES.length) return;
     const stage = STAGES[index];
     const moved = index !== this.at;
@@ -143,10 +184,11 @@ export class Teaching {
     return { ...known, ...this.changed };
   }
 
-  query(part) {
+  query(/** @type {PartName} */ part) {
     if (part === "sides") return {}; // the same whatever is changed
     if (part === "garment") return { revision: this.session.garment() };
     const start = this.session.startView();
+    /** @type {Record<string, number>} */
     const query = start === null ? {} : { start_view: start };
     for (const [name, value] of Object.entries(this.changed))
       if (part !== "flattening" || name === "sampling_interval_px") query[name] = value;
@@ -156,21 +198,21 @@ export class Teaching {
   /** Ask for what this stage needs, then for the rest, so that the next stages are there at once. */
   async load() {
     const first = STAGES[this.at].part;
-    const round = (this.round = (this.round ?? 0) + 1);
+    const round = (this.round += 1);
     for (const part of [first, ...AHEAD.filter((p) => p !== first)]) {
       if (round !== this.round || !this.open) return;
       await this.fetch(part, part === first);
     }
   }
 
-  async fetch(part, wanted) {
+  async fetch(/** @type {PartName} */ part, /** @type {boolean} */ wanted) {
     const query = this.query(part);
     const key = JSON.stringify(query);
     const before = this.lessons[part];
     if (before?.key === key && (before.abort || before.lesson || !wanted)) return before.promise;
     this.abort(part);
     const abort = new AbortController();
-    /** @type {any} */
+    /** @type {Entry} */
     const entry = (this.lessons[part] = { key, lesson: before?.lesson ?? null, error: null, abort, progress: null });
     entry.promise = (async () => {
       try {
@@ -193,7 +235,7 @@ export class Teaching {
     return entry.promise;
   }
 
-  abort(part) {
+  abort(/** @type {PartName} */ part) {
     const entry = this.lessons[part];
     if (!entry?.abort) return;
     entry.abort.abort();
@@ -201,7 +243,7 @@ export class Teaching {
     this.lessons[part] = { ...entry, abort: null, key: null };
   }
 
-  change(name, value) {
+  change(/** @type {string} */ name, /** @type {number} */ value) {
     this.changed = { ...this.changed, [name]: value };
     this.load();
     this.update();
@@ -215,14 +257,14 @@ export class Teaching {
 
   // --- playing ---------------------------------------------------------------------------------
 
-  play(on) {
+  play(/** @type {boolean} */ on) {
     cancelAnimationFrame(this.playing);
     this.playing = null;
     const last = this.lastTime();
     if (on && last > 0) {
       if (this.ui.time >= last) this.ui.time = 0;
       let before = performance.now();
-      const tick = (now) => {
+      const tick = (/** @type {number} */ now) => {
         this.ui.time = Math.min(last, this.ui.time + Math.max(0, now - before) / STATE_MS);
         before = now;
         this.playing = this.ui.time < last ? requestAnimationFrame(tick) : null;
@@ -240,13 +282,14 @@ export class Teaching {
   }
 
   all() {
-    return Object.fromEntries(PARTS.map((p) => [p, this.lessons[p]?.lesson ?? null]));
+    const made = Object.fromEntries(PARTS.map((p) => [p, this.lessons[p]?.lesson ?? null]));
+    return /** @type {Lessons} */ (/** @type {unknown} */ (made)); // a stage is drawn when its own is there
   }
 
   // --- the page --------------------------------------------------------------------------------
 
   build() {
-    this.canvas = make("canvas", { id: "teaching-canvas", role: "img" });
+    this.canvas = make("canvas#teaching-canvas", { role: "img" });
     this.sheet = new Sheet(this.canvas, {
       redraw: () => this.redraw(),
       probe: (key, at) => {
@@ -265,7 +308,7 @@ export class Teaching {
   /** What changes only with the stage. */
   showTexts() {
     const stage = STAGES[this.at];
-    for (const button of this.root.querySelectorAll(".teaching-stage")) {
+    for (const button of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll(".teaching-stage"))) {
       const here = Number(button.dataset.stage) === this.at;
       button.tabIndex = here ? 0 : -1; // one stop for Tab; the arrow keys go on from there
       if (here) button.setAttribute("aria-current", "step");
@@ -275,12 +318,11 @@ export class Teaching {
     setText(byId("teaching-figure"), stage.figure);
     setText(byId("teaching-name"), `${this.at + 1}. ${stage.name}`);
     setText(byId("teaching-place"), `Stage ${this.at + 1} of ${STAGES.length}: ${stage.name}`);
-    byId("teaching-words").replaceChildren(...stage.text.map((text) => make("p", {}, ...symbols(text))));
+    byId("teaching-words").replaceChildren(...stage.text.map((text) => make("p", ...symbols(text))));
     byId("teaching-legend").replaceChildren(
       ...(stage.legend ?? []).map(([color, label, alpha = 1]) => {
-        const swatch = make("i", { class: "swatch" });
-        swatch.style.background = `color-mix(in srgb, var(--${color}) ${100 * alpha}%, transparent)`;
-        return make("li", {}, swatch, make("span", {}, ...symbols(label)));
+        const mixed = `color-mix(in srgb, var(--${color}) ${100 * alpha}%, transparent)`;
+        return make("li", swatch(mixed), make("span", ...symbols(label)));
       }),
     );
     byId("teaching-legend").hidden = !stage.legend;
@@ -314,7 +356,7 @@ export class Teaching {
     this.canvas.style.visibility = lesson && trouble === null ? "visible" : "hidden";
     byId("teaching-facts").hidden = byId("teaching-math").hidden = !lesson;
     if (lesson) {
-      this.ui.parameters = this.parameters();
+      this.ui.parameters = /** @type {Ui["parameters"]} */ (this.parameters());
       this.ui.time = Math.min(this.ui.time, this.lastTime());
       const key = `${this.at} ${lesson.side ?? ""}`;
       if (this.mathKey !== key) showMath(stage.math(lessons));
@@ -343,7 +385,7 @@ export class Teaching {
     const lesson = lessons[stage.part];
     if (stage.probe && !this.probe?.moved && this.probe?.lesson !== lesson)
       this.probe = { at: stage.start(lessons), moved: false, lesson };
-    this.ui.at = this.probe?.at ?? null;
+    if (this.probe) this.ui.at = this.probe.at;
     const rect = this.sheet.begin();
     stage.draw(this.sheet, inset(rect, 14, 10, 14, 14), lessons, this.ui);
     this.showFacts(stage.facts(lessons, this.ui));
@@ -355,14 +397,14 @@ export class Teaching {
     this.drawn += 1;
   }
 
-  showFacts(facts) {
+  showFacts(/** @type {Fact[]} */ facts) {
     const list = byId("teaching-facts");
     if (
       list.childElementCount !== 2 * facts.length ||
-      facts.some(([name], i) => list.children[2 * i].dataset.name !== name)
+      facts.some(([name], i) => /** @type {HTMLElement} */ (list.children[2 * i]).dataset.name !== name)
     ) {
       list.replaceChildren(
-        ...facts.flatMap(([name]) => [make("dt", { data: { name } }, ...symbols(name)), make("dd", {})]),
+        ...facts.flatMap(([name]) => [make("dt", { data: { name } }, ...symbols(name)), make("dd")]),
       );
     }
     facts.forEach(([, value], i) => setText(list.children[2 * i + 1], value));
@@ -371,24 +413,24 @@ export class Teaching {
     this.canvas.setAttribute("aria-label", `${title}. ${told}.${probe ? " The arrow keys move the pointer." : ""}`);
   }
 
-  showSliders(stage) {
+  showSliders(/** @type {Stage} */ stage) {
     const lesson = PARTS.map((p) => this.lessons[p]?.lesson).find(Boolean);
     byId("teaching-sliders").hidden = !lesson || !stage.parameters.length;
     if (!lesson) return;
     const values = this.parameters();
-    for (const label of this.root.querySelectorAll(".teaching-slider")) {
-      const name = label.dataset.slider;
+    for (const label of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll(".teaching-slider"))) {
+      const name = /** @type {ParameterName} */ (label.dataset.slider);
       const { low, high, step } = lesson.sliders[name];
       const input = label.querySelector("input");
       label.hidden = !stage.parameters.includes(name);
       if (Number(input.min) !== low || Number(input.max) !== high || Number(input.step) !== step)
         Object.assign(input, { min: low, max: high, step });
-      if (Number(input.value) !== values[name]) input.value = values[name];
+      if (Number(input.value) !== values[name]) input.value = String(values[name]);
       const text = SLIDERS[name][2](values[name]);
       setText(label.querySelector("output"), text);
       input.setAttribute("aria-valuetext", text);
     }
-    const same = Object.entries(this.changed).every(([name, value]) => value === lesson.defaults[name]);
+    const same = PARAMETERS.every((name) => (this.changed[name] ?? lesson.defaults[name]) === lesson.defaults[name]);
     setAllowed(
       byId("teaching-reset"),
       same ? "These are the session's values." : null,
@@ -401,13 +443,13 @@ export class Teaching {
     byId("teaching-player").hidden = last <= 0;
     if (last <= 0) return;
     const bar = byId("teaching-time");
-    bar.max = last;
-    bar.value = this.ui.time;
+    bar.max = String(last);
+    bar.value = String(this.ui.time);
     bar.setAttribute("aria-valuetext", `${Math.round((100 * this.ui.time) / last)} %`);
-    setText(byId("teaching-play").firstChild, this.playing ? "Pause" : "Play");
+    setText(byId("teaching-play").children[0], this.playing ? "Pause" : "Play");
   }
 
-  scrub(time) {
+  scrub(/** @type {number} */ time) {
     this.play(false);
     this.ui.time = time;
     this.update();

@@ -1,0 +1,29 @@
+// The types of the page of a batch, known to its modules without an import.
+
+export {};
+
+declare global {
+  /** A result: the columns of the table by name, and what the page adds. */
+  type Row = {
+    [column: string]: any; // as the columns of the table are
+    name: string;
+    place: number;
+    outcome: string;
+    command: string;
+    review: string | null;
+    thumbnail?: string;
+    sought: string;
+  };
+  type Column = {
+    name: string;
+    title: string;
+    meaning?: string;
+    number?: boolean;
+    sortable?: boolean;
+    width?: number;
+    format?: (value: any) => string;
+    show: (row: Row) => string;
+    node?: (row: Row) => Child;
+  };
+  type Sort = { name: string; descending: boolean };
+}

@@ -1,0 +1,80 @@
+// The types of the exported page, known to its modules without an import.
+
+import type { Cloth } from "/static/offline/data.js";
+import type { Page } from "/static/offline/offline.js";
+
+declare global {
+  type OfflinePage = Page;
+  type OfflineAction = {
+    name: string;
+    group: string;
+    keys: string[];
+    title: string;
+    label?: string;
+    about: string;
+    run: () => void;
+  };
+  type OfflineLayer = { name: string; title: string; about: string; legend: Legend; start: number; count: number };
+  type OfflinePick = Omit<ListedPick, "id" | "uv_m"> & {
+    id: number | null;
+    uv_m: UV | null;
+    rc: UV | null;
+    normal_held: number[];
+    z_angle_deg: number | null;
+    source_rc: number[];
+    miss_m?: number;
+    grip: CurrentPick["grip"];
+    gripper_m: [XYZ, XYZ][] | null;
+  };
+  type OfflineStep = {
+    order: number;
+    view_index: number;
+    angle_deg: number;
+    added_cm2: number;
+    area_cm2: number;
+    floating_cm2: number;
+    told: string;
+    camera_m: XYZ;
+  };
+  /** The texts and numbers of the page. */
+  type OfflineHistory = {
+    recording: { name: string; description: string; n_views: number };
+    method: string;
+    finished: string | null;
+    grid: Grid & { corner_rc: [number, number] };
+    count: number;
+    bounds: { low: XYZ; step: number };
+    extent: { low: XYZ; high: XYZ };
+    half_extents_m: [number, number];
+    axis: { line: [XYZ, XYZ]; direction: XYZ };
+    around: { start: number; count: number }[];
+    around_spacing_m: number;
+    steps: OfflineStep[];
+    layers: OfflineLayer[];
+    pieces: Piece[];
+    picks: OfflinePick[];
+    decisions: { view_index: number; angle_deg: number; verdict: string; told: string; stands: boolean; step: number }[];
+    garment: { text: string; found: FoundGarment | null };
+    arrays: Record<string, { kind: string; start: number; count: number }>;
+  };
+  type Around = { xyz: Float32Array; rgb: Uint8Array };
+  type OfflineData = {
+    history: OfflineHistory;
+    layers: Record<string, OfflineLayer & { pixels: Uint8ClampedArray }>;
+    cloth: Cloth;
+    around: Around[];
+  };
+  type CloudScene = {
+    cloth: Cloth;
+    around: Around[];
+    axis: { direction: XYZ };
+    axisLine: [XYZ, XYZ][];
+    cameras: XYZ[];
+    center: number[];
+    halfExtents: [number, number];
+    spacing: number;
+    start: number;
+  };
+  type CloudMark = { point: XYZ; gripper: [XYZ, XYZ][] | null } | null;
+  type Eye = { target: number[]; yaw: number; pitch: number; distance: number; zoom: number };
+}

@@ -1,0 +1,203 @@
+// The types of the teaching mode, known to its modules without an import: lessons as the server sends them, stages.
+
+import type { PaneMap as PaneMapClass, Sheet as SheetClass } from "/static/teaching/draw.js";
+import type { Plot as PlotClass } from "/static/teaching/plot.js";
+import type { Teaching as TeachingClass } from "/static/teaching/teaching.js";
+
+declare global {
+  type Sheet = SheetClass;
+  type Plot = PlotClass;
+  type Teaching = TeachingClass;
+  type NumberArray = Int8Array | Uint8Array | Int16Array | Int32Array | Float32Array;
+  type PartName = "flattening" | "planning" | "alignment" | "sides" | "garment";
+  type ParameterName = "sampling_interval_px" | "z_angle_limit_deg" | "overlap_cm2";
+
+  /** From a pane's own units to CSS pixels. */
+  type PictureMap = { at(u: number, v: number): UV };
+  type PaneMap = PaneMapClass;
+  type SheetHandlers = { redraw: () => void; probe: (pane: string, at: UV) => void };
+  type Pane = { map: PaneMap; zoom: boolean };
+  type TextLook = {
+    color?: string;
+    size?: number;
+    weight?: number;
+    align?: "left" | "center" | "right";
+    baseline?: CanvasTextBaseline;
+    plate?: boolean;
+  };
+  type Axes = {
+    xLabel?: string;
+    yLabel?: string;
+    y2Label?: string;
+    yColor?: string | null;
+    y2Color?: string | null;
+    xTicks?: number[] | null;
+    yTicks?: number[] | null;
+    xAxis?: boolean;
+  };
+  type PlotOptions = Axes & { x: UV; y: UV; y2?: UV | null; log?: boolean };
+  /** An arrow at a Z-angle, seen from above. */
+  type Arrow = { deg: number; label: string; color: string; dash?: number[] };
+
+  /** What the learner has chosen: place, layer, time of the animation, parameters. */
+  type Ui = { at: UV; layer: string; time: number; parameters: Record<ParameterName, number> };
+  /** A string of terms such as "A_w = 2", or a node of MathML. */
+  type Part = string | Element;
+  type Fact = [name: string, value: string];
+  type LegendRow = [color: string, label: string, alpha?: number];
+  type Stage = {
+    name: string;
+    figure: string;
+    part: PartName;
+    parameters: ParameterName[];
+    text: string[];
+    math: (lessons: Lessons) => Element[];
+    facts: (lessons: Lessons, ui: Ui) => Fact[];
+    draw: (sheet: Sheet, rect: Rect, lessons: Lessons, ui: Ui) => void;
+    legend?: LegendRow[];
+    layers?: Record<string, string>;
+    /** The key of the pane that is probed, and where the probe begins. */
+    probe?: string;
+    start?: (lessons: Lessons) => UV;
+    /** The last time of its animation. */
+    plays?: (lessons: Lessons) => number;
+  };
+  type StagePart = Omit<Stage, "part" | "parameters"> & Partial<Pick<Stage, "part" | "parameters">>;
+
+  type Lessons = {
+    flattening: FlatteningLesson;
+    planning: PlanningLesson;
+    alignment: AlignmentLesson;
+    sides: SidesLesson;
+    garment: GarmentLesson;
+  };
+  type Lesson = {
+    array: Record<string, Float32Array>;
+    picture: Record<string, ImageBitmap>;
+    parameters: Record<ParameterName, number>;
+    defaults: Record<ParameterName, number>;
+    sliders: Record<ParameterName, { low: number; high: number; step: number }>;
+    view_index: number;
+    side?: "left" | "right" | null;
+  };
+  /** A level of the minimisation: its samples, and their states on the plane. */
+  type Level = {
+    name: string;
+    points: number;
+    main_points: number;
+    pairs: number;
+    unused: number;
+    parts: number;
+    interval_px: number;
+    mean_length_mm: number | null;
+    energy_mm2: number[];
+    state_iterations: number[];
+    xy: Float32Array;
+    edges: Numbers;
+    unusedPairs: Numbers;
+    members: Numbers;
+    mainEdges: Int32Array;
+    mainLength: Float32Array;
+    states: Float32Array[];
+    local: Int32Array;
+  };
+  type FlatteningLesson = Lesson & {
+    levels: Level[];
+    flat: Grid;
+    area_cm2: number;
+    depth_mm: number;
+    folded_share: number;
+    parts_cm2: number[];
+    pixel_pitch_mm: number;
+    surface_px: number;
+    triangles: number;
+  };
+  type PlannedSide = {
+    side: "left" | "right";
+    a_0_deg: number | null;
+    u_b_mm: number | null;
+    rotation_deg: number | null;
+    view_index: number | null;
+    occluding_edge_mm: number;
+  };
+  type PlanningLesson = Lesson & {
+    flat: Grid;
+    angles_deg: number[];
+    next_view: number | null;
+    reason: string;
+    sides: PlannedSide[];
+    z_angle_colors: RGB[];
+    z_angle_span_deg: number;
+  };
+  type LessonLine = { center_uv_m: UV; direction: UV; point_uv_m: UV };
+  type AlignmentLesson = Lesson & {
+    angles_deg: number[];
+    start_view: number;
+    planned_view: number;
+    current: Grid;
+    new: Grid;
+    renewed: Grid;
+    current_cm2: number;
+    new_cm2: number;
+    renewed_cm2: number;
+    placed_with: number;
+    initial: Motion;
+    found: Motion;
+    initial_score: number;
+    score_parts: { height_rms_mm: number; overlap_cm2: number };
+    search: {
+      turns_deg: number[];
+      shifts_mm: number[];
+      motions: Motion[];
+      tried: number;
+      start_stands: boolean;
+      end_score: number;
+    };
+    lines: {
+      current: LessonLine;
+      new: LessonLine;
+      a_m_deg: number;
+      common_range_deg: UV;
+      height_mm: number;
+      rotation_deg: number;
+    } | null;
+  };
+  type Crop = { rows: number; cols: number; offset_rc: [number, number] };
+  type SidesLesson = Lesson & {
+    first: Crop;
+    item_px: number;
+    n_views: number;
+    cut_off_cm2: Record<string, number>;
+    clusters: number;
+    n_alike: number;
+    n_opposite: number;
+    samples: number;
+    certainty: number;
+    found_cm2: number;
+    undecided_cm2: number;
+    stroke: {
+      side: "this" | "other";
+      view_index: number;
+      at: UV;
+      certainty: number;
+      changed: string;
+      before: Crop;
+      after: Crop;
+    } | null;
+  };
+  type GarmentLesson = Lesson & {
+    flat: Grid | null;
+    area_cm2: number;
+    edges_m: number;
+    unseen_m: number;
+    trust: number | null;
+    energy: number[][];
+    widened: number[];
+    state_shape: [steps: number, starts: number, vertices: number];
+    kinds: { name: string; probability: number; below: number | null; parameters: number }[];
+    none: number;
+    misfit: number;
+    misfit_limit: number;
+    temperature: number;
+  };
+}
