@@ -1,7 +1,5 @@
 // Small tools to build the page. Text always goes in as text, never as HTML.
 
-/** @typedef {import("/static/page/elements").Ids} Ids */
-
 /**
  * The element of the page with an id.
  *
@@ -29,8 +27,8 @@ export const targetOf = (/** @type {Event} */ event) => /** @type {HTMLElement} 
  *
  * @template {string} S
  * @param {S} selector
- * @param {...(Child | import("/static/page/elements").Attributes<S>)} parts attributes first, then nodes and texts
- * @returns {import("/static/page/elements").ElementOf<S>}
+ * @param {...(Child | Attributes<S>)} parts attributes first, then nodes and texts
+ * @returns {ElementOf<S>}
  */
 export function make(selector, ...parts) {
   const [, tag, id, classes] = /** @type {string[]} */ (/^(\w+)(?:#([\w-]+))?(.*)$/.exec(selector));

@@ -1,7 +1,7 @@
 // The types that the modules of the page share, known to all of them without an import.
 
 import type * as M from "/static/page/messages";
-import type { Child as PageChild } from "/static/page/elements";
+import type * as E from "/static/page/elements";
 import type { FlatCanvas as FlatCanvasClass } from "/static/canvas/canvas.js";
 import type { LayerList as LayerListClass } from "/static/canvas/layer_list.js";
 import type { Looking as LookingClass } from "/static/canvas/look.js";
@@ -56,7 +56,10 @@ declare global {
   type Verdicts = VerdictsClass;
   type GarmentPanel = GarmentPanelClass;
   type Layout = LayoutClass;
-  type Child = PageChild;
+  type Child = E.Child;
+  type Ids = E.Ids;
+  type Attributes<S extends string> = E.Attributes<S>;
+  type ElementOf<S extends string> = E.ElementOf<S>;
   type ChangeEvent = Event & { target: HTMLInputElement };
   type Listeners = { [Name in keyof HTMLElementEventMap]?: (event: HTMLElementEventMap[Name]) => unknown };
 

@@ -64,7 +64,7 @@ async function* records(
   }
 }
 
-async function unpack(/** @type {any} */ values, /** @type {Uint8Array} */ body) {
+async function unpack(/** @type {any} */ values, /** @type {Uint8Array<ArrayBuffer>} */ body) {
   const lesson = { ...values, array: {}, picture: {} };
   await Promise.all(
     Object.entries(partsOf(values.parts, body)).map(async ([name, part]) => {
