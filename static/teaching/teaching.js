@@ -19,28 +19,6 @@ const QUIET_MS = 120; // progress is shown only for what takes longer
 const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel", "fit", "zoom_in", "zoom_out"];
 const PASSED_ON = ["theme", "help", "log", "settings", "palette"];
 
-/**
- * What is known of a part: the lesson, or why there is none; `abort` while it is being made.
- *
- * @typedef {object} Entry
- * @property {string | null} key the parameters it was asked for with
- * @property {Lesson | null} lesson
- * @property {string | null} error
- * @property {AbortController | null} abort
- * @property {{ share: number; text: string } | null} progress
- * @property {Promise<void>} [promise]
- * @property {number} [since]
- *
- * @typedef {object} Session what the teaching mode asks of the page
- * @property {() => ActionRow[]} actions
- * @property {(action: ActionRow) => string} tip
- * @property {() => string} name
- * @property {() => number | null} startView
- * @property {() => number} garment the revision of what is known of it
- * @property {Notify} notify
- * @property {(name: string) => void} run
- */
-
 /** @type {Entry} */
 const NOTHING = { key: null, lesson: null, error: null, abort: null, progress: null };
 

@@ -62,6 +62,27 @@ declare global {
     /** The last time of its animation. */
     plays?: (lessons: Lessons) => number;
   };
+  /** What is known of a part: the lesson, or why there is none; `abort` while it is being made. */
+  type Entry = {
+    /** The parameters it was asked for with. */
+    key: string | null;
+    lesson: Lesson | null;
+    error: string | null;
+    abort: AbortController | null;
+    progress: { share: number; text: string } | null;
+    promise?: Promise<void>;
+    since?: number;
+  };
+  /** What the teaching mode asks of the page; `garment` is the revision of what is known of it. */
+  type Session = {
+    actions: () => ActionRow[];
+    tip: (action: ActionRow) => string;
+    name: () => string;
+    startView: () => number | null;
+    garment: () => number;
+    notify: Notify;
+    run: (name: string) => void;
+  };
   type StagePart = Omit<Stage, "part" | "parameters"> & Partial<Pick<Stage, "part" | "parameters">>;
 
   type Lessons = {
