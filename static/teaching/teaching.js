@@ -26,7 +26,6 @@ export class Teaching {
   constructor(/** @type {Session} */ session) {
     this.session = session;
     this.at = 0;
-    this.time = 0;
     /** @type {Partial<Record<ParameterName, number>>} */
     this.changed = {}; // the learner's parameters
     /** @type {Partial<Record<PartName, Entry>>} */
@@ -191,7 +190,7 @@ export class Teaching {
     this.abort(part);
     const abort = new AbortController();
     /** @type {Entry} */
-    const entry = (this.lessons[part] = { key, lesson: before?.lesson ?? null, error: null, abort, progress: null });
+    const entry = (this.lessons[part] = { ...NOTHING, key, lesson: before?.lesson ?? null, abort });
     entry.promise = (async () => {
       try {
         const lesson = await fetchLesson(part, query, abort.signal, (share, text) => {
@@ -367,11 +366,8 @@ export class Teaching {
     const rect = this.sheet.begin();
     stage.draw(this.sheet, inset(rect, 14, 10, 14, 14), lessons, this.ui);
     this.showFacts(stage.facts(lessons, this.ui));
-    this.shown = {
-      stage: this.at + 1,
-      key: this.lessons[stage.part].key,
-      parameters: lessons[stage.part].parameters,
-    };
+    const { key } = this.lessons[stage.part];
+    this.shown = { stage: this.at + 1, key, parameters: lesson.parameters };
     this.drawn += 1;
   }
 
