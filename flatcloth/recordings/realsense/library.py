@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.libusb import load_libusb
+from flatcloth.recordings.realsense.libusb import load_libusb
 
 
 def load_realsense() -> Any:
