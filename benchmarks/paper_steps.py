@@ -28,7 +28,7 @@ from flatcloth.core.types import FlattenedView, Progress, RotationAxis, no_progr
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.methods.base import Alignment
+from flatcloth.methods.answers import Alignment
 from flatcloth.methods.paper.departures import Aligned, Aligner
 from flatcloth.methods.paper.matching import FINE_SMOOTHING_M, Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
 from flatcloth.methods.paper.method import PaperMethod

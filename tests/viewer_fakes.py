@@ -19,7 +19,7 @@ from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, Ro
 from flatcloth.engine.playing.recording import LiveFrame
 from flatcloth.engine.repair import RefinedScore
 from flatcloth.engine.views import ViewCloud
-from flatcloth.methods.base import AlignmentScore, Canonical
+from flatcloth.methods.answers import AlignmentScore, Canonical
 from flatcloth.session.journal import Pick
 from flatcloth.session.machine import (
     Document,

@@ -13,7 +13,7 @@ from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.types import FlattenedView, Float64, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.flattening.surface import item_mask
-from flatcloth.methods.base import Canonical
+from flatcloth.methods.answers import Canonical
 
 THUMBNAIL_FILE = "thumbnail.webp"
 THUMBNAIL_PX = 96

@@ -13,7 +13,7 @@ import numpy as np
 
 from flatcloth.core.errors import AlignmentError, FlatclothError
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.methods.base import ClothPairs, ColumnCurves, Correspondence, SurfaceEdges
+from flatcloth.methods.answers import ClothPairs, ColumnCurves, Correspondence, SurfaceEdges
 from flatcloth.methods.edges import edges_of_view
 from flatcloth.methods.paper.alignment import correspond
 from flatcloth.methods.paper.planning import column_curves, overlap_column, rotation_to_limit_deg

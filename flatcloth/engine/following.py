@@ -15,7 +15,8 @@ import numpy as np
 
 from flatcloth.core.errors import AlignmentError, FlatteningError, SurfaceError
 from flatcloth.core.types import FlattenedView, Progress, Rigid2
-from flatcloth.methods.base import Alignment, AlignmentScore, ComponentPlacement, Method, Placement, Plan
+from flatcloth.methods.answers import Alignment, AlignmentScore, ComponentPlacement, Placement, Plan
+from flatcloth.methods.base import Method
 from flatcloth.session.machine import Document, Followed, Side
 
 _MOST_LOSS = 0.1

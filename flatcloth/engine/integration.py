@@ -35,7 +35,8 @@ from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place_all
 from flatcloth.garments.deciding import parts_taken_off, with_doubts
 from flatcloth.garments.links import Cloth
-from flatcloth.methods.base import Alignment, AlignmentScore, Canonical, Method, Placement, Plan, SurfaceEdges
+from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan, SurfaceEdges
+from flatcloth.methods.base import Method
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
 from flatcloth.methods.starting import overlap_area_m2
@@ -144,7 +145,7 @@ class Integration:
         self.views = views or RecordedViews(
             recording, config or self._kind.default_config(), segmenter, is_default=config is None
         )
-        self.notes = (*_notes(self.views), *getattr(recording, "notes", ()), *self.views.axis_notes)
+        self.notes = self.views.notes
         self.algorithm: Method = self._kind(self.views, recording.angles_deg)
         self._forget()
         self.views.on_change = self._forget
@@ -434,21 +435,3 @@ def _shape_of(document: Document) -> tuple[Hashable, ...]:
 
 def _with_refused(document: Document, refused: set[Rejected]) -> Document:
     return replace(document, rejected=tuple(sorted(refused, key=lambda r: r.view_index)))
-
-
-def _notes(views: RecordedViews) -> tuple[str, ...]:
-    notes = []
-    if views.sides is not None:
-        notes.append(
-            "This recording has no masks: the side of interest is found from the views. "
-            "Strokes in session mode correct it."
-        )
-    elif not views.recording.has_masks:
-        notes.append(
-            "This recording has no masks: both sides of the cloth, and its holder, may be in the shape."
-        )
-    if len(views.recording) == 1:
-        notes.append(
-            "This recording has one view: it is flattened and can be picked, but no view can be added."
-        )
-    return tuple(notes)

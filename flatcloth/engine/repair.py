@@ -9,7 +9,8 @@ import numpy as np
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.methods.base import AlignmentScore, Method
+from flatcloth.methods.answers import AlignmentScore
+from flatcloth.methods.base import Method
 from flatcloth.session.machine import Document
 
 _LEAST_SPREAD_M = 0.001

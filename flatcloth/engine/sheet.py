@@ -22,7 +22,8 @@ from flatcloth.core.types import Bool, FlattenedView, Floats, Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.flattening.resampling import place
 from flatcloth.garments.deciding import decided_pieces
-from flatcloth.methods.base import Canonical, Views
+from flatcloth.methods.answers import Canonical
+from flatcloth.methods.base import Views
 
 if TYPE_CHECKING:
     from flatcloth.session.document import Document

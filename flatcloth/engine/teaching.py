@@ -35,7 +35,7 @@ from flatcloth.engine.segmenting import SidesLesson, sides_lesson
 from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.flatten import Flattening, Level, flatten
 from flatcloth.flattening.surface import observe_item
-from flatcloth.methods.base import Canonical, Plan
+from flatcloth.methods.answers import Canonical, Plan
 from flatcloth.methods.paper.merging import shows
 from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.methods.paper.watching import Search, WatchedMatcher

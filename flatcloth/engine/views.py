@@ -94,8 +94,8 @@ class RecordedViews:
         Turning axis, object frame; estimated if the recording has none.
     held_point_m : (3,) float64
         Where the item is held.
-    axis_notes : tuple of str
-        What the operator must know about the axis.
+    notes : tuple of str
+        What the operator must know about the recording and its axis.
     sides : Sides or None
         Finds the masks, if the recording has none of its own.
     masks : Masks or None
@@ -117,10 +117,27 @@ class RecordedViews:
         self.on_change: Callable[[], None] = lambda: None
         hanging = resolve_axis(recording, self.recorded, config.surface)
         self.held_point_m: Float64 = hanging.held_point_m
-        self.axis_notes = hanging.notes
         if is_default:
             self.config = _fitted_to(config, recording.intrinsics, hanging.axis)
         self.turn_about(hanging.axis)
+        self.notes = (*self._notes(), *getattr(recording, "notes", ()), *hanging.notes)
+
+    def _notes(self) -> tuple[str, ...]:
+        notes = []
+        if self.sides is not None:
+            notes.append(
+                "This recording has no masks: the side of interest is found from the views. "
+                "Strokes in session mode correct it."
+            )
+        elif not self.recording.has_masks:
+            notes.append(
+                "This recording has no masks: both sides of the cloth, and its holder, may be in the shape."
+            )
+        if len(self.recording) == 1:
+            notes.append(
+                "This recording has one view: it is flattened and can be picked, but no view can be added."
+            )
+        return tuple(notes)
 
     def turn_about(self, axis: RotationAxis) -> None:
         """Replace the turning axis, object frame, and clear everything computed with the previous one.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from flatcloth.core.errors import FlatclothError
 from flatcloth.export.history import Decision
 from flatcloth.export.session import OpenedSession
-from flatcloth.methods.base import ColumnCurves, Plan, SidePlan
+from flatcloth.methods.answers import ColumnCurves, Plan, SidePlan
 from flatcloth.rendering.charts import SMALL, Frame, draw_axes
 from flatcloth.rendering.drawing import BLUE, GREEN, ORANGE, PINK, SOFT, Drawing, Run
 from flatcloth.session.machine import Side

@@ -20,7 +20,7 @@ from flatcloth.export.kept import PngPicture, key_of
 from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
-from flatcloth.methods.base import SidePlan
+from flatcloth.methods.answers import SidePlan
 from flatcloth.rendering.charts import (
     SIZE,
     SMALL,

@@ -21,7 +21,7 @@ from flatcloth.export.growth import Growth, grow
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.export.kept import Kept, key_of
 from flatcloth.grasping.grasps import Grip
-from flatcloth.methods.base import ColumnCurves
+from flatcloth.methods.answers import ColumnCurves
 from flatcloth.methods.paper.planning import column_curves
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint

@@ -23,7 +23,7 @@ from flatcloth.export.data import (
     write_files,
 )
 from flatcloth.export.garment import garment_document, garment_points, outcome_entry
-from flatcloth.methods.base import Canonical
+from flatcloth.methods.answers import Canonical
 from flatcloth.session.journal import Pick
 from flatcloth.session.machine import Document
 

@@ -1,14 +1,13 @@
-"""The interface of methods, and the types of their results.
+"""The interface of methods.
 
-:class:`Method` is the protocol; :mod:`flatcloth.methods.registry` lists the methods by name.
+:class:`Method` is the protocol, :mod:`flatcloth.methods.answers` has the types of its answers, and
+:mod:`flatcloth.methods.registry` lists the methods by name.
 """
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
@@ -18,7 +17,6 @@ from flatcloth.core.types import (
     Bool,
     FlattenedView,
     Float64,
-    Int32,
     Progress,
     RgbdFrame,
     Rigid2,
@@ -26,274 +24,20 @@ from flatcloth.core.types import (
     Uint8,
     no_progress,
 )
-from flatcloth.session.document import Document, Later, PlacedPart, Side
+from flatcloth.methods.answers import (
+    AlignmentScore,
+    Canonical,
+    ClothPairs,
+    JoinedPiece,
+    Placement,
+    Plan,
+    SurfaceEdges,
+)
+from flatcloth.session.document import Document, Later, Side
 
 if TYPE_CHECKING:
     from flatcloth.flattening.flatten import Flattening
     from flatcloth.registration.registered import Registered
-
-
-@dataclass(frozen=True, kw_only=True)
-class ColumnCurves:
-    """The curves over the columns of a flattened view (paper, Fig. 4a).
-
-    ``u_m`` (C,) centres of the columns; ``column_count`` (C,) h(u), pixels within the measurement
-    limit; ``column_mean_z_angle_deg`` (C,) A_z(u), NaN in empty columns.
-    """
-
-    u_m: Float64
-    column_count: Int32
-    column_mean_z_angle_deg: Float64
-    pixel_size_m: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class SidePlan:
-    """The plan for one side of the shape.
-
-    ``from_view`` is the outermost view accepted on that side, at whose rotation the Z-angles are
-    computed; ``edge_z_angle_deg`` is the mean Z-angle of the outermost columns, ``occluding_edge_m``
-    the length of the occluding edge there; ``u_b_m`` and ``a_0_deg`` are the column at which the
-    overlap is reached and its Z-angle; ``rotation_deg`` is A, unsigned, before rounding to an existing
-    view; ``view_index`` is the chosen view, None if the side is complete; ``reason`` explains it.
-    """
-
-    side: Side
-    from_view: int
-    curves: ColumnCurves
-    occluding_edge_m: float
-    u_b_m: float
-    a_0_deg: float
-    rotation_deg: float
-    view_index: int | None
-    reason: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Candidate:
-    """A candidate for the next view, with its expected areas (m2).
-
-    ``overlap_m2`` is cloth in common with the shape, ``improved_m2`` cloth seen only at large incidence
-    angles so far, ``beyond_m2`` cloth beyond the outline of the shape, ``joining_m2`` cloth of floating
-    pieces that the view may connect, ``unseen_m2`` an allowance for cloth without any evidence;
-    ``gap_deg`` is the rotation to the nearest visited view.
-    """
-
-    view_index: int
-    overlap_m2: float
-    improved_m2: float
-    beyond_m2: float
-    joining_m2: float
-    unseen_m2: float
-    gap_deg: float
-
-    @property
-    def new_m2(self) -> float:
-        """Expected new area."""
-        return self.improved_m2 + self.beyond_m2 + self.joining_m2 + self.unseen_m2
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """The next view, or None with the reason.
-
-    ``sides`` holds the plan of each side (``paper``); ``candidates`` the best-rated views (``robust``).
-    """
-
-    view_index: int | None
-    side: Side | None
-    rotation_deg: float
-    reason: str
-    sides: tuple[SidePlan, ...]
-    candidates: tuple[Candidate, ...] = ()
-
-
-@dataclass(frozen=True)
-class AlignmentScore:
-    """How well two views agree: ``total`` in 0..1 and its named parts, with units in their names.
-
-    ``apart_part`` names the part that is the distance (mm) between the cloth of the two views.
-    """
-
-    total: float
-    parts: dict[str, float]
-    apart_part: str = ""
-
-    @property
-    def apart_mm(self) -> float | None:
-        """Distance between the cloth of the two views, in the method's own measure; None if unknown."""
-        value = self.parts.get(self.apart_part, math.nan)
-        return float(value) if math.isfinite(value) else None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ZAngleLine:
-    """Pixels of one Z-angle in a flattened view and their principal axis.
-
-    ``pixels_uv_m`` (K, 2); ``center_uv_m`` and unit ``direction`` (pointing down the item) of the
-    axis; ``point_uv_m`` the point on it at the common height.
-    """
-
-    z_angle_deg: float
-    pixels_uv_m: Float64
-    center_uv_m: Float64
-    direction: Float64
-    point_uv_m: Float64
-
-
-@dataclass(frozen=True, kw_only=True)
-class Correspondence:
-    """The initial estimate and its derivation (paper, Fig. 4d, e).
-
-    ``new_curves`` are h^1(u), A_z^1(u) at the new view's rotation; ``common_range_deg`` the
-    Z-angles, before the rotation, that both views contain; ``a_m_deg`` its middle; the two lines; and
-    the height (m, along the axis) of the pair of points.
-    """
-
-    rotation_deg: float
-    current_curves: ColumnCurves
-    new_curves: ColumnCurves
-    common_range_deg: tuple[float, float]
-    a_m_deg: float
-    current: ZAngleLine
-    new: ZAngleLine
-    height_m: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Alignment:
-    """Alignment of a new view to the current one, from the initial estimate (score None: unknown) on."""
-
-    current_from_new: Rigid2
-    initial: Rigid2
-    score: AlignmentScore
-    initial_score: AlignmentScore | None
-    correspondence: Correspondence | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hypothesis:
-    """A possible placement of a component of a view.
-
-    ``source`` names the estimator of ``initial``, ``current_from_new`` is the placement after
-    refinement; ``score`` is that of :func:`flatcloth.methods.robust.scoring.score_placement`;
-    ``std`` (3,) are standard deviations of rotation (rad), u and v (m).
-    """
-
-    source: str
-    component: int
-    initial: Rigid2
-    current_from_new: Rigid2
-    score: AlignmentScore
-    std: Float64
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """The directions that the common cloth does not determine."""
-        names = []
-        if self.std[0] > math.radians(5.0):
-            names.append("turn")
-        names += [n for n, s in zip(("across", "along"), self.std[1:], strict=True) if s > 0.008]
-        return tuple(names)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComponentPlacement:
-    """The best hypothesis for one component of a view; None if the component cannot be placed yet."""
-
-    component: int
-    area_m2: float
-    hypothesis: Hypothesis | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Placement:
-    """A method's placement of a view: the ``alignment`` of its ``component``, and the alternatives.
-
-    ``hypotheses`` are those for that component, the best first; ``margin`` is the difference between
-    the best and the second score (the best score itself if there is no second); ``cameras`` is a
-    summary of the registration; ``parts`` has one entry per component of the view. Only ``component``
-    and ``alignment`` are required of a method. ``also`` are further components, of this view or of accepted
-    ones, each with its own motion, that are placed with it.
-    """
-
-    component: int
-    alignment: Alignment
-    hypotheses: tuple[Hypothesis, ...] = ()
-    margin: float = math.nan
-    cameras: str = ""
-    parts: tuple[ComponentPlacement, ...] = ()
-    also: tuple[PlacedPart, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Canonical:
-    """The canonical view.
-
-    ``view`` is its raster; ``current_from_view`` maps each accepted view's index to the motion from
-    that view's own plane to this plane (in the paper's method, the plane of the view added last).
-    ``floating`` are pieces of cloth that no view connects to it, each in a plane of its own; those of the
-    indices ``taken_off`` were parts of it, whose link no garment allows.
-    """
-
-    view: FlattenedView
-    current_from_view: dict[int, Rigid2]
-    floating: tuple[FlattenedView, ...] = ()
-    taken_off: frozenset[int] = frozenset()
-
-
-@dataclass(frozen=True, kw_only=True)
-class SurfaceEdges:
-    """The edges of Eq. (2) of a shape at their present position on its plane.
-
-    ``uv_m`` (N, 2) and ``xyz_m`` (N, 3, object frame) of the samples, NaN without a position;
-    ``edges`` (M, 2) int32; ``length_m`` (M,) along the cloth. ``evidence`` (M,) that both ends are one
-    sheet, from 0; None if the method does not know.
-    """
-
-    uv_m: Float64
-    xyz_m: Float64
-    edges: Int32
-    length_m: Float64
-    evidence: Float64 | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ClothPairs:
-    """The same cloth in a component of a view and in the shape: what fixes the component's place.
-
-    ``shape_uv_m`` (K, 2) on the plane of the shape, ``new_uv_m`` (K, 2) on the component's own plane;
-    ``shape_xyz_m``, ``new_xyz_m`` (K, 3) in the object frame.
-    """
-
-    shape_uv_m: Float64
-    new_uv_m: Float64
-    shape_xyz_m: Float64
-    new_xyz_m: Float64
-
-    def residual_m(self, current_from_new: Rigid2) -> Float64:
-        """Return how far apart (K,) on the plane a placement leaves the pairs."""
-        apart: Float64 = np.linalg.norm(current_from_new.apply(self.new_uv_m) - self.shape_uv_m, axis=1)
-        return apart
-
-    @property
-    def apart_m(self) -> Float64:
-        """Distance (K,) of the pairs in space; no placement on the plane changes it."""
-        apart: Float64 = np.linalg.norm(self.new_xyz_m - self.shape_xyz_m, axis=1)
-        return apart
-
-
-@dataclass(frozen=True, kw_only=True)
-class JoinedPiece:
-    """A floating piece that a component placed by the operator joins to the shape.
-
-    ``piece`` is its number; ``center_uv_m`` (2,) is where it lies on the plane now, ``target_from_piece``
-    leads from there to where it goes.
-    """
-
-    piece: int
-    center_uv_m: Float64
-    target_from_piece: Rigid2
 
 
 class Views(Protocol):

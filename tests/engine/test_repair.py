@@ -15,7 +15,7 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import fit_pairs
-from flatcloth.methods.base import AlignmentScore
+from flatcloth.methods.answers import AlignmentScore
 from flatcloth.methods.registry import method_names
 from flatcloth.session.machine import Accept, Nudge, Propose, SessionState, Start, apply
 

@@ -10,7 +10,7 @@ import pytest
 
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, PLACED, label_of, lay_out
-from flatcloth.methods.base import Canonical
+from flatcloth.methods.answers import Canonical
 
 PIXEL_M = 0.002
 

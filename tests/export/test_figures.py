@@ -24,7 +24,7 @@ from flatcloth.export.curves import plan_of, side_of
 from flatcloth.export.figures import all_figures, garment, maps, of_decision, widened, write_figures
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
-from flatcloth.methods.base import Plan
+from flatcloth.methods.answers import Plan
 from flatcloth.rendering.charts import Frame, draw_axes, draw_ramp, nice_below
 from flatcloth.rendering.drawing import Drawing, text_width
 from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, PlanePicture, cropped, laid_on

@@ -22,7 +22,7 @@ from flatcloth.export.figures import picture_before
 from flatcloth.export.growth import grow, motion_between
 from flatcloth.export.kept import Kept, key_of
 from flatcloth.export.session import OpenedSession, of_page, open_session
-from flatcloth.methods.base import Canonical
+from flatcloth.methods.answers import Canonical
 from flatcloth.session.axis_file import write_axis
 from flatcloth.session.garment import PlacedPiece
 from flatcloth.session.machine import Accepted, Document

@@ -14,16 +14,8 @@ from flatcloth.core.errors import ConfigError
 from flatcloth.core.types import Progress, Rigid2, no_progress
 from flatcloth.export.data import read_shape
 from flatcloth.flattening.resampling import place
-from flatcloth.methods.base import (
-    Alignment,
-    AlignmentScore,
-    Canonical,
-    Method,
-    Placement,
-    Plan,
-    SurfaceEdges,
-    Views,
-)
+from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan, SurfaceEdges
+from flatcloth.methods.base import Method, Views
 from flatcloth.methods.edges import edges_of_view
 from flatcloth.methods.registry import MethodEntry, method_entry, method_names, register, unregister
 from flatcloth.session.machine import Document, Later, Side

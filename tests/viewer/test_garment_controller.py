@@ -19,7 +19,7 @@ from flatcloth.garments.deciding import DecidedPieces, decided_pieces
 from flatcloth.garments.links import Cloth, DoubtedLink
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import recognise
-from flatcloth.methods.base import Canonical
+from flatcloth.methods.answers import Canonical
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, SetKind, without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo

@@ -31,7 +31,7 @@ from flatcloth.garments.recognition import (
     misfit_of,
     recognise,
 )
-from flatcloth.methods.base import Canonical
+from flatcloth.methods.answers import Canonical
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
     DecideLink,

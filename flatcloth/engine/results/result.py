@@ -20,7 +20,7 @@ from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-    from flatcloth.methods.base import Canonical
+    from flatcloth.methods.answers import Canonical
 
 LEAST_M2 = 2e-4
 """Smaller areas left out are not reported. Set by hand."""

@@ -24,7 +24,7 @@ from flatcloth.core.types import (
     RotationAxis,
     no_progress,
 )
-from flatcloth.methods.base import Alignment, ColumnCurves, Correspondence, ZAngleLine
+from flatcloth.methods.answers import Alignment, ColumnCurves, Correspondence, ZAngleLine
 from flatcloth.methods.paper.matching import (
     LEAST_AREA_M2,
     PLACE_SCALE_M,

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import FlattenedView, Progress, Rigid2
-from flatcloth.methods.base import Alignment, Method, Views
+from flatcloth.methods.answers import Alignment
+from flatcloth.methods.base import Method, Views
 from flatcloth.methods.paper.alignment import align_by_places, correspond, from_lines, not_worse_than_start
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import Renewed, covered_share, without

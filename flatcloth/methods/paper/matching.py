@@ -18,7 +18,7 @@ from numba import njit
 
 from flatcloth.core.geometry import directions_across, height_m, z_angle_deg
 from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigid2, RotationAxis, no_progress
-from flatcloth.methods.base import AlignmentScore
+from flatcloth.methods.answers import AlignmentScore
 
 _SEARCH_TRANSLATION_M = 0.06
 """Largest change of the translation in the search. Set by hand."""

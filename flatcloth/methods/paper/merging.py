@@ -23,7 +23,7 @@ from flatcloth.flattening.resampling import (
     sample,
     sample_at,
 )
-from flatcloth.methods.base import Canonical
+from flatcloth.methods.answers import Canonical
 from flatcloth.session.machine import PlacedPart, Side
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from flatcloth.core.config import PlanningConfig
 from flatcloth.core.geometry import z_angle_deg
 from flatcloth.core.types import FlattenedView, Float64, Rigid2, RotationAxis
-from flatcloth.methods.base import ColumnCurves, Plan, SidePlan
+from flatcloth.methods.answers import ColumnCurves, Plan, SidePlan
 from flatcloth.session.machine import Side
 
 _OCCLUDING_EDGE_MIN_M = 0.03

@@ -13,7 +13,7 @@ import numpy as np
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.flatten import Flattening
-from flatcloth.methods.base import JoinedPiece
+from flatcloth.methods.answers import JoinedPiece
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, JointShape
 from flatcloth.methods.robust.observations import Association
 from flatcloth.session.document import Accepted

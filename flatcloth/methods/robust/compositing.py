@@ -22,7 +22,7 @@ from flatcloth.flattening.reading import read_attributes
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier, nearest_samples
-from flatcloth.methods.base import Canonical
+from flatcloth.methods.answers import Canonical
 from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, JointShape
 from flatcloth.methods.robust.observations import FRONTAL_NOISE, Observation

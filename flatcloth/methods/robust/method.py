@@ -14,18 +14,17 @@ import numpy as np
 from flatcloth.core.cache import Cache
 from flatcloth.core.types import Bool, Progress, RgbdFrame, Rigid2, Uint8, no_progress
 from flatcloth.flattening.pixel_states import states_of_view
-from flatcloth.methods.base import (
+from flatcloth.methods.answers import (
     AlignmentScore,
     Candidate,
     Canonical,
     ClothPairs,
     JoinedPiece,
-    Method,
     Placement,
     Plan,
     SurfaceEdges,
-    Views,
 )
+from flatcloth.methods.base import Method, Views
 from flatcloth.methods.robust.acceptance import joined_piece, same_cloth, with_piece_moved
 from flatcloth.methods.robust.compositing import draw, states_of_nodes, states_on_surface
 from flatcloth.methods.robust.connectivity import both_ends

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import rotations_by
 from flatcloth.core.types import Bool, Float64, RotationAxis
-from flatcloth.methods.base import Candidate
+from flatcloth.methods.answers import Candidate
 from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.observations import INCIDENCE_LIMIT_DEG

@@ -19,7 +19,8 @@ from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2, height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2, RotationAxis
 from flatcloth.flattening.patches import median
-from flatcloth.methods.base import Alignment, ComponentPlacement, Hypothesis, Placement, Views
+from flatcloth.methods.answers import Alignment, ComponentPlacement, Hypothesis, Placement
+from flatcloth.methods.base import Views
 from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.paper.alignment import correspond, from_lines
 from flatcloth.methods.paper.matching import PLACE_SCALE_M

@@ -20,7 +20,7 @@ from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, Rigid2, RotationAxis
 from flatcloth.flattening.patches import median
 from flatcloth.flattening.surface import Surface
-from flatcloth.methods.base import AlignmentScore, ClothPairs
+from flatcloth.methods.answers import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
 from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
 from flatcloth.methods.refining import Nodes, Samples, fitted

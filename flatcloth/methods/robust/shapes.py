@@ -35,7 +35,7 @@ _MIB = 1 << 20
 """Bytes in a mebibyte. By definition."""
 _MOST_PREFIXES, _PREFIX_BYTES = 96, 64 * _MIB
 """Shapes that are kept for undo, trials and exports, which go through all of them: if they do not fit, each
-is computed again. 35 views of shirt-sleeve-clean with all their prefixes take 47 MiB, their
+is computed again. Chosen for undo: 35 views of shirt-sleeve-clean with all their prefixes take 47 MiB, their
 standard deviations 50 KiB each."""
 _VIEWS = 48
 """Views whose textures, components and costs of pixels (0.4 MiB each) are kept. Chosen: more than a session

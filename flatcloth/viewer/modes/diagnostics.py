@@ -15,7 +15,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2, Uint8
 from flatcloth.engine.diagnostics import Reasons, StrainedEdges, reasons
 from flatcloth.engine.integration import Integration
-from flatcloth.methods.base import ColumnCurves, ZAngleLine
+from flatcloth.methods.answers import ColumnCurves, ZAngleLine
 from flatcloth.methods.robust.scoring import TWICE_M
 from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import thumbnail

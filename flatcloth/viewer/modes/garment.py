@@ -22,7 +22,7 @@ from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, is_offered, is_sure
-from flatcloth.methods.base import Canonical
+from flatcloth.methods.answers import Canonical
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
 from flatcloth.session.machine import Document
 from flatcloth.viewer.protocol import messages

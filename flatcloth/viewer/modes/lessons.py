@@ -16,7 +16,7 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.garments.evidence import SPACING_M
 from flatcloth.garments.fit import TEMPERATURE
 from flatcloth.garments.recognition import MISFIT, NONE, misfit_of
-from flatcloth.methods.base import Alignment, ColumnCurves, SidePlan, ZAngleLine
+from flatcloth.methods.answers import Alignment, ColumnCurves, SidePlan, ZAngleLine
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.pictures import grid_of

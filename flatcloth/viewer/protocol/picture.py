@@ -15,7 +15,7 @@ from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, label_of, lay_out
 from flatcloth.engine.views import ViewCloud
 from flatcloth.garments.deciding import decided_pieces
 from flatcloth.grasping.visibility import Projection, Visibility, project
-from flatcloth.methods.base import AlignmentScore, JoinedPiece
+from flatcloth.methods.answers import AlignmentScore, JoinedPiece
 from flatcloth.methods.paper.merging import shows
 from flatcloth.rendering.layers import CONFLICT_M, difference, legends
 from flatcloth.session.machine import Document, Pending

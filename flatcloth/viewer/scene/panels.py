@@ -10,7 +10,7 @@ import viser
 
 from flatcloth.core.types import Float64
 from flatcloth.engine.integration import Proposal
-from flatcloth.methods.base import ColumnCurves
+from flatcloth.methods.answers import ColumnCurves
 from flatcloth.viewer.protocol.picture import Picture
 
 _AXIS = {"stroke": "#888888", "grid": {"stroke": "#88888840", "width": 1}, "size": 46}

@@ -11,7 +11,7 @@ from scenes import AXIS, sheet, views
 
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import Rigid2
-from flatcloth.methods.base import Alignment, AlignmentScore
+from flatcloth.methods.answers import Alignment, AlignmentScore
 from flatcloth.methods.paper.alignment import align_by_z_angle, not_worse_than_start
 from flatcloth.methods.paper.departures import Aligned
 from flatcloth.methods.paper.matching import Matcher

@@ -8,7 +8,7 @@ from flatcloth.core.config import FlatteningConfig, PlanningConfig, SurfaceConfi
 from flatcloth.core.types import RgbdFrame, Rigid2
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.surface import observe_surface
-from flatcloth.methods.base import ColumnCurves
+from flatcloth.methods.answers import ColumnCurves
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.paper.planning import (
     choose,

@@ -11,7 +11,7 @@ from scenes import AXIS, Cylinder
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.flattening.surface import observe_surface
-from flatcloth.methods.base import Candidate
+from flatcloth.methods.answers import Candidate
 from flatcloth.methods.robust.joint import begin_joint
 from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.next_best_view import _uncovered, rate_candidates

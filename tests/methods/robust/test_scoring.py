@@ -14,7 +14,7 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.flattening.surface import Surface, observe_surface
-from flatcloth.methods.base import Hypothesis
+from flatcloth.methods.answers import Hypothesis
 from flatcloth.methods.robust.joint import begin_joint
 from flatcloth.methods.robust.placement_search import (
     coarse_view,
