@@ -290,10 +290,8 @@ def _is_compiled(constant: Constant) -> bool:
         module = ast.parse(_sources()[path])
         names = {constant.name}
         for node in module.body:
-            if isinstance(node, ast.Assign) and names & {
-                n.id for n in ast.walk(node) if isinstance(n, ast.Name)
-            }:
-                names |= {n.id for t in node.targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+            if isinstance(node, ast.Assign) and names & _names(node):
+                names |= _names(*node.targets)
         for node in ast.walk(module):
             if isinstance(node, ast.FunctionDef) and "njit" in "".join(map(ast.unparse, node.decorator_list)):
                 if constant.is_inline and path == ROOT / constant.file:
