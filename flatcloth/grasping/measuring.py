@@ -19,7 +19,8 @@ _BRIDGED_PX = 2
 _GRID_CELLS = 200
 """Detours are searched on a grid with this many cells per side. Set by hand."""
 _SMOOTHING_M = 0.022
-"""Depth noise would lengthen the path through the measured points; it is fitted over this length."""
+"""Depth noise would lengthen the path through the measured points; it is fitted over this length.
+Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

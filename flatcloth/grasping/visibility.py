@@ -16,7 +16,7 @@ hand."""
 AGREES_M = 0.012
 """A depth this close to a point's is its measurement; covers depth noise and the axis' error. Set by hand."""
 GRAZING_COS = 0.15
-"""Surface seen at a smaller cosine of incidence is hardly measured."""
+"""Surface seen at a smaller cosine of incidence is hardly measured. Chosen."""
 
 
 class Visibility(StrEnum):

@@ -34,7 +34,7 @@ _SAME_NORMAL_COS = 0.85
 INCIDENCE_LIMIT_DEG = 75.0
 """Cloth at a larger incidence angle adds no nodes. Set by hand."""
 _NOISY_INCIDENCE_LIMIT_DEG = 55.0
-"""With noisy depth, known cloth at a larger incidence angle is not measured again."""
+"""With noisy depth, known cloth at a larger incidence angle is not observed there. Set by hand."""
 _NEW_NODE_DISTANCE = 0.65
 """A view adds nodes at this distance (in sampling intervals) from the nodes it sees. Set by hand."""
 _NARROW_NODE_DISTANCE = 0.8
