@@ -15,10 +15,9 @@ from flatcloth.segmentation.observed import Observed
 from flatcloth.segmentation.settings import ALIKE_COS
 
 _SAME_LAYER_M = 0.02
-"""Depth difference at which painted pixels are of another layer. Chosen: less cuts slopes, more joins
-layers."""
+"""Depth difference between painted pixels of two layers. Chosen: less cuts slopes, more joins layers."""
 _LEAST_PIXELS = 3
-"""Painted pixels that make a cluster painted. Chosen: fewer are the rim of the brush."""
+"""Least number of painted pixels of a painted cluster. Chosen: fewer are the rim of the brush."""
 
 
 def under(observed: Observed, stroke: ImageStroke | SpaceStroke, name: str) -> Int64:
@@ -64,7 +63,7 @@ def _under_image(observed: Observed, stroke: ImageStroke, name: str) -> Int64:
     grid = np.stack(across, axis=-1).reshape(-1, 2)
     distance, nearest = cKDTree(line).query(grid)
     grid, nearest = grid[distance <= radius_px], nearest[distance <= radius_px]
-    # The brush paints the layer under its line, not what lies beside or behind it.
+    # The brush paints only the layer under its line, not layers next to it or behind it.
     here = np.clip(np.rint(line[nearest]).astype(int), 0, (rows - 1, cols - 1))
     depth, own = view.depth_m[grid[:, 0], grid[:, 1]], view.depth_m[here[:, 0], here[:, 1]]
     painted = (own > 0) & (np.abs(depth - own) <= _SAME_LAYER_M)
@@ -92,7 +91,7 @@ def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
         )
     open_ = of_interest & ~wall
     part = graph.components((graph.weight > 0) & open_[graph.first] & open_[graph.second])
-    # What lies on the other side of the line must not be reached round its ends.
+    # The region beyond the line must not be connected to the other side around its ends.
     here = part[begin]
     side = np.asarray(cut.points_m).mean(axis=0) - np.asarray(cut.beyond_m)
     across = np.asarray(cut.points_m).mean(axis=0) + 3.0 * width_m * side / max(
@@ -103,7 +102,7 @@ def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
         near = float(np.linalg.norm(clusters.place_m[other] - across))
         if near < 4.0 * width_m:
             raise SegmentationError(
-                f"{name}: the cloth goes on round the ends of the line; draw it from rim to rim."
+                f"{name}: the cloth continues around the ends of the line; draw it from rim to rim."
             )
     return np.flatnonzero((part == here) & open_ | (wall & of_interest & _beside(observed, cut)))
 

@@ -1,4 +1,4 @@
-"""Certainty of a side: how often disturbed evidence gives the same side, calibrated against truth."""
+"""Certainty of a side: how often disturbed evidence gives the same side, calibrated on ground truth."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from flatcloth.core.types import Float32, Float64, Int64
 from flatcloth.segmentation.observed import Observed
 
 CALIBRATION = (-0.11, 0.84, 0.59, -0.21)
-"""Logistic regression of a right side: constant, log odds of the agreement of the samples, logarithm of the
-pixels (base 10) and facing less 0.8. Learned by ``python -m benchmarks segmentation --learn``."""
+"""Logistic regression of whether a side is right: constant, log odds of the agreement of the samples,
+logarithm of the pixels (base 10) and facing less 0.8. Learned by ``python -m benchmarks segmentation
+--learn``."""
 
 
 _CONTRADICTED = 0.1
@@ -21,7 +22,7 @@ _CONTRADICTED = 0.1
 def agreement(
     observed: Observed, side: Float64, anchors: Sequence[Int64], group: Int64, guess: bool = True
 ) -> Float64:
-    """Return (M,) how often a cluster lies to the anchors as ``side`` says, in the samples.
+    """Return (M,) in which share of the samples a cluster relates to the anchors as in ``side``.
 
     Parameters
     ----------
@@ -30,14 +31,14 @@ def agreement(
     side : (M,) float64
         +1 or -1.
     anchors : sequence of (K,) int64
-        Clusters whose side is known: those under each stroke, and last the sheet where it starts. The
-        one that agrees most counts, so that a further stroke takes no certainty away.
+        Clusters whose side is known: those under each stroke, and last the start sheet. The anchor with
+        the highest agreement counts, so that a further stroke never lowers the certainty.
     group : (M,) int64
-        What strokes turned over against each other, 0 what none did: an anchor tells of its own group
-        only. What no stroke turned over is as sure as it was to the start, even if that was turned over.
-        Of what was turned over, those samples tell most that contradict no other anchor.
+        Number of the region that strokes turned over separately, 0 for all other cloth. An anchor counts
+        only in its own group. Cloth that no stroke turned over keeps its agreement with the start sheet,
+        even if that was turned over. For other cloth, samples that contradict no other anchor weigh most.
     guess : bool
-        Whether the sheet where it starts still counts as known.
+        Whether the start sheet still counts as known.
     """
     samples = observed.samples.astype(np.float32)
     count = len(samples)
@@ -49,13 +50,13 @@ def agreement(
         first = n == len(anchors) - 1
         own = 0 if first else int(np.bincount(group[anchor]).argmax())
         says = np.sign((samples[:, anchor] * (unturned if first else side)[anchor]).sum(axis=1))
-        # What was turned over must agree with all that is known (conditional on it, the samples are few).
+        # Regions that were turned over must agree with all anchors; few samples do.
         weight = _CONTRADICTED ** ((turns * turns[n] < 0).sum(axis=0) if own else np.zeros(count))
         size = weight.sum() ** 2 / np.square(weight).sum()
         mean = (says * weight) @ samples / weight.sum()
         share = 0.5 + 0.5 * mean * (unturned if first else side) * size / (size + 1.0)
-        told = group == own
-        best[told] = np.maximum(best, share)[told]
+        same_group = group == own
+        best[same_group] = np.maximum(best, share)[same_group]
     agreed: Float64 = best
     for anchor in anchors:
         agreed[anchor] = 1.0 - 0.5 / (count + 1.0)

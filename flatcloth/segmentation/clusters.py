@@ -1,7 +1,7 @@
-"""Surface pixels of all views, gathered by place and normal: each cluster is cloth of one side.
+"""Surface pixels of all views, clustered by place and normal: each cluster is cloth of one side.
 
-Same place and same normal in two views is the same cloth on the same side (in 99.4 % or more), if
-the cameras are registered; ``python -m benchmarks segmentation`` tells the purity.
+Pixels of two registered views with the same place and normal show the same cloth on the same side (99.4 %
+or more of them); ``python -m benchmarks segmentation`` prints this purity.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ _NEAREST_FIRST = np.array(sorted(np.ndindex(3, 3, 3), key=lambda cell: sum(abs(n
 """Offsets (27, 3) to a cell and its neighbours, the nearest first, by definition: a near cluster, found
 early, bounds the search in the other cells."""
 _AREA = 1.11
-"""Cloth of a cluster over its squared radius; tests/segmentation compares it with a plate of known area."""
+"""Area of a cluster divided by its squared radius; tests/segmentation checks it on a plate of known area."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Clusters:
     """Clusters of surface pixels.
 
-    ``place_m``, ``normal`` (M, 3) float64 in the object frame; ``pixels`` (M,) int64 how many there
-    are; ``facing`` (M,) float64 cosine of the incidence at which the best view sees it; ``area_m2``
+    ``place_m``, ``normal`` (M, 3) float64 in the object frame; ``pixels`` (M,) int64 their
+    number; ``facing`` (M,) float64 cosine of the incidence at which the best view sees it; ``area_m2``
     (M,) of the cloth, about. ``of_pixel`` (N,) int32, the cluster of each pixel, -1 none.
     """
 
@@ -48,7 +48,7 @@ class Clusters:
 
     @property
     def count(self) -> int:
-        """How many clusters there are."""
+        """Number of clusters."""
         return len(self.place_m)
 
 
@@ -103,9 +103,9 @@ def gather(
 
 
 def _falling(facing: Float32) -> Int64:
-    """Return the order of positive numbers (N,), largest first, equal ones as they stand.
+    """Return the order of positive numbers (N,), largest first; the sort is stable.
 
-    Their bits, as whole numbers, stand in the same order; NumPy sorts 16 bits at a time ten times as fast.
+    Their bits, read as integers, have the same order; NumPy sorts 16 bits at a time ten times as fast.
     """
     bits = ~facing.view(np.uint32)
     order = np.argsort(bits.astype(np.uint16), kind="stable")
@@ -114,7 +114,7 @@ def _falling(facing: Float32) -> Int64:
 
 
 class _Limits(NamedTuple):
-    """What one cluster covers: its radius, the offset along its normal, and the turn of the normals."""
+    """Limits of a cluster: its radius, the offset along its normal, and the turn of the normals."""
 
     radius_m: float
     offset_m: float
@@ -144,7 +144,7 @@ def _cells(place: Float64, size: float) -> tuple[Int32, Int32]:
 
 @njit(cache=True, nogil=True)
 def _seeded(points: Float32, normals: Float32, order: Int64, limits: _Limits) -> tuple[Float64, Float64]:
-    """Take each point, in order, that no cluster taken before covers."""
+    """Select each point, in order, that no cluster selected before covers."""
     radius, offset, least_cos = limits
     capacity = min(len(points), 400_000)
     place, normal = np.empty((capacity, 3)), np.empty((capacity, 3))
@@ -157,8 +157,8 @@ def _seeded(points: Float32, normals: Float32, order: Int64, limits: _Limits) ->
             dx, dy, dz = _NEAREST_FIRST[n]
             j = head[_bucket(x + dx, y + dy, z + dz)]
             while j >= 0:
-                turn, along, beside = _relation(points, normals, i, place, normal, j)
-                if turn > least_cos and abs(along) < offset and beside < radius * radius:
+                turn, along, across = _relation(points, normals, i, place, normal, j)
+                if turn > least_cos and abs(along) < offset and across < radius * radius:
                     covered = True
                     break
                 j = following[j]
@@ -178,7 +178,7 @@ def _seeded(points: Float32, normals: Float32, order: Int64, limits: _Limits) ->
 def _relation(
     points: Float32, normals: Float32, i: int, place: Float64, normal: Float64, j: int
 ) -> tuple[float, float, float]:
-    """Cosine of the normals, offset along the cluster's normal, and squared distance beside it."""
+    """Cosine of the normals, offset along the cluster's normal, and squared distance across it."""
     turn, along, distance = 0.0, 0.0, 0.0
     for k in range(3):
         d = points[i, k] - place[j, k]
@@ -197,7 +197,7 @@ def _assign_together(
     normal: Float64,
     of_pixel: Int32,
 ) -> None:
-    """Do :func:`_assign` in shares, side by side."""
+    """Call :func:`_assign` on shares of the pixels, in parallel."""
     ends = np.linspace(0, len(points), THREADS + 1).astype(int)
     shares = [slice(*pair) for pair in itertools.pairwise(ends)]
 
@@ -218,7 +218,7 @@ def _assign(
     normal: Float64,
     of_pixel: Int32,
 ) -> None:
-    """Give each pixel the nearest cluster on its layer; distance along the normal counts twice."""
+    """Assign each pixel to the nearest cluster on its layer; distance along the normal counts twice."""
     radius, offset, least_cos = limits
     head, following = cells
     farthest = 1.2 * radius * radius
@@ -232,14 +232,14 @@ def _assign(
         best, least, bound = -1, np.inf, reach
         for n in range(27):
             dx, dy, dz = _NEAREST_FIRST[n]
-            # What is compared is at least the squared distance, and this at least that to the cell.
+            # The compared value is at least the squared distance to the cluster, and thus to its cell.
             if gap[0, dx + 1] + gap[1, dy + 1] + gap[2, dz + 1] >= bound:
                 continue
             j = head[_bucket(x + dx, y + dy, z + dz)]
             while j >= 0:
-                turn, along, beside = _relation(points, normals, i, place, normal, j)
-                if turn > least_cos and beside < farthest and abs(along) < 1.5 * offset:
-                    distance = beside + 4.0 * along * along + (1.0 - turn) * radius * radius
+                turn, along, across = _relation(points, normals, i, place, normal, j)
+                if turn > least_cos and across < farthest and abs(along) < 1.5 * offset:
+                    distance = across + 4.0 * along * along + (1.0 - turn) * radius * radius
                     if distance < least:
                         best, least, bound = j, distance, min(distance, reach)
                 j = following[j]

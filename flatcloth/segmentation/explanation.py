@@ -1,4 +1,4 @@
-"""What shows how the sides are found: a slice through the clusters, with the evidence between them."""
+"""Explains how the sides are found: a slice through the clusters, with the evidence between them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from flatcloth.core.types import Bool, Float64, Int64, RotationAxis
 from flatcloth.segmentation.observed import Observed
 
 _HALF_SLICE_M = 0.004
-"""Half the height of a slice. Chosen: less than a cluster's diameter, so that it shows each once."""
+"""Half the height of a slice. Chosen: less than a cluster's diameter, so that each is shown once."""
 _HEIGHTS = 40
-"""Slices that are compared. Chosen: one each 1 to 3 cm."""
+"""Number of slices that are compared. Chosen: one every 1 to 3 cm."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,10 @@
-"""Inner faces, seen through an opening: cloth with another face of the same layer at its back.
+"""Inner faces, seen through an opening: a single layer of cloth, whose other face is the outer face.
 
-Two layers back to back are as thick as two layers of cloth, or thicker; the two faces of one layer are
-half as far apart. That tells an inner face from the side of interest, which both have the other
-panel's outer face at their back. The thickness is measured between clusters that face away from each
-other; neighbours are labelled alike by a minimum cut (Boykov and Jolly, ICCV 2001, "Interactive graph cuts
-for optimal boundary and region segmentation of objects in N-D images").
+Both an inner face and the side of interest have an outer face at their back. The thickness distinguishes
+them: the two faces of one layer are half as far apart as the outer faces of two layers. It is measured
+between clusters that face away from each other; a minimum cut then labels the clusters, with a cost for
+different labels of neighbours (Boykov and Jolly, ICCV 2001, "Interactive graph cuts for optimal boundary
+and region segmentation of objects in N-D images").
 """
 
 from __future__ import annotations
@@ -21,39 +21,40 @@ from flatcloth.segmentation.settings import SegmentationConfig
 _ENOUGH_PIXELS = 20.0
 """Pixels at which a cluster's thickness has half of its full weight. Chosen."""
 _TWO_LAYERS = 30.0
-"""Percentile of the thickness taken for that of two layers that touch. Chosen: on recordings with truth at
-most 20 % of what shows a thickness is one layer; most of the rest does not touch."""
+"""Percentile of the measured thicknesses that is taken as that of two touching layers. Chosen: on recordings
+with ground truth at most 20 % of the measured clusters are one layer; most other layers do not touch."""
 _ONE_LAYER = 0.75
-"""Share of it below which cloth is one layer. By definition: half way from one layer to two."""
+"""Cloth thinner than this share of two layers is one layer. By definition: half way from one to two."""
 _LEAST_THICK_M = 0.0002
-"""Two layers that measure less than this are one: a towel. Chosen: the error of a thickness without noise."""
+"""Below this thickness of two layers the item is one layer: a towel. Chosen: error of a thickness without
+noise."""
 _LEAST_FACE = 8
-"""Clusters of the smallest face. Chosen: fewer are errors of the thickness."""
+"""Least number of clusters of a face. Chosen: smaller ones are errors of the thickness."""
 _THIN = 0.6
-"""Share of it below which noisy cloth, averaged around, is doubtful. Chosen: nearer to one layer than two."""
+"""Noisy cloth whose averaged thickness is below this share of two layers is doubtful. Chosen."""
 _AROUND = 12
-"""Steps to neighbours over which the thickness is averaged, each half. Chosen: it reaches about 2 cm."""
+"""Iterations of averaging the thickness with the neighbours. Chosen: this covers about 2 cm."""
 _LEAST_KNOWN = 0.02
-"""Weight of an averaged thickness from which it tells. Chosen: what is measured 2 cm away still counts."""
+"""Least weight of an averaged thickness. Chosen: measurements 2 cm away still count."""
 
 
 def inner_faces(clusters: Clusters, graph: SignedGraph, config: SegmentationConfig) -> Bool:
-    """Return which clusters (M,) show the inner face of cloth that is seen to be one layer there.
+    """Return which clusters (M,) lie on an inner face, because the cloth is one layer there.
 
     Parameters
     ----------
     clusters : Clusters
         Surface of all views.
     graph : SignedGraph
-        The evidence; what attracts lies on one face.
+        The evidence; positive edges join clusters of one face.
     config : SegmentationConfig
-        How the thickness counts against neighbours.
+        Weight of the thickness against that of the neighbours.
 
     Notes
     -----
-    Where a layer ends in its own small sheet, its outer face may be taken for an inner one: nothing
-    tells them apart. Noise of the size of the cloth's thickness leaves all as outer faces; so does an item of
-    one layer. Takes about 0.06 s for 20 000 clusters.
+    The outer face of a small part of one layer may be taken for an inner face, because nothing distinguishes
+    them. If the noise is as large as the cloth is thick, or the item is one layer, no inner face is found.
+    Takes about 0.06 s for 20 000 clusters.
     """
     known, thin = _thin(clusters, config)
     evidence, attracts = config.thickness_weight * thin * known, graph.weight > 0
@@ -65,11 +66,11 @@ def inner_faces(clusters: Clusters, graph: SignedGraph, config: SegmentationConf
 def doubtful_faces(
     clusters: Clusters, graph: SignedGraph, noise_m: float, config: SegmentationConfig
 ) -> Int64:
-    """Return which cloth (M,) may be an inner face, by the number of the face; -1 elsewhere.
+    """Return for clusters (M,) that may lie on an inner face the number of the face; -1 elsewhere.
 
-    To a noisy sensor the thickness of a cluster scatters by as much as it is, and no border of a face
-    is worth it. Averaged along the surface, over more than the width of a hem, it tells where cloth is
-    too thin for two layers, but not exactly how far.
+    With a noisy sensor the error of a single thickness is as large as the thickness, and the minimum cut
+    finds nothing. Averaged along the surface, over more than the width of a hem, the thickness shows where
+    the cloth is too thin for two layers, but not the exact border.
     """
     if noise_m <= config.noisy_depth_m:
         return np.full(graph.count, -1, dtype=np.int64)
@@ -81,12 +82,12 @@ def doubtful_faces(
     sums = np.stack([thin * known, known], axis=1)
     for _ in range(_AROUND):
         sums = 0.5 * (sums + (links @ sums) / degree[:, None])
-    told = (sums[:, 1] > _LEAST_KNOWN) & (sums[:, 0] > (1.0 - _THIN / _ONE_LAYER) * sums[:, 1])
-    return _faces(graph, told)
+    thin_around = (sums[:, 1] > _LEAST_KNOWN) & (sums[:, 0] > (1.0 - _THIN / _ONE_LAYER) * sums[:, 1])
+    return _faces(graph, thin_around)
 
 
 def _thin(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Float64]:
-    """Return how well the thickness (M,) is known, 0 to 1, and how thin cloth is: above 0 if one layer."""
+    """Return the weight (M,) of the thickness, 0 to 1, and the thinness: above 0 for one layer."""
     thickness_m, weight = thicknesses(clusters, config)
     known = weight > 0.0
     two_layers_m = float(np.percentile(thickness_m[known], _TWO_LAYERS)) if known.any() else 0.0
@@ -96,14 +97,14 @@ def _thin(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Floa
 
 
 def _faces(graph: SignedGraph, chosen: Bool) -> Int64:
-    """Return the number (M,) of the face of each chosen cluster; -1 off them, and on small faces."""
+    """Return the face number (M,) of each chosen cluster; -1 for other clusters and small faces."""
     face = graph.components((graph.weight > 0) & chosen[graph.first] & chosen[graph.second])
     kept: Bool = chosen & (np.bincount(face)[face] >= _LEAST_FACE)
     return np.where(kept, face, -1).astype(np.int64)
 
 
 def thicknesses(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Float64]:
-    """Return the distance (M,) to what lies at the back of each cluster, m, and its weight, 0 if unknown."""
+    """Return the distance (M,) of each cluster to the surface at its back, m, and its weight."""
     a, b, depth = back_to_back(clusters, -config.opposite_m, config.thickest_m, config)
     pixels = np.minimum(clusters.pixels[a], clusters.pixels[b])
     sure = np.minimum(clusters.facing[a], clusters.facing[b]) ** 2 * pixels / (pixels + _ENOUGH_PIXELS)

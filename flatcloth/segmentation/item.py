@@ -1,9 +1,9 @@
-"""The item among its surroundings, without a mask: what hangs on the axis, turns with it, and is no gripper.
+"""Find the item without a mask: the object that hangs on the axis and turns with it, without the gripper.
 
-Four tests, each of which says what it cut off: depth layers far from the axis are background; what
-hangs apart from the item is something else; what stays in place while the item turns is a stand, a
-table or an arm; and what lies above the held point, or sticks to the item at its top by a narrow
-neck and has another colour, is what holds it.
+Four tests remove other objects, and report what they removed. Depth layers far from the axis are background.
+A region apart from the item is another object. A region that stays in place while the item turns is a stand,
+a table or an arm. A region above the held point, or one of another colour that is connected to the top of
+the item by a narrow neck, is the gripper.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from flatcloth.flattening.surface import about_axis, foreground_mask
 from flatcloth.segmentation.settings import THREADS
 
 _APART_M = 0.03
-"""Regions farther than this from the largest are something else; nearer to the axis even the item stands
-still. Set by hand."""
+"""Regions farther than this from the largest are other objects. Nearer to the axis, the item hardly moves
+either. Set by hand."""
 _SECOND_SHARE = 0.4
 """A separate region of at least this share of the largest is another item. Set by hand."""
 _ENOUGH_VIEWS = 8
-"""Fewer views do not show what stands still. Chosen; not measured."""
+"""Least number of views that shows which regions stand still. Chosen; not measured."""
 _SWEEP_DEG = 60.0
-"""Nor does a smaller turn. Chosen; not measured."""
+"""Least turn that shows it. Chosen; not measured."""
 _STILL_SHARE = 0.9
-"""Share of the views in which a pixel of the background has the same depth. Chosen: noise and dropouts take
-the rest."""
+"""Least share of the views in which a pixel of the background has the same depth. Chosen: noise and dropouts
+affect the others."""
 _STILL_M = 0.004
 """Same depth: this, or 0.5 % of it if that is more. Chosen: about 3 sigma of a D435 at 0.85 m (1.5 mm)."""
 _ABOVE_M = 0.008
-"""What is this much above the held point is the gripper. Chosen: less cuts cloth if the held point is off."""
+"""Regions this much above the held point are the gripper. Chosen: less cuts cloth if the point is off."""
 _LEAST_CUT_M2 = 2e-4
 """Smaller regions are not cut off. Chosen: 14 x 14 mm are noise or a button."""
 _COLORS = 4
@@ -56,7 +56,7 @@ _MOST_GRIPPER_SHARE = 0.4
 
 @dataclass(frozen=True, kw_only=True)
 class CutOff:
-    """What was taken for no part of the item in a view: which kind of thing, its area, and why in words."""
+    """A region that was removed from the item in a view: kind of object, area, and the reason in words."""
 
     view_index: int
     kind: str
@@ -66,7 +66,7 @@ class CutOff:
 
 @dataclass(frozen=True, kw_only=True)
 class Item:
-    """The measured pixels of the item in each view, (H, W) bool, and what was cut off."""
+    """The measured pixels of the item in each view, (H, W) bool, and the regions that were cut off."""
 
     masks: tuple[Bool, ...]
     cut_off: tuple[CutOff, ...]
@@ -87,7 +87,7 @@ def find_item(
     axis : RotationAxis, optional
         Camera frame. Without one, the item is what is nearest to the camera.
     held_point_m : (3,) float64, optional
-        Camera frame; what lies above it holds the item.
+        Camera frame; regions above it are the gripper.
     config : SurfaceConfig
         Limits of the foreground.
 
@@ -123,7 +123,7 @@ def find_item(
 
 
 class _Hanging(NamedTuple):
-    """What hangs near the axis in a view: its pixels, whether there are two such things, what was cut off."""
+    """The item near the axis in a view: its pixels, whether there are two items, and what was cut off."""
 
     mask: Bool
     doubled: bool
@@ -135,7 +135,7 @@ def _hanging(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig)
     mask = _foreground(frame, axis, config)
     off: Bool = (frame.depth_m > 0) & ~mask
     if mask.any():
-        # One pixel of a wrong match, read as 60 m, would be 200 cm2 there; at the item's depth it is a speck.
+        # A wrongly matched pixel at 60 m would cover 200 cm2 there; at the item's depth it is tiny.
         off = _large(frame, off, mask)
     _note(cuts, frame, off, "background", "is too far from what hangs nearest to the axis")
     mask, doubled = _largest(frame, mask, cuts)
@@ -143,7 +143,7 @@ def _hanging(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig)
 
 
 def _foreground(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:
-    """Return what is measured about as far from the axis as the large regions nearest to it."""
+    """Return the pixels about as far from the axis as the large regions nearest to it."""
     measured: Bool = frame.depth_m > 0
     try:
         large = foreground_mask(frame, axis, config)
@@ -173,7 +173,7 @@ def _area_m2(frame: RgbdFrame, off: Bool) -> float:
 
 
 def _largest(frame: RgbdFrame, mask: Bool, cuts: list[CutOff]) -> tuple[Bool, bool]:
-    """Keep the largest region and what is near it; tell whether another is about as large."""
+    """Keep the largest region and those near it; return also whether another is about as large."""
     if not mask.any():
         return mask, False
     joined = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
@@ -191,12 +191,12 @@ def _largest(frame: RgbdFrame, mask: Bool, cuts: list[CutOff]) -> tuple[Bool, bo
     apart[[0, largest]] = False
     doubled = bool((weight[apart] >= _SECOND_SHARE * weight[largest]).any()) if apart.any() else False
     off: Bool = mask & apart[label]
-    _note(cuts, frame, off, "another thing", f"hangs more than {100 * _APART_M:.0f} cm beside the item")
+    _note(cuts, frame, off, "another object", f"hangs more than {100 * _APART_M:.0f} cm away from the item")
     return mask & ~off, doubled
 
 
 def _still(frames: Sequence[RgbdFrame]) -> tuple[Bool, Float32] | None:
-    """Pixels (H, W) whose depth stays while the item turns, and that depth; None if too few views tell."""
+    """Pixels (H, W) whose depth stays while the item turns, and that depth; None for too few views."""
     angles = np.array([frame.angle_deg for frame in frames])
     if len(frames) < _ENOUGH_VIEWS or np.ptp(angles) < _SWEEP_DEG:
         return None
@@ -221,11 +221,11 @@ def _without_holder(
     if not mask.any():
         return mask, cuts
     if axis is not None:
-        height, beside = about_axis(frame, mask, axis)
+        height, radius = about_axis(frame, mask, axis)
         off = np.zeros_like(mask)
         if still is not None:
             stays = still[0][mask] & (np.abs(frame.depth_m[mask] - still[1][mask]) <= _STILL_M)
-            off[mask] = stays & (beside > _APART_M)
+            off[mask] = stays & (radius > _APART_M)
             off = _large(frame, off)
             _note(cuts, frame, off, "a stand", "stays in place while the item turns")
         if held_point_m is not None:
@@ -243,9 +243,9 @@ def _without_holder(
 
 
 def _large(frame: RgbdFrame, off: Bool, like: Bool | None = None) -> Bool:
-    """Keep the regions of ``off`` that are large enough to be a thing, were they as far away as ``like``.
+    """Keep the regions of ``off`` that are large enough to be an object at the distance of ``like``.
 
-    Without ``like``, as far away as they are.
+    Without ``like``, their own distance counts.
     """
     count = int(np.count_nonzero(off))
     if not count:
@@ -276,7 +276,7 @@ def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:
     if rows.size < 8:
         return none
     lab = cv2.cvtColor(frame.color, cv2.COLOR_RGB2LAB).astype(np.float32)
-    lab[..., 0] *= 0.5  # folds are shaded by the lamp
+    lab[..., 0] *= 0.5  # lamps shade folds
     body = mask.copy()
     body[: int(rows[0] + _TOP_SHARE * rows.size)] = False
     if body.sum() < 50:
@@ -301,13 +301,13 @@ def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:
             off |= region
     if not off.any():
         return none
-    # What is left of the gripper's rim, cut off from the item by it.
+    # Remove also the rest of the gripper's rim, which the gripper separates from the item.
     count, label, stats, _ = cv2.connectedComponentsWithStats((mask & ~off).astype(np.uint8), connectivity=4)
     stats[0, cv2.CC_STAT_AREA] = 0
     main = label == int(stats[:, cv2.CC_STAT_AREA].argmax())
-    beside = cv2.dilate(off.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    near = cv2.dilate(off.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     for n in range(1, count):
         region = label == n
-        if not (region & main).any() and (region & beside).any():
+        if not (region & main).any() and (region & near).any():
             off |= region
     return _large(frame, off)

@@ -37,15 +37,14 @@ from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_
 from flatcloth.segmentation.settings import THREADS, SegmentationConfig
 
 _PARTNERS = 3
-"""Views that each is compared with, the nearest of those before it: enough to tell how the cameras stand. Set
-by hand."""
+"""Number of preceding views that each view is compared with: enough to find the camera poses. Set by hand."""
 _WELL_SEEN = 0.6
-"""Cosine of incidence from which a view tells its front. Chosen: up to 53 degrees."""
+"""Least cosine of incidence of the surface where the side of interest starts. Chosen: up to 53 degrees."""
 _START_M = 0.02
 """Radius of the patch from which the default side starts. Chosen: larger ones reach the rim of the sheet."""
 _LOOK = 2
-"""Every second view, each compared with one, tells whether the cameras may stand otherwise than recorded.
-Chosen: on the recordings it finds the loose one, and none else, in a fifth of the time."""
+"""The camera poses are first checked on every second view, each compared with one other view. Chosen: this
+finds the one recording with wrong poses, and no other, in a fifth of the time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +52,7 @@ class ObservedView:
     """One view of the item, cropped to it.
 
     ``view_index``; ``offset_rc`` of the crop in the recorded image of ``full_shape``; ``intrinsics`` of
-    the crop; ``object_from_camera`` where the camera stands; ``item`` (h, w) bool, measured pixels of
+    the crop; ``object_from_camera`` the camera pose; ``item`` (h, w) bool, measured pixels of
     the item; ``depth_m`` (h, w) float32; ``cluster`` (h, w) int32, -1 where none is near, and ``shows``
     (K,) int32 those that occur; ``surface`` (h, w) bool, pixels that made the clusters; ``area_m2``
     (h, w) float32, cloth under each of those.
@@ -72,7 +71,7 @@ class ObservedView:
     area_m2: Float32
 
     def whole(self, crop: Bool) -> Bool:
-        """Return a crop (h, w) laid in the recorded image (H, W)."""
+        """Return a crop (h, w) pasted into the recorded image (H, W)."""
         image = np.zeros(self.full_shape, dtype=np.bool_)
         (top, left), (rows, cols) = self.offset_rc, crop.shape
         image[top : top + rows, left : left + cols] = crop
@@ -81,13 +80,13 @@ class ObservedView:
 
 @dataclass(frozen=True, kw_only=True)
 class Observed:
-    """What the views show, before any stroke; immutable.
+    """The views and the evidence before any stroke; immutable.
 
     ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of all
-    views looked at; ``clusters``, ``graph`` the evidence; ``partition`` the sides it says, ``samples`` (K, M)
+    given views; ``clusters``, ``graph`` the evidence; ``partition`` the sides that follow, ``samples`` (K, M)
     those of disturbed evidence; ``inner`` (M,) clusters on inner faces, seen through an opening; ``doubtful``
-    (M,) faces, by their numbers, that may be such, -1 elsewhere; ``start_view`` the view that shows most of
-    the item; ``cut_off`` what was no item.
+    (M,) numbers of faces that may be inner faces, -1 elsewhere; ``start_view`` the view that shows most of
+    the item; ``cut_off`` the regions that were removed.
     """
 
     views: dict[int, ObservedView]
@@ -127,7 +126,7 @@ def observe(
     settings : SegmentationConfig, optional
         Of the segmentation.
     progress : callable
-        Told the share of the work; may raise ``CancelledError``.
+        Called with the share of the work that is done; may raise ``CancelledError``.
     sensor_blurs : callable
         Returns whether the sensor blurs edges between layers.
 
@@ -186,9 +185,7 @@ def _surfaces(
         seen = pool.map(lambda n: _surface(frames[n], item, n, axis, config, blurs), range(len(frames)))
         surfaces = [surface for surface in seen if surface is not None]
     if not surfaces:
-        raise SegmentationError(
-            "No view shows cloth that could be told from its surroundings; check the depth."
-        )
+        raise SegmentationError("No view shows cloth that differs from its surroundings; check the depth.")
     return surfaces
 
 
@@ -207,7 +204,7 @@ def _surface(
 def _poses(
     surfaces: Sequence[Surface], axis: RotationAxis, held_point_m: Float64, config: Config
 ) -> Sequence[Rigid3]:
-    """Where the cameras stand: as known, unless the views say that this is not so."""
+    """Return the camera poses: the recorded ones, unless the views contradict them."""
     known = [held_from_camera(axis, surface.frame.angle_deg) for surface in surfaces]
     if len(surfaces) < 2:
         return known
@@ -227,7 +224,7 @@ def _poses(
 
 
 def _features(surface: Surface) -> ViewFeatures:
-    """Features whose images stay as they are: all views are compared, and then no longer needed."""
+    """Features with uncompressed images: all views are compared once, and then no longer needed."""
     features = extract_features(surface)
     images = features.images
     return replace(features, make_images=lambda: images)
@@ -300,10 +297,10 @@ def _view(
 
 
 def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationConfig) -> Int32:
-    """Give pixels of the item without a cluster that of a near one on the same layer.
+    """Assign pixels of the item without a cluster to that of a near pixel on the same layer.
 
-    The band at rims, holes and steep places make no clusters. The nearest pixel that has one counts,
-    if it lies about as far away; else the nearest among those that do in the row and the column.
+    Pixels near rims and holes, and steep ones, form no clusters. They take the cluster of the nearest pixel
+    with one if its depth is similar; else of the nearest pixel of similar depth in their row or column.
     """
     known = (label >= 0).astype(np.uint8)
     result = label.copy()
@@ -328,7 +325,7 @@ def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationCon
 def _fill_alike(
     rest: Int64, label: Int32, depth_m: Float32, half_px: int, most_m: float, result: Int32
 ) -> None:
-    """Give the pixels (K, 2) of ``rest`` the nearest label in a window that lies about as far away."""
+    """Assign to the pixels (K, 2) of ``rest`` the nearest label of similar depth in a window."""
     rows, cols = label.shape
     for n in range(len(rest)):
         r, c = rest[n, 0], rest[n, 1]
@@ -361,7 +358,7 @@ def start_sheet(observed: Observed) -> Int64:
     joined = (g.weight > 0) & good[g.first] & good[g.second] & (side[g.first] == side[g.second])
     label = g.components(joined)
     sheet = good & (label == np.bincount(label[good], shown[good]).argmax())
-    # Its middle only: where the sheet ends, the evidence may be wrong.
+    # Only its middle: the evidence may be wrong near the rim of the sheet.
     inside = np.zeros(view.cluster.shape, dtype=np.uint8)
     inside[at] = sheet[view.cluster[at]]
     depth = cv2.distanceTransform(np.pad(inside, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]

@@ -23,10 +23,9 @@ from flatcloth.segmentation.settings import SegmentationConfig
 Int8 = NDArray[np.int8]
 
 _NOISES = 4096
-"""Different factors in one disturbance of the evidence. Chosen: evidence that shares one does so by
-chance."""
+"""Different random factors in one disturbance of the evidence. Chosen: few distant edges share one."""
 CORE_NODES = 8
-"""Nodes of a piece that no disturbance divides, 1 to 2 cm wide. Chosen: disturbances extend over more;
+"""Nodes of a piece that no disturbance divides, 1 to 2 cm wide. Chosen: disturbances extend farther;
 ``python -m benchmarks segmentation`` measures the certainty."""
 
 
@@ -34,8 +33,8 @@ CORE_NODES = 8
 class Partition:
     """Which nodes lie on the same side.
 
-    ``side`` (M,) float64, +1 or -1, comparable inside a part; ``part`` (M,) int64, nodes that evidence joins;
-    the sides of different parts cannot be compared.
+    ``side`` (M,) float64, +1 or -1, comparable inside a part; ``part`` (M,) int64, a number for each set of
+    nodes that evidence joins; sides of different parts cannot be compared.
     """
 
     side: Float64
@@ -43,7 +42,7 @@ class Partition:
 
 
 def partition(graph: SignedGraph, most: int | None = None) -> Partition:
-    """Join nodes until no net evidence is left, into parts of at most ``most`` nodes; see the module.
+    """Join nodes into parts of at most ``most`` nodes until no net evidence is left; see the module.
 
     Takes about 0.15 s for 20 000 nodes.
     """
@@ -60,9 +59,9 @@ def sampled_sides(
 ) -> Int8:
     """Return the sides (K, M) int8 in partitions of disturbed graphs; 0 off the largest part.
 
-    Where evidence is weak or contradictory, the samples differ: how often two nodes lie on the same
-    side in them tells how sure that is (perturb and MAP; Papandreou and Yuille, ICCV 2011). The
-    disturbance is alike nearby, as what causes errors is: a crease that is none, a seam that is flat.
+    The samples differ where evidence is weak or contradictory. The share of samples in which two nodes lie
+    on the same side is the probability of that (perturb and MAP; Papandreou and Yuille, ICCV 2011). The
+    disturbance is correlated in space, as errors of the evidence are: those of a crease or a flat seam.
 
     Parameters
     ----------
@@ -71,11 +70,11 @@ def sampled_sides(
     place_m : (M, 3) float64
         Where the nodes lie.
     config : SegmentationConfig
-        How many samples, and how they are disturbed.
+        Number of samples, and size of the disturbance.
     progress : callable
-        Told the share of the work.
+        Called with the share of the work that is done.
     threads : int
-        Samples worked on at a time.
+        Samples processed in parallel.
     """
     random = np.random.default_rng(0)
     middle = 0.5 * (place_m[graph.first] + place_m[graph.second])
@@ -136,7 +135,7 @@ def _resolved(parent: Int64, sign: Float64) -> tuple[Float64, Int64]:
 
 @njit(cache=True, nogil=True)
 def _slot(keys: Int64, key: int) -> int:
-    """Return where a key stands in a hash table with open addresses, or the free place where it would."""
+    """Return the position of a key in a hash table with open addressing, or the free position for it."""
     last = len(keys) - 1
     at = _hash(key, last)
     while keys[at] != key and keys[at] >= 0:
@@ -146,13 +145,13 @@ def _slot(keys: Int64, key: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _hash(key: int, last: int) -> int:
-    """Return a place of the table: high bits of the product with xorshift*'s multiplier (Vigna, 2016)."""
+    """Return a position in the table: high bits of the product with xorshift*'s multiplier (Vigna, 2016)."""
     return ((key * 0x2545F4914F6CDD1D) >> 20) & last
 
 
 @njit(cache=True, nogil=True)
 def _clear(keys: Int64, values: Float64, at: int) -> None:
-    """Take out the key at a place of the table; those after it move up, so that they are found."""
+    """Remove the key at a position of the table; move the following keys up, so that they are found."""
     last = len(keys) - 1
     gap = at
     while True:
@@ -167,12 +166,12 @@ def _clear(keys: Int64, values: Float64, at: int) -> None:
 
 @njit(cache=True, nogil=True)
 def _contracted(count: int, first: Int64, second: Int64, weight: Float64, most: int) -> tuple[Float64, Int64]:
-    # Net evidence of each pair of nodes: never more pairs than at first, so that half stays free.
+    # Net evidence of each pair of nodes. The number of pairs only falls, so half of the table stays free.
     places = 64
     while places < 2 * first.size:
         places *= 2
     keys, net = np.full(places, -1, np.int64), np.empty(places)
-    # Neighbours as linked lists; entries of nodes that were joined meanwhile are stale, and skipped.
+    # Neighbours as linked lists; entries of nodes joined since then are skipped.
     capacity = 8 * first.size + 16
     head, tail = np.full(count, -1, np.int64), np.full(count, -1, np.int64)
     following, target = np.full(capacity, -1, np.int64), np.empty(capacity, np.int64)

@@ -21,12 +21,11 @@ from flatcloth.segmentation.partition import CORE_NODES, partition
 from flatcloth.segmentation.relations import SignedGraph
 
 _WEAK = 0.05
-"""Evidence weaker than this share of the strongest joins no pieces: it lies at their borders. Chosen for
-speed."""
+"""Evidence weaker than this share of the strongest does not join clusters to pieces. Chosen for speed."""
 _PRECISION = 1e-4
-"""Residual over that of the start. Chosen: only the order of potentials counts."""
+"""Final residual, relative to the initial one. Chosen: only the order of potentials counts."""
 _MOST_STEPS = 200
-"""Steps after which the solution is taken as it is; 5 to 40 are usual. Chosen."""
+"""Largest number of steps; 5 to 40 are usual. Chosen."""
 
 
 class Rows(NamedTuple):
@@ -47,7 +46,7 @@ def rows_of(graph: SignedGraph) -> Rows:
 
 
 class Potentials:
-    """Solves for the potentials of a graph; holds what does not depend on the conductances."""
+    """Solves for the potentials of a graph; keeps the data that does not depend on the conductances."""
 
     def __init__(self, graph: SignedGraph) -> None:
         self.rows = rows_of(graph)
@@ -102,7 +101,7 @@ class _Rows(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def _smoothed(rows: _Rows, right: Float64, piece: Int64, pieces: int) -> tuple[Float64, Float64]:
-    """Return the solution (M,) after a sweep from 0, and what is left of the right side, by pieces."""
+    """Return the solution (M,) after a sweep from 0, and the residual summed over each piece."""
     begin, neighbour, weight, diagonal = rows
     x, left = np.zeros(len(right)), np.zeros(pieces)
     for i in range(len(x)):

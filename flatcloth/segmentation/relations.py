@@ -1,8 +1,8 @@
 """Evidence between clusters of the surface: the same side, or opposite sides.
 
-Neighbours in a view lie on the same side, the less surely the sharper the cloth turns away between
-them, as at a side seam. The two layers of a plate, back to back, lie on opposite sides: of such
-pairs 94 to 100 % do (``python -m benchmarks segmentation``).
+Neighbours in a view lie on the same side; this evidence is weaker where the cloth turns away sharply between
+them, as at a side seam. Two layers back to back lie on opposite sides: 94 to 100 % of such pairs do
+(``python -m benchmarks segmentation``).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.settings import SegmentationConfig
 
 _FULL = 10.0
-"""Weight of sure evidence between two clusters; only ratios count. Set by hand."""
+"""Largest weight of the evidence between two clusters; only ratios count. Set by hand."""
 _ENOUGH_PIXELS = 10.0
 """Pixels at which the evidence between two clusters has half of its full weight. Chosen; not measured."""
 _LEAST_PIXELS = 4
-"""Clusters of fewer pixels give none: their normals are noise. Chosen."""
+"""Clusters of fewer pixels give no evidence: their normals are noise. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class SignedGraph:
     weight: Float64
 
     def components(self, kept: Bool) -> Int64:
-        """Return the number (M,) of the component of each cluster that the kept edges (E,) join."""
+        """Return the component number (M,) of each cluster, joined by the kept edges (E,)."""
         return components(self.count, self.first[kept], self.second[kept])
 
 
@@ -79,7 +79,7 @@ def links_of_view(cluster: Int32, facing: Float32, steps: NDArray[np.uint8]) -> 
 def signed_graph(
     clusters: Clusters, links: list[Links], noise_m: float, config: SegmentationConfig
 ) -> SignedGraph:
-    """Return what neighbours and opposite layers tell.
+    """Return the evidence from neighbours and from opposite layers.
 
     Parameters
     ----------
@@ -147,6 +147,6 @@ def back_to_back(
     axis = clusters.normal[a] - clusters.normal[b]
     axis /= np.linalg.norm(axis, axis=1)[:, None]
     depth: Float64 = -(offset * axis).sum(axis=1)
-    beside = np.sqrt(np.maximum((offset**2).sum(axis=1) - depth**2, 0.0))
-    kept = (depth < most_m) & (depth > least_m) & (beside < config.opposite_beside_m)
+    across = np.sqrt(np.maximum((offset**2).sum(axis=1) - depth**2, 0.0))
+    kept = (depth < most_m) & (depth > least_m) & (across < config.opposite_beside_m)
     return a[kept], b[kept], depth[kept]

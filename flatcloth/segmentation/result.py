@@ -1,4 +1,4 @@
-"""The result of a segmentation: a side and a certainty for every surface pixel, and what was cut off."""
+"""The result of a segmentation: side and certainty of every surface pixel, and the regions cut off."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from flatcloth.segmentation.partition import Int8
 from flatcloth.segmentation.settings import ALIKE_COS
 
 OF_INTEREST, OTHER, UNDECIDED, NO_ITEM = 1, -1, 0, 2
-"""Sides of pixels, numbers by definition; ``NO_ITEM`` is what was not measured or cut off."""
+"""Sides of pixels, numbers by definition; ``NO_ITEM``: not measured, or cut off."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class ViewSegmentation:
 
 @dataclass(frozen=True, kw_only=True)
 class Conflict:
-    """Two decisions about the same cloth: the ``later`` holds there. Numbers in the list of decisions."""
+    """Two contradicting decisions about the same cloth, by number; the ``later`` one counts there."""
 
     earlier: int
     later: int
@@ -45,7 +45,7 @@ class Conflict:
 
 @dataclass(frozen=True, kw_only=True)
 class Changed:
-    """What the last decision changed: area, of which was sure before, and the views that show it."""
+    """Changes by the last decision: total area, area that was sure before, and the views that show it."""
 
     area_m2: float
     sure_m2: float
@@ -55,9 +55,9 @@ class Changed:
 
 @dataclass(frozen=True, kw_only=True)
 class Suggestion:
-    """Where a stroke would tell most: a pixel of a view, its place and normal in the object frame.
+    """Where a stroke would help most: a pixel of a view, its place and normal in the object frame.
 
-    ``gain_m2`` is the area, weighted by what is unsure of it, that the stroke would settle.
+    ``gain_m2`` is the area that the stroke would determine, weighted by its uncertainty.
     """
 
     view_index: int
@@ -85,17 +85,17 @@ class Segmentation:
 
     @property
     def cut_off(self) -> tuple[CutOff, ...]:
-        """What was taken for no part of the item."""
+        """Regions that were removed from the item."""
         return self.observed.cut_off
 
     @property
     def area_of_interest_m2(self) -> float:
-        """Area of the cloth on the side of interest, as far as it is seen."""
+        """Visible area of the cloth on the side of interest."""
         return float(self.observed.clusters.area_m2[self.side == OF_INTEREST].sum())
 
     @property
     def area_undecided_m2(self) -> float:
-        """Area of the cloth whose side nothing determines."""
+        """Area of the cloth whose side is undecided."""
         return float(self.observed.clusters.area_m2[self.side == UNDECIDED].sum())
 
     @property
@@ -107,7 +107,7 @@ class Segmentation:
 
     @property
     def text(self) -> str:
-        """What is to be told, in a sentence."""
+        """The result in a sentence."""
         undecided = 1e4 * self.area_undecided_m2
         rest = f"; {undecided:.0f} cm2 are undecided and stay out" if undecided >= 1 else ""
         n = len(self.decisions)

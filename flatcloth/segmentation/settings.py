@@ -1,4 +1,4 @@
-"""The numbers of the segmentation, with their units and where they come from."""
+"""Constants of the segmentation, with their units and sources."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 ALIKE_COS = 0.3
 """Normals of one side at one place differ by less than 73 degrees. Chosen."""
 THREADS = 2
-"""Views, and samples, worked on at a time. Chosen for two cores; more need more memory."""
+"""Views, or samples, processed in parallel. Chosen for two cores; more need more memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +23,7 @@ class SegmentationConfig:
     cluster_offset_m: float = 0.0015
     """... pixels farther than this along the normal are another layer, ..."""
     cluster_noise: float = 5.0
-    """... or so many times the noise of the depth."""
+    """... or than this multiple of the depth noise."""
     cluster_cos: float = 0.6
     """Normals in a cluster differ by at most the angle of this cosine."""
     link_facing: float = 2.0
@@ -37,51 +37,51 @@ class SegmentationConfig:
     """Normals of the two layers of a plate differ by at least the angle of this cosine, ..."""
     opposite_m: float = 0.004
     """... one lies behind the other by at most this without noise, or by ``cluster_m`` with noise (stereo
-    sensors make what is near larger), ..."""
+    sensors enlarge near surfaces), ..."""
     opposite_behind_m: float = 0.003
-    """... or before it by this, by errors of the registration, ..."""
+    """... or in front of it by this, because of registration errors, ..."""
     opposite_beside_m: float = 0.005
-    """... and beside it by at most this."""
+    """... and their distance across the normal is at most this."""
     thickness_weight: float = 2.0
-    """Cloth of one layer is evidence of an inner face, at most this much for each cluster."""
+    """Most evidence of an inner face that the thickness of one layer gives for each cluster."""
     noisy_depth_m: float = 0.0003
     """Depth that scatters more than this about its local planes (median) is noisy."""
     samples: int = 32
-    """Partitions of disturbed graphs, from which the certainty is taken."""
+    """Partitions of disturbed graphs; the certainty is computed from them."""
     disturbance: float = 1.0
-    """Standard deviation of the logarithm of the evidence, alike ..."""
+    """Standard deviation of the disturbance of the logarithm of the evidence; ..."""
     disturbance_m: float = 0.05
-    """... over this extent."""
+    """... it is correlated over this distance."""
     flip_exponent: float = 0.3
-    """A stroke turns over the region whose border costs least, over its size to this power; ..."""
+    """A stroke turns over the region with the least border cost divided by its size to this power; ..."""
     flip_per_cluster: float = 0.06
-    """... each cluster adds this to the cost, times the number of the stroke, ..."""
+    """... each cluster adds this to the cost, times the stroke's number, ..."""
     flip_potential: float = 0.6
-    """... and none is farther from the stroke than this potential (-1 at the stroke, 1 at the others)."""
+    """... and only clusters below this potential are turned over (-1 at the stroke, 1 at the others)."""
     most_cost: float = 62.0
-    """A region that would cost more than this has no clear border. A first stroke that contradicts a side
-    that was shown then may mean that the guess was wrong: all is turned over, or, if a sample divides both,
-    what is not in the region is undecided. For any other stroke, the partition is made anew, if that costs
-    less. Learned, as the middle of the values with which least is wrong after a first stroke; ``python -m
-    benchmarks segmentation --learn`` prints it, and leave-one-garment-out."""
+    """A region of a higher cost has no clear border. If the first stroke contradicts a side that was shown,
+    the guess was probably wrong: all is turned over or, if a sample separates the stroke from the start
+    sheet, the cloth outside the region becomes undecided. For other strokes, the graph is partitioned again,
+    if that costs less. Learned: the middle of the values with the fewest errors after a first stroke;
+    ``python -m benchmarks segmentation --learn`` prints it, also with each garment left out."""
     flip_rounds: int = 1
-    """Reweightings of the potentials."""
+    """How often the potentials are reweighted."""
     least_certainty: float = 0.7
-    """Cloth that is less certain than this is undecided, and stays out, ..."""
+    """Cloth with a lower certainty is undecided, and not part of the shape, ..."""
     certainty_per_stroke: float = 0.05
-    """... less this for each stroke after the second: what is wrong would have been stroked first, ..."""
+    """... less this for each stroke after the second, because operators correct large errors first, ..."""
     undecided_below: float = 0.575
-    """... but what is less certain than this is told by a stroke only: where it says 0.62, 0.58 is right."""
+    """... but not less than this: below it only a stroke decides. A certainty of 0.62 is right in 0.58."""
     sure: float = 0.9
-    """What is more certain than this is not turned over silently. What strokes turned over is undecided if it
-    is less certain, ..."""
+    """If cloth of a higher certainty is turned over, its area is reported. Cloth that strokes turned over is
+    undecided below this certainty, ..."""
     turned_per_stroke: float = 0.1
-    """... less this for each stroke after the first, as above."""
+    """... less this for each stroke after the first, for the same reason."""
     fill_px: int = 16
-    """Pixels of the item without a cluster take that of the nearest with one, within this distance and
+    """Pixels of the item without a cluster take the nearest one within this distance, and within
     ``thickest_m`` in depth."""
 
     @property
     def thickest_m(self) -> float:
-        """What lies farther behind a cluster is another thing, and tells nothing of the thickness there."""
+        """Surface farther behind a cluster is another object, and no measurement of its thickness."""
         return 2.0 * self.cluster_m

@@ -1,4 +1,4 @@
-"""The side of interest for any list of decisions, remembered by prefix, so that undo is exact and cheap."""
+"""The side of interest for any list of decisions. Results are cached by prefix: undo is exact and cheap."""
 
 from __future__ import annotations
 
@@ -28,27 +28,29 @@ from flatcloth.segmentation.result import (
 )
 from flatcloth.segmentation.spreading import Spreading, least_region
 
-_UNTESTED, _SETTLED = -1, -2  # by definition: numbers of no part
-_EXCEPTION = -1.0  # by definition: less than any cost
+_UNTESTED, _SETTLED = -1, -2  # by definition: no part has these numbers
+_EXCEPTION = -1.0  # by definition: below every cost
 _LEAST_M2 = 1e-4
-"""Less cloth is not worth a word. Chosen: 1 cm2."""
+"""A smaller area is not reported. Chosen: 1 cm2."""
 _CANDIDATES = 64
-"""Places compared for the next question. Chosen; more cost time."""
+"""Places compared for the next suggestion. Chosen; more cost time."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _State:
-    """After some decisions: sides (M,), which decision holds a cluster (M,), -1 none, what is cut off.
+    """The sides after some decisions.
 
-    ``inner`` (M,) is True on inner faces, which are of no interest whatever side they lie on; ``strokes``
-    are the clusters under each stroke, in order; ``group`` (M,) int64 tells apart what strokes turned
-    over against each other: the evidence between two groups is contradicted; ``part`` (M,) int64 tells
-    apart what nothing joins; ``guess`` is the part that waits until a stroke tells whether the guess of
-    the side was right, or says why there is none; ``known`` (M,) is True in the largest part of the
-    evidence, and in others that a stroke touched: elsewhere nothing tells the side. ``alone`` is what the
-    first stroke would have cost without turning the whole guess over, 0 if it did not or if a stroke since
-    agreed with that, ``_EXCEPTION`` if it was found to hold only under its mark; ``against`` is what the
-    strokes since then cost together.
+    ``side`` (M,) is +1 or -1 for each cluster; ``holder`` (M,) the decision that determines it directly, -1
+    if none does; ``excluded`` (M,) is True where a cut removed the cluster. ``inner`` (M,) is True on inner
+    faces, which are never of interest; ``strokes`` are the clusters under each stroke, in order. ``group``
+    (M,) int64 numbers the regions that strokes turned over separately: strokes contradict the evidence
+    between two groups. ``part`` (M,) int64 numbers the connected components of the evidence. ``guess`` is
+    the part where the next stroke shows whether the initial guess was right, ``_UNTESTED`` if that was never
+    in doubt, ``_SETTLED`` after it was decided. ``known`` (M,) is True in the largest part and in
+    parts that a stroke touched; the side of other clusters is unknown. ``alone`` is the cost that the first
+    stroke would have had without turning over the whole guess; 0 if it did not turn it over, or if a later
+    stroke agreed with it; ``_EXCEPTION`` if later strokes showed that it holds only under its mark.
+    ``against`` is the total cost of the later strokes.
     """
 
     side: Float64
@@ -71,11 +73,11 @@ class _State:
 
 
 class _Turn(NamedTuple):
-    """What a stroke turns over, and what that contradicts.
+    """The clusters that a stroke turns over, and its cost.
 
-    ``sides``: the clusters that change sides; ``inner``: those that turn out to be an inner face; ``cost``:
-    of the evidence, if only the region around the stroke is turned over; ``whole``: the guess of the side
-    was wrong; ``clear``: False if only another stroke tells whether it was.
+    ``sides``: the clusters that change sides; ``inner``: those that become an inner face; ``cost``: that of
+    the contradicted evidence, if only the region around the stroke is turned over; ``whole``: True if the
+    guess of the side was wrong; ``clear``: False if another stroke is needed to decide that.
     """
 
     sides: Int64
@@ -86,17 +88,17 @@ class _Turn(NamedTuple):
 
 
 def _shown(side: Float64, inner: Bool) -> Float64:
-    """Return what sides (M,) mean: inner faces (M,) are of no interest."""
+    """Return the sides (M,) with inner faces (M,) set to -1: they are not of interest."""
     return np.where(inner, -1.0, side)
 
 
 def _wanted(decision: Decision) -> float:
-    """Return the side that a stroke tells: 1 of interest, -1 not."""
+    """Return the side that a stroke assigns: 1 of interest, -1 not."""
     return -1.0 if isinstance(decision, Cut) or decision.side == "other" else 1.0
 
 
 def _mark(side: Float64, inner: Bool, touched: Int64, wanted: float) -> None:
-    """Give the clusters under a stroke the side that it tells, whatever lies around them."""
+    """Assign the side of a stroke to the clusters under it, and to no others."""
     off = touched[_shown(side, inner)[touched] != wanted]
     inner[off] = wanted < 0
     side[off] = 1.0 if wanted > 0 else side[off]
@@ -108,7 +110,7 @@ class SideSolver:
     Parameters
     ----------
     observed : Observed
-        The views, prepared.
+        The prepared views.
     """
 
     def __init__(self, observed: Observed) -> None:
@@ -135,7 +137,7 @@ class SideSolver:
         return self._results.get(key, lambda: self._result(key))
 
     def where_next(self, decisions: Sequence[Decision]) -> Suggestion | None:
-        """Return where a stroke would determine most; None if little is uncertain."""
+        """Return where a stroke would determine the largest area; None if little is uncertain."""
         now, state = self.solve(decisions), self._state(tuple(decisions))
         clusters = self.observed.clusters
         unsure = np.where(state.excluded, 0.0, clusters.area_m2 * (1.0 - now.certainty))
@@ -179,7 +181,7 @@ class SideSolver:
         largest = int(np.bincount(found.part[start]).argmax())
         side = found.side * np.sign((found.side[start] * (found.part[start] == largest)).sum() or 1.0)
         inner = self.observed.inner.copy()
-        if inner[start].any():  # an inner face is the side that the operator looks at first
+        if inner[start].any():  # the start sheet counts as of interest: no face is inner
             inner[:] = False
         return _State(
             side=side,
@@ -207,19 +209,19 @@ class SideSolver:
         if state.guess >= 0 and (state.part[touched[~state.inner[touched]]] == state.guess).any():
             state = self._settled(state, touched, wanted, number)
         else:
-            told = self.solve(decisions[:-1]).side
-            # A doubtful face was shown as not of interest: a stroke on it contradicts something.
-            told = np.where(self.observed.doubtful < 0, told, OTHER)
-            state = self._stroked(state, touched, wanted, number, told)
+            previous = self.solve(decisions[:-1]).side
+            # A doubtful face was shown as not of interest: a stroke on it contradicts that.
+            previous = np.where(self.observed.doubtful < 0, previous, OTHER)
+            state = self._stroked(state, touched, wanted, number, previous)
             if 0 < state.alone < state.against:
                 state = self._without_first(state, decisions)
         return replace(state, conflicts=conflicts)
 
     def _without_first(self, state: _State, decisions: tuple[Decision, ...]) -> _State:
-        """Return the guess as it was, where the first stroke holds only under its mark.
+        """Restore the initial guess; the first stroke then holds only under its mark.
 
-        It turned the whole guess over, but all strokes since contradict that, at a higher cost than
-        the first one alone would have had.
+        It had turned over the whole guess. All later strokes contradict that, and their total cost is
+        higher than the cost of the first stroke alone.
         """
         begin, (first, *rest) = self._begin(), state.strokes
         fresh = replace(begin, excluded=state.excluded, guess=_SETTLED)
@@ -234,11 +236,11 @@ class SideSolver:
         return replace(fresh, side=side, inner=inner, holder=holder, strokes=strokes, alone=_EXCEPTION)
 
     def _settled(self, state: _State, touched: Int64, wanted: float, number: int) -> _State:
-        """Tell by a stroke whether the guess was right, and take those before it again with that known."""
+        """Decide by a stroke whether the guess was right, then apply the earlier strokes again."""
         begin = self._begin()
         own = touched[(state.part[touched] == state.guess) & ~state.inner[touched]]
         right = np.sign(wanted * begin.side[own].sum() or 1.0)
-        # If it was wrong, where it began tells nothing: only strokes do.
+        # If it was wrong, the start sheet is no evidence any more: only strokes are.
         group = np.where(begin.known & (right < 0), 1, 0)
         fresh = replace(begin, side=right * begin.side, group=group, excluded=state.excluded, guess=_SETTLED)
         fresh = self._stroked(fresh, touched, wanted, number, None)
@@ -250,9 +252,9 @@ class SideSolver:
         return fresh
 
     def _stroked(
-        self, state: _State, touched: Int64, wanted: float, number: int, told: Int8 | None
+        self, state: _State, touched: Int64, wanted: float, number: int, previous: Int8 | None
     ) -> _State:
-        side, inner, part, known, turn = self._spread(state, touched, wanted, told)
+        side, inner, part, known, turn = self._spread(state, touched, wanted, previous)
         alone, against = state.alone, 0.0
         if turn is not None and turn.whole:
             alone = turn.cost
@@ -262,7 +264,7 @@ class SideSolver:
             alone = min(alone, 0.0)
         turned = (_shown(side, inner) != state.shown) & state.known
         group = state.group
-        if not turned[state.known].all():  # all at once: what lies together still does
+        if not turned[state.known].all():  # if all turned over, the relative sides are unchanged
             group = np.unique(np.append(2 * group + turned, 0), return_inverse=True)[1].ravel()[:-1]
         doubted = part != state.part
         holder = state.holder.copy()
@@ -276,19 +278,19 @@ class SideSolver:
             holder=holder,
             strokes=(*state.strokes, (number, touched)),
             guess=int(part.max()) if doubted.any() else state.guess,
-            group=np.where(doubted, group.max() + 1, group),  # the guess tells nothing there any more
+            group=np.where(doubted, group.max() + 1, group),  # the guess no longer counts there
             alone=alone,
             against=against,
         )
 
     def _spread(
-        self, state: _State, touched: Int64, wanted: float, told: Int8 | None
+        self, state: _State, touched: Int64, wanted: float, previous: Int8 | None
     ) -> tuple[Float64, Bool, Int64, Bool, _Turn | None]:
         side, inner, known = state.side.copy(), state.inner.copy(), state.known.copy()
         part, shown = state.part, state.shown
         for n in np.unique(part[touched]):
             own = touched[part[touched] == n]
-            if not known[own[0]]:  # a part that nothing joined to the others: its polarity is the stroke's
+            if not known[own[0]]:  # a separate part: the stroke determines its side
                 members = part == n
                 outer = own[~inner[own]]
                 side[members] *= np.sign(wanted * side[outer if outer.size else own].sum() or 1.0)
@@ -308,14 +310,15 @@ class SideSolver:
         ):
             keep = np.union1d(
                 np.setdiff1d(self.start_sheet, touched), keep
-            )  # unless the guess was wrong there
+            )  # the start sheet keeps its side, unless the stroke touches it
         number, faces = 1 + len(state.strokes), wrong[inner[wrong]]
-        if faces.size:  # was taken for an inner face, and is none
+        if faces.size:  # these clusters were wrongly taken for an inner face
             inner[self._spreading.inner_face(np.where(inner, -1.0, 1.0), keep, faces, number)[0]] = False
         rest = wrong[~state.inner[wrong]]
         if rest.size:
-            # Where nothing was shown, a stroke contradicts nothing: it cannot mean that the guess was wrong.
-            guessed = not state.strokes and told is not None and bool(np.mean(told[rest] != UNDECIDED) > 0.5)
+            # A stroke on undecided cloth contradicts nothing, so it is no sign of a wrong guess.
+            decided = previous is not None and bool(np.mean(previous[rest] != UNDECIDED) > 0.5)
+            guessed = not state.strokes and decided
             turn = self._turned(state, side, keep, rest, number, guessed)
             inner[turn.inner] = True
             side[turn.sides] = -side[turn.sides]
@@ -331,38 +334,38 @@ class SideSolver:
     ) -> _Turn:
         """Return what a stroke turns over.
 
-        ``guessed`` says that only the guess of the side to start from holds what the stroke contradicts. If
-        no border lies between them, the guess was wrong; but that is not clear if any disturbed sample
-        divides them.
+        ``guessed`` is True if the stroke contradicts only the initial guess. The guess was wrong if the
+        evidence shows no border between the stroke and the start sheet; if a disturbed sample separates the
+        two, that is not clear.
         """
         g, spreading, none = self.observed.graph, self._spreading, np.empty(0, dtype=np.int64)
-        most, anew = self.observed.config.most_cost, none
-        # What lies at the back of an inner face tells nothing about the side.
+        most, divided = self.observed.config.most_cost, none
+        # Cloth at the back of an inner face is no evidence of that face's side.
         weight = np.where((g.weight < 0) & (state.inner[g.first] | state.inner[g.second]), 0.0, g.weight)
         region, cost = spreading.turned_over(side, keep, wrong, number, weight)
         if most <= cost < np.inf:
-            anew, price = spreading.partitioned_anew(side, keep, wrong, number, weight)
-            cheap = price <= most and len(anew) < 0.5 * state.known.sum() if guessed else price < cost
-            if cheap and len(anew) >= least_region(wrong):
-                region, cost, anew = anew, price, none
-        # A stroke that corrects the largest error is meant for more cloth than its mark.
+            divided, price = spreading.partitioned_anew(side, keep, wrong, number, weight)
+            cheap = price <= most and len(divided) < 0.5 * state.known.sum() if guessed else price < cost
+            if cheap and len(divided) >= least_region(wrong):
+                region, cost, divided = divided, price, none
+        # Operators correct the largest error first, so a stroke is meant for more cloth than its mark.
         marked = 2 * least_region(wrong)
-        farther = len(region) <= marked < len(anew) and not guessed
-        # What the evidence asks for anyway needs no inner face to explain it.
+        farther = len(region) <= marked < len(divided) and not guessed
+        # A change that agrees with the evidence (cost below 0) needs no inner face as its explanation.
         if side[wrong[0]] > 0 and cost > 0:
             face, price = spreading.inner_face(side, keep, wrong, number)
             if price < cost and (len(face) > marked or not farther):
                 return _Turn(none, face, price)
-        if guessed and cost > most:  # no border lies between it and the guess
+        if guessed and cost > most:  # no border separates it from the start sheet
             if self._always_together(wrong, state.side):
                 return _Turn(np.flatnonzero(state.known), none, cost, whole=True)
             return _Turn(region, none, cost, clear=False)
-        if state.alone == _EXCEPTION and cost > most:  # the evidence was found to be wrong: the mark only
+        if state.alone == _EXCEPTION and cost > most:  # the evidence is unreliable: only the mark counts
             return _Turn(none, none, cost)
-        return _Turn(anew if farther else region, none, cost)
+        return _Turn(divided if farther else region, none, cost)
 
     def _always_together(self, clusters: Int64, side: Float64) -> bool:
-        """Whether clusters lie to those where the guess began as ``side`` says in all disturbed samples."""
+        """Whether in all disturbed samples the clusters relate to the start sheet as in ``side``."""
         samples = self.observed.samples
         one, other = (np.sign((samples[:, at] * side[at]).sum(axis=1)) for at in (clusters, self.start_sheet))
         return bool((one * other > 0).all())
@@ -387,8 +390,8 @@ class SideSolver:
         certainty[~state.known] = 0.5
         held = state.holder >= 0
         faces, shown = observed.doubtful, state.shown > 0
-        told = np.append(faces[held & shown], -1)  # only a stroke tells that such a face is no inner one
-        certainty[shown & ~np.isin(faces, told)] = 0.5
+        accepted = np.append(faces[held & shown], -1)  # only a stroke shows that such a face is no inner face
+        certainty[shown & ~np.isin(faces, accepted)] = 0.5
         certainty[held | state.excluded] = 1.0
         side = np.where(state.shown > 0, OF_INTEREST, OTHER).astype(np.int8)
         config, further = observed.config, len(state.strokes) - 1
@@ -409,7 +412,7 @@ class SideSolver:
         return replace(found, changed=self._changed(found)) if decisions else found
 
     def _agreed(self, state: _State) -> Float64:
-        """Return how often clusters (M,) lie to the strokes and the start as they do in this state."""
+        """Return how often the samples relate the clusters (M,) to strokes and start as this state does."""
         anchors = [*(touched for _, touched in state.strokes), self.start_sheet]
         guess = bool(state.known[self.start_sheet].any())
         return agreement(self.observed, state.side, anchors, state.group, guess)
@@ -426,11 +429,11 @@ class SideSolver:
         state, was = self._state(now.decisions), self._state(now.decisions[:-1])
         if state.alone == _EXCEPTION and was.alone != _EXCEPTION:
             text += (
-                f" Decision {was.strokes[0][0] + 1} had turned all over; it holds under its mark only now, "
-                "because all strokes since contradict it."
+                f" Decision {was.strokes[0][0] + 1} had turned over the whole guess; "
+                "it now holds only under its mark, because all later strokes contradict it."
             )
         if state.guess >= 0:
-            text += " Whether all the rest lies on the other side, too, is not clear: stroke it once more."
+            text += " It is not clear whether the rest lies on the other side too: draw another stroke on it."
         return Changed(area_m2=float(area[moved].sum()), sure_m2=sure_m2, views=views, text=text)
 
     # ---------------------------------------------------------------- where to go on

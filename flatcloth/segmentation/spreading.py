@@ -1,10 +1,10 @@
-"""How a stroke spreads: it turns over the region around it whose border is the weakest.
+"""How a stroke spreads: it turns over the region around it that has the weakest border.
 
 Strokes are taken in order. One that agrees with the sides as they are changes nothing. One that
 contradicts them gets a potential: -1 at the stroke, 1 at all earlier ones, spread by a random walk
-(Grady, PAMI 2006) over the evidence that the sides satisfy; what is satisfied only after turning
-over does not carry it, so that the region grows inside what belongs together. Of the regions below
-each potential, the one is turned over whose border costs least for its size (a sweep, as in local
+(Grady, PAMI 2006) over the evidence that agrees with the present sides. Evidence that contradicts them
+conducts nothing, so that the region grows within connected cloth. Among the regions below
+each potential, the one with the least border cost for its size is turned over (a sweep, as in local
 spectral clustering: Andersen, Chung and Lang, FOCS 2006).
 """
 
@@ -24,17 +24,17 @@ from flatcloth.segmentation.settings import SegmentationConfig
 _PIN = 1e4
 """Conductance that fixes a potential, in mean evidence. Chosen: large against all neighbours together."""
 _ANCHOR = 1e-5
-"""Conductance to the present sides, in mean evidence: where no stroke reaches, nothing changes. Set by
-hand."""
+"""Conductance to the present sides, in mean evidence: cloth not connected to a stroke keeps its side. Set
+by hand."""
 _REWEIGHTED = 0.1
 """Least potential drop of the reweighting, so that conductances stay finite. Chosen."""
 _LEAST_REGION = 30
-"""Least size of a region that is turned over. Chosen: smaller ones would be the brush mark itself."""
+"""Least size of a region that is turned over. Chosen: smaller ones are only the brush mark."""
 _MOST_INNER = 0.08
-"""Share of all cloth seen that one inner face takes at most; on the shared recordings it is below 0.05. Set
-by hand."""
+"""Largest share of the visible cloth that one inner face covers; it is below 0.05 on the shared recordings.
+Set by hand."""
 _SURE = 1e6
-"""Weight of what strokes say. Chosen: above all evidence together."""
+"""Weight of strokes as evidence. Chosen: above all other evidence together."""
 
 
 def least_region(turn: Int64) -> int:
@@ -43,14 +43,14 @@ def least_region(turn: Int64) -> int:
 
 
 class Spreading:
-    """Turns regions over; holds what is the same for all strokes.
+    """Turns regions over; keeps the data that all strokes share.
 
     Parameters
     ----------
     graph : SignedGraph
         The evidence.
     config : SegmentationConfig
-        How regions are weighed.
+        Weights of the cost of a region.
     """
 
     def __init__(self, graph: SignedGraph, config: SegmentationConfig) -> None:
@@ -61,7 +61,7 @@ class Spreading:
     def potential(
         self, side: Float64, keep: Int64, turn: Int64, weight: Float64, resistance: Float64 | None
     ) -> Float64:
-        """Return the potential (M,): 1 at ``keep``, -1 at ``turn``, and near 1 where neither reaches."""
+        """Return the potential (M,): 1 at ``keep``, -1 at ``turn``, and near 1 where neither is connected."""
         g = self._graph
         satisfied = side[g.first] * side[g.second] * weight > 0
         weight = np.where(satisfied, np.abs(weight), 0.0)
@@ -79,7 +79,7 @@ class Spreading:
     def turned_over(
         self, side: Float64, keep: Int64, turn: Int64, number: int, weight: Float64
     ) -> tuple[Int64, float]:
-        """Return the clusters that a stroke turns over, and what that costs for their number.
+        """Return the clusters that a stroke turns over, and the cost relative to their number.
 
         Parameters
         ----------
@@ -90,9 +90,9 @@ class Spreading:
         turn : (T,) int64
             Clusters under the stroke whose side is wrong.
         number : int
-            Which stroke it is: operators correct the largest error first, so later ones turn less over.
+            Number of the stroke: operators correct the largest error first, so later strokes turn over less.
         weight : (E,) float64
-            The evidence. Where it attracts only, the region stays on one side.
+            The evidence. If all of it is positive, the region stays on one side.
 
         Notes
         -----
@@ -127,11 +127,10 @@ class Spreading:
         return np.flatnonzero(region), best[0]
 
     def inner_face(self, side: Float64, keep: Int64, turn: Int64, number: int) -> tuple[Int64, float]:
-        """Return the clusters of the inner face that a stroke lies on, and what its border costs.
+        """Return the clusters of the inner face that a stroke lies on, and the cost of its border.
 
-        An inner face, seen through an opening, has the other panel's outer face at its back, as the side of
-        interest has: negative evidence does not show where it ends. The cost is infinite if it is
-        larger than inner faces are.
+        Both an inner face and the side of interest have an outer face at their back, so negative evidence
+        does not show where an inner face ends. The cost is infinite if the region is too large for one.
         """
         attracts = np.maximum(self._graph.weight, 0.0)
         region, cost = self.turned_over(side, keep, turn, number, attracts)
@@ -140,9 +139,9 @@ class Spreading:
     def partitioned_anew(
         self, side: Float64, keep: Int64, turn: Int64, number: int, weight: Float64
     ) -> tuple[Int64, float]:
-        """Return the region next to the stroke that a partition with the strokes turns over, and its cost.
+        """Partition the graph with the strokes as evidence; return the region that changes, and its cost.
 
-        For a stroke around which no region has a cheap border.
+        Used if no region around the stroke has a cheap border.
         """
         g, c = self._graph, self._config
         pins = np.full(len(keep) + len(turn), g.count)
@@ -186,7 +185,7 @@ class _SizeCost(NamedTuple):
 def _sweep(
     order: Int64, near: _Neighbours, side: Float64, locked: Bool, size_cost: _SizeCost
 ) -> tuple[int, float]:
-    """Grow a region in this order; return the size at which turning it over costs least, and that cost."""
+    """Grow a region in this order; return the size of least cost of turning it over, and that cost."""
     begin, neighbour, weight = near
     exponent, per_cluster, least = size_cost
     inside = np.zeros(side.size, np.bool_)

@@ -117,7 +117,7 @@ def test_strokes_that_all_contradict_the_first_leave_it_its_mark(observed, front
     assert (found.side[marked] == OTHER).all()
     assert (np.delete(found.side, marked)[np.delete(front, marked)] == OF_INTEREST).all()
     assert found.conflicts == ()
-    assert "Decision 1 had turned all over; it holds under its mark only now" in found.changed.text
+    assert "Decision 1 had turned over the whole guess; it now holds only under" in found.changed.text
     further = solver.solve([*strokes, on_back(-0.03, 0.0)])
     assert "its mark only now" not in further.changed.text
     assert np.array_equal(solver.solve(strokes[:1]).side, flipped.side)  # undo is exact

@@ -200,7 +200,7 @@ def test_cloth_beyond_a_cut_is_not_of_interest(solver):
     assert (found.side[on_front & (place[:, 1] < 0.005)] == OF_INTEREST).all()
     # A line that ends inside the cloth divides nothing.
     short = replace(cut, points_m=((-0.02, 0.02, z), (0.02, 0.02, z)))
-    with pytest.raises(SegmentationError, match="decision 2: the cloth goes on round the ends"):
+    with pytest.raises(SegmentationError, match="decision 2: the cloth continues around the ends"):
         solver.solve((stroke(), short))
 
 
