@@ -15,9 +15,9 @@ from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, FlattenedView, Float32, RotationAxis, Uint8
 from flatcloth.engine.headless import ViewDecision
-from flatcloth.engine.outcome import told as outcome_lines
+from flatcloth.engine.outcome import lines_of as outcome_lines
 from flatcloth.export.garment import garment_points
-from flatcloth.export.garment import told as garment_lines
+from flatcloth.export.garment import lines_of as garment_lines
 from flatcloth.export.session_data import SessionData
 from flatcloth.garments.recognition import Recognition
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel

@@ -1,4 +1,4 @@
-"""A batch: what is not done yet is run, each result is kept at once, and the table is written."""
+"""A batch: run the tasks that are not done, store each result immediately, and write the table."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from flatcloth.methods.registry import method_entry
 
 Row = dict[str, Any]
 _TABLE_EVERY_S = 60.0
-"""Interval between tables on disk. Chosen: what a killed batch loses of its report."""
+"""Interval of writing the table. Chosen: a killed batch loses at most this much of its report."""
 _LOCK = ".batch.lock"
 
 
 @dataclass
 class Count:
-    """How far a batch is: tasks in all, already done before, and rows that came now, with their times."""
+    """Progress of a batch: number of tasks, of those done before, and the new rows with their times."""
 
     total: int
     before: int
@@ -51,11 +51,11 @@ class Count:
 
 
 Tell = Callable[[Count, Row | None], None]
-"""Called with the progress and each new row, and without a row at the beginning."""
+"""Called with the progress and each new row; at the beginning with None as the row."""
 
 
 def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
-    """Return the tasks that are not done: no row, another content or other settings, or one to try anew."""
+    """Return the tasks that are not done: no row, a temporary failure, changed content or settings."""
     if again:
         return list(tasks)
     waiting = []
@@ -85,29 +85,29 @@ def run_batch(
     *,
     again: bool = False,
 ) -> Count:
-    """Run what is not done, and write the table.
+    """Run the tasks that are not done, and write the table.
 
     Parameters
     ----------
     tasks : sequence of Task
-        All of them; what is done is not done again.
+        All tasks of the batch, also those that are done.
     out : Path
-        Where a folder for each is written, and the table.
+        Folder for the table and the folders of the tasks.
     start : callable
-        Returns the engine that runs them; called only if there is something to do.
+        Returns the engine that runs them; called only if a task is to be run.
     limits : Limits
         Of each task.
     tell : callable
         Called with the progress.
     again : bool
-        Do also what is done.
+        Run also the tasks that are done.
 
     Raises
     ------
     FlatclothError
-        If the output cannot be written, or another batch is at it.
+        If the output cannot be written, or another batch uses it.
     KeyboardInterrupt
-        If the user stops it; the table then has what was done.
+        If the user stops it; the table then has the tasks done so far.
     """
     waiting = pending(tasks, out, again=again)
     count = Count(total=len(tasks), before=len(tasks) - len(waiting))
@@ -157,7 +157,7 @@ def _row_of(task: Task, answer: Answer, out: Path) -> Row:
 
 
 def write_results(out: Path) -> list[Path]:
-    """Write the table of what is in an output, with the operator's verdicts; return its files."""
+    """Write the table of all results in a folder, with the operator's verdicts; return its files."""
     decided = verdicts(out)
     rows = [{**row, "review": decided.get(row["name"])} for row in rows_in(out)]
     return write_table(rows, out)
@@ -165,12 +165,12 @@ def write_results(out: Path) -> list[Path]:
 
 @contextlib.contextmanager
 def owned(out: Path) -> Iterator[None]:
-    """Keep an output to this process: two batches at once would do all tasks twice.
+    """Lock an output folder: two batches at once would run all tasks twice.
 
     Raises
     ------
     FlatclothError
-        If it cannot be written, or another process has it.
+        If it cannot be written, or another process has the lock.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)

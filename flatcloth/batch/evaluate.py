@@ -28,7 +28,7 @@ def evaluate_one(
     method : str
         Way of integrating.
     pictures : Path, optional
-        Folder for a picture of the result beside its truth.
+        Folder for a picture of the result next to its ground truth.
     progress : callable
         Called with the progress.
 

@@ -38,13 +38,13 @@ from flatcloth.recordings import Recording, open_recording
 ERROR_FILE = "error.txt"
 SUPERSEDED = ".superseded"
 _LOCK_WAIT_S = 15.0
-"""The process of a worker that was killed closes its session within a second."""
+"""Time to wait for a lock: the process of a killed worker closes its session within a second."""
 
 
 def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     """Do a job: ``integrate`` answers with a row, ``evaluate`` with figures.
 
-    ``spent`` in the answer means that the process is not to be used again.
+    ``spent`` in the answer means that the process must not be used again.
     """
     if question["job"] == "evaluate":
         pictures = question["pictures"]
@@ -112,7 +112,7 @@ def _integrated(task: Task, folder: Path, stages: _Stages, progress: Progress) -
         coverage = coverage_estimate(shape.data.integration, shape.data.canonical)
         write_thumbnail(shape.view, folder)
     return {
-        **_told(shape.report, shape.data.integration),
+        **_outcome_columns(shape.report, shape.data.integration),
         "coverage_estimate": round(coverage, 4),
         **garment_columns(folder),
     }
@@ -148,7 +148,7 @@ class _Stages:
             self.add(name, time.perf_counter() - started)
 
 
-def _told(outcome: Mapping[str, Any], integration: Integration) -> dict[str, Any]:
+def _outcome_columns(outcome: Mapping[str, Any], integration: Integration) -> dict[str, Any]:
     """Return the columns of an outcome."""
     scores = [a["score"] for a in outcome["accepted"] if a["score"] is not None]
     cameras = outcome.get("cameras", {})
@@ -170,11 +170,11 @@ def _told(outcome: Mapping[str, Any], integration: Integration) -> dict[str, Any
     }
 
 
-# --- what was there before -------------------------------------------------------------------
+# --- earlier results -------------------------------------------------------------------------
 
 
 def _kept(folder: Path, row: Mapping[str, Any], *, again: bool) -> dict[str, Any] | None:
-    """Return the row of the same task if it is done; set aside what another task has left there."""
+    """Return the row of the same task if it is done; move away the result of another task."""
     kept = read_row(folder)
     if (
         kept is not None
@@ -218,7 +218,7 @@ def _begin(folder: Path, task: Task, content: str) -> None:
         raise FlatclothError(f"{folder}: cannot be written ({error}); choose another --out.") from error
 
 
-# --- what went wrong, and the process --------------------------------------------------------
+# --- errors, and limits of the process -------------------------------------------------------
 
 
 def _unexpected(error: Exception, folder: Path) -> dict[str, str]:
@@ -259,6 +259,6 @@ def _status_mb(name: str) -> float | None:
 
 
 def _give_back_memory() -> None:
-    """Make the C library return free memory to the system: a process then does not grow over many tasks."""
+    """Make the C library return free memory to the system, so that processes do not grow over time."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)

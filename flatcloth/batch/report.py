@@ -51,7 +51,7 @@ def write_report(out: Path) -> Path:
 
 
 def report_html(out: Path, *, served: bool) -> str:
-    """Return the page; ``served`` by the program, it keeps verdicts and opens sessions.
+    """Return the page; if ``served`` by the program, it stores verdicts and opens sessions.
 
     Raises
     ------
@@ -79,9 +79,9 @@ def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[st
     names = [column.name for column in COLUMNS]
     shown = []
     for place, row in enumerate(ordered):
-        told = {name: row[name] for name in names if row.get(name) is not None}
+        shown_row = {name: row[name] for name in names if row.get(name) is not None}
         done = row["outcome"] == DONE
-        told |= {
+        shown_row |= {
             "place": place,
             "reliability": round(reliability(row), 4) if done else None,
             "review": decided.get(row["name"]),
@@ -89,7 +89,7 @@ def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[st
             "command": command_of(row, out),
             "thumbnail": _thumbnail(out / row["name"]),
         }
-        shown.append(told)
+        shown.append(shown_row)
     counts = ", ".join(f"{n} {outcome}" for outcome, n in counted(rows).items() if n)
     seconds = sum(row.get("seconds") or 0.0 for row in rows)
     return {
@@ -122,7 +122,7 @@ def command_of(row: Mapping[str, Any], out: Path) -> str:
 def view_arguments(row: Mapping[str, Any], out: Path) -> list[str]:
     """Return the arguments of ``flatcloth view`` for a result's session.
 
-    Nothing that a row says becomes another option of the command.
+    No text of a row becomes another option of the command.
     """
     source = str(row["source"])
     arguments = [f"./{source}" if source.startswith("-") else source]

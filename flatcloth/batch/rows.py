@@ -64,7 +64,7 @@ COLUMNS = (
     Column("garment_probability", "number", "its probability"),
     Column("dimensions_mm", "text", "its dimensions with standard deviations, as JSON"),
     Column("review", "text", "the operator's verdict: accepted or rejected"),
-    Column("notes", "text", "what the recording's reader told"),
+    Column("notes", "text", "notes of the recording's reader"),
     Column("seconds", "number", "wall time of the task"),
     Column("seconds_opening", "number", "of it: comparing with what is done, opening, finding the axis"),
     Column("seconds_integrating", "number", "of it: flattening, choosing views, aligning, joining"),

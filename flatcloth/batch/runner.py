@@ -18,7 +18,7 @@ _ONE_THREAD = {
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What a task may take: memory beyond the libraries, and seconds of wall time."""
+    """Limits of a task: memory beyond that of the libraries, and seconds of wall time."""
 
     memory_bytes: int
     seconds: float
@@ -75,12 +75,12 @@ start_processes, stop_processes = _processes.start, _processes.stop
 
 
 def run_task(question: Mapping[str, Any], limits: Limits) -> dict[str, Any]:
-    """Answer a question in a process of its own; the end of that process is returned, not raised.
+    """Answer a question in a separate process; a crash of that process is returned, not raised.
 
     Returns
     -------
     dict
-        The answer; or ``error``, what the job refused; or ``lost`` (an outcome) and ``reason``, if the
+        The answer; or ``error``, why the job was refused; or ``lost`` (an outcome) and ``reason``, if the
         process crashed or was too slow.
     """
     try:

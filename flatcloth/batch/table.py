@@ -15,7 +15,7 @@ CSV, PARQUET = "results.csv", "results.parquet"
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], out: Path) -> list[Path]:
-    """Write the table, each file beside its name first; return the files.
+    """Write the table, each file under a temporary name first; return the files.
 
     Raises
     ------

@@ -23,20 +23,20 @@ _LOOK_EVERY_S = 0.3
 
 
 def _end_with(parent: int) -> None:
-    """End when the worker ends, also if it was killed: another worker does its task then."""
+    """End when the worker ends, also if it was killed: another worker then runs its task."""
     while os.getppid() == parent:
         time.sleep(_LOOK_EVERY_S)
     os._exit(1)
 
 
 def _answer(question: Mapping[str, Any], progress: Progress) -> Message:
-    def told(share: float, text: str) -> None:
+    def guarded_progress(share: float, text: str) -> None:
         try:
             progress(share, text)
         except OSError:  # the worker was killed, which is not a failure of the task
             os._exit(1)
 
-    return Message(jobs.answer(question, told))
+    return Message(jobs.answer(question, guarded_progress))
 
 
 def main() -> None:

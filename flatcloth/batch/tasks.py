@@ -116,7 +116,7 @@ def _expanded(source: str, common: Task) -> Iterator[Task]:
 
 def _of_manifest(path: Path, common: Task) -> Iterator[Task]:
     rows = _csv_rows(path) if path.suffix.lower() == ".csv" else _json_rows(path)
-    beside = path.resolve().parent
+    base = path.resolve().parent
     count = 0
     for number, row in rows:
         where = f"{path}: line {number}"
@@ -130,12 +130,12 @@ def _of_manifest(path: Path, common: Task) -> Iterator[Task]:
                 f"{where}: the name {name[:60]!r} is no folder name; use letters, digits, . _ -"
             )
         rest = {key: value for key, value in row.items() if key not in _COLUMNS}
-        said = SourceOptions.from_dict(rest, where, beside)
+        said = SourceOptions.from_dict(rest, where, base)
         given = {key: value for key, value in vars(said).items() if value is not None}
         own = replace(
             common, name=name, method=method or common.method, options=replace(common.options, **given)
         )
-        place = beside / Path(source).expanduser()
+        place = base / Path(source).expanduser()
         try:
             found = list(_expanded(str(place) if place.exists() or glob.has_magic(source) else source, own))
         except FlatclothError as error:

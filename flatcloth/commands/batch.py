@@ -44,7 +44,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_method(parser)
     add_engine(parser)
     parser.add_argument("--again", action="store_true", help="do again what is done; the old is set aside")
-    add_source_options(parser.add_argument_group("what sources do not tell (docs/datasets.md)"))
+    add_source_options(parser.add_argument_group("information that sources lack (docs/datasets.md)"))
     group = parser.add_argument_group("looking at the results")
     group.add_argument("--report", action="store_true", help="write DIR/report.html from the results in DIR")
     group.add_argument(
@@ -117,14 +117,14 @@ def _summary(count: Count) -> str:
 
 
 class _Teller(ProgressBar):
-    """Tells how far a batch is: a bar on a terminal, lines in a log; failures are lines in both."""
+    """Reports the progress of a batch: a bar on a terminal, lines in a log; failures are lines in both."""
 
     def __init__(self) -> None:
         super().__init__("batch")
         self._count: Count | None = None
 
     def tell(self, count: Count, row: dict[str, Any] | None) -> None:
-        """Tell of a new row."""
+        """Report a new row."""
         self._count = count
         left = "" if count.left_s is None else f", {_time(count.left_s)} left"
         if row is None:
@@ -145,7 +145,7 @@ class _Teller(ProgressBar):
         self.show(count.done / max(1, count.total), text)
 
     def stopped(self) -> None:
-        """Tell that the user has stopped it."""
+        """Report that the user has stopped the batch."""
         done = 0 if self._count is None else self._count.done
         total = 0 if self._count is None else self._count.total
         print(

@@ -28,7 +28,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_engine(parser, jobs=1)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
     parser.add_argument(
-        "--pictures", type=Path, metavar="DIR", help="write a picture of each result beside its truth to DIR"
+        "--pictures", type=Path, metavar="DIR", help="write a picture of each result next to its truth to DIR"
     )
 
 
@@ -52,9 +52,9 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _garment_line(garment: dict[str, Any]) -> str:
-    """Return what was recognised in a line."""
+    """Return the recognised garment as a line of text."""
     if "reason" in garment:
-        return f"  garment: none told, truly {garment['true_kind']}: {garment['reason']}"
+        return f"  garment: none recognised, truly {garment['true_kind']}: {garment['reason']}"
     text = f"  garment: {garment['kind']}, truly {garment['true_kind']} ({garment['probability']:.0%})"
     for name in ("seen", "unseen"):
         if errors := garment[f"{name}_mm"].values():

@@ -105,7 +105,7 @@ def lead(
     print(f"{camera.name}: {camera.intrinsics.width}x{camera.intrinsics.height} px, {camera.fps:g} frames/s")
     for note in camera.notes:
         print(f"Note: {note}")
-    told: tuple[Phase, int] | None = None
+    reported: tuple[Phase, int] | None = None
     looker = _Looker(camera)
     while guided.state.phase is not Phase.DONE:
         try:
@@ -115,9 +115,9 @@ def lead(
             return
         state = guided.see(frame)
         place = (state.phase, len(state.kept_deg))
-        if place != told:
-            _tell(guided, told, asking=not keeps_itself)
-            told = place
+        if place != reported:
+            _print_step(guided, reported, asking=not keeps_itself)
+            reported = place
         _show_stillness(state)
         looker.look(frame, state)
         if state.phase is Phase.REVIEW and keeps_itself:
@@ -150,7 +150,7 @@ def _obey(guided: GuidedCapture, text: str | None) -> None:
         print(f"\n{error}")
 
 
-def _tell(guided: GuidedCapture, before: tuple[object, int] | None, *, asking: bool) -> None:
+def _print_step(guided: GuidedCapture, before: tuple[object, int] | None, *, asking: bool) -> None:
     """Print the next step; continuous information is printed by :func:`_show_stillness`."""
     from flatcloth.cameras.capture import Phase
 

@@ -21,7 +21,7 @@ def size_in_bytes(value: object) -> int:
     """Return about how much memory a value keeps alive: its arrays, each counted once.
 
     Looks into attributes, mappings and sequences. A view of an array counts as the whole array, which it
-    keeps in memory. What an object makes later counts now, if it tells how much (``bytes_to_come``).
+    keeps in memory. Memory that an object will need later counts if its attribute ``bytes_to_come`` gives it.
     """
     total, seen, waiting = 0, set[int](), [value]
     while waiting:

@@ -1,6 +1,6 @@
 """The settings of a session, with their units in their names, in one frozen tree.
 
-The paper's own values are the defaults where it gives any. The tree is written beside each result
+The paper's own values are the defaults where it gives any. The tree is written with each result
 (``to_dict``), and read back strictly: unknown names and wrong types are errors, not ignored.
 """
 

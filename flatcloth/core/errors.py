@@ -47,7 +47,7 @@ class JournalError(FlatclothError):
 
 
 class SegmentationError(FlatclothError):
-    """The item, or its side of interest, cannot be told from the views, or a stroke is not valid."""
+    """The views do not show the item or its side of interest, or a stroke is not valid."""
 
 
 class SynthesisError(FlatclothError):

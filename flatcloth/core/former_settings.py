@@ -16,7 +16,7 @@ MOVED = {
 """Settings that have another name now: (section, name) before and after."""
 
 FORMER_DEFAULTS = {("planning", "overlap_area_m2"): 0.03}
-"""Settings whose default was another one, beside those that are constants now."""
+"""Former defaults of settings that still exist; ``FORMER`` has those that are constants now."""
 
 FORMER: dict[str, dict[str, Any]] = {
     "surface": {

@@ -1,6 +1,6 @@
 """Locations of the files that come with the code: the operator page and the sample recordings.
 
-An installed package contains them; in a checkout they are beside the package.
+An installed package contains them; in a checkout they are next to the package.
 """
 
 from __future__ import annotations
@@ -23,5 +23,5 @@ def sample_recordings() -> dict[str, Path]:
 
 
 def _first_existing(installed: Path, checkout: Path) -> Path:
-    # The installed place is checked first, because other packages lie beside an installed package.
+    # The installed place is checked first, because an installed package lies next to other packages.
     return installed if installed.is_dir() else checkout

@@ -44,8 +44,8 @@ class ImageStroke:
 class SpaceStroke:
     """A brush stroke on the cloud, or on the canvas, whose pixels are linked to places in space.
 
-    ``points_m`` in the object frame, joined by straight lines; ``normals``, as many, tell which of
-    the layers that lie there is meant; ``radius_m`` half the width of the brush.
+    ``points_m`` in the object frame, joined by straight lines; ``normals``, one for each point, select
+    the layer of cloth there; ``radius_m`` half the width of the brush.
     """
 
     side: Side

@@ -1,4 +1,4 @@
-"""The shape that a page shows first, computed while the page and its libraries still load."""
+"""The first shape of a page, computed while the page and its libraries load."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from flatcloth.session.machine import SessionState, Start, apply
 
 
 def begin_ahead(integration: Integration, state: SessionState) -> None:
-    """Compute a session's present shape on a thread of its own; who asks for it meanwhile waits for this one.
+    """Compute a session's present shape on a thread of its own; requests for it wait for this thread.
 
-    A session without a start view gets one chosen. Where the side of interest must be found first, nothing
-    is done: that takes longer, and the session tells its progress.
+    A session without a start view gets one chosen. If the side of interest must be found first, nothing
+    is done: that takes longer, and the session reports its progress.
     """
     if integration.views.sides is None:
         threading.Thread(
@@ -23,7 +23,7 @@ def begin_ahead(integration: Integration, state: SessionState) -> None:
 
 
 def _compute(integration: Integration, state: SessionState) -> None:
-    # What fails here fails again when the session asks for it, which reports it.
+    # An error here occurs again when the session requests the shape, and is reported then.
     with contextlib.suppress(Exception):
         wait_until_compiled()
         if state.document.start_view is None:

@@ -79,10 +79,10 @@ def plan_put_off(plan: Callable[[Document], Plan], document: Document) -> Plan:
 
 
 def laid_beside(shape: FlattenedView, parts: Mapping[int, FlattenedView], side: Side) -> Placement:
-    """Place the first component of a view beside the shape, for placement by hand.
+    """Place the first component of a view next to the shape, for placement by hand.
 
-    It stays upright: both planes have their ``v`` along the turning axis. ``parts`` are by their
-    number; another one may be taken later.
+    It stays upright: both planes have their ``v`` along the turning axis. ``parts`` have the
+    component number as key; the operator may choose another one later.
     """
     component, part = next(iter(parts.items()))
     left, top, right, bottom = _extent_m(shape)

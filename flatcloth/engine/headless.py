@@ -27,7 +27,7 @@ from flatcloth.session.machine import (
 
 
 class Policy(Protocol):
-    """Decides about the pending proposal."""
+    """Decides on the pending proposal."""
 
     def __call__(self, integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
         """Return the verdict, or first move the proposal to another placement."""
@@ -39,7 +39,7 @@ CONTRADICTS = "contradicts the other views"
 
 
 def accept_by_score(integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
-    """Accept proposals with a sufficient score; reject the others as unsure, to be tried again later.
+    """Accept proposals with a sufficient score; reject the others as uncertain, to be tried again later.
 
     If the other views contradict an accepted placement (:meth:`Method.is_contradicted`), the next best
     hypothesis with a sufficient score is tried; if there is none, the view is rejected.
@@ -164,10 +164,10 @@ class Run:
         assert request is not None
         share = _share_done(self.integration, self.state)
 
-        def told(_share: float, text: str) -> None:
+        def of_turn(_share: float, text: str) -> None:
             progress(share, text)
 
-        self._do(self.integration.answer(self.state.document, request, told))
+        self._do(self.integration.answer(self.state.document, request, of_turn))
 
 
 def _share_done(integration: Integration, state: SessionState) -> float:

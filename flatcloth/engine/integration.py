@@ -57,7 +57,7 @@ from flatcloth.session.machine import (
 _LIKELY_ROTATION_DEG = 30.0
 """Views about this far from the present one are decoded ahead. Chosen; not measured."""
 _VIEWS_AHEAD = 6
-"""Views that are decoded or flattened ahead. Chosen: more compete with what is waited for."""
+"""Number of views decoded or flattened ahead. Chosen: more delay the computation that the user waits for."""
 _NEXT_APART_DEG = 30.0
 """Candidates this far from the planned view are flattened first, as nearer ones show the same cloth: in four
 of five cases the next planned view was among the best two of them. Measured on two recordings."""
@@ -90,7 +90,7 @@ class Proposal:
 
 
 class _ByGarment(NamedTuple):
-    """A shape, how it hangs together, and which samples (N,) were taken off it."""
+    """A shape, its connections, and which samples (N,) were removed from it."""
 
     canonical: Canonical
     cloth: Cloth | None
@@ -109,7 +109,7 @@ class Integration:
     method : str, optional
         The name of a method (:mod:`flatcloth.methods.registry`); by default the first.
     segmenter : Segmenter, optional
-        Finds the side of interest where the recording has no masks; without it, all of the item is.
+        Finds the side of interest of a recording without masks; without it, the whole item counts.
     views : RecordedViews, optional
         The views of this recording with these settings; by default they are made.
 
@@ -129,7 +129,7 @@ class Integration:
     """
 
     flattens_ahead = False
-    """Set by a run that has a second core: the views that are likely next are flattened meanwhile."""
+    """Set by a run with a second core: the views that are likely next are flattened ahead."""
 
     def __init__(
         self,
@@ -166,7 +166,7 @@ class Integration:
         return self.views.axis
 
     def _forget(self) -> None:
-        """Forget what was derived from the single views: the axis or the masks are others."""
+        """Drop all data derived from the single views, because the axis or the masks have changed."""
         self._proposals: Cache[Proposal] = Cache(16, 48 * 2**20)
         self._overlays: Cache[FlattenedView] = Cache(2)
         self._decided: Cache[_ByGarment] = Cache(2)
@@ -201,24 +201,24 @@ class Integration:
         return self._by_garment(document, whole).canonical
 
     def cloth(self, document: Document) -> Cloth | None:
-        """Return how the shape of a document hangs together; None if the method does not know.
+        """Return how the parts of a document's shape are connected; None if the method does not know.
 
-        Parts that were taken off have no place.
+        Removed parts have no place.
         """
         if not document.garment.parts:
             return _cloth_of(self.algorithm.surface_edges(document))
         return self._by_garment(document, self.algorithm.canonical(document)).cloth
 
     def taken_off(self, document: Document) -> Bool | None:
-        """Return which samples (N,) of the shape's edges were taken off it; None if none were."""
+        """Return which samples (N,) were removed from the shape; None if none were."""
         if not document.garment.parts:
             return None
         return self._by_garment(document, self.algorithm.canonical(document)).taken_off
 
     def _by_garment(self, document: Document, whole: Canonical) -> _ByGarment:
-        """Return a shape, and its cloth, with what was decided about links that no garment allows (cached).
+        """Return a shape and its cloth after the decisions about links that no garment allows (cached).
 
-        Parts that were taken off float; what a doubted link joins is as unsure as the link.
+        Removed parts float; parts joined by a doubted link are as uncertain as the link.
         """
 
         def make() -> _ByGarment:
@@ -253,7 +253,7 @@ class Integration:
         return self._proposals.get(key, lambda: self._proposal_again(document, pending))
 
     def overlay(self, document: Document) -> FlattenedView:
-        """Return what is proposed, rasterised on the current plane at its effective placement."""
+        """Return the proposal, rasterised on the current plane at its effective placement."""
         pending = document.pending
         assert pending is not None
         placed = PlacedPart(pending.view_index, pending.component, pending.current_from_new)
@@ -349,7 +349,7 @@ class Integration:
             proposal = self._propose(document, view_index, side, None, progress)
         except AlignmentError as error:
             proposal = self._unaligned(document, view_index, side, error)
-            return self._proposed(document, token, proposal, f"{error} Move it from beside the shape.")
+            return self._proposed(document, token, proposal, f"{error} It lies next to the shape; move it.")
         return self._proposed(document, token, proposal)
 
     def _proposal_again(self, document: Document, pending: Pending) -> Proposal:
@@ -361,7 +361,7 @@ class Integration:
     def _unaligned(
         self, document: Document, view_index: int, side: Side | None, error: AlignmentError
     ) -> Proposal:
-        """Place the largest component without folds beside the shape; raise if all are folded."""
+        """Place the largest component without folds next to the shape; raise an error if all are folded."""
         most = self.config.flattening.max_folded_share
         components = enumerate(self.views.flattening(view_index).components)
         parts = {n: component.view for n, component in components if component.folded_share <= most}
@@ -429,7 +429,7 @@ def _cloth_of(edges: SurfaceEdges) -> Cloth | None:
 
 
 def _shape_of(document: Document) -> tuple[Hashable, ...]:
-    """Return what the shape of a document depends on."""
+    """Return the key of a document's shape: everything that it depends on."""
     return document.start_view, document.accepted, document.largest_after
 
 

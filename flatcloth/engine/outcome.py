@@ -123,7 +123,7 @@ def _number(value: float) -> float | None:
     return round(value, 4) if math.isfinite(value) else None
 
 
-def told(outcome: dict[str, Any]) -> list[str]:
+def lines_of(outcome: dict[str, Any]) -> list[str]:
     """Return the report as a few lines of text."""
     accepted = outcome["accepted"]
     scores = [a["score"] for a in accepted if a["score"] is not None]

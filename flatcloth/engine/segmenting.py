@@ -26,7 +26,7 @@ from flatcloth.session.commands import paint
 from flatcloth.session.machine import Keeper
 
 _THREADS = 2
-"""Views read at a time. Chosen for two cores."""
+"""Number of views read in parallel. Chosen for two cores."""
 
 
 class MaskedRecording:
@@ -60,7 +60,7 @@ class MaskedRecording:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the operator must know about it: what was found, cut off, and in conflict."""
+        """Notes for the operator: the sides found, regions cut off, and conflicts."""
         found = self.segmentation
         kinds = sorted({cut.kind for cut in found.cut_off})
         cut = (f"Cut off as no part of the item: {', '.join(kinds)}.",) if kinds else ()
@@ -110,7 +110,7 @@ class MaskedRecording:
 
 
 def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolver:
-    """Look at all views of a recording, without their masks, and return what finds the sides.
+    """Read all views of a recording, without their masks, and return a solver for the sides.
 
     Raises
     ------
@@ -133,12 +133,12 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
 
 
 def take_strokes(views: RecordedViews, session: Keeper, strokes: Sequence[Decision]) -> None:
-    """Record strokes that a session does not have yet, before it goes on.
+    """Record strokes that a session does not have yet, before it continues.
 
     Raises
     ------
     SegmentationError
-        If the recording has masks that contradict them; masks that agree make strokes needless.
+        If the recording has masks that contradict them; with masks that agree, strokes are not recorded.
     """
     if views.recording.has_masks:
         check_against_masks(views.recording, strokes, views.recording.location)
@@ -154,7 +154,7 @@ def check_against_masks(recording: Recording, decisions: Sequence[Decision], whe
     Raises
     ------
     SegmentationError
-        If a stroke says of most of the cloth under it the opposite of the mask of its view.
+        If a stroke contradicts the mask of its view for most of the cloth under it.
     """
     for n, decision in enumerate(decisions):
         if not isinstance(decision, ImageStroke) or not recording.has_masks:
@@ -177,7 +177,7 @@ def check_against_masks(recording: Recording, decisions: Sequence[Decision], whe
 
 
 def summary(segmentation: Segmentation) -> dict[str, Any]:
-    """Return what a report says about a segmentation, ready for JSON: areas in cm2."""
+    """Return the part of a report about a segmentation, ready for JSON: areas in cm2."""
     return {
         "text": segmentation.text,
         "certainty": round(segmentation.mean_certainty, 4),
@@ -196,8 +196,9 @@ def summary(segmentation: Segmentation) -> dict[str, Any]:
 class SidesLesson:
     """How the side of interest is found: the views, a slice through the evidence, and a stroke.
 
-    ``frame`` is the start view as recorded; ``found`` without strokes; ``stroke`` contradicts it where a
-    stroke would tell most, and ``stroked`` is found with it; both None if no place is uncertain.
+    ``frame`` is the start view as recorded; ``found`` is the result without strokes;
+    ``stroke`` contradicts it where a stroke would help most, and ``stroked`` is the result with it; both
+    are None if no place is uncertain.
     """
 
     frame: RgbdFrame

@@ -1,8 +1,8 @@
-"""The sheet: the shape with the pieces that float laid out beside it, as they are shown and picked.
+"""The sheet: the shape with the floating pieces next to it, as they are shown and picked.
 
-A method keeps floating pieces far off on the plane, where no cloth of the shape meets them. To be seen
-they are moved, by whole pixels, into columns to the right of the shape. Pieces that lie near the shape,
-but whose place there is not reliable, stay where they lie.
+A method places floating pieces far from the shape on the plane, so that they do not overlap it. For display
+they are moved, by whole pixels, into columns to the right of the shape. Pieces near the shape without a
+reliable place stay where they are.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ GAP_M = 0.04
 """Between the shape and the pieces, and between two pieces: wider than a finger's width of cloth. Set by
 hand."""
 _NEAR_M = 1.0
-"""A piece whose middle is nearer to the shape than this lies where it would belong. Set by hand."""
+"""A piece whose middle is nearer to the shape than this is already near its place. Set by hand."""
 
 FLOATS = "Nothing seen connects it to the shape."
 PLACED = "Placed by the garment: no view connects it, its edges fit the outline."
@@ -78,8 +78,8 @@ def floating_file(number: int) -> str:
 class Sheet:
     """The shape and its floating pieces on one plane.
 
-    ``view`` holds all of them, ``piece`` (H, W) int16 tells them apart: 0 the shape, 1 piece B, ..., -1
-    nothing; ``canonical`` is what it was made of.
+    ``view`` holds all of them, ``piece`` (H, W) int16 numbers them: 0 the shape, 1 piece B, ..., -1
+    no cloth; ``canonical`` is the view that it was made of.
     """
 
     canonical: Canonical
@@ -137,8 +137,8 @@ class Sheet:
     def shown(self, placement: Rigid2, center_m: Floats) -> Rigid2:
         """Return a placement (plane from a component's own plane) as it is on the sheet.
 
-        ``center_m`` (2,) is the component's middle on its own plane: it tells which piece is meant. A
-        placement far from all cloth, as of a piece that was reopened, is shown beside the shape.
+        ``center_m`` (2,) is the component's middle on its own plane; it determines the piece. A
+        placement far from all cloth, as of a reopened piece, is shown next to the shape.
         """
         center = placement.apply(center_m)
         piece = self.piece_on_plane(center)
@@ -146,12 +146,12 @@ class Sheet:
         low, high = _box(self.canonical.view)
         at = shown.apply(center_m)
         if piece == 0 and bool((at < low - _NEAR_M).any() or (at > high + _NEAR_M).any()):
-            beside = np.array([high[0] + 4 * GAP_M, (low[1] + high[1]) / 2])
-            return Rigid2(0.0, *(beside - at).tolist()) @ placement
+            aside = np.array([high[0] + 4 * GAP_M, (low[1] + high[1]) / 2])
+            return Rigid2(0.0, *(aside - at).tolist()) @ placement
         return shown
 
     def meant(self, shown: Rigid2, center_m: Floats) -> Rigid2:
-        """Return the placement on the method's plane that is meant by one on the sheet."""
+        """Return the placement on the method's plane that corresponds to one on the sheet."""
         return self.shift(self.piece_at(shown.apply(center_m))).inverse() @ shown
 
 
@@ -161,7 +161,7 @@ def order_of(floating: Sequence[FlattenedView]) -> list[int]:
 
 
 def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyType({})) -> Sheet:
-    """Lay the floating pieces of a canonical view out beside it.
+    """Lay out the floating pieces of a canonical view next to it.
 
     ``placed`` are motions onto the shape of those that the garment places, by their index in ``floating``.
     """
@@ -219,7 +219,7 @@ def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyTyp
 
 
 def sheet_of(canonical: Canonical, document: Document) -> Sheet:
-    """Lay a canonical view out, with the pieces that its document places by the garment."""
+    """Lay out a canonical view, with the pieces that its document places by the garment."""
     placed = decided_pieces(document.garment, canonical.view, canonical.floating)
     return lay_out(canonical, placed.shape_from_piece)
 

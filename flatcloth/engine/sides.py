@@ -18,7 +18,7 @@ from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
 
 SOLUTIONS_KEPT = 8
-"""Undo and redo of the last strokes need no new solution. Set by hand."""
+"""Number of cached solutions, for undo and redo of strokes. Set by hand."""
 
 
 class Sides:
@@ -27,7 +27,7 @@ class Sides:
     Parameters
     ----------
     observe : callable
-        Looks at all views once (seconds) and returns a solver; is given a progress.
+        Reads all views once (takes seconds) and returns a solver; called with a progress.
     n_views : int
         Number of views of the recording.
     """

@@ -2,7 +2,7 @@
 
 It is always the paper's method with its own interpolation, whatever the session's method is. The
 parameters that a learner may change (d, A_w, S_0) replace those of the configuration in a small
-computation beside the session, which reads the session's frames and axis and changes nothing in it.
+separate computation, which reads the session's frames and axis and changes nothing in it.
 """
 
 from __future__ import annotations

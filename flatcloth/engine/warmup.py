@@ -1,9 +1,9 @@
 """Compile the numerical kernels in advance, so that the first start is as fast as later ones.
 
 ``python -m flatcloth.engine.warmup`` lets two processes compile a share of the kernels each, and then runs
-the whole method on two small synthetic views; numba caches the compiled code beside the sources. Where that
-was not done, the page opens all the same: it lets two processes compile (:func:`compile_beside`), and what
-needs the kernels waits for them and says so (:func:`wait_until_compiled`).
+the whole method on two small synthetic views; numba caches the compiled code next to the sources. Without
+that, the page still opens: two processes compile in the background (:func:`compile_beside`), and computations
+that need the kernels wait for them and report it (:func:`wait_until_compiled`).
 """
 
 from __future__ import annotations
@@ -106,9 +106,9 @@ def compile_beside() -> None:
 
 
 def wait_until_compiled(progress: Progress = no_progress) -> None:
-    """Wait for the processes of :func:`compile_beside`, if there are any, and tell how far they are.
+    """Wait for the processes of :func:`compile_beside`, if there are any, and report their progress.
 
-    ``progress`` may raise ``CancelledError``. What they could not compile is compiled when it is called.
+    ``progress`` may raise ``CancelledError``. Kernels that they could not compile are compiled on first use.
     """
     while is_compiling():
         done, of = sum(kernel.is_kept for kernel in kernels()), len(kernels())

@@ -115,7 +115,7 @@ class _Painter:
         self._drawing = Drawing(_WIDTH, _HEIGHT)
 
     def frame(self, page: Uint8, scene: _Scene, angle_deg: float, duration_ms: int) -> Frame:
-        """Paint a scene beside the shape on its page."""
+        """Paint a scene next to the shape on its page."""
         from PIL import Image
 
         image = page.copy()
@@ -136,7 +136,7 @@ class _Painter:
         return _Scene(xyz.astype(np.float64), rgb, behind_m)
 
     def page(self, step: Step, order: int, tinted: bool) -> Uint8:
-        """Paint the shape beside an empty pane, with the step as text and on a timeline."""
+        """Paint the shape next to an empty pane, with the step as text and on a timeline."""
         growth, drawing = self._growth, self._drawing
         drawing.clear()
         pane = _HEIGHT - _FOOT

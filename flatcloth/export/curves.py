@@ -75,7 +75,7 @@ def draw_curves(
     turned.plot(u_mm, curves.column_mean_z_angle_deg, color=ORANGE, linewidth=1.6)
     for sign in (-1, 1):
         turned.axhline(sign * limit, color=SOFT, linewidth=1.0, linestyle="--")
-    told = [Run(f"\u00b1A_w = \u00b1{limit:g}\u00b0", SMALL, SOFT)]
+    labels = [Run(f"\u00b1A_w = \u00b1{limit:g}\u00b0", SMALL, SOFT)]
     if side is not None:
         _shade_overlap(counted, side)
         overlap = f"S_0 = {1e4 * config.overlap_area_m2:.0f} cm\u00b2"
@@ -85,8 +85,8 @@ def draw_curves(
             axes.axvline(1000 * side.u_b_m, color=GREEN, linewidth=1.2)
         turned.plot(1000 * side.u_b_m, side.a_0_deg, "o", color=PINK, markersize=8, markeredgewidth=0)
         reached = f"A_0 = {side.a_0_deg:.0f}\u00b0".replace("-", "\u2212")
-        told.insert(0, Run(reached, SMALL, PINK))
-    drawing.runs(angle.left + width, angle.top - 12, tuple(told), "end")
+        labels.insert(0, Run(reached, SMALL, PINK))
+    drawing.runs(angle.left + width, angle.top - 12, tuple(labels), "end")
 
 
 def _shade_overlap(axes: Axes, side: SidePlan) -> None:

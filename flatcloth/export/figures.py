@@ -345,9 +345,9 @@ def overlay(session: OpenedSession, decision: Decision) -> Figure:
     integration = session.integration
     angle = integration.recording.angles_deg[decision.view_index]
     title = f"Decision {decision.number}: view {decision.view_index} ({angle:g}\u00b0)"
-    told = verdict_text(decision)
-    drawing = map_drawing(_decoded(picture_before(session, decision)), title, told, legend_width=20.0)
-    return Figure(name=_name(decision, "overlay"), caption=f"{title}, {told}.", drawing=drawing)
+    verdict = verdict_text(decision)
+    drawing = map_drawing(_decoded(picture_before(session, decision)), title, verdict, legend_width=20.0)
+    return Figure(name=_name(decision, "overlay"), caption=f"{title}, {verdict}.", drawing=drawing)
 
 
 def picture_before(session: OpenedSession, decision: Decision) -> PngPicture:

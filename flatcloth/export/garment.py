@@ -161,8 +161,8 @@ def outcome_entry(known: KnownGarment | str) -> dict[str, Any]:
     }
 
 
-def told(known: KnownGarment | str) -> list[str]:
-    """Return the answer in a few lines of words."""
+def lines_of(known: KnownGarment | str) -> list[str]:
+    """Return the recognised garment, or the reason for none, as a few lines of text."""
     if isinstance(known, str):
         return [f"No garment: {known}"]
     found = known.found

@@ -25,9 +25,9 @@ Int16 = NDArray[np.int16]
 _SAME_PIXEL_PX = 0.5
 """Pixels nearer than this in the source image show the same point. Chosen: half a pixel."""
 _LEAST_SHARED = 20
-"""Fewer shared pixels do not tell how the shape moved. Chosen."""
+"""Least number of shared pixels from which the motion of the shape is computed. Chosen."""
 _MOST_SHARED = 4000
-"""More are thinned. Chosen for speed."""
+"""Largest number of shared pixels that are used. Chosen for speed."""
 _VIEW_APART_PX = 1e5
 """Offset between views in one search tree. Chosen: above the size of every image."""
 
@@ -36,7 +36,7 @@ _VIEW_APART_PX = 1e5
 class Step:
     """A view of the shape, in the order of acceptance; the start view is step 0.
 
-    ``area_m2`` is the area of the shape with this view, ``floating_m2`` that of the pieces beside it,
+    ``area_m2`` is the area of the shape with this view, ``floating_m2`` that of the floating pieces,
     ``added_m2`` the view's contribution to both; ``decision`` is None for the start view.
     """
 
@@ -53,7 +53,7 @@ class Step:
 class Growth:
     """The shape with its floating pieces, and their history.
 
-    ``sheet`` holds the shape and the pieces beside it, ``view`` is its raster; ``first_step`` (H, W) int16
+    ``sheet`` holds the shape and the floating pieces, ``view`` is its raster; ``first_step`` (H, W) int16
     the step that first covered each pixel, ``source_step`` (H, W) int16 the step whose view each pixel shows;
     both -1 off the cloth.
     """

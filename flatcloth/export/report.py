@@ -139,15 +139,15 @@ def _decisions(session: OpenedSession) -> Iterable[str]:
 def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     angle = session.integration.recording.angles_deg[decision.view_index]
     picture = data_url(figures.picture_before(session, decision).png, "image/png")
-    told = figures.verdict_text(decision).removeprefix(decision.verdict)
+    verdict = figures.verdict_text(decision).removeprefix(decision.verdict)
     about = f"View {decision.view_index} placed on the shape"
     gone = "" if decision.stands else " gone"
     if is_overridden(decision, session.integration.accept_score):
-        told += f"; \u2691 {FLAGS[OVERRIDDEN]}"
+        verdict += f"; \u2691 {FLAGS[OVERRIDDEN]}"
     yield f'<section class="decision{gone}">'
     yield (
         f"<h3>{decision.number}. View {decision.view_index} ({angle:g}\u00b0):"
-        f' <b class="{decision.verdict}">{decision.verdict}</b><span>{escape(told)}</span></h3>'
+        f' <b class="{decision.verdict}">{decision.verdict}</b><span>{escape(verdict)}</span></h3>'
     )
     yield f'<img class="picture" src="{picture}" alt="{about}">'
     plan = plan_of(session, decision)
@@ -175,16 +175,16 @@ def _garment(session: OpenedSession) -> Iterable[str]:
     if isinstance(known, str):
         yield f"<p>{escape(known)}</p>"
         return
-    told = summary(known)
+    garment = summary(known)
     shares = ", ".join(
-        f"{_words(name)} {share:.0%}" for name, share in told["probabilities"] if share >= 0.005
+        f"{_words(name)} {share:.0%}" for name, share in garment["probabilities"] if share >= 0.005
     )
-    kind = _words(told["kind"] or NONE) + (", set by hand" if told["by_hand"] else "")
+    kind = _words(garment["kind"] or NONE) + (", set by hand" if garment["by_hand"] else "")
     yield f"<p>{escape(kind)}. By the evidence: {escape(shares)}.</p>"
-    if told["kind"] is None:
+    if garment["kind"] is None:
         return
     yield from (_figure(figure, "hero") for figure in figures.garment(session))
-    sizes = [(_words(d["name"]), f"{d['mm']:.0f} \u00b1 {d['std_mm']:.0f} mm") for d in told["dimensions"]]
+    sizes = [(_words(d["name"]), f"{d['mm']:.0f} \u00b1 {d['std_mm']:.0f} mm") for d in garment["dimensions"]]
     yield _table(("dimension", "flat, one standard deviation"), sizes)
     rows = [
         (
@@ -193,7 +193,7 @@ def _garment(session: OpenedSession) -> Iterable[str]:
             f"{point['std_mm']:.0f} mm",
             _vector_mm(np.array(point["xyz_m"])) if point["seen"] else "\u2013",
         )
-        for point in told["points"]
+        for point in garment["points"]
     ]
     yield _table(("named point", "how", "known to", "x y z (mm), object frame"), rows)
 

@@ -174,7 +174,7 @@ def open_session(
     JournalError
         If the folder is not a session, is damaged, or belongs to another recording.
     RecordingError
-        If the recording is missing; the message tells how to name it.
+        If the recording is missing; the message explains how to give its path.
     ConfigError
         If the session uses a method that this version does not have.
     """

@@ -74,7 +74,7 @@ def write_masks(
         New or empty. Moved into a recording as its folder ``mask``, the files can be named in its
         ``recording.json``: ``"mask": "mask/000.png"``.
     report : mapping
-        Written beside them as ``segmentation.json``.
+        Written into the same folder as ``segmentation.json``.
     progress : callable
         Called with the share of the work done.
 

@@ -92,7 +92,7 @@ class SourceOptions:
         return said
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any], where: str, beside: Path | None = None) -> SourceOptions:
+    def from_dict(cls, values: Mapping[str, Any], where: str, base: Path | None = None) -> SourceOptions:
         """Read options from a table, of JSON or of a CSV file, in which empty text means not given.
 
         Parameters
@@ -101,7 +101,7 @@ class SourceOptions:
             Option name to value.
         where : str
             The table's place, for messages.
-        beside : Path, optional
+        base : Path, optional
             Base folder of relative paths.
 
         Raises
@@ -115,8 +115,8 @@ class SourceOptions:
             raise RecordingError(f"{where}: unknown option {unknown[0]!r:.60}. Known are {', '.join(_READ)}.")
         made = {name: _READ[name](value, f"{where}: {name}") for name, value in known.items()}
         for name in ("angles", "camera_file"):
-            if name in made and beside is not None:
-                made[name] = beside / made[name].expanduser()
+            if name in made and base is not None:
+                made[name] = base / made[name].expanduser()
         return cls(**made)
 
 

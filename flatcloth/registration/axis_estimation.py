@@ -282,8 +282,8 @@ def _plausible(axis: RotationAxis, views: Sequence[ViewFeatures]) -> bool:
     if axis.direction @ UP < _LEAST_VERTICAL:
         return False
     offset = np.concatenate([view.xyz_m[view.usable] for view in views]) - axis.point_m
-    beside = offset - (offset @ axis.direction)[:, None] * axis.direction
-    return float(np.percentile(np.linalg.norm(beside, axis=1), 5)) < _FARTHEST_FROM_ITEM_M
+    across = offset - (offset @ axis.direction)[:, None] * axis.direction
+    return float(np.percentile(np.linalg.norm(across, axis=1), 5)) < _FARTHEST_FROM_ITEM_M
 
 
 @dataclass(frozen=True)

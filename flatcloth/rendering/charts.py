@@ -84,9 +84,9 @@ def draw_key(drawing: Drawing, x: float, y: float, entries: Sequence[tuple[str, 
 
 
 def draw_title(drawing: Drawing, title: str, about: str = "") -> None:
-    """Write the title, with its explanation beside it."""
-    beside = (Run(about, SIZE, SOFT),) if about else ()
-    drawing.runs(16, 26, (Run(title, 15, TEXT, bold=True), *beside))
+    """Write the title, followed by its explanation."""
+    explanation = (Run(about, SIZE, SOFT),) if about else ()
+    drawing.runs(16, 26, (Run(title, 15, TEXT, bold=True), *explanation))
     drawing.about = f"{title}. {about}".strip()
 
 

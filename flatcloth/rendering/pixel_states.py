@@ -19,7 +19,7 @@ COLORS = {
     PixelState.NOT_USED: (140, 140, 140),
     PixelState.FLOATING: (55, 126, 184),
 }
-"""Chosen: ColorBrewer's Set1, whose colors are told apart; cloth of the shape stays as it is."""
+"""Chosen: the distinct colors of ColorBrewer's Set1; cloth of the shape keeps its own colors."""
 _MISSING_ALPHA, _ELSEWHERE_ALPHA = 225, 95
 """Opacity of 255: cloth that the result lacks, and cloth that another view brought in. Chosen."""
 _OFF_ITEM_RGBA = (0, 0, 0, 150)

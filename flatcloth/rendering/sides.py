@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Float32, Uint8
 
 THIS_RGBA = (44, 123, 182, 96)
-"""Colors of the sides, told apart by color-blind readers (the ends of ColorBrewer's RdYlBu). Chosen."""
+"""Colors of the sides, distinguishable by color-blind readers (the ends of ColorBrewer's RdYlBu). Chosen."""
 OTHER_RGBA = (215, 95, 25, 120)
 """See ``THIS_RGBA``."""
 UNDECIDED_RGBA = (120, 120, 120, 190)

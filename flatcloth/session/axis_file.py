@@ -1,4 +1,4 @@
-"""The turning axis of a session, saved beside its journal as ``axis.json``.
+"""The turning axis of a session, saved next to its journal as ``axis.json``.
 
 An axis that was estimated or set by hand belongs to the session: resuming it, also with another
 version of this program, uses the same axis as the decisions did.

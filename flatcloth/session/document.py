@@ -82,9 +82,9 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Later:
-    """An acceptance that waits until one before it is decided again; ``on`` was accepted before it.
+    """An accepted view that is placed again after an earlier one changed; ``on`` are the views before it.
 
-    ``anew``: the view itself has changed by a stroke, so it is laid again even where ``on`` is unchanged.
+    ``anew``: a stroke has changed the view itself, so it is placed again even if ``on`` is unchanged.
     """
 
     decision: Accepted
@@ -317,7 +317,7 @@ def _unchanged(later: Later, document: Document) -> bool:
 
 
 def paint(document: Document, decision: Decision) -> Document:
-    """Add a decision about sides; the views of the shape change with it, and are laid anew in their order.
+    """Add a decision about sides; the views of the shape change, and are placed again in their order.
 
     The proposal is dropped: its view may show other cloth now.
     """

@@ -135,7 +135,7 @@ def settle_header(
     Raises
     ------
     JournalError
-        If it describes another session, is damaged, or is missing beside its journal.
+        If it describes another session, is damaged, or is missing although there is a journal.
     OSError
         If it cannot be written.
     """

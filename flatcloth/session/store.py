@@ -191,12 +191,12 @@ class SessionFolder:
         write_axis(self._folder, axis)
 
     def take_notices(self) -> tuple[str, ...]:
-        """Return what the user must be told, once: sentences on where the session is kept."""
+        """Return the notices for the user, once: sentences on where the session is stored."""
         notices, self._notices = tuple(self._notices), []
         return notices
 
     def close(self) -> None:
-        """Let another process have the folder; harmless when repeated."""
+        """Release the folder for other processes; may be called repeatedly."""
         self._journal.close()
         if self._lock_fd is not None:
             os.close(self._lock_fd)

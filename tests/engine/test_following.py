@@ -200,7 +200,7 @@ def test_a_view_that_the_method_cannot_lay_lies_beside_the_shape_to_be_placed_by
     pending = state.document.pending
     assert pending is not None
     assert pending.score == 0.0
-    assert pending.why.endswith("choose another view. Move it from beside the shape.")
+    assert pending.why.endswith("choose another view. It lies next to the shape; move it.")
     shape, overlay = made.canonical(state.document).view, made.overlay(state.document)
     u_shape = shape.uv_from_rc(np.argwhere(shape.valid))[:, 0]
     u_new = overlay.uv_from_rc(np.argwhere(overlay.valid))[:, 0]

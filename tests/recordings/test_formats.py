@@ -117,7 +117,7 @@ def test_options_survive_a_table(tmp_path: Path) -> None:
     said = SourceOptions(angles=tmp_path / "a.csv", fov_deg=(60.0, 40.0), turning_deg=-90.0, sweep="back")
     assert SourceOptions.from_dict(json.loads(json.dumps(said.to_dict())), "row 1") == said
     row = {"fov_deg": "60, 40", "turning_deg": "-90", "sweep": "back", "angles": "a.csv", "step_deg": ""}
-    assert SourceOptions.from_dict(row, "row 1", beside=tmp_path) == said
+    assert SourceOptions.from_dict(row, "row 1", base=tmp_path) == said
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ def test_a_first_stroke_that_a_new_partition_explains_says_nothing_of_the_guess(
     found = far.solve([on_front(150.0, 119.0)])
     assert (found.side[far.start_sheet] == OF_INTEREST).all()
     assert (found.side[lower] == OTHER).any()
-    assert "once more" not in found.changed.text
+    assert "draw another stroke" not in found.changed.text
     dear = solver_with(observed, Priced(cost=100.0, anew=lower, price=90.0))
     most = solver_with(observed, Priced(cost=100.0, anew=observed.clusters.normal[:, 2] < 2.0, price=10.0))
     for otherwise in (dear, most):  # the guess was wrong

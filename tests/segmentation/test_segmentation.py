@@ -129,7 +129,7 @@ def test_a_first_stroke_that_may_mean_that_the_guess_was_wrong_leaves_undecided_
 ):
     found = doubtful.solve((stroke("other", points=((150.0, 119.0),)),))
     assert set(found.side[doubtful.start_sheet]) == {UNDECIDED}
-    assert "stroke it once more" in found.changed.text
+    assert "draw another stroke on it" in found.changed.text
     row, col = np.array((150, 119)) - found.view(0).offset_rc
     assert found.view(0).side[row, col] == OTHER
     assert shares(doubtful.solve((stroke("other"),)))[0] < 0.001  # all samples divide nothing there
@@ -144,7 +144,7 @@ def test_a_further_stroke_tells_whether_the_guess_was_wrong(doubtful, side, righ
     for row, col, at in ((150, 119, OTHER), (119, 119, OF_INTEREST if right else OTHER)):
         assert view.side[row - view.offset_rc[0], col - view.offset_rc[1]] == at
     assert found.conflicts == ()
-    assert "once more" not in found.changed.text
+    assert "draw another stroke" not in found.changed.text
     assert doubtful.solve((first,)).side[doubtful.start_sheet[0]] == UNDECIDED  # undo is exact
     back = doubtful.observed.clusters.normal[:, 2] > 0.9
     upper = doubtful.observed.clusters.place_m[:, 1] < 0.0

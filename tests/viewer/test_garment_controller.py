@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment.recognition import KnownGarment, place_sure_pieces
-from flatcloth.export.garment import garment_document, outcome_entry, told
+from flatcloth.export.garment import garment_document, lines_of, outcome_entry
 from flatcloth.garments.deciding import DecidedPieces, decided_pieces
 from flatcloth.garments.links import Cloth, DoubtedLink
 from flatcloth.garments.placing import Placed
@@ -217,7 +217,7 @@ def test_run_takes_off_what_is_weak_and_probably_wrong_and_tells_what_it_doubts(
     known = place_sure_pieces(service, session)
     assert not session.state.document.garment.parts
     assert outcome_entry(known)["doubted_links"] == [{"part_cm2": 28.0, "probability": 0.4}]
-    assert any("A part of 28 cm2" in line for line in told(known))
+    assert any("A part of 28 cm2" in line for line in lines_of(known))
     service.links = (dataclasses.replace(doubted, probability=0.01),)  # much evidence joins it
     place_sure_pieces(service, session)
     assert not session.state.document.garment.parts
@@ -248,7 +248,7 @@ def test_run_places_sure_pieces_once_and_leaves_refused_ones(service) -> None:
     session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
     known = place_sure_pieces(service, session)
     assert outcome_entry(known)["placed_by_the_garment"] == ["floating-2.npz"]
-    assert "Floating pieces placed by the garment: 2." in told(known)
+    assert "Floating pieces placed by the garment: 2." in lines_of(known)
     assert garment_document(known)["pieces"]["floating-2.npz"]["placed"]
     assert [item.name for item in session.state.undo] == ["place a piece by the garment"]
     place_sure_pieces(service, session)

@@ -178,7 +178,7 @@ def test_without_masks_the_side_is_looked_for_and_the_frame_is_flattened_again(s
     integration.views.sides, integration.views.segment = object(), segment
     with LiveTab(serve(STILL)) as tab:
         tab.frame_where(lambda _: True)
-        tab.until_told("all of the item is shown")
+        tab.until_told("the whole item is shown")
         tab.say(type="play", playing=False)
         tab.state_where(lambda s: not s["live"]["playing"])
         before = len(player.shown)

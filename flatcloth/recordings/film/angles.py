@@ -70,14 +70,14 @@ class GivenAngles:
             return None
         return step_deg if abs(step_deg) >= TOLERANCE_DEG and _is_film(shots, step_deg) else None
 
-    def views(self, shots: Shots, beside: Path | None = None) -> list[tuple[int, float]]:
+    def views(self, shots: Shots, folder: Path | None = None) -> list[tuple[int, float]]:
         """Return the views: the number of the shot, and its angle in degrees since the first view.
 
         Parameters
         ----------
         shots : Shots
             The shots; a table may leave some of them out.
-        beside : Path, optional
+        folder : Path, optional
             Folder in which ``angles.csv`` is searched if no angles were given.
 
         Raises
@@ -91,10 +91,10 @@ class GivenAngles:
         if (
             table is None
             and self.step_deg is None
-            and beside is not None
-            and (beside / ANGLES_FILE).is_file()
+            and folder is not None
+            and (folder / ANGLES_FILE).is_file()
         ):
-            table = beside / ANGLES_FILE
+            table = folder / ANGLES_FILE
         if table is not None:
             return _from_table(table.expanduser(), shots)
         if self.step_deg is None:

@@ -76,7 +76,7 @@ def views_or_film(
     made: Callable[[list[tuple[int, float]]], Recording],
     shots: Shots,
     angles: GivenAngles,
-    beside: Path | None,
+    folder: Path | None,
     progress: Progress = no_progress,
 ) -> Recording:
     """Return a recording of shots that are either views or the frames of a film.
@@ -85,7 +85,7 @@ def views_or_film(
     ----------
     made : callable
         Returns the recording of some of the shots, given as pairs of number and angle in degrees.
-    shots, angles, beside
+    shots, angles, folder
         The shots, the given angles, and the folder where a table of angles may lie.
     progress : callable
         Called with the share of a film that has been searched.
@@ -97,7 +97,7 @@ def views_or_film(
     """
     step_deg = angles.film_step_deg(shots)
     if step_deg is None or shots.times_s is None:
-        return made(angles.views(shots, beside=beside))
+        return made(angles.views(shots, folder=folder))
     every = [(n, 0.0) for n in range(shots.count)]
     return film_recording(made(every), shots.times_s, step_deg, progress)
 

@@ -30,7 +30,7 @@ LEAST_STOP_S = 0.45
 _NEAR_M = 0.5
 """Surfaces this far behind the nearest one are background, which may move. Set by hand."""
 _LEAST_BLOCKS = 12
-"""Fewer measured blocks tell no motion. Chosen."""
+"""Least number of measured blocks from which a motion is computed. Chosen."""
 _NOISE_CAP = 3.0
 """Above this the two images have nothing in common: the item moves fast. Set by hand."""
 _NOISE_HISTORY = 300

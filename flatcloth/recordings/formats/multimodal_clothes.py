@@ -138,7 +138,7 @@ def _as_given(folder: Path, colors: list[Path], options: SourceOptions) -> tuple
             "first and the last image of a sweep, or --angles FILE.csv."
         )
     shots = Shots(source=str(folder), count=len(colors), names=[color.name for color in colors])
-    views = options.given_angles.views(shots, beside=folder)
+    views = options.given_angles.views(shots, folder=folder)
     return [colors[n] for n, _ in views], [angle for _, angle in views]
 
 
@@ -152,7 +152,7 @@ def _of_images(
     if (color.width, color.height) != (depth.width, depth.height):
         raise RecordingError(
             f"{folder}: color has {color.width}x{color.height} px, depth {depth.width}x{depth.height}: they "
-            "are not registered. Put the organised clouds (..._pc.pcd, with colors) beside them."
+            "are not registered. Put the organised clouds (..._pc.pcd, with colors) next to them."
         )
     if options.camera_file is None and options.fov_deg is None and camera_file(folder) is None:
         raise RecordingError(

@@ -51,7 +51,7 @@ class FrameFilter:
     librealsense rounds down to whole millimetres after each filter, which moves the surface 4 mm
     towards the camera, and after the alignment a filter would work on duplicated or missing
     pixels. A device that is not a stereo camera is therefore not filtered. The default settings
-    of the spatial filter smooth layers into each other (95 % of the pixels beside an edge are
+    of the spatial filter smooth layers into each other (95 % of the pixels next to an edge are
     correct to 8.6 mm, with the settings here to 1.8 mm). The temporal filter must be reset when
     the item is turned: see :meth:`fresh`. 640x480 px: 10 ms a frame, 1-2 ms while not active.
     """

@@ -157,7 +157,7 @@ class RealsensePlayer:
             try:
                 arrived, frameset = pipeline.try_wait_for_frames(_WAIT_MS)
             except RuntimeError:
-                return  # the reader ended within the file; ``read_s`` tells where
+                return  # the reader ended within the file, at ``read_s``
             if not arrived:
                 waits += playback.current_status() == stopped
                 if waits >= (_LAST_WAITS if depths == self._depth_frames else _PATIENT_WAITS):

@@ -57,7 +57,7 @@ class Bag:
                 f"{path}: reading ROS recordings needs the library rosbags, which is missing ({error}). "
                 "Run: pip install 'flatcloth[ros]'"
             ) from error
-        with self._told():
+        with self._read_errors():
             # ROS 2 recordings made before 2023 contain no definitions; those of images have not changed.
             self._reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             self._reader.open()
@@ -85,7 +85,7 @@ class Bag:
             If it is damaged.
         """
         kind, connections = self._topics[topic]
-        with self._told(), self._lock:
+        with self._read_errors(), self._lock:
             _, _, raw = next(self._reader.messages(connections=connections))
             return self._reader.deserialize(raw, kind)
 
@@ -103,7 +103,7 @@ class Bag:
         """
         _, connections = self._topics[topic]
         found, seen = [], Counter[int]()
-        with self._told(), self._lock:
+        with self._read_errors(), self._lock:
             for _, written_ns, raw in self._reader.messages(connections=connections):
                 found.append((Place(written_ns, seen[written_ns]), self._stamp_s(raw)))
                 seen[written_ns] += 1
@@ -119,7 +119,7 @@ class Bag:
         """
         kind, connections = self._topics[topic]
         start = place.written_ns
-        with self._told(), self._lock:
+        with self._read_errors(), self._lock:
             found = self._reader.messages(connections=connections, start=start, stop=start + 1)
             for number, (_, _, raw) in enumerate(found):
                 if number == place.number:
@@ -128,7 +128,7 @@ class Bag:
 
     def _stamp_s(self, raw: bytes | memoryview) -> float:
         """Time stamp of a message that begins with a header; only the header is read."""
-        if self._reader.is2:  # CDR: the first four bytes tell the byte order
+        if self._reader.is2:  # CDR: the first four bytes give the byte order
             order = "<" if raw[1] & 1 else ">"
             seconds, nanoseconds = struct.unpack_from(order + "iI", raw, 4)
         else:
@@ -136,7 +136,7 @@ class Bag:
         return float(seconds) + 1e-9 * float(nanoseconds)
 
     @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
+    def _read_errors(self) -> Iterator[None]:
         try:
             yield
         except RecordingError:

@@ -31,7 +31,7 @@ _MODELS = {
 
 @dataclass(frozen=True, kw_only=True)
 class _Topic:
-    """An image topic: its content, and the camera info published beside it (None if there is none)."""
+    """An image topic: its content, and the camera info published with it (None if there is none)."""
 
     name: str
     look: Look
@@ -167,7 +167,7 @@ def _rank(color: _Topic, depth: _Topic) -> tuple[Any, ...]:
 
 
 def _info(bag: Bag, topic: str) -> Any:
-    """Return the first camera_info published beside a topic; None if there is none."""
+    """Return the first camera_info published with a topic; None if there is none."""
     base = next((topic.removesuffix(t) for t in _TRANSPORTS if topic.endswith(t)), topic)
     name = f"{base.rsplit('/', 1)[0]}/camera_info"
     return bag.first(name) if name in bag.topics(CAMERA_INFO) else None

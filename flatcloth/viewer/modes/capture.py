@@ -109,7 +109,7 @@ class CaptureApplication(LiveApplication):
         self._warnings: tuple[str, ...] = ()
         self._meter = RateMeter()
         self._camera_fps = 0.0
-        self._told_s = self._looked_s = 0.0
+        self._reported_s = self._looked_s = 0.0
         self._framed_at: np.ndarray[Any, Any] | None = None
         self._busy = threading.Event()
         feed.on_frame, feed.on_end = self._on_frame, self._on_end
@@ -143,35 +143,35 @@ class CaptureApplication(LiveApplication):
                 changed = self._note_view() or _place(before) != _place(self._guided.state)
         if changed:
             self._put(None, self._publish)
-        if changed or now_s - self._told_s >= STATUS_INTERVAL_S:
-            self._told_s = now_s
+        if changed or now_s - self._reported_s >= STATUS_INTERVAL_S:
+            self._reported_s = now_s
             self._sink.tell(None, self.status())
         if not self._busy.is_set() and self._loop.head.playing:
             self._busy.set()
-            self._beside.put(lambda: self._look(frame, now_s))
+            self._background.put(lambda: self._look(frame, now_s))
 
     def _on_end(self, text: str) -> None:
         self._ended = text
         self._loop.hold(None)
         self._put(None, lambda: self._tell(None, "error", text))
 
-    # --- beside it -----------------------------------------------------------------------------
+    # --- the second thread -----------------------------------------------------------------------------
 
     def _look(self, frame: CameraFrame, now_s: float) -> None:
         """Draw the cloud, and check the view from time to time."""
         try:
             view = frame.rgbd(self._feed.camera)
             points, colors = cloud_of(view)
-            anew = False
+            reset_view = False
             if now_s - self._looked_s >= LOOK_INTERVAL_S:
                 self._looked_s = now_s
                 self._warnings = check_frame(view).warnings
                 center = np.median(points, axis=0) if len(points) else None
                 if center is not None:
                     gone = self._framed_at is None or np.linalg.norm(center - self._framed_at) > REFRAME_M
-                    anew = bool(gone and self._page_settings.now.follow)
-                    self._framed_at = center if anew or self._framed_at is None else self._framed_at
-            self._scene_view.see(points, colors, anew=anew)
+                    reset_view = bool(gone and self._page_settings.now.follow)
+                    self._framed_at = center if reset_view or self._framed_at is None else self._framed_at
+            self._scene_view.see(points, colors, anew=reset_view)
         except Exception:  # noqa: BLE001 - the next frame may work; the thread must continue
             _log.exception("the cloud of a camera's frame could not be shown")
         finally:
@@ -263,7 +263,7 @@ class CaptureApplication(LiveApplication):
 
     _last_taken: TakenView | None = None
 
-    # --- what is told --------------------------------------------------------------------------
+    # --- the state --------------------------------------------------------------------------
 
     def status(self) -> CaptureStatus:
         """Return the status of the capture."""
@@ -323,11 +323,11 @@ class CaptureApplication(LiveApplication):
 
     @property
     def view_png(self) -> bytes:
-        """The picture of the last view: color beside depth; empty if there is none."""
+        """The picture of the last view: color and depth side by side; empty if there is none."""
         return self._view_png
 
     def announce(self) -> None:
-        """Send the state to every tab after a program has changed it."""
+        """Send the state to every tab after a program (not the page) has changed it."""
         self._put(None, self._publish)
 
 
@@ -356,7 +356,7 @@ def _why_not(action: str, phase: str) -> str | None:
 
 
 def _picture(view: TakenView) -> bytes:
-    """Return color beside depth as PNG; pixels without depth are grey."""
+    """Return color and depth side by side as PNG; pixels without depth are grey."""
     depth = view.depth_m
     measured = depth > 0
     low, high = np.percentile(depth[measured], [1, 90]) if measured.any() else (0.0, 1.0)

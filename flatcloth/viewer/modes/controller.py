@@ -1,7 +1,7 @@
 """The common part of all modes: one thread that owns the state, the picks, and the messages to the tabs.
 
-Sockets, viser's callbacks and workers only put jobs into the thread's queue; picks and messages are changed
-nowhere else. Data read by other threads (the picture) are immutable.
+Sockets, viser's callbacks and workers only put jobs into the thread's queue; only the thread changes picks
+and messages. Data read by other threads (the picture) are immutable.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ from flatcloth.viewer.worker import Worker
 _log = logging.getLogger(__name__)
 
 MOST_WAITING = 200
-"""Messages that wait for the page's thread. Chosen: no operator is so far ahead; it bounds memory."""
+"""Most messages in the queue of the page's thread. Chosen: no operator is faster; it bounds memory."""
 MESSAGES_KEPT = 100
-"""Messages that a page that is opened later still gets. Chosen."""
+"""Number of recent messages that a newly opened tab receives. Chosen."""
 
 
 class ClientSink(Protocol):
@@ -73,7 +73,7 @@ class SceneView(Protocol):
         """Set the turning axis."""
 
     def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
-        """Show the cloud of a camera in its own frame; ``anew`` frames the view again."""
+        """Show the cloud of a camera in its own frame; ``anew`` resets the view to show all of it."""
 
     def show_pick(
         self, position_m: Float64 | None, normal: Float64 | None, gripper_m: Float64 | None
@@ -90,7 +90,7 @@ class SceneView(Protocol):
         """Let the cameras follow the view, or not."""
 
     def look_from(self, angle_deg: float) -> None:
-        """Let all cameras look from where the real camera stood at an angle."""
+        """Move all cameras to the pose of the real camera at an angle."""
 
     def color_by(self, layer: str, look: Appearance) -> None:
         """Colour the shape and the proposal by a layer of the flattened view."""
@@ -117,7 +117,7 @@ class PageController(ABC):
         self._scene_view = scene_view
         self._sink = sink
         self._page_status = PageStatus()
-        # A session that is kept in memory keeps its settings there too.
+        # A session in memory has its settings in memory too.
         self._page_settings = SettingsStore(
             getattr(folder, "folder", None), Settings(auto_threshold=integration.accept_score)
         )
@@ -144,7 +144,7 @@ class PageController(ABC):
 
     @property
     def is_swamped(self) -> bool:
-        """Whether so many messages wait that no more should come."""
+        """Whether the queue of messages is too long to accept more."""
         return self._front.waiting >= MOST_WAITING
 
     @property
@@ -154,7 +154,7 @@ class PageController(ABC):
 
     @property
     def grips(self) -> Mapping[int, Grip]:
-        """How the picks are to be gripped, where the operator chose."""
+        """The grips of picks for which the operator chose one."""
         return self._picks.grips
 
     def routes(self) -> list[BaseRoute]:
@@ -174,7 +174,7 @@ class PageController(ABC):
 
     def receive(self, client: int, text: str) -> None:
         """Process a message of a tab; errors are returned as notifications."""
-        text = text[: MAX_MESSAGE_CHARS + 1]  # a longer one is refused, and need not be kept whole
+        text = text[: MAX_MESSAGE_CHARS + 1]  # a longer one is refused, so only its beginning is kept
         self._put(client, lambda: self._receive(client, text))
 
     def click_ray(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
@@ -184,7 +184,7 @@ class PageController(ABC):
         self._put(None, lambda: self._click(origin_m, direction))
 
     def _click(self, origin_m: tuple[float, ...], direction: tuple[float, ...]) -> None:
-        """Process a click; viser passes on whatever a browser says."""
+        """Process a click; viser does not check the data of the browser."""
         try:
             ray = np.array([origin_m, direction], dtype=np.float64)
         except (TypeError, ValueError):
@@ -198,7 +198,7 @@ class PageController(ABC):
         self._put(None, lambda: self._set(messages.Set(follow=follow)))
 
     def describe(self, hover: messages.Hover) -> HoverAnswer:
-        """Answer what is under the pointer; fast, it only reads the present picture."""
+        """Describe the point under the pointer; fast, because it only reads the present picture."""
         picture, axis = self._picture, self._integration.axis
         shape = proposal = None
         if picture is not None:
@@ -209,7 +209,7 @@ class PageController(ABC):
         return HoverAnswer(id=hover.id, shape=shape, proposal=proposal, source=source)
 
     def describe_ray(self, hover: messages.HoverRay) -> RayAnswer:
-        """Answer what a ray of the 3D scene hits, and where that lies on the plane; reads only."""
+        """Return the point that a ray of the 3D scene hits, and its place on the plane; reads only."""
         return hit_by(self._picture, self._scene_view.visible_points(), hover)
 
     def grasps(self, base_from_camera: Rigid3 | None = None, *, with_garment: bool = True) -> dict[str, Any]:
@@ -265,12 +265,12 @@ class PageController(ABC):
             self._tell(None, "warning", text)
 
     def _recover(self, error: BaseException) -> None:
-        """Say that the session's thread failed, and begin again with the session as the journal has it."""
+        """Report that the session's thread failed, and restart the session from its journal."""
         note = self._note("error", f"The session had to restart ({error!r:.300}); all decisions are kept.")
         self._sink.tell(None, note)
         self._restart()
 
-    def _restart(self) -> None:  # noqa: B027 - what is shown without decisions is shown again by itself
+    def _restart(self) -> None:  # noqa: B027 - modes without decisions need no restart
         """Show the session again from its journal."""
 
     def _receive(self, client: int, text: str) -> None:
@@ -308,7 +308,7 @@ class PageController(ABC):
         self._publish()
 
     def _highlight(self, pick: Pick) -> None:
-        """Let the tabs mark a new pick in the scene before its numbers and the scene itself follow."""
+        """Let the tabs mark a new pick immediately, before its numbers and the scene are updated."""
         x, y, z = map(float, pick.position_held_m)
         self._sink.tell(None, Picked(id=pick.id, position_held_m=(x, y, z)))
 
@@ -319,7 +319,7 @@ class PageController(ABC):
         self._scene_view.look_from(angles_deg[view_index])
 
     def _turn_to_pick(self) -> None:
-        """Look at the current pick from where it was seen, if it faces away from the present camera."""
+        """Turn the camera to a view that saw the current pick, if the pick faces away from it now."""
         current, picture = self._picks.current, self._picture
         if current is None or picture is None or not self._page_settings.now.turn_to_pick:
             return
@@ -374,7 +374,7 @@ class PageController(ABC):
             try:
                 self._publish()
                 return
-            except Exception:  # noqa: BLE001 - a state that cannot be published must not be published to say so
+            except Exception:  # noqa: BLE001 - logged only, as a message would publish the state again
                 _log.exception("the state of the page cannot be published")
         self._sink.tell(client, note)
 
@@ -383,7 +383,7 @@ class PageController(ABC):
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         # A click on the background changes nothing.
-        # Nor does the camera turn: who clicks in the scene sees what is clicked.
+        # The camera does not turn: the clicked point is visible already.
         if self._picks.add_on_ray(self._picture, self._scene_view.visible_points(), origin_m, direction):
             self._publish()
 

@@ -1,4 +1,4 @@
-"""Sends the diagnostics of a proposal to the page; they are computed on request, beside the session."""
+"""Sends the diagnostics of a proposal to the page; they are computed on request, in the background."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ LONGER, SHORTER = (217, 95, 2), (40, 110, 200)
 """Colours of edges longer, or shorter, on the plane than on the cloth; safe for colour-blind eyes."""
 
 _MOST_LINE_PIXELS = 1500
-"""Pixels of a line that are sent. Chosen for speed."""
+"""Largest number of pixels of a line that is sent. Chosen for speed."""
 _MOST_PAIRS = 400
-"""Pairs that are sent. Chosen for speed."""
+"""Largest number of pairs that are sent. Chosen for speed."""
 PAIR_LIMIT_MM = 1000.0 * TWICE_M
-"""Pairs farther apart on the plane count as cloth that is present twice."""
+"""If the points of a pair are farther apart on the plane, the cloth counts as present twice."""
 _GONE = "This proposal is no longer shown; a newer state follows."
 
 
@@ -199,7 +199,7 @@ def _curves(curves: ColumnCurves) -> CurvesInfo:
 
 
 def _pairs(found: Reasons, picture: Picture) -> ClothPairs | None:
-    """Return the pairs of cloth as they lie on the sheet, evenly chosen, and the shares of all of them."""
+    """Return an even selection of the pairs of cloth on the sheet, and the shares of all pairs."""
     pairs, overlay, document = found.pairs, picture.overlay, picture.document
     if pairs is None or overlay is None or document is None or document.pending is None:
         return None

@@ -1,4 +1,4 @@
-"""The garment on the page: it is recognised in the background, shown, and decided about."""
+"""The garment on the page: recognised in the background, shown, and corrected by decisions."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ UNEXPECTED = "Unexpected error while recognising the garment. See the terminal."
 
 @dataclass(frozen=True)
 class GarmentStatus:
-    """The state of the recognition; ``revision`` grows with each answer, ``text`` says why there is none."""
+    """The state of the recognition; ``revision`` grows with each result, ``text`` explains a missing one."""
 
     revision: int = 0
     working: bool = False
     text: str = NOT_YET
     known: KnownGarment | None = None
-    told: FoundGarment | None = None
+    shown: FoundGarment | None = None
 
 
 class GarmentController:
@@ -54,10 +54,10 @@ class GarmentController:
     Parameters
     ----------
     service : GarmentService
-        Recognises.
+        Recognises garments.
     put : callable
         Runs a job on the application thread.
-    told : callable
+    changed : callable
         Called on the application thread when the status has changed.
     tell : callable
         Sends a message to a tab.
@@ -67,10 +67,10 @@ class GarmentController:
         self,
         service: GarmentService,
         put: Callable[[Callable[[], None]], None],
-        told: Callable[[], None],
+        changed: Callable[[], None],
         tell: Callable[[int | None, ServerMessage], None],
     ) -> None:
-        self._service, self._put, self._told, self._tell = service, put, told, tell
+        self._service, self._put, self._changed, self._tell = service, put, changed, tell
         self._worker = Worker("flatcloth-garment")
         self._asked: Document | None = None
         self._answered: Document | None = None
@@ -99,7 +99,7 @@ class GarmentController:
             self.status = replace(self.status, working=not self.status.working)
 
     def _is_outdated(self) -> bool:
-        """Return whether a recognition runs, or what is known is the garment of another shape."""
+        """Return whether a recognition runs, or the known garment belongs to another shape."""
         if self._answered is not self._asked:
             return True
         if self.status.known is None or self._answered is None or self._shown is None:
@@ -110,17 +110,17 @@ class GarmentController:
         if self._asked is not document:
             return  # the shape has changed since
         known: KnownGarment | None = None
-        told: FoundGarment | None = None
+        shown: FoundGarment | None = None
         text = ""
         try:
             known = self._service.of(document)
-            told = _told(known)
+            shown = _found_garment(known)
         except FlatclothError as error:
             text = str(error)
-        except Exception:  # noqa: BLE001 - told and logged
+        except Exception:  # noqa: BLE001 - reported and logged
             _log.exception("the garment could not be recognised")
             text = UNEXPECTED
-        status = GarmentStatus(text=text, known=known, told=told)
+        status = GarmentStatus(text=text, known=known, shown=shown)
         self._put(lambda: self._take(document, status))
 
     def _take(self, document: Document, status: GarmentStatus) -> None:
@@ -129,7 +129,7 @@ class GarmentController:
         self._answered = document
         self.status = replace(status, revision=self.status.revision + 1)
         self.status = replace(self.status, working=self._is_outdated())
-        self._told()
+        self._changed()
 
     # --- decisions ----------------------------------------------------------------------------------
 
@@ -140,14 +140,14 @@ class GarmentController:
         document: Document,
         decide: Callable[[GarmentCommand], None],
     ) -> None:
-        """Decide what a message of the page says, or answer its question. Auto goes on."""
+        """Apply the decision in a message of the page, or answer its question. Auto continues."""
         if isinstance(message, messages.PreviewPoint):
             self._preview(client, message, document)
         else:
             decide(self._decision(message))
 
     def _decision(self, message: messages.Message) -> GarmentCommand:
-        """Return what a message of the page decides.
+        """Return the decision in a message of the page.
 
         Raises
         ------
@@ -174,7 +174,7 @@ class GarmentController:
         raise FlatclothError("This is no decision about the garment.")
 
     def _preview(self, client: int, message: messages.PreviewPoint, document: Document) -> None:
-        """Send a tab the outline while a point is dragged; only the last question is answered."""
+        """Send a tab the outline while a point is dragged; only the last request is answered."""
         known = self._known()
         self._named(known, message.name)
         key = self._previewed = client, message.id
@@ -195,12 +195,12 @@ class GarmentController:
         self._worker.put(work)
 
     def seen_point(self, name: str) -> tuple[float, float]:
-        """Return the place of a named point whose cloth was seen.
+        """Return the place of a named point on visible cloth.
 
         Raises
         ------
         FlatclothError
-            If it was not: no pose is known there.
+            If no view saw it, so that its pose is unknown.
         """
         known = self._known()
         point = self._named(known, name)
@@ -251,12 +251,12 @@ class GarmentController:
             working=status.working,
             text=status.text,
             kinds=tuple(kind.name for kind in known_kinds()),
-            found=status.told,
+            found=status.shown,
         )
 
 
-def _told(known: KnownGarment) -> FoundGarment:
-    """Return what is known of a garment, for the page."""
+def _found_garment(known: KnownGarment) -> FoundGarment:
+    """Return the data of a garment for the page."""
     found = known.found
     values = {
         **summary(known),
@@ -273,7 +273,7 @@ def _labels(canonical: Canonical) -> dict[int, str]:
 
 
 def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
-    """Return the pieces that the garment has a place for: what was decided, and the outline of it there."""
+    """Return the pieces that have a place on the garment: the decision, and the outline at that place."""
     labels, decided = _labels(known.canonical), known.pieces
     return [
         {
@@ -296,25 +296,25 @@ def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
 
 
 def _links(known: KnownGarment) -> list[dict[str, Any]]:
-    """Return the links that no garment allows: how probable, and the outline of the part."""
-    told = []
+    """Return the links that no garment allows: their probability, and the outline of the part."""
+    found = []
     for link in known.links:
         assert known.cloth is not None, "links are doubted on known cloth"
         view = known.canonical.view
         part = replace(view, valid=pixels_of_part(view, known.cloth, link.part))
         outline = [np.round(loop, 4).tolist() for loop in _loops(part)]
-        told.append(
+        found.append(
             {
                 "probability": link.probability,
                 "area_cm2": 1e4 * link.area_m2,
                 "outline_uv_m": outline,
             }
         )
-    return told
+    return found
 
 
 def _shown(known: KnownGarment) -> list[Placed]:
-    """Return the pieces whose place is offered, or decided already."""
+    """Return the pieces whose place is proposed or decided."""
     decided = {*known.pieces.shape_from_piece, *known.pieces.refused}
     return [piece for piece in known.found.pieces if is_offered(piece) or piece.index in decided]
 

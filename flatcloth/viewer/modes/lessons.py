@@ -1,4 +1,4 @@
-"""The lessons as the page takes them: a JSON text, and a body of arrays and pictures."""
+"""The lessons in the format of the page: a JSON text, and a body of arrays and pictures."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _picture(parcel: Parcel, name: str, rgba: Uint8) -> None:
 
 
 def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis) -> Parcel:
-    """Return what the page draws of Fig. 2."""
+    """Return the drawing data of Fig. 2."""
     parcel = Parcel()
     flattening = lesson.flattening
     surface = flattening.surface
@@ -117,7 +117,7 @@ def _normals(view: FlattenedView) -> Uint8:
 
 
 def planning_parcel(lesson: PlanningLesson, axis: RotationAxis) -> Parcel:
-    """Return what the page draws of Fig. 4a."""
+    """Return the drawing data of Fig. 4a."""
     parcel = Parcel()
     view, plan = lesson.view, lesson.plan
     angle = np.where(view.valid, np.nan_to_num(np.rint(view.z_angle_deg)).clip(-127, 127), _UNKNOWN_ANGLE)
@@ -157,7 +157,7 @@ def _curves(parcel: Parcel, name: str, curves: ColumnCurves) -> None:
 
 
 def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
-    """Return what the page draws of the rest of Fig. 4."""
+    """Return the drawing data of the rest of Fig. 4."""
     parcel = Parcel()
     alignment = lesson.proposal.alignment
     _picture(parcel, "image", _image(lesson.flattening.surface))
@@ -234,7 +234,7 @@ def _motion(motion: Rigid2) -> list[float]:
 
 
 def sides_parcel(lesson: SidesLesson) -> Parcel:
-    """Return what the page draws of the side of interest."""
+    """Return the drawing data of the side of interest."""
     parcel, found, section = Parcel(), lesson.found, lesson.section
     observed, frame = found.observed, lesson.frame
     view = observed.views[frame.view_index]
@@ -288,7 +288,7 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
 
 
 def garment_parcel(lesson: GarmentLesson, axis: RotationAxis) -> Parcel:
-    """Return what the page draws of the recognition of the garment."""
+    """Return the drawing data of the recognition of the garment."""
     parcel, evidence, view = Parcel(), lesson.evidence, lesson.view
     if view is not None:
         _picture(parcel, "shape", layers.rgba(view, "color", axis, 1))

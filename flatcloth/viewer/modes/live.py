@@ -29,7 +29,7 @@ from flatcloth.viewer.protocol.state import LiveInfo, PageState
 from flatcloth.viewer.worker import Worker
 
 DEFAULT_FPS = 30.0
-"""Rate of a film that does not tell it: that of a D435."""
+"""Rate of a film without a recorded rate: that of a D435."""
 STATE_INTERVAL_S = 0.25
 """Interval of updates of picks and numbers while playing; when paused they are immediate."""
 
@@ -63,7 +63,7 @@ class LiveApplication(PageController):
         self._state_at_s = 0.0
         self._shown: Shown | None = None
         self._staged: Shown | None = None
-        self._beside = Worker("flatcloth-beside")
+        self._background = Worker("flatcloth-background")
         self._loop = LiveLoop(
             player,
             integration.recording.angles_deg,
@@ -78,11 +78,11 @@ class LiveApplication(PageController):
         self._put(None, self._begin)
         self._loop.start()
         if self._integration.views.sides is not None:
-            self._beside.put(self._find_sides)
+            self._background.put(self._find_sides)
 
     def _find_sides(self) -> None:
         """Find the side of interest in all views, with the session's strokes."""
-        look = "Looking for the side of interest in all views; until it is found, all of the item is shown."
+        look = "Looking for the side of interest in all views; until then, the whole item is shown."
         self._put(None, lambda: self._tell(None, "info", look))
         try:
             masks = self._integration.views.segment(self._folder.state.document.strokes)
@@ -90,7 +90,7 @@ class LiveApplication(PageController):
             text = f"{error} All of the item is shown."
             self._put(None, lambda: self._tell(None, "warning", text))
             return
-        except Exception:  # noqa: BLE001 - told and logged
+        except Exception:  # noqa: BLE001 - reported and logged
             _log.exception("the side of interest could not be found")
             text = "Unexpected error while finding the side of interest. See the terminal."
             self._put(None, lambda: self._tell(None, "error", text))
@@ -108,7 +108,7 @@ class LiveApplication(PageController):
         """Stop playing, and both threads."""
         self._loop.stop(timeout_s=5.0)
         self._front.stop(timeout_s=5.0)
-        self._beside.stop(timeout_s=2.0)
+        self._background.stop(timeout_s=2.0)
 
     def leave(self, client: int) -> None:
         """Handle the closing of a tab."""
@@ -145,7 +145,7 @@ class LiveApplication(PageController):
             self._publish()
 
     def _held(self, sequence: int | None) -> Picture:
-        """Pause at the frame that was clicked, and return it."""
+        """Pause at the clicked frame, and return it."""
         if sequence is None and self._shown is not None:
             sequence = self._shown.sequence
         shown = self._loop.hold(sequence)
@@ -196,7 +196,7 @@ class LiveApplication(PageController):
         return packed(info, layers.png(layers.rgba(picture.view, layer, axis, len(angles_deg))))
 
     def _frame_info(self, shown: Shown, layer: str) -> FrameInfo:
-        """Return what is sent with every frame, also with one that could not be flattened."""
+        """Return the data sent with every frame, also with one that could not be flattened."""
         head = self._loop.head
         return FrameInfo(
             sequence=shown.sequence,

@@ -24,7 +24,7 @@ from flatcloth.viewer.worker import Worker
 _log = logging.getLogger(__name__)
 
 FRAMES_KEPT = 8
-"""A click may refer to a frame that was replaced shortly before."""
+"""Number of past frames that a click may refer to."""
 
 
 RATE_WINDOW_S = 1.0
@@ -202,7 +202,7 @@ class LiveLoop:
             self._changed.notify()
 
     def again(self) -> None:
-        """Flatten the present frame once more: its mask is another."""
+        """Flatten the present frame again, because its mask has changed."""
         with self._changed:
             self._wanted = True
             self._changed.notify()
@@ -316,7 +316,7 @@ class LiveLoop:
                 revision=0, view=live.view, present_view=frame, angle_deg=angle_deg,
                 cloud=live.cloud, energies=(), legends={},
             )  # fmt: skip
-        if holds == self._holds:  # otherwise an earlier frame was picked meanwhile, and stays
+        if holds == self._holds:  # otherwise an earlier frame was picked in the meantime, and stays
             self._keep(frame, picture, reason, flatten_ms)
 
     def _keep(self, frame: int, picture: Picture | None, reason: str, flatten_ms: float | None) -> None:

@@ -1,7 +1,7 @@
 """The page's side of repair: scores while the proposal is dragged, refinement, pairs of points.
 
-A drag asks far more often than scores can be computed. Of each tab only the newest question counts,
-and it is answered on a thread of its own, so that nothing else waits for it.
+A drag requests scores faster than they can be computed. Only the newest request of each tab is answered,
+on a separate thread, so that nothing else waits for it.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class RepairService:
     def refine(
         self, document: Document, done: Callable[[RefinedScore], None], failed: Callable[[str], None]
     ) -> None:
-        """Refine the proposal from its present placement, and pass the result on."""
+        """Refine the proposal from its present placement, and call back with the result."""
 
         def work() -> None:
             try:
@@ -161,7 +161,7 @@ def pairs_answer(fit: PairFit) -> PairsAnswer:
 
 
 def refined_motion(pending: Pending, found: RefinedScore, center: Float64) -> tuple[Rigid2 | None, str]:
-    """Return the motion of a refinement, None if it is none, and what the operator is told."""
+    """Return the motion of a refinement, None if it is negligible, and a text for the operator."""
     by = found.refined @ pending.current_from_new.inverse()
     moved = by.apply(center) - center
     shift_mm, turn_deg = 1000 * math.hypot(*moved.tolist()), math.degrees(abs(by.theta_rad))

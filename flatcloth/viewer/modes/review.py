@@ -1,4 +1,4 @@
-"""What the page shows of decided views and of the result, computed in the background."""
+"""Data of decided views and of the result for the page, computed in the background."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ from flatcloth.viewer.protocol.state import ReviewInfo, ViewRow
 _log = logging.getLogger(__name__)
 
 THUMBS_KEPT = 160
-"""Thumbnails that are kept. Chosen for memory."""
+"""Number of cached thumbnails. Chosen for memory."""
 
 
 class ReviewService:
-    """Adds to the state of the page what is known of each decided view, and answers for the result.
+    """Adds data of each decided view to the state of the page, and serves the result.
 
     Parameters
     ----------
     integration : Integration
         The session's; only read.
     folder : object
-        Its folder; a session in memory has no journal, and so no flag of a check overridden.
+        Its folder; a session in memory has no journal, and thus no flag of an overridden check.
     picture : callable
         Returns the present picture; called from any thread.
     later : callable
         Adds a job to the worker's queue.
     changed : callable
-        Called from the worker when more is known.
+        Called from the worker when new data are known.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class ReviewService:
         ]
 
     def follow(self, picture: Picture) -> None:
-        """Find out about the views of a picture, one at a time, so that other work does not wait."""
+        """Compute the data of the views of a picture, one at a time, so that other jobs can run between."""
         document = picture.document
         if document is None:
             return
@@ -137,7 +137,7 @@ class ReviewService:
             self._changed()
 
     def _step(self, document: Document) -> bool:
-        """Find out one thing more; False if there is none."""
+        """Compute the next missing item; False if there is none."""
         if self._read != document.accepted:
             self._read = document.accepted
             path = getattr(self._folder, "folder", None)

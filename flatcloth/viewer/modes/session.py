@@ -86,7 +86,7 @@ class Application(PageController):
             self._work.later,
             lambda: self._put(None, self._publish),
         )
-        self._sides = SideController(integration, on_thread, self._sides_told)
+        self._sides = SideController(integration, on_thread, self._sides_changed)
         self._garment = GarmentController(self.garments, on_thread, self._publish, sink.tell)
 
     @property
@@ -153,7 +153,7 @@ class Application(PageController):
             case messages.LeaveOut(view_index=view, part_view=part_view, component=component):
                 self._by_hand(LeaveOut(view, part_view, component))
             case messages.PlacePiece(label=label):
-                # Decide again about the view that shows most of the piece, with that component of it.
+                # Propose the view that shows most of the piece again, with the component that shows it.
                 sheet = None if self._picture is None else self._picture.sheet
                 for command in placing_piece(self._integration, self._state.document, sheet, label):
                     self._by_hand(command)
@@ -202,14 +202,14 @@ class Application(PageController):
         return None if self._picture is None else self._picture.overlay
 
     def _placed(self) -> tuple[Pending, Overlay] | None:
-        """Return the proposal with the picture of it, None while there is none."""
+        """Return the proposal with its picture, None while there is none."""
         overlay, pending = self._overlay, self._state.document.pending
         if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
             return None
         return pending, overlay
 
     def _meant(self, theta_rad: float, u_m: float, v_m: float) -> Rigid2:
-        """Return the nudge that is meant by a turn about the proposal's centre and a shift, as shown."""
+        """Return the nudge for a turn about the centre of the shown proposal, and a shift."""
         placed = self._placed()
         if placed is None:
             return nudge_about((0.0, 0.0), theta_rad, u_m, v_m)
@@ -249,8 +249,8 @@ class Application(PageController):
             fit = repair.fit_of(fitted, pairs)
         self._sink.tell(client, repair.pairs_answer(fit))
 
-    def _sides_told(self, changed: str) -> None:
-        """Say what a stroke changed; the labels of the cloth are others."""
+    def _sides_changed(self, changed: str) -> None:
+        """Report the effect of a stroke; the labels of the cloth have changed."""
         if not changed:
             return self._publish()
         self._tell(None, "info", changed)
@@ -263,7 +263,7 @@ class Application(PageController):
             self._by_hand(paint(dab))
 
     def _score_now(self) -> float | None:
-        """Return the score of the proposal where it lies, if that is what is shown."""
+        """Return the score of the present placement of the proposal, if that is shown."""
         picture = self._picture
         if picture is None or picture.overlay is None or picture.document is not self._state.document:
             return None
@@ -322,7 +322,7 @@ class Application(PageController):
             self._put(None, self._go_on)
 
     def _go_on(self) -> None:
-        """Propose the next view after a verdict and what followed it, unless something is asked."""
+        """Propose the next view after a verdict and its consequences, unless a request is open."""
         if self._going_on and self._state.phase is Phase.READY:
             self._going_on = False
             self._do(Propose())
@@ -364,7 +364,7 @@ class Application(PageController):
             state, views=views, review=review, sides=self._sides.info(), garment=self._garment.info()
         )
 
-    # --- what the worker has found -----------------------------------------------------------
+    # --- results of the worker ---------------------------------------------------------------
 
     def _answered(self, answer: Answer) -> None:
         before, event = self._state, answer.event
@@ -374,7 +374,7 @@ class Application(PageController):
             self._tell(None, "error", answer.trouble)
             return
         self._folder.record(event)
-        # A stroke may have come meanwhile: the picture is another then, and follows.
+        # After a stroke in the meantime, this picture is outdated; a new one follows.
         picture = self._work.answers(answer, self._state) if before is answer.state else None
         try:
             if picture is not None:

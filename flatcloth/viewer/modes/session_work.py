@@ -82,13 +82,13 @@ class SessionWork:
         self._worker = Worker("flatcloth-work")
         self._running: tuple[Request, threading.Event] | None = None
         self._asked: Document | None = None
-        self._told_at_s = 0.0
-        # The last picture, even if it was never shown: revisions continue from it. The worker's.
+        self._reported_at_s = 0.0
+        # The last picture, even if it was never shown: revisions continue from it. Used by the worker only.
         self._made: Picture | None = None
         self.progress: Progress | None = None
 
     def later(self, job: Callable[[], None]) -> None:
-        """Add a job of others; it runs after those that wait."""
+        """Add another job; it runs after the waiting ones."""
         self._worker.put(job)
 
     def stop(self) -> None:
@@ -102,11 +102,11 @@ class SessionWork:
         self._running = self.progress = None
 
     def forget_picture(self) -> None:
-        """Draw the next picture again, though its document is the same."""
+        """Draw the next picture again, even if its document is the same."""
         self._asked = None
 
     def follow(self, state: SessionState) -> None:
-        """Start what a state waits for, and cancel what it does not wait for any more."""
+        """Start the computation that a state needs, and cancel one that it no longer needs."""
         request = state.request
         if self._running is not None and self._running[0] != request:
             self.cancel()
@@ -123,7 +123,7 @@ class SessionWork:
             self._worker.put(lambda: self._draw(document))
 
     def answers(self, answer: Answer, after: SessionState) -> Picture | None:
-        """Return the picture that came with an answer if it is that of the session after it."""
+        """Return the picture of an answer if it shows the present session."""
         self._running = self.progress = None
         if answer.picture is None:
             return None
@@ -143,14 +143,14 @@ class SessionWork:
             return
         self.progress = progress
         now_s = time.monotonic()
-        if now_s - self._told_at_s >= PROGRESS_INTERVAL_S:
-            self._told_at_s = now_s
+        if now_s - self._reported_at_s >= PROGRESS_INTERVAL_S:
+            self._reported_at_s = now_s
             self._on_progress(progress)
 
     # --- the worker ----------------------------------------------------------------------------
 
     def _answer(self, state: SessionState, request: Request, cancelled: threading.Event) -> None:
-        """Answer the request of a state, and draw the session as it is then: one job."""
+        """Answer the request of a state, and draw the resulting session, in one job."""
 
         def progress(share: float, text: str) -> None:
             if cancelled.is_set():
@@ -165,7 +165,7 @@ class SessionWork:
             answer = Answer(state, event)
             if after.request is None and not cancelled.is_set():
                 picture = self._drawn(after.document)
-                if not isinstance(picture, str):  # otherwise it fails again, and says so, once it is recorded
+                if not isinstance(picture, str):  # otherwise it is reported when drawn again
                     answer = replace(answer, picture=picture)
         except CancelledError:
             return

@@ -34,7 +34,7 @@ _log = logging.getLogger(__name__)
 Point3 = tuple[float, float, float]
 Endpoint = Callable[[Request], Awaitable[Response]]
 LEAST_STEP_RC = 0.5
-"""Points of a stroke that are closer than half a pixel are redundant."""
+"""Spacing of the points of a stroke: closer ones are redundant."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,18 +59,21 @@ class SideController:
         Finds the sides.
     put : callable
         Runs a job on the application thread.
-    told : callable
-        Called on the application thread when the status has changed; is given what the last stroke changed.
+    changed : callable
+        Called on the application thread when the status has changed, with a text on the last stroke.
     """
 
     def __init__(
-        self, integration: Integration, put: Callable[[Callable[[], None]], None], told: Callable[[str], None]
+        self,
+        integration: Integration,
+        put: Callable[[Callable[[], None]], None],
+        changed: Callable[[str], None],
     ) -> None:
-        self._integration, self._put, self._told = integration, put, told
+        self._integration, self._put, self._changed = integration, put, changed
         self._worker = Worker("flatcloth-sides")
         self._strokes: tuple[Decision, ...] | None = None
         self._found: Segmentation | None = None
-        self._token = secrets.token_hex(4)  # pictures of another recording at this address are others
+        self._token = secrets.token_hex(4)  # another recording at this address has other pictures
         self.status = SideStatus()
         self.brush: messages.Brush | None = None
 
@@ -103,7 +106,7 @@ class SideController:
     # --- decisions -----------------------------------------------------------------------------
 
     def decision(self, message: messages.Message, picture: Picture | None) -> Decision:
-        """Return what a message of the page decides.
+        """Return the decision in a message of the page.
 
         Raises
         ------
@@ -147,9 +150,9 @@ class SideController:
     # --- labels --------------------------------------------------------------------------------
 
     def look_first(self, show: Callable[[Float32, Uint8], None]) -> None:
-        """Show the cloud of the first view, while the side of interest is not known yet.
+        """Show the cloud of the first view until the side of interest is known.
 
-        ``show`` is called on the application thread, unless the labels came before.
+        ``show`` is called on the application thread, unless the labels are known earlier.
         """
 
         def work() -> None:
@@ -163,7 +166,7 @@ class SideController:
         self._worker.put(work)
 
     def follow(self, document: Document) -> None:
-        """Label the cloth as the strokes of a document say; the first time this takes seconds."""
+        """Label the cloth by the strokes of a document; the first time this takes seconds."""
         if not self.available or document.strokes == self._strokes:
             return
         self._strokes = document.strokes
@@ -176,12 +179,12 @@ class SideController:
         sides = self._integration.views.sides
         assert sides is not None
         try:
-            found = sides.solver().solve(strokes)  # the masks, which take longer, follow with the shape
+            found = sides.solver().solve(strokes)  # the masks take longer and follow with the shape
         except FlatclothError as error:
             text = str(error)
             self._put(lambda: self._failed(text))
             return
-        except Exception:  # noqa: BLE001 - told and logged
+        except Exception:  # noqa: BLE001 - reported and logged
             _log.exception("the side of interest could not be found")
             self._put(lambda: self._failed("Unexpected error while finding the side. See the terminal."))
             return
@@ -199,11 +202,11 @@ class SideController:
             undecided_cm2=round(1e4 * found.area_undecided_m2, 1),
             conflicts=tuple(conflict.text for conflict in found.conflicts),
         )
-        self._told(changed)
+        self._changed(changed)
 
     def _failed(self, text: str) -> None:
         self.status = SideStatus(revision=self.status.revision + 1, text=text)
-        self._told("")
+        self._changed("")
 
     def where_next(self, strokes: tuple[Decision, ...], answer: Callable[[StrokeAdvice], None]) -> None:
         """Find where the next stroke would determine most; ``answer`` is called on another thread."""
@@ -229,7 +232,7 @@ class SideController:
     # --- pictures ------------------------------------------------------------------------------
 
     def routes(self, picture: Callable[[], Picture | None]) -> list[BaseRoute]:
-        """Return what the web server serves: the labels of a view or of the shape, drawn."""
+        """Return the routes: images of the labels of a view or of the shape."""
 
         def answered(
             make: Callable[[Request], bytes | None], **options: str
@@ -275,7 +278,7 @@ class SideController:
         return jpeg_thumbnail(color)
 
     def view_png(self, view: int, certain: bool = False) -> bytes | None:
-        """Return the labels of a view, or how certain they are, as PNG; None if they are not known."""
+        """Return the labels of a view, or their certainty, as PNG; None if they are not known."""
         found, intrinsics = self._found, self._integration.recording.intrinsics
         if found is None or view >= len(self._integration.recording):
             return None
@@ -311,7 +314,7 @@ def on_cloth(
     Raises
     ------
     FlatclothError
-        If none does.
+        If none of them does.
     """
     if picture is None:
         raise FlatclothError("Nothing is flattened yet; paint on the source image.")

@@ -50,7 +50,7 @@ SLIDERS: dict[str, dict[str, float]] = {
 """The sliders of the page; the valid range is checked by the parameters themselves."""
 
 Tell = Callable[[bytes, bool], None]
-"""Called with a record, and whether it is the last one; from any thread."""
+"""Called from any thread with a record, and whether it is the last one."""
 
 
 class TeachingRoutes:
@@ -152,18 +152,18 @@ class _Records(Response):
         self._begin = begin
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        loop, told = asyncio.get_running_loop(), asyncio.Queue[tuple[bytes, bool]]()
+        loop, records = asyncio.get_running_loop(), asyncio.Queue[tuple[bytes, bool]]()
         cancelled = threading.Event()
 
         def tell(data: bytes, last: bool) -> None:
             if not loop.is_closed():
-                loop.call_soon_threadsafe(told.put_nowait, (data, last))
+                loop.call_soon_threadsafe(records.put_nowait, (data, last))
 
         async def send_all() -> None:
             await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
             last = False
             while not last:
-                data, last = await told.get()
+                data, last = await records.get()
                 await send({"type": "http.response.body", "body": data, "more_body": not last})
 
         async def hear_the_end() -> None:
@@ -218,7 +218,7 @@ def _asked(given: dict[str, str], n_views: int) -> dict[str, Any]:
         "sampling_interval_px": int,
         "z_angle_limit_deg": float,
         "overlap_cm2": float,
-        "revision": int,  # of the garment: the page asks again when it has changed
+        "revision": int,  # revision of the garment: the page requests the lesson again when it has changed
     }
     asked: dict[str, Any] = {"start_view": None}
     for name, text in given.items():

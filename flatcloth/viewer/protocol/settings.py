@@ -1,6 +1,6 @@
 """The settings of the page, few in number, saved with the session in ``settings.json``.
 
-They are defined in one table, from which the dialog is made. The parameters of the method are shown beside
+They are defined in one table, from which the dialog is made. The parameters of the method are shown next to
 them; a session keeps those that it was started with, because every decision depends on them.
 """
 
@@ -220,10 +220,10 @@ def method_numbers(config: Config) -> list[dict[str, Any]]:
 
 def numbers_route(config: Config) -> Route:
     """Return the route to the parameters of the method."""
-    told = method_numbers(config)
+    numbers = method_numbers(config)
 
     async def answer(_: Request) -> JSONResponse:
-        return JSONResponse(told)
+        return JSONResponse(numbers)
 
     return Route("/settings/numbers.json", answer)
 

@@ -145,7 +145,7 @@ class Foreseen(Sent, frozen=True):
 
 
 class Check(Sent, frozen=True):
-    """A check of the proposal; ``passed`` is None if the cloth in common does not tell."""
+    """A check of the proposal; ``passed`` is None if the common cloth does not decide it."""
 
     name: str
     title: str

@@ -1,4 +1,4 @@
-"""For robots: shape and grasps over HTTP, picks as they are made over a WebSocket (docs/robots.md)."""
+"""Routes for robots: shape and grasps over HTTP, new picks over a WebSocket (docs/robots.md)."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.picture import Picture
 
 _POLL_S = 0.1
-"""Interval between looks for a new selection. Chosen."""
+"""Interval between checks for a new selection. Chosen."""
 
 
 class RobotRoutes:
-    """Answers robots; the page's token guards these routes as all others.
+    """Answers robots; these routes require the page's token, as all others.
 
     Parameters
     ----------
     application : PageController
-        What the page shows.
+        The application of the page.
     integration : Integration
-        What computes its shapes.
+        Computes its shapes.
     base_from_camera : Rigid3, optional
-        The hand-eye transform: poses in the robot's frame too.
+        The hand-eye transform; with it, poses are also given in the frame of the robot.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class RobotRoutes:
         self._base_from_camera = base_from_camera
         self._lock = threading.Lock()
         self._made_of: tuple[Any, ...] = ()
-        self._told: dict[int, str] = {}
+        self._messages: dict[int, str] = {}
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes."""
@@ -65,7 +65,7 @@ class RobotRoutes:
         return answer
 
     def _picture(self) -> tuple[Picture, Document]:
-        """Return what the page shows, and the document behind it."""
+        """Return the shown picture, and its document."""
         picture = self._application.picture
         if picture is None or picture.document is None:
             raise FlatclothError("Nothing is flattened yet; step first.")
@@ -75,22 +75,22 @@ class RobotRoutes:
         picture, document = self._picture()
         known = self._application.garments.known(document)
         area_m2 = picture.view.area_m2 if picture.sheet is None else picture.sheet.shape_m2
-        told: dict[str, Any] = {
+        shape: dict[str, Any] = {
             "recording": self._integration.recording.name,
             "views": sorted(document.used_views),
             "area_cm2": round(1e4 * area_m2, 1),
             "rotation_deg": picture.angle_deg,
         }
         if isinstance(known, str):
-            return {**told, "garment": None, "reason": known}
-        return {**told, "garment": garment_document(known)}
+            return {**shape, "garment": None, "reason": known}
+        return {**shape, "garment": garment_document(known)}
 
     def _grasps(self, *, with_garment: bool = True) -> dict[str, Any]:
         self._picture()  # refused while nothing is flattened
         return self._application.grasps(self._base_from_camera, with_garment=with_garment)
 
     async def _picks(self, robot: WebSocket) -> None:
-        """Send every pick as a message when it is made or changed, those there are first."""
+        """Send the existing picks as messages, and then every pick that is made or changed."""
         await robot.accept()
         sent: dict[int, str] = {}
         gone = asyncio.create_task(_disconnected(robot))
@@ -107,15 +107,15 @@ class RobotRoutes:
             gone.cancel()
 
     def _texts(self) -> dict[int, str]:
-        """Return the messages about all picks, computed once for all robots until something changes."""
+        """Return the messages about all picks; they are cached for all robots until a pick changes."""
         page = self._application
         made_of = page.picture, page.picks, self._integration.axis, dict(page.grips)
         with self._lock:
             *parts, grips = self._made_of or (None,) * len(made_of)
             if grips != made_of[-1] or any(a is not b for a, b in zip(parts, made_of, strict=False)):
-                self._told = self._computed()
+                self._messages = self._computed()
                 self._made_of = made_of
-            return self._told
+            return self._messages
 
     def _computed(self) -> dict[int, str]:
         try:

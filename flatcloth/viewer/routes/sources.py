@@ -1,4 +1,4 @@
-"""The source images beside the flattened view: color and mask of a view, and all views of a point."""
+"""The source images next to the flattened view: color and mask of a view, and all views of a point."""
 
 from __future__ import annotations
 

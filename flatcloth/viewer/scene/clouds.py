@@ -184,7 +184,7 @@ class CloudPanel:
         self._look = look
         dropdown: Any = self._color  # its value can be set, which its type does not say
         if dropdown.value != title:
-            dropdown.value = title  # tells of the change
+            dropdown.value = title  # this also triggers the callback
         elif not known:
             self._on_change()
 

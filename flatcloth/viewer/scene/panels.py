@@ -1,4 +1,4 @@
-"""viser's own panel beside the scene: visibility, and the curves behind a decision."""
+"""viser's panel next to the scene: visibility, and the curves behind a decision."""
 
 from __future__ import annotations
 

@@ -149,7 +149,7 @@ class Scene:
         self._server.flush()
 
     def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
-        """Show the cloud of a camera in its own frame; ``anew`` frames the view again."""
+        """Show the cloud of a camera in its own frame; ``anew`` resets the view to show all of it."""
         with self._lock, self._server.atomic():
             self._fill("/live/cloud", points_m, colors, 0.0022)
             if len(points_m) and (anew or self._view_from is None):

@@ -64,7 +64,7 @@ class PageServer:
     Parameters
     ----------
     integration, folder
-        The session that is open at first; see :class:`flatcloth.viewer.modes.controller.PageController`.
+        The session that is opened first; see :class:`flatcloth.viewer.modes.controller.PageController`.
         Without them the page shows the start screen.
     host : str
         Address to bind.
@@ -74,12 +74,12 @@ class PageServer:
         Require the token that is part of :attr:`url`. False admits every user and program of this
         computer; beyond loopback it is refused.
     places : Places, optional
-        What the start screen offers.
+        The places listed on the start screen.
     opener : callable, optional
-        Opens a chosen place; gets it with the session folder that is open, and returns None if that is it.
-        Without it nothing else can be opened.
+        Opens a chosen place. It is called with the place and the folder of the open session, and returns None
+        if they are the same. Without an opener, nothing else can be opened.
     opened : Opened, optional
-        What is open at first, in place of ``integration`` and ``folder``.
+        The source that is opened first, in place of ``integration`` and ``folder``.
     more
         Further fields of :class:`flatcloth.viewer.server.workspace.Opened`, for ``integration``.
     """
@@ -140,7 +140,7 @@ class PageServer:
 
     @property
     def application(self) -> PageController:
-        """The application of what is open."""
+        """The application of the open source."""
         assert self._now is not None
         return self._now.application
 
@@ -207,7 +207,7 @@ class PageServer:
         return FileResponse(STATIC / "index.html", headers={"Cache-Control": "no-cache"})
 
     async def _of_workspace(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let what is open answer."""
+        """Pass the request to the open source."""
         if self._now is not None:
             await self._now.router(scope, receive, send)
         elif scope["type"] == "websocket":
@@ -221,7 +221,7 @@ class PageServer:
         return None if self._now is None else self._now.name
 
     def _open(self, chosen: Chosen) -> None:
-        """Open a place in the stead of what is open; one call at a time."""
+        """Open a place and close the present source; one call at a time."""
         if self._opener is None or self._loop is None:
             raise ServerError("This page cannot open anything else; start the program again.")
         before = self._now
@@ -243,7 +243,7 @@ class PageServer:
 
 
 def _token(host: str) -> str:
-    """Return the user's own token on this computer; beyond it, where it may be overheard, a new one."""
+    """Return the user's own token for loopback; a new one for networks, where it may be intercepted."""
     return kept_token() if is_loopback(host) else new_token()
 
 
@@ -282,7 +282,7 @@ def _workspace(integration: Integration, folder: SessionFolder, **more: Any) -> 
 
 
 def _workspace_of(opened: Opened) -> Workspace:
-    # viser loads here, so that the start screen is there before it.
+    # viser is imported here, so that the start screen appears earlier.
     from flatcloth.viewer.server.workspace import Workspace
 
     return Workspace(opened)
@@ -329,7 +329,7 @@ def serve(**options: Any) -> None:
     ServerError
         If the address cannot be bound, or would admit everybody.
     """
-    # SIGTERM ends it as Ctrl-C does, so that no files are left.
+    # SIGTERM has the effect of Ctrl-C, so that temporary files are removed.
     with (
         limited_logs(),
         handled_by(signal.SIGTERM, signal.default_int_handler),

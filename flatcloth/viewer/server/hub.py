@@ -1,4 +1,4 @@
-"""The open tabs: each receives all its messages, but only the newest state."""
+"""The open tabs. Each tab receives all its messages, but only the newest state."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.protocol.state import PageState
 
 WAITING_LIMIT = 1000
-"""Messages that wait for a page before it is given up. Chosen: it bounds memory."""
+"""A tab with more unsent messages is disconnected. Chosen: it bounds memory."""
 
 
 class Tab:

@@ -70,7 +70,7 @@ class LimitedProtocol(H11Protocol):
 
 @contextmanager
 def limited_logs() -> Iterator[None]:
-    """Limit what this process writes to its log; afterwards its handlers are as they were."""
+    """Limit the log of this process; restore its handlers afterwards."""
     handlers = (logging.lastResort, *logging.getLogger().handlers)
     limits = [(handler, RateLimit()) for handler in handlers if handler is not None]
     for handler, limit in limits:
@@ -83,9 +83,9 @@ def limited_logs() -> Iterator[None]:
 
 
 class RateLimit(logging.Filter):
-    """Passes a limited number of similar lines per minute; the next line tells how many were left out.
+    """Passes a limited number of similar lines per minute; the next line gives the number of suppressed ones.
 
-    Lines are similar if they have the same logger and, but for numbers, the same text.
+    Lines are similar if they have the same logger, and texts that differ only in numbers.
     """
 
     def __init__(self, most: int = 20, seconds: float = 60.0) -> None:

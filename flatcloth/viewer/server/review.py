@@ -1,4 +1,4 @@
-"""The page of a batch, served: verdicts are kept, and a click opens a session in the operator page."""
+"""Serve the page of a batch: store verdicts, and open a session in the operator page on a click."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from flatcloth.viewer.server.guard import Guard, kept_token, own_names
 
 HOST = "127.0.0.1"
 SESSIONS_OPEN = 2
-"""Operator pages at the same time: each takes about half a gigabyte."""
+"""Largest number of open operator pages: each takes about half a gigabyte."""
 _START_S = 90.0
-"""How long a reviewed recording may take to start. Chosen."""
+"""Time limit for the start of an operator page. Chosen."""
 _MOST_BODY_BYTES = 10_000
-"""Limit of a request's body. Chosen: far above what the page sends."""
+"""Largest body of a request. Chosen: far above those of the page."""
 _LAUNCH = "from flatcloth.cli import run_and_exit; run_and_exit()"
 _log = logging.getLogger(__name__)
 
 
 class SessionPages:
-    """The operator pages that were opened from a review: processes of their own, the oldest ended first."""
+    """The operator pages opened from a review. Each is a process; the oldest is ended first."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -51,7 +51,7 @@ class SessionPages:
         Raises
         ------
         FlatclothError
-            If it cannot be started; the text is what it said.
+            If it cannot be started; the text is the output of its process.
         """
         with self._lock:
             if name in self._open and self._open[name][0].poll() is None:
@@ -77,7 +77,7 @@ class SessionPages:
             return url
 
     def close(self) -> None:
-        """End all pages; what was decided in them is in their sessions."""
+        """End all pages; their decisions are stored in the sessions."""
         with self._lock:
             for process, _ in self._open.values():
                 _end(process)
@@ -85,7 +85,7 @@ class SessionPages:
 
 
 def _address_said(process: subprocess.Popen[str]) -> str:
-    """Wait until the program says where its page is; what it says afterwards is read and dropped."""
+    """Wait until the program prints the address of its page; discard its later output."""
     said: list[str] = []
     found: list[str] = []
     ready = threading.Event()
@@ -170,16 +170,16 @@ def review_app(out: Path, pages: SessionPages) -> Starlette:
 
 
 class _Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the page sends: the name of a result, and a verdict on it; None takes the verdict back."""
+    """A message of the page: the name of a result, and a verdict on it; None withdraws the verdict."""
 
     name: Annotated[str, msgspec.Meta(max_length=255)]
     verdict: Annotated[str, msgspec.Meta(max_length=40)] | None = None
 
 
 async def _said(request: Request) -> _Said | None:
-    """Return what a page sends; None if it is something else.
+    """Return the message in a request; None if it is not valid.
 
-    Only JSON is taken: other pages may send forms anywhere, but not JSON.
+    Only JSON is accepted: pages of other origins may send forms, but not JSON.
     """
     if request.headers.get("content-type", "").split(";")[0] != "application/json":
         return None
@@ -190,7 +190,7 @@ async def _said(request: Request) -> _Said | None:
 
 
 def serve_review(out: Path, port: int) -> None:
-    """Serve the page of a batch on this machine until Ctrl-C, to who has the user's token.
+    """Serve the page of a batch on this machine until Ctrl-C; requests need the user's token.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def serve_review(out: Path, port: int) -> None:
     listener = bind(HOST, port)
     number = listener.getsockname()[1]
     pages = SessionPages()
-    # Without a token, another user of this computer could open a session, and be told its address with one.
+    # Without a token, another user of this computer could open a session, and would get its address.
     token = kept_token()
     app = Guard(review_app(out, pages), own_names(HOST), token, number)
     server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="off"))

@@ -1,4 +1,4 @@
-"""What the page works on at present: one session, live recording or camera, with its scene and its routes."""
+"""The source that the page shows: one session, live recording or camera, with its scene and its routes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from flatcloth.viewer.server.hub import Hub, Tab
 from flatcloth.viewer.server.relay import relay
 
 _SWAMPED_S = 0.05
-"""Between two looks whether a page that has too much to do has done some of it. Chosen."""
+"""Interval between checks whether an overloaded page can take messages again. Chosen."""
 
 
 def _nothing() -> None:
@@ -58,9 +58,9 @@ class Opened:
     controller : callable, optional
         Makes the application of another mode, such as a camera's.
     base_from_camera : Rigid3, optional
-        Hand-eye transform, for what robots are told (docs/robots.md).
+        Hand-eye transform, for poses in the frame of a robot (docs/robots.md).
     close : callable
-        Closes the session and what it reads from.
+        Closes the session and its source.
     """
 
     integration: Integration
@@ -129,12 +129,12 @@ class Workspace:
         return self._opened.controller is not None
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Begin to work, and to answer on this event loop."""
+        """Start the threads, and serve on this event loop."""
         self.hub.open(loop)
         self.application.start()
 
     def stop(self) -> None:
-        """End its threads, close the scene and the source."""
+        """Stop the threads; close the scene and the source."""
         self.application.stop()
         self._teaching.stop()
         self._exports.stop()
@@ -147,7 +147,7 @@ class Workspace:
             if answer is not None:
                 tab.put(encoded(answer).decode())
                 return
-            while self.application.is_swamped:  # meanwhile no more of this tab is read
+            while self.application.is_swamped:  # until then, no further message of this tab is read
                 await asyncio.sleep(_SWAMPED_S)
             self.application.receive(key, text)
 
