@@ -5,7 +5,11 @@ import { makeHistograms } from "/static/batch/histograms.js";
 import { makeTable } from "/static/batch/table.js";
 import { byId, make, setText } from "/static/page/dom.js";
 
-/** @type {{ served: boolean; serve: string; rows: Row[]; columns: any[]; title: string; counts: string; notes: string }} */
+/**
+ * @type {{
+ *   served: boolean; serve: string; rows: Row[]; columns: any[]; title: string; counts: string; notes: string
+ * }}
+ */
 const data = JSON.parse(byId("data").textContent ?? "");
 const served = data.served && location.protocol.startsWith("http");
 const rows = data.rows;

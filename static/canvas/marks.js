@@ -44,7 +44,8 @@ export function traceCross(context, x, y, from, to) {
 
 /**
  * A text on a plate: `box` is left, top, width and height of the plate.
- * @param {Context} context @param {Style} style @param {string} text @param {UV} parts @param {[number, number, number, number]} box
+ * @param {Context} context @param {Style} style @param {string} text @param {UV} parts
+ * @param {[number, number, number, number]} box
  */
 export function drawLabel(context, style, text, [x, y], box, { color = "--text", alpha = 1 } = {}) {
   context.globalAlpha = alpha;

@@ -7,7 +7,8 @@ export const words = (/** @type {string} */ name) => name.replaceAll("_", " ");
 
 /**
  * `found` has `outline_uv_m` and `points`; the one that is `pointed` at (its name) is large, and named.
- * @param {FlatCanvas} canvas @param {Context} context @param {Style} style @param {{ outline_uv_m: UV[]; points: GarmentPoint[] }} found
+ * @param {FlatCanvas} canvas @param {Context} context @param {Style} style
+ * @param {{ outline_uv_m: UV[]; points: GarmentPoint[] }} found
  * @param {string | null} pointed
  */
 export function drawGarment(canvas, context, style, found, pointed) {

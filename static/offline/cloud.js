@@ -257,7 +257,11 @@ export class CloudView {
     const gl = this.gl;
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
-    /** @type {(name: string, data: Float32Array | Uint8Array, size: number, type: number, normalized: boolean) => WebGLBuffer} */
+    /**
+     * @type {(
+     *   name: string, data: Float32Array | Uint8Array, size: number, type: number, normalized: boolean
+     * ) => WebGLBuffer}
+     */
     const attribute = (name, data, size, type, normalized) => {
       const buffer = gl.createBuffer();
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
@@ -308,7 +312,11 @@ export class CloudView {
     gl.uniformMatrix4fv(this.at.clip_from_held, false, this.matrix());
     const pixelsPerMetre = Math.min(this.canvas.width, this.canvas.height) / (2 * this.extent);
     gl.uniform1f(this.at.step, this.step);
-    /** @type {(cloud: any, size: number, tint: number, lift: number, wash: [number, number, number, number]) => void} */
+    /**
+     * @type {(
+     *   cloud: any, size: number, tint: number, lift: number, wash: [number, number, number, number]
+     * ) => void}
+     */
     const paint = (cloud, size, tint, lift, wash) => {
       gl.uniform1f(this.at.size, size * pixelsPerMetre);
       gl.uniform1f(this.at.tint, tint);

@@ -3,7 +3,10 @@
 import { boxOf } from "/static/canvas/geometry.js";
 import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
 
-/** Unpack the page's own data: `history` (texts and numbers), its arrays and its pictures. @returns {Promise<OfflineData>} */
+/**
+ * Unpack the page's own data: `history` (texts and numbers), its arrays and its pictures.
+ * @returns {Promise<OfflineData>}
+ */
 export async function unpack(/** @type {string} */ historyText, /** @type {string} */ packedText) {
   /** @type {OfflineHistory} */
   const history = JSON.parse(historyText);

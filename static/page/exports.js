@@ -95,7 +95,10 @@ export function exportButton(file, title, notify, name, kind = "") {
   return button;
 }
 
-/** @param {HTMLElement} button @param {string} file @param {string} title @param {Notify} notify @param {string} name */
+/**
+ * @param {HTMLElement} button @param {string} file @param {string} title
+ * @param {Notify} notify @param {string} name
+ */
 async function save(button, file, title, notify, name) {
   if (button.getAttribute("aria-busy") === "true") return;
   button.setAttribute("aria-busy", "true");

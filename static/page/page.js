@@ -10,7 +10,8 @@
  * @property {Record<string, (message: any) => void>} [messages] what it takes, by the type of the server's message
  * @property {(u_m: number, v_m: number) => boolean} [click] a click on the flattened view; true: it is taken
  * @property {(at: {u_m: number, v_m: number} | null) => void} [hover] the pointer on the flattened view
- * @property {(answer: import("/static/page/messages").HoverAnswer | null) => void} [hovered] the values under the pointer, null: none
+ * @property {(answer: import("/static/page/messages").HoverAnswer | null) => void} [hovered]
+ *   the values under the pointer, null: none
  * @property {() => object} [asksHover] its additional request about the point under the pointer
  * @property {() => boolean} [escape] Escape was pressed; true: there was something to close
  * @property {(by: {theta: number, u: number, v: number}) => void} [moving] the proposal is being moved by so much

@@ -36,8 +36,9 @@ const HISTOGRAMS = "How many pairs of cloth lie how far apart, on the plane and 
  * @property {number} u_b_mm
  * @property {number} a_0_deg
  * @property {number} rotation_deg
- * @property {{ current: DiagnosticLine; new: DiagnosticLine; a_m_deg: number; height_mm: number; common_range_deg: UV } |
- *   null} lines
+ * @property {{
+ *   current: DiagnosticLine; new: DiagnosticLine; a_m_deg: number; height_mm: number; common_range_deg: UV
+ * } | null} lines
  * @property {{ shape: Edges; new: Edges }} edges
  * @property {Curve} current
  * @property {Curve} new

@@ -17,7 +17,11 @@ export class ProposalPanel {
     this.page = page;
     /** @type {string | null} the place that Accept was pressed for, though its score is low */
     this.armed = null;
-    /** @type {{ view: number; area: number; step: number; revision: number; foreseen: { added_cm2: number } } | null} */
+    /**
+     * @type {{
+     *   view: number; area: number; step: number; revision: number; foreseen: { added_cm2: number }
+     * } | null}
+     */
     this.before = null;
     const { canvas } = page;
     canvas.drawers.push((_, context, style) => drawPlacedWithIt(canvas, context, style, page.state?.pending));

@@ -8,7 +8,8 @@ import { doubtsOf, flagsOf } from "/static/review/timeline.js";
 const MOST = 4; // of each list
 
 /**
- * @typedef {{ view_index: number; reason: string; area_cm2: number }} Left cloth that a view shows and the result has not
+ * @typedef {{ view_index: number; reason: string; area_cm2: number }} Left
+ *   cloth that a view shows and the result has not
  *
  * @typedef {object} Found what /review/result.json tells; `trouble` if it cannot
  * @property {number} revision

@@ -5,7 +5,8 @@ import { contextOf } from "/static/page/dom.js";
 import { length, niceLength } from "/static/page/format.js";
 
 const COLORS =
-  "panel raised line text soft accent sample pair unused point short even long count mean before limit mark band kept new";
+  "panel raised line text soft accent sample pair unused point short even long count mean before limit mark band " +
+  "kept new";
 
 /** Rectangles of CSS pixels: `{x, y, w, h}`. */
 export function columns(/** @type {Rect} */ rect, /** @type {number[]} */ shares, gap = 16) {

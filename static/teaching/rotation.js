@@ -17,10 +17,16 @@ const NAME = { align: "center", weight: 700, plate: true };
 
 const radians = (/** @type {number} */ deg) => (deg * Math.PI) / 180;
 
-/** A view as it is named everywhere: its number, and its angle. @param {{ angles_deg: number[] }} lesson @param {number} view */
+/**
+ * A view as it is named everywhere: its number, and its angle.
+ * @param {{ angles_deg: number[] }} lesson @param {number} view
+ */
 export const viewName = (lesson, view) => `view ${view} (${degrees(lesson.angles_deg[view], 0)})`;
 
-/** The Z-angles in color; beyond the limit grey. @param {PlanningLesson} lesson @param {number} limit @param {Sheet} sheet */
+/**
+ * The Z-angles in color; beyond the limit grey.
+ * @param {PlanningLesson} lesson @param {number} limit @param {Sheet} sheet
+ */
 function zAnglePicture(lesson, limit, sheet) {
   const { rows: down, cols } = lesson.flat;
   const [angle, colors, span] = [lesson.array.z_angle_deg, lesson.z_angle_colors, lesson.z_angle_span_deg];

@@ -41,7 +41,9 @@ def test_every_element_that_a_script_asks_for_is_in_the_page():
     page = "".join((static_folder() / name).read_text() for name in ("index.html", "start/start.html"))
     scripts = "".join(path.read_text() for path in SCRIPTS if path.parent.name not in {"offline", "batch"})
     asked = set(re.findall(r'byId\("([\w-]+)"\)', scripts))
-    there = set(re.findall(r'id="([\w-]+)"', page)) | set(re.findall(r'\bid: "([\w-]+)"', scripts))
+    there = set(re.findall(r'id="([\w-]+)"', page)) | set(
+        re.findall(r'(?:\bid: "|make\(\s*"\w+#)([\w-]+)', scripts)
+    )
     assert asked <= there
 
 
