@@ -47,7 +47,7 @@ def engine_of(jobs: int | None, scheduler: str | None, out: str | None = None) -
     Parameters
     ----------
     jobs : int, optional
-        Tasks at the same time on this machine; by default as many as it has cores.
+        Tasks at the same time on this machine; by default the number of its cores.
     scheduler : str, optional
         Address of a Dask scheduler to use instead.
     out : str, optional

@@ -155,7 +155,7 @@ def _csv_rows(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
         for row in reader:
             if None in row or None in row.values():
                 raise FlatclothError(
-                    f"{path}: line {reader.line_num} has not as many columns as the first line; correct it."
+                    f"{path}: line {reader.line_num} does not have the columns of the first line; correct it."
                 )
             yield reader.line_num, {key.strip(): value.strip() for key, value in row.items()}
     except csv.Error as error:

@@ -84,7 +84,7 @@ class RobustConfig:
     most_views: int = 14
     """Views after which no further one is proposed to an operator; without one, the gain alone decides.
 
-    As many as the paper needed for its hardest item (trousers, Fig. 6).
+    The number that the paper needed for its hardest item (trousers, Fig. 6).
     """
     least_new_m2: float = 0.002
     """Least new area for which the item is turned once more: 20 cm2."""

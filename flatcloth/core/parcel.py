@@ -60,7 +60,7 @@ def record(values: Mapping[str, Any], body: bytes = b"", *, allow_nan: bool = Fa
 
 
 def unpack(read: Callable[[int], bytes]) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Return the values and the arrays of a parcel; ``read`` returns the next so many bytes of it."""
+    """Return the values and the arrays of a parcel; ``read(n)`` returns its next n bytes."""
     text, body = LENGTHS.unpack(read(LENGTHS.size))
     values, data = json.loads(read(text)), read(body)
     arrays = {}

@@ -101,7 +101,7 @@ def from_plain(table: Any, where: str) -> Decision:
         choices = f" {sides}" if error.expected == "one of" else ""
         raise SegmentationError(f"{where}.{error}{choices}.") from error
     if not isinstance(decision, ImageStroke) and len(decision.normals) != len(decision.points_m):
-        raise SegmentationError(f"{where}: {len(decision.points_m)} points need as many normals.")
+        raise SegmentationError(f"{where}: {len(decision.points_m)} points need the same number of normals.")
     return decision
 
 

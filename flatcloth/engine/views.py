@@ -50,9 +50,9 @@ _FRAMES_BYTES, _ALL_FRAMES_BYTES = 16 * _MIB, 128 * _MIB
 """Most memory for frames that are kept: with an operator, who looks at a few, and unattended. Chosen: the
 latter holds a turn of 36 views of 480 x 848 pixels; each is read three times, and decoded in 4 ms."""
 _EDGES_IN_VIEWS = 2
-"""Views in which widths of edges are counted together. Chosen: both sides of the item; each takes 50 ms."""
+"""Number of views whose edge widths are counted. Chosen: both sides of the item; each takes 50 ms."""
 _NEAREST_M = 0.1
-"""An axis is taken to be at least this far away. Chosen: few depth cameras measure nearer."""
+"""Least assumed distance of the axis. Chosen: few depth cameras measure nearer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,15 +66,15 @@ class ViewCloud:
 
 
 class Segmenter(Protocol):
-    """Looks at all views once (seconds) and returns what solves for their labels."""
+    """Reads all views once (takes seconds) and returns a solver for their labels."""
 
     def __call__(self, views: RecordedViews, progress: Progress) -> SideSolver:
-        """Look at the views."""
+        """Read the views."""
         ...
 
 
 class RecordedViews:
-    """The views of a recording about its turning axis, and what is derived from each alone.
+    """The views of a recording about its turning axis, and the data derived from each view alone.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class RecordedViews:
     config : Config
         The numbers of the method.
     segmenter : Segmenter, optional
-        Finds the side of interest where the recording has no masks; without it, all of the item is.
+        Finds the side of interest of a recording without masks; without it, the whole item counts.
     is_default : bool
         ``config`` is the method's default, not that of a session or a caller: its sampling intervals are
         then widened where the camera's pixels are small.
@@ -99,9 +99,9 @@ class RecordedViews:
     sides : Sides or None
         Finds the masks, if the recording has none of its own.
     masks : Masks or None
-        The masks in force: those of the strokes asked for last.
+        The masks in force: those of the last requested strokes.
     on_change : callable
-        Called when the axis or the masks were replaced: what was derived from the views is outdated.
+        Called when the axis or the masks were replaced, so that derived data are outdated.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class RecordedViews:
     def turn_about(self, axis: RotationAxis) -> None:
         """Replace the turning axis, object frame, and clear everything computed with the previous one.
 
-        No other thread may compute meanwhile.
+        No other thread may compute at the same time.
         """
         self._flattening_ahead.want([])
         self._flattening_ahead.wait()
@@ -196,7 +196,7 @@ class RecordedViews:
     # ---------------------------------------------------------------- single views
 
     def keep_frames(self) -> None:
-        """From now on keep the frames of all views, and read none before it is needed: no operator waits."""
+        """Keep the frames of all views, and read none ahead, because no operator waits."""
         self._frames = Cache(MAX_VIEWS, _ALL_FRAMES_BYTES)
         self.keeps_frames = True
 
@@ -245,11 +245,11 @@ class RecordedViews:
         raise failure.with_traceback(None)  # so that no frame of an earlier call is kept alive
 
     def read_ahead(self, view_indices: Iterable[int]) -> None:
-        """Read views that will likely be asked for, the likeliest first, on another core."""
+        """Read views that will probably be requested, the most probable first, on another core."""
         self._ahead.want(view_indices)
 
     def flatten_ahead(self, view_indices: Iterable[int]) -> None:
-        """Flatten views that will likely be asked for, on another core; no result depends on it."""
+        """Flatten views that will probably be requested, on another core; no result depends on it."""
         self._flattening_ahead.want(view_indices)
 
     def _flatten_ahead(self, view_index: int) -> None:
@@ -257,7 +257,7 @@ class RecordedViews:
         key = view_index, self._mask_key(view_index)
         made = self._flattenings.get(key, lambda: self._flatten(view_index))
         for component in made.components:
-            _ = component.view.z_angle_deg  # computed when it is asked for, which placing the view does
+            _ = component.view.z_angle_deg  # computed on request, when the view is placed
 
     def part(self, view_index: int, component: int) -> FlattenedView:
         """Return one component of a view's flattened view; the largest is 0."""
@@ -273,7 +273,7 @@ class RecordedViews:
 
     def _observed(self, progress: Progress) -> Float64:
         areas = np.zeros(len(self.recording))
-        if self.keeps_frames:  # another thread reads them too, from the last one on, until both meet
+        if self.keeps_frames:  # another thread reads them from the last one backwards, until both meet
             self._ahead.want(reversed(range(len(areas))))
         for n in range(len(areas)):
             progress(n / len(areas), f"looking for the start view: {n + 1} of {len(areas)}")

@@ -22,7 +22,8 @@ from flatcloth.engine.kernels.table import compile_share, kernels
 from flatcloth.session.machine import Accept, Propose, SessionState, Start, apply
 
 PROCESSES = 2
-"""That compile. Chosen: as many cores as any computer has; a third would mostly load the compiler."""
+"""Number of compiling processes. Chosen: all computers have two cores; a third would mostly load the
+compiler."""
 _LOOK_S = 0.25
 """Between two looks at what is compiled. Chosen."""
 

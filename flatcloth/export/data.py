@@ -79,7 +79,7 @@ def shape_files(
 def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
     """Write files to a folder, each replaced atomically, so a crash leaves either the old or the new one.
 
-    So many ``threads`` write them, those named first before; the last one, the report, follows the others.
+    ``threads`` threads write them in the given order; the last one, the report, is written after the others.
 
     Raises
     ------

@@ -37,7 +37,8 @@ from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import MOST_APART_DEG, ViewFeatures
 
 _MOST_PARTNERS, _FEW_PARTNERS, _CONFIRMING_VIEWS = 6, 3, 8
-"""Most views that a view is compared with: first, and once so many confirm recorded poses. Set by hand."""
+"""Most views that a view is compared with: at first, and after the third number of views confirmed the
+recorded poses. Set by hand."""
 _REFITS = 3
 """How often pairs are registered again after a view was added, ..."""
 _REFIT_FATTENING_PX = 0.15

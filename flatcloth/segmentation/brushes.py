@@ -143,7 +143,7 @@ def _densified(
     count: int | None = None,
     points: Sequence[Sequence[float]] | None = None,
 ) -> Float64:
-    """Return a polyline's points at this step; or values given at its points, interpolated as many times."""
+    """Return a polyline's points at this step; or values at its points, interpolated likewise."""
     at = values if points is None else np.asarray(points, dtype=np.float64)
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
     if along[-1] <= 0:

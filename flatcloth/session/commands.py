@@ -87,21 +87,21 @@ class LeaveOut:
 
 @dataclass(frozen=True)
 class PaintImage:
-    """Say of the cloth under a stroke on an image which side it is; the views of the shape follow."""
+    """Set the side of the cloth under a stroke on an image; the views of the shape follow."""
 
     stroke: ImageStroke
 
 
 @dataclass(frozen=True)
 class PaintSpace:
-    """Say of the cloth under a stroke in space, or on the canvas, which side it is."""
+    """Set the side of the cloth under a stroke in space, or on the canvas."""
 
     stroke: SpaceStroke
 
 
 @dataclass(frozen=True)
 class CutCloth:
-    """Say that the cloth beyond a line is not of interest."""
+    """Mark the cloth beyond a line as not of interest."""
 
     stroke: Cut
 
@@ -169,7 +169,7 @@ class Followed:
 
 @dataclass(frozen=True)
 class NothingMore:
-    """Answer: no view can add anything; ``reason`` says why.
+    """Answer: no view can add anything, with the ``reason``.
 
     ``takes_largest``: a floating piece is larger than the shape, and becomes the shape.
     """

@@ -19,11 +19,11 @@ UNSURE = "score too low"
 """Reason of an automatic rejection: such a view may be tried again once the shape has grown."""
 
 MAX_EXTENT_M = 10.0
-"""Bound on positions of a garment's plane: curtains and bed linen stay below 6 m."""
+"""Largest coordinate on a garment's plane: curtains and bed linen are smaller than 6 m."""
 MAX_ANSWER_M = 1000.0
-"""Farthest place of a computed placement. Chosen: far above any, so that only damaged journals have such."""
+"""Farthest computed placement. Chosen: far above real ones, so that only damaged journals exceed it."""
 MOST_PLACED_WITH = 1000
-"""Parts that are placed with a view. Chosen: far above the parts of all views of a turn."""
+"""Most parts that are placed with a view. Chosen: far above the parts of all views of a turn."""
 
 
 class Side(StrEnum):
@@ -136,8 +136,8 @@ class Pending:
 class Document:
     """The result of all decisions: everything that undo restores.
 
-    ``largest_after``: after so many accepted views the integration ended, and the largest piece, which
-    floated, became the shape.
+    ``largest_after``: the number of accepted views after which the integration ended and the largest floating
+    piece became the shape.
     """
 
     start_view: int | None = None
@@ -153,7 +153,7 @@ class Document:
 
     @property
     def shape_key(self) -> tuple[Hashable, ...]:
-        """What the shape depends on."""
+        """Everything that the shape depends on."""
         return self.start_view, self.accepted, self.largest_after, self.strokes, self.garment.parts
 
     @property
@@ -272,7 +272,7 @@ def skip(document: Document, view_index: int) -> Document:
 
 
 def reopen(document: Document, view_index: int) -> Document:
-    """Take a decision back, however old; views accepted after an accepted view then wait for it.
+    """Withdraw a decision, however old; views accepted after a withdrawn acceptance wait for it.
 
     An accepted view becomes the proposal at its placement. A rejected or skipped view is undecided.
     """

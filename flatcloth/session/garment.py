@@ -1,7 +1,7 @@
-"""What an operator decides about the garment: its kind, held points, pieces placed by it; pure.
+"""The decisions about the garment: its kind, held points, placed pieces; pure functions.
 
-The plane of the shape may change when views are added, so places are tied to cloth: to points in the
-object frame, and to where these lay on the plane when the decision was made.
+The plane of the shape may change when views are added. Places are therefore stored with points of the cloth:
+in the object frame, and on the plane at the time of the decision.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _MAX_NAME = 40
 
 @dataclass(frozen=True)
 class ClothPlaces:
-    """Points of the cloth, object frame, and where they lay on the plane of the shape."""
+    """Points of the cloth in the object frame, and their places on the plane of the shape."""
 
     points_m: tuple[Point3, ...]
     uv_m: tuple[Point2, ...]
@@ -46,8 +46,8 @@ class HeldPoint:
 class PlacedPiece:
     """A piece that lies on the plane of the shape by the garment, or is refused there.
 
-    ``piece`` are points of its cloth and where they lie on the shape's plane; ``shape`` ties that plane to
-    the cloth of the shape. ``probability`` is that of the proposal.
+    ``piece`` are points of its cloth with their places on the shape's plane; ``shape`` are points of the
+    shape, which fix that plane. ``probability`` is that of the proposal.
     """
 
     accepted: bool
@@ -58,9 +58,9 @@ class PlacedPiece:
 
 @dataclass(frozen=True)
 class DoubtedPart:
-    """A part of the shape that is taken off it because no garment allows its link, or that stays on it.
+    """A part of the shape that is removed because no garment allows its link, or that is kept.
 
-    ``part`` are points of its cloth and ``rest`` of the other cloth of the shape, and where they lay.
+    ``part`` are points of its cloth and ``rest`` of the other cloth of the shape, with their places.
     ``probability`` is that of the link when it was decided. If nobody decided, but a run without an operator
     doubts the link, the place of the part has the standard deviation ``std_m``; otherwise that is 0.
     """
@@ -76,7 +76,7 @@ class DoubtedPart:
 class GarmentDecisions:
     """All decisions about the garment; ``kind`` None: by the evidence.
 
-    Of a piece, and of a part, the last one counts.
+    Of several decisions about a piece or a part, the last one counts.
     """
 
     kind: str | None = None
@@ -87,21 +87,21 @@ class GarmentDecisions:
 
 @dataclass(frozen=True)
 class SetKind:
-    """Say which kind the garment is; None: let the evidence say."""
+    """Set the kind of the garment; None: use the evidence."""
 
     garment: str | None = None
 
 
 @dataclass(frozen=True)
 class HoldPoint:
-    """Hold a named point at a place; one that is held already moves there."""
+    """Hold a named point at a place; a point that is held already is moved."""
 
     point: HeldPoint
 
 
 @dataclass(frozen=True)
 class ReleasePoints:
-    """Let a named point go, or all of them (None)."""
+    """Release a named point, or all of them (None)."""
 
     name: str | None = None
 
@@ -115,7 +115,7 @@ class DecidePiece:
 
 @dataclass(frozen=True)
 class DecideLink:
-    """Take a part off the shape because no garment allows its link, or keep it."""
+    """Remove a part from the shape because no garment allows its link, or keep it."""
 
     part: DoubtedPart
 
@@ -142,7 +142,7 @@ def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
 
 
 def check_bounds(command: GarmentCommand, extent_m: float) -> None:
-    """Refuse places that no garment reaches; ``extent_m`` is how far its plane goes.
+    """Refuse places that no garment reaches; ``extent_m`` is the extent of its plane.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
     """Return the name of a decision and all decisions with it."""
     match command:
         case SetKind(garment=kind):
-            # Points of another kind mean nothing to this one.
+            # Points of another kind do not exist on this one.
             return f"garment: {kind or 'by the evidence'}", replace(decisions, kind=kind, held=())
         case HoldPoint(point=point):
             held = tuple(each for each in decisions.held if each.name != point.name)
@@ -184,7 +184,7 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
 
 
 def without_doubts(decisions: GarmentDecisions) -> GarmentDecisions:
-    """Return the decisions that somebody made, without the links that a run only doubts."""
+    """Return the decisions of the operator, without the links that a run only doubts."""
     return replace(decisions, parts=tuple(part for part in decisions.parts if not part.std_m))
 
 

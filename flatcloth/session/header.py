@@ -145,7 +145,7 @@ def settle_header(
         _check(path, kept, recording, config, method)
         return kept
     if (folder / "journal.jsonl").exists():
-        raise JournalError(f"{path}: missing beside its journal. Restore it, or use another folder.")
+        raise JournalError(f"{path}: missing, but there is a journal. Restore it, or use another folder.")
     header = Header(
         format=FORMAT,
         created=datetime.now(UTC).isoformat(timespec="seconds"),

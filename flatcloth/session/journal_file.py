@@ -12,7 +12,7 @@ from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, open_own
 
 
 class LockedError(Exception):
-    """Another process has the file open; ``owner`` is what it wrote into it, if anything."""
+    """Another process has the file open; ``owner`` is the text that it wrote there, if any."""
 
     def __init__(self, owner: str) -> None:
         super().__init__(owner)
@@ -43,7 +43,7 @@ def open_locked(path: Path, flags: int = os.O_RDWR) -> int:
 
 
 class JournalFile:
-    """The open file of a journal; what was written is kept in memory too.
+    """The open file of a journal; its content is also kept in memory.
 
     Raises
     ------
@@ -64,16 +64,16 @@ class JournalFile:
 
     @property
     def data(self) -> bytes:
-        """All that is in the file."""
+        """The content of the file."""
         return bytes(self._data)
 
     @property
     def is_open(self) -> bool:
-        """Whether it was not closed."""
+        """Whether the file is open."""
         return self._fd is not None
 
     def is_in_place(self) -> bool:
-        """Say whether the file is still what its name stands for, with the content that was written."""
+        """Return whether the path still leads to this file, with the content that was written."""
         try:
             named, opened = os.stat(self._path, follow_symlinks=False), os.fstat(self._number)
         except OSError:
@@ -113,7 +113,7 @@ class JournalFile:
         del self._data[length:]
 
     def close(self) -> None:
-        """Let another process have the file; harmless when repeated."""
+        """Release the file for other processes; may be called repeatedly."""
         if self._fd is not None:
             os.close(self._fd)
         self._fd = None

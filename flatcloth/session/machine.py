@@ -340,7 +340,7 @@ def _decide(state: SessionState, command: Command) -> SessionState:
         case TakePart(view_index=view, component=component, current_from_new=motion):
             assert document.pending is not None
             proposed = document.pending.proposed
-            # Chosen back, it lies where it was proposed, exactly: not moved by hand.
+            # Back at its hypothesis, it lies exactly as proposed: not moved by hand.
             nudge = Rigid2() if motion == proposed else motion @ proposed.inverse()
             taken = replace(document.pending, component=component, nudge=nudge, also=())
             return _edit(state, f"take part {component + 1} of view {view}", replace(document, pending=taken))
@@ -354,7 +354,7 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             return _go_on(painted)
         case SetKind() | HoldPoint() | ReleasePoints() | DecidePiece() | DecideLink():
             name, decided = garments.decide(document.garment, command)
-            # What is being computed does not depend on it.
+            # The running computation does not depend on it.
             edited = _edit(state, name, replace(document, garment=decided))
             return replace(edited, request=state.request)
         case Undo():

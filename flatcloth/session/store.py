@@ -65,8 +65,8 @@ class SessionFolder:
     ) -> SessionFolder:
         """Create a session folder, or resume the session in it.
 
-        A computation that ran when the process was killed is lost. An incomplete last line, and what
-        follows a line with a number that no garment has, is dropped, with a notice.
+        A computation that ran when the process was killed is lost. An incomplete last line is
+        dropped, and so is everything from a line with an impossible number on; both give a notice.
 
         Raises
         ------
@@ -262,7 +262,7 @@ class SessionFolder:
         return link
 
     def _move(self) -> None:
-        """Continue in a fresh folder, since somebody removed or replaced the journal, or wrote into it."""
+        """Continue in a new folder, because another program removed, replaced or changed the journal."""
         was, fresh = self._folder, _unused(self._folder.with_name(f"{self._folder.name}-continued"))
         fresh.mkdir(parents=True)
         lock_fd = _lock(fresh)
@@ -285,11 +285,11 @@ class SessionFolder:
 
 
 _BESIDE = ("axis.json", "grips.json", "settings.json")
-"""What else belongs to a session."""
+"""Other files of a session."""
 
 
 def _unused(path: Path) -> Path:
-    """Return the path, or the first with a number behind it that is free."""
+    """Return the path if it is free, otherwise the first free one with a number appended."""
     return next(
         free
         for n in itertools.count(1)

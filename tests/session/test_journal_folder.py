@@ -74,7 +74,7 @@ def test_a_header_with_unknown_settings_is_refused(place: Path) -> None:
 def test_a_journal_without_its_header_is_refused(played: SessionFolder, place: Path) -> None:
     played.close()
     (place / "session.json").unlink()
-    with pytest.raises(JournalError, match="missing beside its journal"):
+    with pytest.raises(JournalError, match="missing, but there is a journal"):
         opened(place)
 
 

@@ -14,18 +14,18 @@ from flatcloth.garments.fit import Fit, refine, starts
 from flatcloth.garments.recognition import NONE, STARTS, THINNED, fits_of, probabilities_by
 
 _STEPS = ((4.0, 6), (2.0, 6), (1.0, 8))
-"""Factors on the standard deviations and steps with each. Chosen: as in the fit, a little longer."""
+"""Factors on the standard deviations, and number of steps with each. Chosen: a few more than in the fit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GarmentLesson:
     """The recognition of one shape.
 
-    ``view`` is the shape, None: an example, because the session has no shape of two views yet. ``evidence``
-    of it; ``fits`` the best of each kind, the most probable first, with ``probabilities`` by this
-    shape alone. ``states`` (S, K, V, 2) are the outlines on the shape's plane from each of K starts
-    with the best kind, step by step, and ``energy`` (S, K) what each costs; ``widened`` (S,) the factor
-    on the standard deviations that the step was taken with.
+    ``view`` is the shape, or None for an example, if the session has no shape of two views yet. ``evidence``
+    is that of the shape; ``fits`` are the best of each kind, the most probable first, ``probabilities`` are
+    those by this shape alone. ``states`` (S, K, V, 2) are the outlines on the shape's plane from each of K
+    starts with the best kind, step by step, and ``energy`` (S, K) their costs; ``widened`` (S,) is the factor
+    on the standard deviations in each step.
     """
 
     view: FlattenedView | None

@@ -43,11 +43,11 @@ from flatcloth.session.garment import (
 from flatcloth.session.machine import Keeper
 
 _MOST_TAKEN_OFF = 3
-"""Parts that are taken off without asking. Chosen: each takes some seconds."""
+"""Most parts that an unattended run removes. Chosen: each takes some seconds."""
 
 
 def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
-    """Return the views that a document's shape is made of, with their cameras as registered."""
+    """Return the views of a document's shape, with their registered cameras."""
     registered = integration.algorithm.cameras(document)
     held = {}
     if registered is not None:
@@ -70,18 +70,18 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
 
 
 def evidence_of_shape(canonical: Canonical, views: list[SeenFrom]) -> tuple[PieceEvidence, ...]:
-    """Return what the canonical view and each of its floating pieces say of the outline."""
+    """Return the evidence of the canonical view and of each floating piece about the outline."""
     pieces = (canonical.view, *canonical.floating)
     return tuple(evidence_of(own, views, [each for each in pieces if each is not own]) for own in pieces)
 
 
 @dataclass(frozen=True, kw_only=True)
 class KnownGarment:
-    """What is known of the garment of a document's shape.
+    """The recognised garment of a document's shape.
 
-    ``by_evidence`` is what the evidence alone says, ``found`` that with the operator's decisions;
-    ``pieces`` what was decided about the floating pieces of ``canonical``. ``links`` are the links of
-    ``cloth`` that no garment allows and nobody decided about, the least probable first.
+    ``by_evidence`` is the result without the operator's decisions, ``found`` the result with them; ``pieces``
+    are the decisions about the floating pieces of ``canonical``. ``links`` are the undecided links of
+    ``cloth`` that no garment allows, the least probable first.
     """
 
     canonical: Canonical
@@ -93,7 +93,7 @@ class KnownGarment:
     links: tuple[DoubtedLink, ...] = ()
 
     def cloth_of(self, point: Point) -> FlattenedView:
-        """Return the view that a named point's pixel belongs to: the shape, or a placed piece."""
+        """Return the flattened view with the pixel of a named point: the shape, or a placed piece."""
         return self.canonical.view if point.piece is None else self.canonical.floating[point.piece]
 
 
@@ -108,19 +108,19 @@ class GarmentService:
 
     @property
     def last(self) -> KnownGarment | None:
-        """What was recognised last, None if nothing was; does not wait for what is being recognised."""
+        """The last recognised garment, None if there is none; does not wait for a running recognition."""
         last = self._last
         return None if last is None else last[1]
 
     def of(self, document: Document) -> KnownGarment:
-        """Return what is known of the garment of a document's shape.
+        """Recognise the garment of a document's shape.
 
         Raises
         ------
         GarmentError
             If the shape shows too little, or was seen in one view only.
         """
-        # Recognised is the shape as it hangs; what is doubted about it follows from that.
+        # The shape is recognised with all its links; doubts about links follow from the result.
         document = replace(document, garment=without_doubts(document.garment))
         with self._lock:
             canonical = self.integration.canonical(document)
@@ -131,18 +131,18 @@ class GarmentService:
             return self._last[1]
 
     def known(self, document: Document) -> KnownGarment | str:
-        """Return what is known of the garment of a document's shape, or why it cannot be recognised."""
+        """Return the recognised garment of a document's shape, or the reason why there is none."""
         try:
             return self.of(document)
         except GarmentError as error:
             return str(error)
 
     def _recognised(self, canonical: Canonical, document: Document) -> KnownGarment:
-        """Return what is known without any decision."""
+        """Return the garment recognised without any decision."""
         views = seen_from(self.integration, document)
         if len(views) < 2:
             raise GarmentError(
-                "The shape was made of one view; a garment is not recognised by one. Add views."
+                "The shape was made of one view; a garment cannot be recognised from one. Add views."
             )
         evidence = evidence_of_shape(canonical, views)
         found = recognise(canonical.view, evidence)
@@ -178,10 +178,10 @@ class GarmentService:
 
 
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
-    """Place the floating pieces whose place by the garment is sure, as decisions of the session.
+    """Place the floating pieces with a reliable place on the garment, as decisions of the session.
 
-    Before, a part is taken off whose link is surely wrong; other doubted links make what they join unsure.
-    What was decided about before stays as it is.
+    First, parts whose link is certainly wrong are removed; parts joined by other doubted links become
+    uncertain. Earlier decisions are kept.
     """
     known = service.known(session.state.document)
     for _ in range(_MOST_TAKEN_OFF):
@@ -217,7 +217,7 @@ def link_decision(known: KnownGarment, link: DoubtedLink, *, taken_off: bool) ->
 
 
 def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> PlacedPiece:
-    """Return the decision about a piece at the place that the garment has for it."""
+    """Return the decision about a piece at its place on the garment."""
     return placed_piece(
         canonical.floating[piece.index],
         canonical.view,

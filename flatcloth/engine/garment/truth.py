@@ -39,13 +39,13 @@ class GarmentEvaluation:
     Attributes
     ----------
     kind, true_kind : str
-        The answer, and the garment that it is.
+        The recognised kind, and the true one.
     probability, none_probability : float
         Of the true kind, and of "none of the known kinds".
     seen_mm, unseen_mm : dict
         Error of each named point that a view shows, and of each that is predicted, mm.
     normed : dict
-        Error of each named point over its standard deviation.
+        Error of each named point divided by its standard deviation.
     dimension_errors : dict
         Relative error of each dimension, positive if it was found too long.
     pieces_mm : list of float
@@ -168,7 +168,7 @@ def summary(rows: list[GarmentEvaluation]) -> dict[str, float]:
 
 
 def _corners_in_order(placed: dict[str, Float64], true: dict[str, Float64]) -> dict[str, Float64]:
-    """Return the true corners numbered as the found ones; any start that keeps their order is right."""
+    """Return the true corners, numbered as the found ones; every cyclic shift is correct."""
     names = sorted(placed)
     if sorted(true) != names:
         return true
@@ -183,7 +183,7 @@ def _corners_in_order(placed: dict[str, Float64], true: dict[str, Float64]) -> d
 
 
 def _truth_from(view: FlattenedView, truth: Truth) -> Rigid2:
-    """Return the motion that lays a flattened result on the truth."""
+    """Return the motion that aligns a flattened result to the truth."""
     true = look_up(view, truth)
     known = np.isfinite(true[:, 0])
     if known.sum() < 3:

@@ -25,13 +25,13 @@ MOST_POINTS = 25_000
 BEHIND_M = 0.7
 """Points farther than this behind the nearest one are not drawn. Set by hand."""
 HOLDER_INTERVAL_S = 1.0
-"""How often the gripper is looked for, which takes two frames' time. Chosen."""
+"""Interval of finding the gripper, which takes the time of two frames. Chosen."""
 HOLDER_M = 0.02
-"""What lies this near to where the gripper was is the gripper. Chosen: it moves little in a second."""
+"""Pixels this near to the last place of the gripper belong to it. Chosen: it moves little in a second."""
 
 
 class CameraPlayer(LivePlayer):
-    """Flattens the newest frame of a camera, without what holds the item; not thread-safe.
+    """Flattens the newest frame of a camera, without the gripper; not thread-safe.
 
     Parameters
     ----------
@@ -77,14 +77,14 @@ class CameraPlayer(LivePlayer):
         return LiveFrame(view_index=view_index, angle_deg=0.0, view=view, cloud=cloud, flatten_ms=took_ms)
 
     def _without_holder(self, frame: RgbdFrame, item: Bool) -> Bool:
-        """Return the item (H, W) without the gripper and other things, as they were a moment ago."""
+        """Return the item (H, W) without the gripper and other objects, as found last."""
         now_s = time.monotonic()
         if now_s - self._looked_s >= HOLDER_INTERVAL_S:
             self._looked_s = now_s
             try:
                 found = find_item([replace(frame, mask=None)], None, None, self._integration.config.surface)
                 self._holder_m = np.where(item & ~found.masks[0], frame.depth_m, np.inf).astype(np.float32)
-            except SegmentationError:  # two items, say: the frame is shown as it is
+            except SegmentationError:  # for example two items: the whole frame is shown
                 self._holder_m = None
         if self._holder_m is None or self._holder_m.shape != item.shape:
             return item

@@ -62,7 +62,7 @@ class LivePlayer:
         )  # fmt: skip
 
     def flattened(self, frame: RgbdFrame) -> tuple[FlattenedView, float]:
-        """Return the flattened view of a frame, and how many milliseconds it took."""
+        """Return the flattened view of a frame, and its computing time in milliseconds."""
         made = self._integration
         started = time.perf_counter()
         try:

@@ -1,4 +1,4 @@
-"""What an integration has come to: the result with what is missing, and what became of each pixel.
+"""The result of an integration: missing cloth, and the state of each pixel.
 
 In: an integration and a session's document. Out: areas, reasons, counts; for the page, exports and reports.
 """

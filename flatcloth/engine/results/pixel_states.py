@@ -1,4 +1,4 @@
-"""What became of each pixel of a view in a session's result, in the image as it was recorded."""
+"""The state of each pixel of a recorded view in the result of a session."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from flatcloth.session.document import Document
 
 NEAR_M = TWICE_M
-"""Cloth nearer than this to the shape or a piece is part of it, as in the check for cloth covered twice."""
+"""Cloth nearer than this to the shape or a piece is part of it, as in the check for doubled cloth."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PixelStates:
-    """The states (H, W) of a view's pixels, and which of them show cloth that no view brought in.
+    """The states (H, W) of a view's pixels, and which of them show cloth that the result lacks.
 
     ``is_missing`` (H, W) are measured pixels of the item that lie near neither the shape nor a piece.
     """
@@ -35,7 +35,7 @@ class PixelStates:
 
 
 def pixel_states(integration: Integration, document: Document, view_index: int) -> PixelStates:
-    """Compute what became of a view's pixels.
+    """Compute the states of a view's pixels.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def states_of(integration: Integration, document: Document, view_index: int) -> 
 
 
 def pixel_counts(integration: Integration, document: Document) -> dict[str, int]:
-    """Return how many pixels of the item each state has, over the views of the shape."""
+    """Return the number of pixels of the item in each state, over the views of the shape."""
     total = np.zeros(len(PixelState), dtype=np.int64)
     for view_index in sorted(document.used_views):
         states = states_of(integration, document, view_index)

@@ -1,4 +1,4 @@
-"""The result of an integration: its uncertainty, the cloth left out, and what other views would add."""
+"""The result of an integration: its uncertainty, the cloth left out, and the gain of further views."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LAST_VIEWS = 6
 by hand."""
 
 _APART_DEG = 30.0
-"""Views nearer than this show much the same cloth, as the planner assumes (next_best_view). Set by hand."""
+"""Views nearer than this show almost the same cloth, as in next_best_view. Set by hand."""
 
 FOLDED = "folded in its flattened view"
 LOOSE = "its place is not determined well enough"
@@ -37,7 +37,7 @@ LOOSE = "its place is not determined well enough"
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOut:
-    """Cloth that a view shows and that is neither in the shape nor in a floating piece, and why."""
+    """Visible cloth that is neither in the shape nor in a floating piece, with the reason."""
 
     view_index: int
     area_m2: float
@@ -46,17 +46,17 @@ class LeftOut:
 
 @dataclass(frozen=True, kw_only=True)
 class More:
-    """What other views would add.
+    """The expected gain of further views.
 
     Attributes
     ----------
     reason : str
         Why the planner proposes no further view, or which it proposes.
     expected : tuple of (int, float)
-        The planner's best candidates with the area (m2) that it expects of each; they are so far apart that
-        they show different cloth.
+        The planner's best candidates with the area (m2) that it expects of each; they are far enough apart
+        to show different cloth.
     share : float or None
-        The area that the last views really added over the area that was expected of them; None if unknown.
+        The area added by the last views, divided by the area expected of them; None if unknown.
     """
 
     reason: str
@@ -87,7 +87,7 @@ class Areas:
     _known: dict[Hashable, float] = field(default_factory=dict)
 
     def added_m2(self, document: Document) -> list[float | None]:
-        """Return what the start view and each accepted view really added; None where not computed yet."""
+        """Return the area added by the start view and each accepted view; None where not computed yet."""
         totals = [self._known.get(_key(document, order)) for order in range(_count(document))]
         added: list[float | None] = []
         for order, total in enumerate(totals):
@@ -111,7 +111,7 @@ class Areas:
         self._keep(document, order, self.integration.canonical(at_step(document, order)))
 
     def note(self, document: Document, canonical: Canonical) -> None:
-        """Take the area of a document's shape, which is known."""
+        """Store the known area of a document's shape."""
         self._keep(document, len(document.accepted), canonical)
 
     def _keep(self, document: Document, order: int, canonical: Canonical) -> None:
@@ -158,7 +158,7 @@ def result_of(areas: Areas, document: Document, progress: Progress = no_progress
 def left_out(
     integration: Integration, document: Document, canonical: Canonical, progress: Progress = no_progress
 ) -> list[LeftOut]:
-    """Return the cloth that decided views show and the result lacks, the largest first.
+    """Return the cloth that decided views show but the result lacks, the largest first.
 
     Cloth that several views show is counted once, for the first of them.
     """
@@ -202,7 +202,7 @@ def _decided(document: Document) -> list[tuple[int, str]]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Part:
-    """Points (K, 3) of a view (object frame), the area (K,) of each, and what became of its pixel (K,)."""
+    """Points (K, 3) of a view (object frame), the area (K,) of each, and the state of its pixel (K,)."""
 
     xyz_m: Float64
     area_m2: Float64
@@ -210,7 +210,7 @@ class _Part:
     is_folded: bool = False
 
     def reason(self, state: PixelState) -> str:
-        """Return why a point is left out."""
+        """Return the reason why a point is left out."""
         is_left = state in (PixelState.STRIP, PixelState.NO_CHAIN) or state <= PixelState.STEEP
         if is_left and state != PixelState.OFF_ITEM:
             return TEXTS[state]
@@ -218,7 +218,7 @@ class _Part:
 
 
 def _parts(integration: Integration, view_index: int, states: Uint8 | None) -> Iterator[_Part]:
-    """Yield the cloth of a view: its flattened components, then all that was measured.
+    """Yield the cloth of a view: its flattened components, then all measured pixels.
 
     ``states`` (H, W) are those of its pixels, None if it is not part of the shape.
     """

@@ -186,7 +186,7 @@ def checked_lens(
     intrinsics : Intrinsics
         Camera of the distorted and the undistorted images.
     coefficients : sequence of float
-        At most as many as the model has; missing ones are 0.
+        At most the number of the model; missing ones are 0.
     fail, where
         As in :func:`checked_intrinsics`.
     model : str

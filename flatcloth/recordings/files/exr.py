@@ -19,7 +19,7 @@ from flatcloth.recordings.files.images import ImageHeader
 MAX_CHANNELS = 32
 """Renderers write color, depth, normals and a few masks."""
 MAX_PIXELS = 2**24
-"""Of all channels that are decoded; the largest camera that is read has as many."""
+"""Largest number of decoded values of all channels: that of the largest supported camera."""
 
 _lock = threading.Lock()
 _kept: list[Worker] = []
