@@ -1,4 +1,4 @@
-"""The canonical shape of a garment, and what can be asked of it."""
+"""The canonical shape of a garment, and its properties."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Shape:
         return self.data.outcome
 
     def garment(self) -> Recognition:
-        """Return what the shape was recognised as: kind, probabilities, dimensions and named points.
+        """Return the recognised garment: kind, probabilities, dimensions and named points.
 
         Raises
         ------

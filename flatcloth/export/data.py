@@ -50,7 +50,7 @@ class GraspFrames:
 
 
 Files = Mapping[str, Callable[[BinaryIO], object]]
-"""Files to be written: each name with what writes it."""
+"""Files to be written: each name with the function that writes it."""
 
 
 def shape_files(

@@ -108,7 +108,7 @@ def _matrix(motion: Rigid2, shape: FlattenedView, own: FlattenedView) -> list[li
 
 
 def summary(known: KnownGarment) -> dict[str, Any]:
-    """Return what is known of a garment, for the pages: kinds, dimensions, outline and named points."""
+    """Return the data of a garment for the pages: kinds, dimensions, outline and named points."""
     found = known.found
     return {
         "kind": None if found.kind == NONE else found.kind,
@@ -124,7 +124,7 @@ def summary(known: KnownGarment) -> dict[str, Any]:
 
 
 def drawn(found: Recognition, known: KnownGarment) -> dict[str, Any]:
-    """Return what is drawn: the outline and the named points."""
+    """Return the drawing data: the outline and the named points."""
     return {
         "outline_uv_m": np.round(found.outline_uv_m, 5).tolist(),
         "points": [

@@ -70,7 +70,7 @@ class Growth:
 
     @property
     def area_m2(self) -> float:
-        """The area of the shape, without what floats."""
+        """The area of the shape, without floating pieces."""
         return self.sheet.canonical.view.area_m2
 
     def shown_after(self, order: int) -> Bool:
@@ -87,7 +87,7 @@ def grow(
 ) -> Growth:
     """Compute the growth of a session's shape from its start view on.
 
-    ``kept`` is what earlier exports of the session computed; the shapes of all steps are added to it.
+    ``kept`` are the results of earlier exports of the session; the shapes of all steps are added to it.
 
     Raises
     ------

@@ -66,7 +66,7 @@ class Kept:
         self._sheets: Cache[_PackedSheet] = Cache(_MOST, _SHEETS_BYTES, lambda kept: len(kept.data))
 
     def keep_sheet(self, key: Hashable, sheet: Sheet) -> None:
-        """Keep what a picture shows of a shape."""
+        """Store the data of a shape that a picture shows."""
         if key not in self._sheets:
             self._sheets.put(key, _PackedSheet.of(sheet))
 
@@ -81,7 +81,7 @@ class Kept:
 
 
 def key_of(axis: RotationAxis, document: Document) -> Hashable:
-    """Return what the sheet of a document depends on."""
+    """Return the key of a document's sheet: everything that it depends on."""
     largest = tuple(after for after in document.largest_after if after <= len(document.accepted))
     shape = replace(document, largest_after=largest).shape_key
     return axis.point_m.tobytes(), axis.direction.tobytes(), shape, document.garment.pieces

@@ -62,7 +62,7 @@ def page(session: OpenedSession) -> str:
 
 
 def common_parts(entry: str, styles: Sequence[str], more_policy: str = "") -> dict[str, str]:
-    """Return what each page in one file has: policy, icon, style, modules, and the script that starts it.
+    """Return the parts common to all pages: policy, icon, style, modules, and the script that starts it.
 
     ``entry`` is the module of ``static/`` that it starts with, ``styles`` its style sheets.
     """

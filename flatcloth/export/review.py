@@ -1,4 +1,4 @@
-"""Flags of accepted views: what a reviewer looks at first."""
+"""Flags of accepted views that a reviewer should check first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Opening a session for export: its history, and what is computed from its recording."""
+"""Opening a session for export: its history, and the results computed from its recording."""
 
 from __future__ import annotations
 

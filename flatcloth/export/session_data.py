@@ -90,11 +90,11 @@ class SessionData:
         return reports
 
     def files(self) -> dict[str, Writer]:
-        """Return all files, each with what writes it; the report comes last."""
+        """Return all files, each with the function that writes it; the report comes last."""
         return {**self._shape_files(), **self._reports()}
 
     def write(self, folder: Path, threads: int = 1) -> list[Path]:
-        """Write all files to a folder, and remove what an earlier, larger export left there.
+        """Write all files to a folder, and remove files of an earlier, larger export.
 
         ``threads`` are the files that are written at the same time; the bytes do not depend on it.
 

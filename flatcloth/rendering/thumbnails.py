@@ -22,7 +22,7 @@ _MARGIN = 0.04
 _PALE = 90
 """Opacity of the shape, of 255; suits light and dark pages."""
 _TINT = np.array([230.0, 126.0, 0.0])
-"""Color of what is selected. Chosen."""
+"""Color of the selection. Chosen."""
 
 
 def thumbnail(current: FlattenedView, new: FlattenedView, placements: Sequence[Rigid2], index: int) -> Uint8:
