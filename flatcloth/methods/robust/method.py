@@ -154,7 +154,9 @@ class RobustMethod(Method):
         uv, _ = flattening.carrier.place_all()
         uv[self.seen.component_of_pixel(start_view) != 0] = np.nan
         (pose,) = self.seen.poses((start_view,))
-        return begin_joint(flattening.surface, pose, uv, self._config.flattening)
+        made = begin_joint(flattening.surface, pose, uv, self._config.flattening)
+        self.seen.observed_places(made.observations[-1])  # while the view's flattening is cached
+        return made
 
     def extend(self, shape: JointShape, added: Accepted) -> JointShape:
         """Add an accepted view to the joint shape."""
@@ -168,9 +170,11 @@ class RobustMethod(Method):
             shape, shown, places, added, flattening, joins_piece=joined is not None
         )
         placed = self.seen.component_of_pixel(view) == added.component if by_hand else None
-        return extend_joint(  # 3c. new nodes, pairs (Eq. 2), pieces, initialisation, minimisation
+        made = extend_joint(  # 3c. new nodes, pairs (Eq. 2), pieces, initialisation, minimisation
             shape, flattening.surface, pose, self._config.flattening, shown, placed
         )
+        self.seen.observed_places(made.observations[-1])  # while the view's flattening is cached
+        return made
 
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view, composited from the joint shape, with its floating pieces."""
