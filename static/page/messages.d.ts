@@ -629,7 +629,7 @@ export interface Foreseen {
   joins: string[];
 }
 
-/** A check of the proposal; ``passed`` is None if the cloth in common does not tell. */
+/** A check of the proposal; ``passed`` is None if the common cloth does not decide it. */
 export interface Check {
   name: string;
   title: string;
