@@ -43,7 +43,7 @@ distribution in units of its median absolute deviation."""
 NO_ROUNDING = 1e-5, 1e9
 """Inside functions, smaller numbers guard against rounding and division by zero, larger ones are infinite."""
 LIMIT_S, TIME_NOISE = 300, 0.3
-"""A variant has no result after this time; a larger share of time is listed as slower."""
+"""A variant is ended after this time, and listed as slower if it takes more by this share."""
 COMPARED = {
     "absolute_median_mm": 0.05, "absolute_p95_mm": 0.3, "coverage": 0.005, "firm_far_share": 0.001,
     "within_3_std_share": 0.002,
@@ -196,9 +196,9 @@ class _Variant(importlib.abc.MetaPathFinder, importlib.machinery.SourceFileLoade
 
 
 class Read:
-    """A recording and its truth, read once: processes that are forked off share them.
+    """A recording and its truth, read once and shared with the forked processes.
 
-    Reading needs nothing of the numerics, which each process imports for itself, as its variant has them.
+    Only the forked processes import the numerics, each with the numbers of its variant.
     """
 
     def __init__(self, source: str) -> None:

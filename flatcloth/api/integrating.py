@@ -123,7 +123,7 @@ def integrate(
         Asked often, e.g. ``threading.Event().is_set``; the integration stops when it returns True.
     on_view : callable, optional
         Called after the start view and after each decision about a proposed view, with the decision and the
-        shape so far, which computes what it is asked for.
+        shape so far; its arrays are computed when they are first read.
     cores : int, optional
         Cores to use, by default all that this process may use; the result does not depend on it.
 

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 from flatcloth.core.types import Bool, Float64, Int64
 
 _UNITS = 1000
-"""Capacities in whole numbers, as ``maximum_flow`` needs them, by definition."""
+"""A capacity of 1 in the whole numbers that ``maximum_flow`` needs. By definition."""
 
 
 def components(count: int, first: NDArray[np.integer], second: NDArray[np.integer]) -> Int64:
