@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import threading
 from typing import Annotated, Any, TypeVar
 
 import msgspec
@@ -53,6 +54,29 @@ def parse_json(data: bytes | str) -> Any:
         raise ValueError("nested too deeply") from error
 
 
+_PREPARED: set[Any] = set()
+"""Types whose converters msgspec has built."""
+_PREPARING = threading.Lock()
+
+
+def converted(raw: Any, kind: type[T]) -> T:
+    """Convert as ``msgspec.convert`` does, also on several threads at once.
+
+    msgspec builds the description of a struct when it is first used. If two threads do that at the same
+    time, the process dies with a segmentation fault (msgspec 0.22); here one thread does it first.
+
+    Raises
+    ------
+    msgspec.ValidationError
+        If anything is missing or of another type or range.
+    """
+    if kind not in _PREPARED:
+        with _PREPARING:
+            msgspec.json.Decoder(kind)
+            _PREPARED.add(kind)
+    return msgspec.convert(raw, kind)
+
+
 def fitted(raw: Any, kind: type[T]) -> T:
     """Convert plain dictionaries and lists to a value of a type.
 
@@ -62,7 +86,7 @@ def fitted(raw: Any, kind: type[T]) -> T:
         If anything is missing or of another type or range.
     """
     try:
-        return msgspec.convert(raw, kind)
+        return converted(raw, kind)
     except msgspec.ValidationError as error:
         raise _misfit(str(error), raw) from error
     except OverflowError as error:

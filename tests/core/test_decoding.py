@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from typing import Any
 
 import msgspec
@@ -78,3 +80,35 @@ def test_values_are_described_in_words() -> None:
     assert [described(v) for v in values] == [
         "missing", "true or false", "a number", "not a finite number", "text", "an object", "a list of 2",
     ]  # fmt: skip
+
+
+_FIRST_USES = """
+import sys, threading
+import msgspec
+from flatcloth.core.decoding import fitted
+
+sys.setswitchinterval(1e-6)
+for n in range(20):
+    inner = msgspec.defstruct(f"Inner{n}", [("a", float), ("place", tuple[float, float])])
+    middle = msgspec.defstruct(f"Middle{n}", [("one", inner | None), ("many", list[inner])])
+    kind = msgspec.defstruct(f"Outer{n}", [("parts", list[middle]), ("named", dict[str, middle])])
+    part = {"one": None, "many": [{"a": 1.0, "place": [2.0, 3.0]}]}
+    ready, found = threading.Barrier(6), []
+
+    def use(kind=kind, ready=ready, found=found):
+        ready.wait()
+        found.append(fitted({"parts": [part], "named": {"x": part}}, kind))
+
+    threads = [threading.Thread(target=use) for _ in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 6
+print("all were read")
+"""
+
+
+def test_a_type_may_be_used_first_on_several_threads_at_once() -> None:
+    done = subprocess.run([sys.executable, "-c", _FIRST_USES], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "all were read\n"), done.stderr

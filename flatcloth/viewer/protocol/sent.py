@@ -10,6 +10,8 @@ from typing import Any, Literal, TypeVar
 import msgspec
 import numpy as np
 
+from flatcloth.core.decoding import converted
+
 UV = tuple[float, float]
 """A place (u, v) on the flattened plane, in metres."""
 XYZ = tuple[float, float, float]
@@ -90,7 +92,7 @@ class Motion(Sent, frozen=True):
 
 def typed(values: Any, kind: type[T]) -> T:
     """Return JSON values, which may contain numpy's, as a struct."""
-    return msgspec.convert(msgspec.to_builtins(values, enc_hook=_builtin), kind)
+    return converted(msgspec.to_builtins(values, enc_hook=_builtin), kind)
 
 
 def encoded(message: Any) -> bytes:
