@@ -24,8 +24,9 @@ from cosmic_ray import plugins
 from cosmic_ray.ast import get_ast
 from cosmic_ray.mutating import mutate_code
 
-from benchmarks.constants import NUMERICS, ROOT, importers, keep_kernels, package_of
+from benchmarks.free_numbers import NUMERICS, ROOT, package_of
 from benchmarks.inputs import sources
+from benchmarks.kept_kernels import importers, keep_kernels
 from benchmarks.output import Options, save, say
 
 SEED, COUNT, QUICK_COUNT = 29, 300, 20
@@ -47,24 +48,25 @@ print(json.dumps(Read(sys.argv[1]).figures(sys.argv[2])))
 
 
 def run(options: Options) -> None:
-    """Try, print, and write ``results/mutants.json`` unless ``quick``."""
+    """Try, print, and write ``results/mutants.json`` after each unless ``quick``.
+
+    The share that is printed is that of the noticed ones among all that change behaviour.
+    """
     kept = Path(options.keep or tempfile.mkdtemp(prefix="mutants-"))
     kept.mkdir(parents=True, exist_ok=True)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for file, operator, occurrence in sample(QUICK_COUNT if options.quick else COUNT):
         own = kept / f"{file.replace('/', '-')}--{operator.partition('/')[2]}-{occurrence}.json"
         if not own.exists():
             own.write_text(json.dumps(row_of(file, operator, occurrence, sources(options.recordings))))
         rows.append(json.loads(own.read_text()))
-        say("   ".join(str(value) for value in rows[-1].values()))
-    counts = Counter(row["found"] for row in rows)
-    noticed, missed = counts["noticed"], counts["missed"]
-    say(
-        f"{dict(counts)}: {noticed / max(noticed + missed, 1):.1%} of those that change behaviour are noticed"
-    )
-    if not options.quick:
-        rows.sort(key=lambda row: (row["found"], row["file"]))
-        save("mutants", {"seed": SEED, "counts": counts, "rows": rows}, sources(options.recordings))
+        counts = Counter(row["found"] for row in rows)
+        share = counts["noticed"] / max(counts["noticed"] + counts["missed"], 1)
+        say("   ".join([*map(str, rows[-1].values()), f"{share:.1%} of {len(rows)}"]))
+        if not options.quick:
+            ordered = sorted(rows, key=lambda row: (row["found"], row["file"]))
+            figures = {"seed": SEED, "of": COUNT, "counts": counts, "rows": ordered}
+            save("mutants", figures, sources(options.recordings))
 
 
 def sample(count: int) -> list[tuple[str, str, int]]:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import constants as study
-from benchmarks.constants import all_constants, package_of
+from benchmarks import free_numbers
+from benchmarks.free_numbers import all_constants, package_of
 
 ROOT = Path(__file__).parents[2]
 PYTHON = [
@@ -114,7 +114,7 @@ def test_the_numerics_have_no_more_constants_than_before() -> None:
 
 
 def test_inline_numbers_and_defaults_are_constants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study, "ROOT", tmp_path)
+    monkeypatch.setattr(free_numbers, "ROOT", tmp_path)
     module = tmp_path / "module.py"
     module.write_text(
         "class Settings:\n"
@@ -129,7 +129,7 @@ def test_inline_numbers_and_defaults_are_constants(tmp_path: Path, monkeypatch: 
         "    progress(0.4, 'half')\n"
         "    return 0.5 * x + 1e-12 + 0.7 * x  # learned\n"
     )
-    found = [(c.name, c.values, c.text) for c in study.constants_of(module)]
+    found = [(c.name, c.values, c.text) for c in free_numbers.constants_of(module)]
     assert found == [
         ("NEAR_M", (0.01,), ""),
         ("FAR_M", (0.02,), ""),
