@@ -2,7 +2,7 @@
 
 The recordings are copied to ``--copies`` with changed names (``--views`` of each, all by default). Then
 
-1. ``--timed`` of them run on a local cluster of one worker, and on one of two;
+1. ``--timed`` of them run on one worker of this machine, and on two;
 2. all of them run on a scheduler and two workers that are started by hand; every twentieth is damaged, and
    one worker is killed in the middle (SIGKILL, its parent too, so that nobody starts it again);
 3. what is done is asked for again: each task then costs what a task costs beside integration.
@@ -135,7 +135,7 @@ def throughput(place: Path, timed: int) -> dict[str, Any]:
             if row is not None:
                 moments.append(time.perf_counter())
 
-        run_batch(tasks, out, lambda workers=workers: engine_of(workers, None), LIMITS, tell)
+        run_batch(tasks, out, lambda workers=workers: engine_of(workers), LIMITS, tell)
         # The first of each worker waits for its process to start.
         steady = (len(moments) - workers) / (moments[-1] - moments[workers - 1])
         pace[workers] = steady
@@ -199,7 +199,7 @@ def killed_worker(place: Path, damaged: Sequence[str]) -> dict[str, Any]:
                 say(f"a worker is killed after {len(done)}")
 
         out.mkdir()
-        count = run_batch(tasks, out, lambda: engine_of(None, address, str(out)), LIMITS, tell)
+        count = run_batch(tasks, out, lambda: engine_of(None, address, str(out), tls=False), LIMITS, tell)
     finally:
         for process in started:
             with contextlib.suppress(ProcessLookupError):
@@ -273,7 +273,7 @@ def overhead(place: Path, damaged: Sequence[str]) -> dict[str, Any]:
         if task.name not in damaged
     ]
     moments = []
-    with engine_of(1, None) as engine:
+    with engine_of(1) as engine:
         for _number, answer in engine.run(questions, LIMITS):
             assert isinstance(answer, dict), answer
             assert answer["again"] is False

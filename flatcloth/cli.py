@@ -6,6 +6,7 @@ import argparse
 import atexit
 import contextlib
 import os
+import signal
 import sys
 import threading
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ from typing import NoReturn
 from flatcloth import __version__
 from flatcloth.commands import batch, evaluate, export, import_, record, run, segment, synthesize, view
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.signals import handled_by
 
 COMMANDS: dict[str, ModuleType] = {
     command.NAME: command
@@ -31,7 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Its matrices are small: BLAS threads cost more than they bring. numpy is not imported yet.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        options.run(options)
+        # SIGTERM has the effect of Ctrl-C, so that child processes are ended and temporary files removed.
+        with handled_by(signal.SIGTERM, signal.default_int_handler):
+            options.run(options)
         sys.stdout.flush()
     except FlatclothError as error:
         print(f"flatcloth: {error}", file=sys.stderr)

@@ -14,7 +14,7 @@ from typing import Any
 
 from flatcloth.batch.engines import Answer, Engine
 from flatcloth.batch.review import verdicts
-from flatcloth.batch.rows import CRASHED, LASTING, read_row, rows_in, write_row
+from flatcloth.batch.rows import CRASHED, DONE, UNFINISHED, next_attempt, read_row, rows_in, write_row
 from flatcloth.batch.runner import Limits
 from flatcloth.batch.table import write_table
 from flatcloth.batch.tasks import Task, quick_signature
@@ -55,7 +55,7 @@ Tell = Callable[[Count, Row | None], None]
 
 
 def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
-    """Return the tasks that are not done: no row, a temporary failure, changed content or settings."""
+    """Return the tasks that are not done: no row, a failure, changed content or settings."""
     if again:
         return list(tasks)
     waiting = []
@@ -63,7 +63,7 @@ def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
         row = read_row(out / task.name)
         if (
             row is None
-            or row["outcome"] not in LASTING
+            or row["outcome"] != DONE
             or row.get("quick") != quick_signature(task, settings_of(task.method))
         ):
             waiting.append(task)
@@ -145,14 +145,18 @@ def _row_of(task: Task, answer: Answer, out: Path) -> Row:
     else:
         why = answer.get("error") if isinstance(answer, dict) else " ".join(str(answer).split())[:300]
         outcome, reason = CRASHED, f"its worker gave no result ({why})."
+    folder = out / task.name
+    before = read_row(folder)
+    begun = before is not None and before["outcome"] == UNFINISHED
     row = {
         "name": task.name,
         "source": task.source,
         "method": task.method,
+        **(dict(before) if before is not None and begun else next_attempt(before)),
         "outcome": outcome,
         "reason": reason,
     }
-    write_row(row, out / task.name)
+    write_row(row, folder)
     return row
 
 

@@ -1,23 +1,20 @@
-"""What runs tasks at the same time: Dask distributed, or threads of ``concurrent.futures``.
+"""What runs tasks at the same time: processes of this machine, or the workers of a Dask scheduler.
 
-Each task is a call of :func:`flatcloth.batch.runner.run_task`, which keeps the work
-itself in a process of its own, so threads are enough where Dask is not installed.
+Each task is a call of :func:`flatcloth.batch.runner.run_task`, which keeps the work itself in a process of
+its own. On this machine threads wait for these processes, over pipes: no port is opened.
 """
 
 from __future__ import annotations
 
 import concurrent.futures
 import contextlib
-import importlib.util
 import logging
 import os
-import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
 
 from flatcloth.batch.runner import Limits, run_task, start_processes, stop_processes
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.signals import handled_by
 
 REACHED_S = 15.0
 """A Dask scheduler that does not answer for this long is reported. Chosen: a slow network takes seconds."""
@@ -41,7 +38,9 @@ class Engine(Protocol):
         ...
 
 
-def engine_of(jobs: int | None, scheduler: str | None, out: str | None = None) -> Engine:
+def engine_of(
+    jobs: int | None, scheduler: str | None = None, out: str | None = None, *, tls: bool = True
+) -> Engine:
     """Return the engine that the user asked for.
 
     Parameters
@@ -52,28 +51,30 @@ def engine_of(jobs: int | None, scheduler: str | None, out: str | None = None) -
         Address of a Dask scheduler to use instead.
     out : str, optional
         Folder that every worker must be able to write.
+    tls : bool
+        Refuse a scheduler without TLS: whoever reaches it can run any code as this user.
 
     Raises
     ------
     FlatclothError
-        If the scheduler cannot be reached, or Dask is not installed.
+        If the scheduler cannot be reached, has no TLS, or Dask is not installed.
     """
-    if scheduler is not None:
-        return _Dask(lambda distributed: distributed.Client(scheduler, timeout=REACHED_S), scheduler, out)
-    workers = jobs or len(os.sched_getaffinity(0))
-    if importlib.util.find_spec("distributed") is None:
-        return _Threads(workers)
-    return _Dask(lambda distributed: _local_client(distributed, workers), None, out)
-
-
-class _Threads:
-    def __init__(self, workers: int) -> None:
-        self.about = (
-            f"{workers} at the same time on this machine (install flatcloth[cluster] for several machines)"
+    if scheduler is None:
+        return _Local(jobs or len(os.sched_getaffinity(0)))
+    if tls and not scheduler.startswith("tls://"):
+        raise FlatclothError(
+            f"{scheduler}: without TLS, whoever reaches this address can run code as you; "
+            "give a tls:// address (docs/datasets.md says how), or --no-tls if nobody else can."
         )
+    return _Dask(scheduler, out)
+
+
+class _Local:
+    def __init__(self, workers: int) -> None:
+        self.about = f"{workers} at the same time on this machine"
         self._pool = concurrent.futures.ThreadPoolExecutor(workers)
 
-    def __enter__(self) -> _Threads:
+    def __enter__(self) -> _Local:
         start_processes()
         return self
 
@@ -88,46 +89,28 @@ class _Threads:
             yield futures[future], future.result()
 
 
-def _local_client(distributed: Any, workers: int) -> Any:
-    # A terminal sends Ctrl-C to all; this process ends the others.
-    with handled_by(signal.SIGINT, signal.SIG_IGN):
-        cluster = distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            memory_limit=0,  # the work is in processes of its own, which have limits of their own
-            silence_logs=logging.CRITICAL,
-        )
-    return distributed.Client(cluster)
-
-
 class _Dask:
-    def __init__(self, connect: Callable[[Any], Any], address: str | None, out: str | None) -> None:
+    def __init__(self, address: str, out: str | None) -> None:
         try:
             import distributed
         except ImportError as error:
             raise FlatclothError(
                 f"--scheduler needs Dask distributed ({error}); run: pip install 'flatcloth[cluster]'"
             ) from error
+        connect: Any = distributed.Client
         self._as_completed: Any = distributed.as_completed
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
-            self._client = connect(distributed)
-        except (OSError, ValueError, TimeoutError) as error:
+            self._client = connect(address, timeout=REACHED_S)
+        except (OSError, ValueError, TypeError, TimeoutError) as error:
             raise FlatclothError(
-                f"{address or 'The local cluster'}: cannot be reached ({error}); start it: dask scheduler"
+                f"{address}: cannot be reached ({error}); is a dask scheduler there, with the certificates "
+                "that docs/datasets.md names?"
             ) from error
-        self._remote = address is not None
-        self.about = self._described(address, out)
-
-    def _described(self, address: str | None, out: str | None) -> str:
         workers = self._client.scheduler_info(n_workers=-1)["workers"]
-        threads = sum(worker["nthreads"] for worker in workers.values())
-        where = address or "this machine"
-        if address is not None and out is not None:
+        if out is not None:
             self._check_workers(out)
-        return f"{threads} at the same time on {where}; dashboard: {self._client.dashboard_link}"
+        self.about = f"{sum(w['nthreads'] for w in workers.values())} at the same time on {address}"
 
     def _check_workers(self, out: str) -> None:
         """Raise an error if workers have another flatcloth, or do not see the output."""
@@ -150,10 +133,7 @@ class _Dask:
 
     def __exit__(self, *_: object) -> None:
         with contextlib.suppress(Exception):
-            cluster = self._client.cluster
             self._client.close(timeout=5)
-            if cluster is not None:
-                cluster.close(timeout=10)
 
     def run(self, questions: Sequence[Question], limits: Limits) -> Iterator[tuple[int, Answer]]:
         submit = self._client.submit

@@ -26,7 +26,7 @@ from flatcloth.api.shape import Shape
 from flatcloth.batch.evaluate import evaluate_one
 from flatcloth.batch.garments import garment_columns
 from flatcloth.batch.measure import coverage_estimate, write_thumbnail
-from flatcloth.batch.rows import DONE, FAILED, LASTING, MEMORY, read_row, write_row
+from flatcloth.batch.rows import DONE, FAILED, MEMORY, UNFINISHED, next_attempt, read_row, write_row
 from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
 from flatcloth.core.errors import FlatclothError, JournalError
 from flatcloth.core.plain_files import read_plain
@@ -67,6 +67,7 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
         "version": __version__,
         "versions": _versions(),
         "worker": f"{socket.gethostname()}:{os.getpid()}",
+        **next_attempt(read_row(folder)),
     }
     spent = False
     try:
@@ -76,7 +77,9 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
             kept = _kept(folder, row, again=question["again"])
             if kept is not None:
                 return {**kept, "again": False}
-            _begin(folder, task, row["content"])
+            if not folder.exists():
+                row = {**row, **next_attempt(None), "earlier": None}
+            _begin(folder, task, row)
         row |= _integrated(task, folder, stages, progress)
         row["outcome"] = DONE
     except FlatclothError as error:
@@ -176,12 +179,7 @@ def _outcome_columns(outcome: Mapping[str, Any], integration: Integration) -> di
 def _kept(folder: Path, row: Mapping[str, Any], *, again: bool) -> dict[str, Any] | None:
     """Return the row of the same task if it is done; move away the result of another task."""
     kept = read_row(folder)
-    if (
-        kept is not None
-        and kept.get("content") == row["content"]
-        and kept["outcome"] in LASTING
-        and not again
-    ):
+    if kept is not None and kept.get("content") == row["content"] and kept["outcome"] == DONE and not again:
         kept["quick"] = row["quick"]  # the files were touched, but are the same
         write_row(kept, folder)
         return kept
@@ -207,15 +205,17 @@ def _set_aside(folder: Path) -> None:
         raise FlatclothError(f"{folder}: cannot be moved to {place} ({error}); move it by hand.") from error
 
 
-def _begin(folder: Path, task: Task, content: str) -> None:
+def _begin(folder: Path, task: Task, row: Mapping[str, Any]) -> None:
+    """Write what is begun, so that it is known if this process is killed."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         partial = folder / f".{TASK_FILE}.partial"
-        partial.write_text(json.dumps({**task.to_dict(), "content": content}, indent=1) + "\n")
+        partial.write_text(json.dumps({**task.to_dict(), "content": row["content"]}, indent=1) + "\n")
         os.replace(partial, folder / TASK_FILE)
         (folder / ERROR_FILE).unlink(missing_ok=True)
     except OSError as error:
         raise FlatclothError(f"{folder}: cannot be written ({error}); choose another --out.") from error
+    write_row({**row, "outcome": UNFINISHED, "reason": "it runs, or its worker was killed."}, folder)
 
 
 # --- errors, and limits of the process -------------------------------------------------------

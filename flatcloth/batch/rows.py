@@ -20,11 +20,13 @@ FAILED = "failed"
 CRASHED = "crashed"
 HUNG = "hung"
 MEMORY = "out of memory"
-OUTCOMES = (DONE, FAILED, CRASHED, HUNG, MEMORY)
+UNFINISHED = "unfinished"
+"""The row of a task while it runs; it stays if its worker, or the batch, is killed."""
+OUTCOMES = (DONE, FAILED, CRASHED, HUNG, MEMORY, UNFINISHED)
 _MOST = 1e15
 """Largest number of a row. Chosen: no table or chart has larger ones."""
-LASTING = (DONE, FAILED)
-"""Outcomes that would be the same again; tasks with others are repeated by the next run."""
+_MOST_TOLD = 5
+"""Number of earlier attempts whose cause a row keeps. Chosen."""
 
 Kind = Literal["text", "number", "count", "flag"]
 
@@ -41,7 +43,7 @@ class Column:
 COLUMNS = (
     Column("name", "text", "folder of the result"),
     Column("source", "text", "the recording"),
-    Column("outcome", "text", "done, failed, crashed, hung, or out of memory"),
+    Column("outcome", "text", ", ".join(OUTCOMES) + " (it runs, or its worker was killed)"),
     Column("reason", "text", "why it is not done"),
     Column("method", "text", "way of integrating"),
     Column("views", "count", "views of the recording"),
@@ -75,6 +77,8 @@ COLUMNS = (
     Column("peak_memory_mb", "number", "largest resident memory of the task's process"),
     Column("memory_after_mb", "number", "resident memory of that process after the task"),
     Column("worker", "text", "host and process"),
+    Column("attempts", "count", "how often it was begun"),
+    Column("earlier", "text", "how the last attempts before this one ended"),
     Column("finished", "text", "time, UTC"),
     Column("version", "text", "of flatcloth"),
     Column("versions", "text", "of the libraries, as JSON"),
@@ -113,6 +117,17 @@ def _is_of_kind(value: Any, kind: Kind) -> bool:
     if kind == "flag" or isinstance(value, bool):
         return kind == "flag" and isinstance(value, bool)
     return isinstance(value, int if kind == "count" else int | float) and abs(value) <= _MOST
+
+
+def next_attempt(before: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the columns ``attempts`` and ``earlier`` of an attempt, from the row of the one before it."""
+    if before is None:
+        return {"attempts": 1}
+    ended = before["outcome"] if before["outcome"] == DONE else f"{before['outcome']}: {before.get('reason')}"
+    if before["outcome"] == UNFINISHED:
+        ended = f"{UNFINISHED}: its worker {before.get('worker')} was stopped or killed."
+    told = [*(before.get("earlier") or "").splitlines(), ended.replace("\n", " ")]
+    return {"attempts": (before.get("attempts") or 1) + 1, "earlier": "\n".join(told[-_MOST_TOLD:])}
 
 
 def write_row(row: Mapping[str, Any], folder: Path) -> None:

@@ -81,7 +81,8 @@ def tasks_of(sources: Sequence[str], method: str, options: SourceOptions, out: P
     ------
     FlatclothError
         If a source is no recording and contains none, a manifest is not valid, or one source is
-        named twice with different options.
+        named twice with different options. A source that a manifest names and that is missing gets a
+        task, which fails: the others are not to wait for it.
     """
     wanted: dict[tuple[str, str], Task] = {}
     for source in sources:
@@ -103,7 +104,7 @@ def _expanded(source: str, common: Task) -> Iterator[Task]:
     if glob.has_magic(source) and not path.exists():
         found = sorted(glob.glob(str(path)))
         if not found:
-            raise FlatclothError(f"{source}: no such file or folder; nothing matches the pattern.")
+            raise RecordingError(f"{source}: no such file or folder; nothing matches the pattern.")
         for match in found:
             if Path(match).is_dir() or Path(match).suffix.lower() in (".bag", ".db3", ".mcap", *MANIFESTS):
                 yield from _expanded(match, common)
@@ -138,6 +139,8 @@ def _of_manifest(path: Path, common: Task) -> Iterator[Task]:
         place = base / Path(source).expanduser()
         try:
             found = list(_expanded(str(place) if place.exists() or glob.has_magic(source) else source, own))
+        except RecordingError:
+            found = [replace(own, source=str(place))]
         except FlatclothError as error:
             raise FlatclothError(f"{where}: {error}") from error
         if name and len(found) > 1:

@@ -25,7 +25,7 @@ NAME = "batch"
 SUMMARY = "integrate many recordings, with a table and a page to review the results"
 EXAMPLES = """examples:
   flatcloth batch recordings/* --out night --jobs 4
-  flatcloth batch MultimodalClothes --turning 240 --out night --scheduler tcp://host:8786
+  flatcloth batch MultimodalClothes --turning 240 --out night --scheduler tls://host:8786
   flatcloth batch list.csv --out night                   a table: source, and options as columns
   flatcloth batch night --report                         night/report.html, one page, offline
   flatcloth batch night --review                         the same page, with verdicts and sessions"""
@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> None:
         tasks = tasks_of(options.sources, options.method, source_options_of(options), out)
 
         def start() -> Engine:
-            engine = engine_of(options.jobs, options.scheduler, str(out.resolve()))
+            engine = engine_of(options.jobs, options.scheduler, str(out.resolve()), tls=options.tls)
             print(f"{len(tasks)} recordings; {engine.about}", flush=True)
             return engine
 
@@ -87,8 +87,12 @@ def run(options: argparse.Namespace) -> None:
     print(_summary(count))
     table = out / PARQUET if (out / PARQUET).exists() else out / "results.csv"
     print(f"Table: {table}. Page: {report}")
-    if count.rows and not count.before and all(row["outcome"] != "done" for row in count.rows):
-        raise FlatclothError(f"{out}: no recording could be integrated; the table has the reasons.")
+    failed = sum(row["outcome"] != "done" for row in count.rows)
+    if failed:
+        raise FlatclothError(
+            f"{out}: {failed} of {count.total} are not done; the table has the reasons. "
+            "The same command tries them again."
+        )
 
 
 def _look(options: argparse.Namespace) -> None:

@@ -144,7 +144,13 @@ def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None
         help=f"recordings at the same time, on this machine (default: {default})",
     )
     where.add_argument(
-        "--scheduler", metavar="ADDRESS", help="instead: on the workers of a Dask scheduler, tcp://host:8786"
+        "--scheduler", metavar="ADDRESS", help="instead: on the workers of a Dask scheduler, tls://host:8786"
+    )
+    parser.add_argument(
+        "--no-tls",
+        action="store_false",
+        dest="tls",
+        help="use a scheduler that asks for no certificate: whoever reaches it can run code as you",
     )
     parser.add_argument(
         "--memory",

@@ -90,7 +90,10 @@ def _together(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     ]
     found: dict[int, dict[str, Any]] = {}
     given = 0
-    with engine_of(options.jobs, options.scheduler) as engine, ProgressBar("evaluate") as bar:
+    with (
+        engine_of(options.jobs, options.scheduler, tls=options.tls) as engine,
+        ProgressBar("evaluate") as bar,
+    ):
         for number, answer in engine.run(questions, limits_of(options)):
             found[number] = _figures(options.sources[number], answer)
             bar.show(len(found) / len(questions), f"{len(found)} of {len(questions)}")

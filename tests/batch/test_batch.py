@@ -6,14 +6,17 @@ import contextlib
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from batch_sources import add_misbehaving_format, write_cylinders
 
@@ -25,12 +28,6 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.recordings import registry
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.fixture
-def threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where Dask is not installed."""
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +49,10 @@ def began(out: Path) -> dict[str, str]:
 
 
 def test_a_batch_makes_sessions_and_a_table_and_goes_on_where_it_was(
-    threads: None, sources: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    sources: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["batch", str(sources), "--out", str(out), "--jobs", "2"]) == 0
+    assert main(["batch", str(sources), "--out", str(out), "--jobs", "2"]) == 2
     said = capfd.readouterr()
     assert "2 done, 1 failed." in said.out
     assert "c: failed: " in said.err
@@ -86,10 +83,16 @@ def test_a_batch_makes_sessions_and_a_table_and_goes_on_where_it_was(
         name: found[name].get("area_cm2") for name in "abc"
     }
 
-    # Nothing is done again, not even what failed. What was repaired is; what was only touched is not.
+    # What is done is not done again; what failed is tried again, and is told again.
     times = began(out)
-    assert main(["batch", str(sources), "--out", str(out)]) == 0
-    assert "3 were done before" in capfd.readouterr().out
+    assert main(["batch", str(sources), "--out", str(out)]) == 2
+    said = capfd.readouterr()
+    assert "2 were done before" in said.out
+    assert "1 of 3 are not done" in said.err
+    tried = rows(out)["c"]
+    assert tried["attempts"] == 2
+    assert "failed: " in tried["earlier"]
+    assert "truncated or damaged" in tried["earlier"]
     repaired = tmp_path / "repaired"
     shutil.copytree(sources, repaired)
     shutil.copy(repaired / "a/color/2.png", repaired / "c/color/2.png")
@@ -111,7 +114,7 @@ def test_a_batch_makes_sessions_and_a_table_and_goes_on_where_it_was(
 
 
 def test_what_crashes_hangs_or_fills_the_memory_is_one_row_and_the_rest_goes_on(
-    threads: None, sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     package = tmp_path / "package"
     package.mkdir()
@@ -125,7 +128,7 @@ def test_what_crashes_hangs_or_fills_the_memory_is_one_row_and_the_rest_goes_on(
     out = tmp_path / "out"
     limits = ["--time-limit", "20", "--memory", "1", "--jobs", "2"]
     try:
-        assert main(["batch", *files, str(sources / "a"), "--out", str(out), *limits]) == 0
+        assert main(["batch", *files, str(sources / "a"), "--out", str(out), *limits]) == 2
     finally:
         registry._added.cache_clear()
     found = rows(out)
@@ -143,62 +146,164 @@ def test_what_crashes_hangs_or_fills_the_memory_is_one_row_and_the_rest_goes_on(
     assert "a bug" in told["bug.bad"][1]
 
 
-def test_dask_runs_it_too_and_prints_its_dashboard(
+def test_a_missing_source_of_a_list_is_a_row_and_the_rest_is_done(
     sources: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    pytest.importorskip("distributed")
-    done = subprocess.run(
-        [sys.executable, "app.py", "batch", str(sources), "--out", str(tmp_path / "out"), "--jobs", "2"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "dashboard: http://127.0.0.1:" in done.stdout
-    assert "2 done, 1 failed." in done.stdout
-    assert "Traceback" not in done.stderr
-    assert {name: row["outcome"] for name, row in rows(tmp_path / "out").items()} == {
-        "a": "done",
-        "b": "done",
-        "c": "failed",
-    }
-
-
-@pytest.mark.parametrize("dask", [True, False])
-def test_ctrl_c_loses_nothing_that_was_finished(tmp_path: Path, dask: bool) -> None:
-    if dask:
-        pytest.importorskip("distributed")
-    folder = write_cylinders(tmp_path / "in", "abcdef")
+    (tmp_path / "list.csv").write_text(f"source\n{sources / 'a'}\n{sources / 'nowhere'}\n")
     out = tmp_path / "out"
-    hide = "import sys; sys.modules['distributed'] = None; " if not dask else ""
-    if not dask:
-        hide += "import importlib.util as u; u.find_spec = lambda name, package=None: None; "
-    code = f"{hide}import sys; from flatcloth.cli import main; sys.exit(main(sys.argv[1:]))"
-    command = [sys.executable, "-c", code, "batch", str(folder), "--out", str(out), "--jobs", "1"]
-    process = subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    assert main(["batch", str(tmp_path / "list.csv"), "--out", str(out)]) == 2
+    assert "1 of 2 are not done" in capfd.readouterr().err
+    found = rows(out)
+    assert found["a"]["outcome"] == "done"
+    assert found["nowhere"]["outcome"] == "failed"
+    assert "No such file" in found["nowhere"]["reason"]
+
+
+def started(out: Path, sources: Path, jobs: int = 1) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "app.py", "batch", str(sources), "--out", str(out), "--jobs", str(jobs)],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip
+
+
+def wait_for(condition: Callable[[], object]) -> None:
     end = time.monotonic() + 120
-    while len(list(out.glob("*/row.json"))) < 2 and time.monotonic() < end:
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_a_batch_on_this_machine_opens_no_port(sources: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = started(out, sources, jobs=2)
+    listening = []
+    while process.poll() is None:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            program = psutil.Process(process.pid)
+            for one in (program, *program.children(recursive=True)):
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    listening += [c.laddr for c in one.net_connections("inet") if c.status == "LISTEN"]
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of the group
+    process.communicate()
+    assert rows(out)["a"]["outcome"] == "done"
+    assert listening == []
+
+
+def dask_program(name: str, certificate: Path, said: Path, *arguments: str) -> subprocess.Popen[str]:
+    """Start a scheduler or worker, which asks for the certificate that it shows itself."""
+    with said.open("w") as file:
+        return subprocess.Popen(
+            [sys.executable, "-m", f"distributed.cli.dask_{name}", *arguments, "--no-dashboard"],
+            cwd=ROOT, stdout=subprocess.DEVNULL, stderr=file, text=True, start_new_session=True,
+            env={**os.environ, "PYTHONPATH": str(ROOT), **shown(certificate)},
+        )  # fmt: skip
+
+
+def shown(certificate: Path) -> dict[str, str]:
+    places = ("CA_FILE", "SCHEDULER__CERT", "WORKER__CERT", "CLIENT__CERT")
+    return {f"DASK_DISTRIBUTED__COMM__TLS__{place}": str(certificate) for place in places}
+
+
+@pytest.fixture
+def certificates(tmp_path: Path) -> list[Path]:
+    """Two that do not know each other, made as docs/datasets.md says."""
+    files = [tmp_path / "cluster.pem", tmp_path / "other.pem"]
+    for file in files:
+        made = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=x"]
+        subprocess.run([*made, "-keyout", str(file), "-out", f"{file}.crt"], check=True, capture_output=True)
+        with file.open("a") as both:
+            both.write(Path(f"{file}.crt").read_text())
+    return files
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl to make certificates")
+def test_a_scheduler_runs_tasks_for_those_who_show_its_certificate(
+    sources: Path, tmp_path: Path, certificates: list[Path]
+) -> None:
+    pytest.importorskip("distributed")
+    own, other = certificates
+    said, worker_said = tmp_path / "scheduler.txt", tmp_path / "worker.txt"
+    where = ("--protocol", "tls", "--host", "127.0.0.1", "--port", "0")
+    programs = [dask_program("scheduler", own, said, *where)]
+    try:
+        wait_for(lambda: "tls://" in said.read_text())
+        address = re.findall(r"tls://127\.0\.0\.1:\d+", said.read_text())[0]
+        programs.append(dask_program("worker", own, worker_said, address, "--nthreads", "1"))
+        wait_for(lambda: "Registered to" in worker_said.read_text())
+        command = [sys.executable, "app.py", "batch", str(sources / "a"), "--scheduler", address, "--out"]
+
+        def batch(out: str, certificate: Path) -> subprocess.CompletedProcess[str]:
+            return subprocess.run(
+                [*command, str(tmp_path / out)], cwd=ROOT, env={**os.environ, **shown(certificate)},
+                capture_output=True, text=True, timeout=120, check=False,
+            )  # fmt: skip
+
+        done = batch("out", own)
+        assert done.returncode == 0, done.stderr
+        assert f"1 at the same time on {address}" in done.stdout
+        assert rows(tmp_path / "out")["a"]["outcome"] == "done"
+        stranger = batch("foreign", other)
+        assert stranger.returncode == 2
+        assert "cannot be reached" in stranger.stderr
+        assert "\n" not in stranger.stderr.strip()
+        assert rows(tmp_path / "foreign") == {}
+    finally:
+        for process in programs:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def test_a_worker_that_is_killed_is_in_the_results(tmp_path: Path) -> None:
+    """Also if the batch is killed with it: then nobody can write how it ended."""
+    folder = write_cylinders(tmp_path / "in", "a")
+    out = tmp_path / "out"
+    process = started(out, folder)
+    wait_for(lambda: list(out.glob("a/journal.jsonl")))
+    (worker,) = (p for p in psutil.Process(process.pid).children() if "task_process" in " ".join(p.cmdline()))
+    worker.kill()
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert "killed (SIGKILL)" in errors
+    process = started(out, folder)
+    wait_for(lambda: rows(out)["a"]["attempts"] == 2)
+    process.kill()
+    process.communicate(timeout=60)
+    wait_for(lambda: not any(str(out) in " ".join(p.cmdline()) for p in psutil.process_iter(["cmdline"])))
+    assert rows(out)["a"]["outcome"] == "unfinished"
+    assert main(["batch", str(folder), "--out", str(out)]) == 0
+    row = rows(out)["a"]
+    assert (row["outcome"], row["attempts"]) == ("done", 3)
+    crashed, unfinished = row["earlier"].splitlines()
+    assert "crashed: its process was killed (SIGKILL)" in crashed
+    assert "stopped or killed" in unfinished
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_batch_that_is_stopped_loses_nothing_that_was_finished(tmp_path: Path, number: int) -> None:
+    folder = write_cylinders(tmp_path / "in", "abcdef")
+    out = tmp_path / "out"
+
+    def done() -> dict[str, str]:
+        return {name: row["finished"] for name, row in rows(out).items() if row["outcome"] == "done"}
+
+    process = started(out, folder)
+    wait_for(lambda: len(done()) >= 2)
+    workers = psutil.Process(process.pid).children()
+    os.killpg(process.pid, number)  # as a terminal does with Ctrl-C: to all of the group
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
     assert "Stopped: " in errors
     assert "Traceback" not in errors
-    finished = {name: row["finished"] for name, row in rows(out).items()}
+    assert not [worker for worker in workers if worker.is_running()]
+    finished = done()
     assert 2 <= len(finished) < 6
     assert (out / "results.csv").is_file()
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        time.sleep(1.0)
-    again = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)
-    assert again.returncode == 0, again.stderr
-    found = rows(out)
-    assert [row["outcome"] for row in found.values()] == ["done"] * 6
-    assert {name: found[name]["finished"] for name in finished} == finished
+    again = started(out, folder)
+    _, errors = again.communicate(timeout=300)
+    assert again.returncode == 0, errors
+    assert len(done()) == 6
+    assert done().items() >= finished.items()
 
 
 def test_two_batches_do_not_share_an_output(tmp_path: Path) -> None:
@@ -220,8 +325,12 @@ def test_two_batches_do_not_share_an_output(tmp_path: Path) -> None:
         (["batch", "{}/x", "{}/y", "--report"], "take one folder"),
         (["batch", "{}", "--report"], "has no results"),
         (
-            ["batch", "shirt-corner-d435", "--out", "{}", "--scheduler", "tcp://127.0.0.1:1"],
+            ["batch", "shirt-corner-d435", "--out", "{}", "--scheduler", "tcp://127.0.0.1:1", "--no-tls"],
             "cannot be reached",
+        ),
+        (
+            ["batch", "shirt-corner-d435", "--out", "{}", "--scheduler", "tcp://127.0.0.1:1"],
+            "whoever reaches this address can run code as you",
         ),
     ],
 )
@@ -248,7 +357,7 @@ def test_a_damaged_row_is_no_row(tmp_path: Path) -> None:
 
 
 def test_evaluate_gives_the_same_figures_on_the_engine(
-    threads: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from fuzzing.samples import SAMPLES
 

@@ -23,6 +23,7 @@ from viewer_fakes import CylinderIntegration, MemoryFolder
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 from websockets.sync.client import connect
 
+from flatcloth.cli import main
 from flatcloth.core.errors import ServerError
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.server import limits
@@ -119,7 +120,7 @@ def test_the_socket_file_goes_with_the_server(integration, folder):
     assert not path.parent.exists()
 
 
-def test_a_server_that_is_terminated_leaves_no_files(monkeypatch, capsys):
+def test_a_server_that_is_terminated_leaves_no_files(monkeypatch, capsys, tmp_path):
     places = []
 
     def terminated(self):
@@ -129,7 +130,7 @@ def test_a_server_that_is_terminated_leaves_no_files(monkeypatch, capsys):
 
     monkeypatch.setattr(PageServer, "join", terminated)
     before = signal.getsignal(signal.SIGTERM)
-    serve(integration=CylinderIntegration(), folder=MemoryFolder(), port=0)
+    assert main(["view", "shirt-corner-d435", "--session", str(tmp_path / "s"), "--port", "0"]) == 0
     assert not places[0].exists()
     assert signal.getsignal(signal.SIGTERM) is before
 

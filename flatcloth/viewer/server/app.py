@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import signal
 import socket
 import threading
 from collections.abc import AsyncIterator, Callable
@@ -24,7 +23,6 @@ from starlette.types import Receive, Scope, Send
 from flatcloth.core.errors import ServerError
 from flatcloth.core.memory import return_freed_memory
 from flatcloth.core.resources import static_folder
-from flatcloth.core.signals import handled_by
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.protocol.answers import Switched
 from flatcloth.viewer.routes.start import StartRoutes
@@ -317,7 +315,7 @@ def bind(host: str, port: int) -> socket.socket:
 
 
 def serve(**options: Any) -> None:
-    """Print the address of the operator page, and serve it until Ctrl-C or SIGTERM.
+    """Print the address of the operator page, and serve it until Ctrl-C.
 
     Parameters
     ----------
@@ -329,12 +327,7 @@ def serve(**options: Any) -> None:
     ServerError
         If the address cannot be bound, or would admit everybody.
     """
-    # SIGTERM has the effect of Ctrl-C, so that temporary files are removed.
-    with (
-        limited_logs(),
-        handled_by(signal.SIGTERM, signal.default_int_handler),
-        PageServer(**options) as server,
-    ):
+    with limited_logs(), PageServer(**options) as server:
         _print_url(server.url)
         try:
             server.join()
