@@ -1,8 +1,8 @@
 """An hour of an operator's work, by script: how much memory the program takes, minute by minute.
 
 The script decides, moves, takes back, reopens, picks, renames, measures, looks at layers, differences and
-source images, and exports, over and over. ``FLATCLOTH_SOAK_MINUTES`` sets how long (60),
-``FLATCLOTH_SOAK_TRACE=1`` prints with tracemalloc which lines hold what has grown.
+source images, and exports, over and over; 40 times it opens another recording. ``FLATCLOTH_SOAK_MINUTES``
+sets how long (60), ``FLATCLOTH_SOAK_TRACE=1`` prints with tracemalloc which lines hold what has grown.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from typing import Any
 from websockets.sync.client import ClientConnection, connect
 
 from benchmarks.output import RESULTS, Options, save, say
+from flatcloth.core.resources import sample_recordings
 
 RECORDING = "shirt-sleeve-clean"
 PAUSE_S = 0.4
@@ -33,21 +34,14 @@ SAMPLE_S = 5.0
 SETTLED_MIN = 10.0
 MOST_MB = 900.0
 
+SWITCHES = 40
+"""Number of times that another bundled recording is opened, evenly spread over the run."""
+
 SERVE = """
 import sys, threading, tracemalloc
-from pathlib import Path
-from flatcloth.core.resources import sample_recordings
-from flatcloth.engine.integration import Integration
-from flatcloth.recordings import open_recording
-from flatcloth.session.store import SessionFolder
-from flatcloth.viewer import PageServer
-from flatcloth.core.memory import return_freed_memory
-return_freed_memory()
-made = Integration(open_recording(str(sample_recordings()[sys.argv[1]])))
-folder = SessionFolder.open(Path(sys.argv[2]), made.recording, made.config, made.method)
-first = None
-with PageServer(made, folder, port=0) as server:
-    print(server.url, flush=True)
+from flatcloth.cli import main
+def trace():
+    first = None
     for line in sys.stdin:
         if first is None:
             tracemalloc.start(5)
@@ -55,6 +49,8 @@ with PageServer(made, folder, port=0) as server:
             continue
         for row in tracemalloc.take_snapshot().compare_to(first, "lineno")[:15]:
             print(row, file=sys.stderr, flush=True)
+threading.Thread(target=trace, daemon=True).start()
+main(["view", sys.argv[1], "--session", sys.argv[2], "--port", "0"])
 """
 
 
@@ -72,7 +68,8 @@ def run(options: Options) -> None:
 def told(found: dict[str, Any]) -> str:
     """Return the figures in a sentence."""
     return (
-        f"{found['minutes']:.0f} minutes, {found['acts']} acts, {found['messages']} messages:"
+        f"{found['minutes']:.0f} minutes, {found['switches']} switches, {found['acts']} acts,"
+        f" {found['messages']} messages:"
         f" {found['first_mb']:.0f} MB when the page was shown, {found['settled_mb']:.0f} MB after"
         f" {found['settled_min']:g} minutes, {found['last_mb']:.0f} MB at the end, {found['peak_mb']:.0f} MB"
         f" at most; {found['growth_mb_per_hour']:+.0f} MB an hour from then on"
@@ -92,8 +89,9 @@ def soak(recording: str, seconds: float, *, trace: bool = False) -> dict[str, An
         assert process.stdout is not None
         assert process.stdin is not None
         try:
-            url = re.match(r"(http://[^/]+)/\?token=(\S+)", process.stdout.readline())
-            assert url is not None
+            url = None
+            while url is None:
+                url = re.search(r"(http://[^/]+)/\?token=(\S+)", process.stdout.readline())
             operator = Operator(url[1], url[2])
             operator.until(
                 lambda s: s["phase"] == "ready" and s["layers"], 600.0
@@ -109,7 +107,11 @@ def _watch(operator: Operator, process: subprocess.Popen[str], seconds: float, t
     began, curve = time.monotonic(), [(0.0, rss_mb(process.pid))]
     asked = 0.0
     assert process.stdin is not None
+    switches = 0
     while (now := time.monotonic() - began) < seconds:
+        if now > (switches + 1) * seconds / (SWITCHES + 1):
+            operator.switch()
+            switches += 1
         operator.act()
         if now - curve[-1][0] >= SAMPLE_S:
             curve.append((round(now, 1), rss_mb(process.pid)))
@@ -120,7 +122,12 @@ def _watch(operator: Operator, process: subprocess.Popen[str], seconds: float, t
                 process.stdin.write("\n")
                 process.stdin.flush()
         time.sleep(PAUSE_S)
-    done = {"acts": operator.acts, "messages": operator.messages, "kinds": operator.kinds}
+    done = {
+        "switches": switches,
+        "acts": operator.acts,
+        "messages": operator.messages,
+        "kinds": operator.kinds,
+    }
     return {**done, **summary(curve), "curve_s_mb": curve}
 
 
@@ -170,6 +177,7 @@ class Operator:
         self._address, self._token = address, {"Authorization": f"Bearer {token}"}
         self._socket = self._open()
         self._random = random.Random(1)
+        self._open_names = [*sample_recordings()]
         self._ids = itertools.count(1)
         self.state: dict[str, Any] = {}
         self.acts = self.messages = 0
@@ -201,6 +209,21 @@ class Operator:
         if self.state["phase"] == "computing":
             with contextlib.suppress(TimeoutError):
                 self.until(lambda s: s["phase"] != "computing")
+
+    def switch(self) -> None:
+        """Open the next of the bundled recordings, as the start screen does."""
+        self._open_names = self._open_names[1:] + self._open_names[:1]
+        request = urllib.request.Request(
+            self._address + "/start/open",
+            json.dumps({"kind": "example", "name": self._open_names[0]}).encode(),
+            self._token | {"Content-Type": "application/json"},
+        )
+        with urllib.request.urlopen(request, timeout=600) as answer:
+            answer.read()
+        self._socket.close()
+        self.state = {}
+        self._socket = self._open()
+        self.until(lambda s: s["phase"] != "computing" and s["layers"], 600.0)
 
     def until(self, found: Any, seconds: float = 60.0) -> None:
         """Hear until a state fits."""

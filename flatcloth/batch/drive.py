@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.batch.engines import Answer, Engine
-from flatcloth.batch.review import verdicts
+from flatcloth.batch.review import read_verdicts
 from flatcloth.batch.rows import CRASHED, DONE, UNFINISHED, next_attempt, read_row, rows_in, write_row
 from flatcloth.batch.runner import Limits
 from flatcloth.batch.table import write_table
@@ -162,7 +162,7 @@ def _row_of(task: Task, answer: Answer, out: Path) -> Row:
 
 def write_results(out: Path) -> list[Path]:
     """Write the table of all results in a folder, with the operator's verdicts; return its files."""
-    decided = verdicts(out)
+    decided = read_verdicts(out).decided
     rows = [{**row, "review": decided.get(row["name"])} for row in rows_in(out)]
     return write_table(rows, out)
 

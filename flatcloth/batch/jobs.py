@@ -29,7 +29,7 @@ from flatcloth.batch.measure import coverage_estimate, write_thumbnail
 from flatcloth.batch.rows import DONE, FAILED, MEMORY, UNFINISHED, next_attempt, read_row, write_row
 from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
 from flatcloth.core.errors import FlatclothError, JournalError
-from flatcloth.core.plain_files import read_plain
+from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.subprocess_worker import memory_limit_bytes
 from flatcloth.core.types import Progress
 from flatcloth.engine.integration import Integration
@@ -209,9 +209,8 @@ def _begin(folder: Path, task: Task, row: Mapping[str, Any]) -> None:
     """Write what is begun, so that it is known if this process is killed."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        partial = folder / f".{TASK_FILE}.partial"
-        partial.write_text(json.dumps({**task.to_dict(), "content": row["content"]}, indent=1) + "\n")
-        os.replace(partial, folder / TASK_FILE)
+        text = json.dumps({**task.to_dict(), "content": row["content"]}, indent=1) + "\n"
+        replace_file(folder / TASK_FILE, text.encode())
         (folder / ERROR_FILE).unlink(missing_ok=True)
     except OSError as error:
         raise FlatclothError(f"{folder}: cannot be written ({error}); choose another --out.") from error

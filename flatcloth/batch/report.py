@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import re
 import shlex
 from collections.abc import Mapping, Sequence
@@ -13,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.batch.measure import THUMBNAIL_FILE
-from flatcloth.batch.review import reliability, review_order, verdicts
+from flatcloth.batch.review import read_verdicts, reliability, review_order
 from flatcloth.batch.rows import COLUMNS, DONE, ROW_FILE, Column, counted, rows_in
 from flatcloth.core.errors import FlatclothError, RecordingError
-from flatcloth.core.plain_files import read_plain
+from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.resources import static_folder
 from flatcloth.export.page import common_parts
 from flatcloth.recordings.source import OPTION_NAMES, SourceOptions
@@ -41,10 +40,9 @@ def write_report(out: Path) -> Path:
         If there are none, or it cannot be written.
     """
     text = report_html(out, served=False)
-    file, partial = out / REPORT_FILE, out / f".{REPORT_FILE}.partial"
+    file = out / REPORT_FILE
     try:
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, file)
+        replace_file(file, text.encode())
     except OSError as error:
         raise FlatclothError(f"{file}: cannot be written ({error}); make room.") from error
     return file
@@ -74,7 +72,7 @@ def report_html(out: Path, *, served: bool) -> str:
 
 
 def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[str, Any]:
-    decided = verdicts(out)
+    kept = read_verdicts(out)
     ordered = sorted(rows, key=review_order)
     names = [column.name for column in COLUMNS]
     shown = []
@@ -84,7 +82,7 @@ def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[st
         shown_row |= {
             "place": place,
             "reliability": round(reliability(row), 4) if done else None,
-            "review": decided.get(row["name"]),
+            "review": kept.decided.get(row["name"]),
             "edited": done and _edited(out / row["name"]),
             "command": command_of(row, out),
             "thumbnail": _thumbnail(out / row["name"]),
@@ -95,7 +93,7 @@ def _data(rows: Sequence[Mapping[str, Any]], out: Path, served: bool) -> dict[st
     return {
         "title": out.resolve().name,
         "counts": f"{len(rows)} recordings: {counts}; {seconds / 3600:.1f} h of computing",
-        "notes": _notes(rows),
+        "notes": " ".join(filter(None, [kept.damage, _notes(rows)])),
         "served": served,
         "serve": f"flatcloth batch {shlex.quote(str(out.resolve()))} --review",
         "columns": [

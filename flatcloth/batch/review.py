@@ -1,10 +1,17 @@
-"""The operator's verdicts on the results of a batch: an append-only list, ``review.jsonl``."""
+"""The operator's verdicts on the results of a batch: an append-only list, ``review.jsonl``.
+
+It is kept as a session's journal is: a verdict counts once its line with the newline is on disk, and each
+line ends with a checksum over itself and all lines before it. Lists of earlier versions have no checksums.
+"""
 
 from __future__ import annotations
 
 import json
-import os
+import re
+import threading
+import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,30 +19,64 @@ from typing import Any
 from flatcloth.batch.rows import ROW_FILE, is_result_name
 from flatcloth.core.errors import JournalError
 from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain
+from flatcloth.session.journal_file import JournalFile, LockedError
 
 FILE = "review.jsonl"
 ACCEPTED, REJECTED = "accepted", "rejected"
 _VERDICTS = (ACCEPTED, REJECTED, None)
+_SEAL = re.compile(rb', "crc": "([0-9a-f]{8})"\}\Z')
+_writing = threading.Lock()
+"""Two requests of this process would refuse each other's lock of the file."""
 
 
-def verdicts(out: Path) -> dict[str, str]:
-    """Return the last verdict on each result, by name; a line that was cut short does not count."""
+@dataclass(frozen=True)
+class Verdicts:
+    """The last verdict on each result, by name.
+
+    ``damage`` says what is wrong with the list, in one line; the verdicts then are those of the lines before.
+    ``length`` is the size of its whole lines in bytes, ``link`` the checksum over them.
+    """
+
+    decided: Mapping[str, str]
+    damage: str | None = None
+    length: int = 0
+    link: int = 0
+
+
+def read_verdicts(out: Path) -> Verdicts:
+    """Return the verdicts on the results in a folder; a last line that was cut short does not count."""
     try:
-        data = read_plain(out / FILE, MOST_JOURNAL_BYTES)
-    except OSError:
-        return {}
+        return _read(out / FILE, read_plain(out / FILE, MOST_JOURNAL_BYTES))
+    except FileNotFoundError:
+        return Verdicts({})
+    except OSError as error:
+        return Verdicts({}, f"{out / FILE}: cannot be read ({error.strerror}). Check it.")
+
+
+def _read(path: Path, data: bytes) -> Verdicts:
     decided: dict[str, str] = {}
-    for line in data[: data.rfind(b"\n") + 1].splitlines():
+    length = link = 0
+    sealed = False
+    for number, line in enumerate(data.split(b"\n")[:-1], start=1):
+        seal = _SEAL.search(line)
+        body = line if seal is None else line[: seal.start()] + b"}"
+        following = zlib.crc32(body, link)
         try:
-            said = json.loads(line)
+            if (seal is None and sealed) or (seal is not None and int(seal[1], 16) != following):
+                raise ValueError
+            said = json.loads(body)
             name, verdict = str(said["name"]), said["verdict"]
+            if verdict not in _VERDICTS:
+                raise ValueError
         except (ValueError, KeyError, TypeError, RecursionError):
-            continue
-        if verdict is None:
-            decided.pop(name, None)
-        elif verdict in _VERDICTS:
+            damage = f"{path}: line {number} is damaged. Restore it from a copy, or cut the file before it."
+            return Verdicts(decided, damage, length, link)
+        decided.pop(name, None)
+        if verdict is not None:
             decided[name] = verdict
-    return decided
+        sealed = sealed or seal is not None
+        length, link = length + len(line) + 1, following
+    return Verdicts(decided, None, length, link)
 
 
 def decide(out: Path, name: str, verdict: str | None) -> None:
@@ -44,20 +85,31 @@ def decide(out: Path, name: str, verdict: str | None) -> None:
     Raises
     ------
     JournalError
-        If there is no such result or verdict, or it cannot be written.
+        If there is no such result or verdict, the list is damaged, or it cannot be written.
     """
     if verdict not in _VERDICTS or not is_result_name(name) or not (out / name / ROW_FILE).is_file():
         raise JournalError(f"{name[:60]}: no such result, or no such verdict.")
     line = {"name": name, "verdict": verdict, "time": datetime.now(UTC).isoformat(timespec="seconds")}
+    body = json.dumps(line).encode()
     try:
-        fd = os.open(out / FILE, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
-        try:
-            os.write(fd, (json.dumps(line) + "\n").encode())
-            os.fsync(fd)
-        finally:
-            os.close(fd)
+        with _writing:
+            file = JournalFile(out / FILE)
+            try:
+                before = _read(out / FILE, file.data)
+                if before.damage is not None:
+                    raise JournalError(f"The verdict is not kept. {before.damage}")
+                if before.length < len(file.data):
+                    file.cut(before.length)  # a crash left half a line, which nobody was told is kept
+                file.append(body[:-1] + b', "crc": "%08x"}\n' % zlib.crc32(body, before.link))
+            finally:
+                file.close()
+    except LockedError as error:
+        raise JournalError(f"{out / FILE}: another flatcloth writes to it; decide again.") from error
     except OSError as error:
-        raise JournalError(f"{out / FILE}: cannot be written ({error.strerror}); make room.") from error
+        raise JournalError(
+            f"The verdict is not kept: {out / FILE} cannot be written ({error.strerror}); make room, and "
+            "decide again."
+        ) from error
 
 
 def review_order(row: Mapping[str, Any]) -> tuple[int, float]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.plain_files import read_plain
+from flatcloth.core.plain_files import read_plain, replace_file
 
 ROW_FILE = "row.json"
 FORMAT = "flatcloth-batch-row/1"
@@ -139,11 +138,10 @@ def write_row(row: Mapping[str, Any], folder: Path) -> None:
         If it cannot be written.
     """
     file = folder / ROW_FILE
-    partial = folder / f".{ROW_FILE}.{os.getpid()}"
+    text = json.dumps({"format": FORMAT, **row}, indent=1, allow_nan=False) + "\n"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        partial.write_text(json.dumps({"format": FORMAT, **row}, indent=1, allow_nan=False) + "\n")
-        os.replace(partial, file)
+        replace_file(file, text.encode())
     except OSError as error:
         raise FlatclothError(
             f"{file}: cannot be written ({error}); make room, or choose another --out."

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
-import os
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from flatcloth.batch.rows import COLUMNS, Kind
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import replace_file
 
 CSV, PARQUET = "results.csv", "results.parquet"
 
@@ -22,24 +23,23 @@ def write_table(rows: Sequence[Mapping[str, Any]], out: Path) -> list[Path]:
     FlatclothError
         If it cannot be written.
     """
-    files = [out / CSV]
+    tables = {CSV: _csv(rows), PARQUET: _parquet(rows)}
     try:
-        _write_csv(rows, out / f".{CSV}.partial")
-        os.replace(out / f".{CSV}.partial", out / CSV)
-        if _write_parquet(rows, out / f".{PARQUET}.partial"):
-            os.replace(out / f".{PARQUET}.partial", out / PARQUET)
-            files.append(out / PARQUET)
+        for name, data in tables.items():
+            if data is not None:
+                replace_file(out / name, data)
     except OSError as error:
         raise FlatclothError(f"{out}: the table cannot be written ({error}); make room.") from error
-    return files
+    return [out / name for name, data in tables.items() if data is not None]
 
 
-def _write_csv(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+def _csv(rows: Sequence[Mapping[str, Any]]) -> bytes:
     names = [column.name for column in COLUMNS]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, names, extrasaction="ignore", restval="", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({name: _cell(row.get(name)) for name in names} for row in rows)
+    file = io.StringIO(newline="")
+    writer = csv.DictWriter(file, names, extrasaction="ignore", restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: _cell(row.get(name)) for name in names} for row in rows)
+    return file.getvalue().encode("utf-8", "surrogateescape")
 
 
 def _cell(value: Any) -> Any:
@@ -49,12 +49,12 @@ def _cell(value: Any) -> Any:
     return "" if value is None else value
 
 
-def _write_parquet(rows: Sequence[Mapping[str, Any]], path: Path) -> bool:
+def _parquet(rows: Sequence[Mapping[str, Any]]) -> bytes | None:
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        return False
+        return None
     kinds: dict[Kind, Any] = {
         "text": pyarrow.string(),
         "number": pyarrow.float64(),
@@ -68,5 +68,6 @@ def _write_parquet(rows: Sequence[Mapping[str, Any]], path: Path) -> bool:
     columns = [
         pyarrow.array([row.get(column.name) for row in rows], kinds[column.kind]) for column in COLUMNS
     ]
-    pyarrow.parquet.write_table(pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(fields)), path)
-    return True
+    file = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(fields)), file)
+    return file.getvalue()

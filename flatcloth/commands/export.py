@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_source_options, source_options_of
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import check_replacing
 
 if TYPE_CHECKING:
     from flatcloth.core.geometry import Rigid3
@@ -89,14 +90,42 @@ def run(options: argparse.Namespace) -> None:
         listed = ", ".join(f"--{name}" for name in _OUTPUTS)
         raise FlatclothError(f"{options.session}: no output is given; give one or more of {listed}.")
     base_from_camera = hand_eye_of(options)
-    with ProgressBar(str(options.session)) as bar:
-        session = open_session(
-            options.session, options.recording, bar.show, options=source_options_of(options)
-        )
-        for name in wanted:
-            _write(name, session, getattr(options, name), base_from_camera, options.rotation)
     for name in wanted:
-        print(f"Written: {getattr(options, name)}")
+        _check(name, getattr(options, name))
+    written: list[Path] = []
+    try:
+        with ProgressBar(str(options.session)) as bar:
+            session = open_session(
+                options.session, options.recording, bar.show, options=source_options_of(options)
+            )
+            for name in wanted:
+                _write(name, session, getattr(options, name), base_from_camera, options.rotation)
+                written.append(getattr(options, name))
+    finally:
+        for path in written:
+            print(f"Written: {path}", flush=True)
+
+
+def _check(name: str, path: Path) -> None:
+    """Raise an error if an output could not be written, before the work for all of them begins."""
+    if name in ("report", "figures", "animation"):
+        from flatcloth.rendering.drawing import check_matplotlib
+
+        check_matplotlib()
+    if name == "animation":
+        from flatcloth.export import animation
+
+        animation.check_suffix(path)
+    if name == "outline":
+        from flatcloth.export import outline
+
+        outline.check_suffix(path.suffix)
+    is_folder = name in ("data", "figures")
+    try:
+        check_replacing(path / "checked" if is_folder else path)
+    except OSError as error:
+        what = "another folder" if is_folder else "another file"
+        raise FlatclothError(f"{path}: cannot be written ({error.strerror}); choose {what}.") from error
 
 
 def _write(

@@ -81,14 +81,19 @@ def replace_file(path: Path, data: bytes, mode: int = 0o644) -> None:
 def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
     """Open a file to be written atomically; its content is on disk at the end of the context.
 
-    A link of that name is replaced, not followed. After a crash or an error the file is the old one, and
-    after an error nothing of the new one is left.
+    A link of that name is replaced, not followed; a device, pipe or folder is never replaced. After a crash
+    or an error the file is the old one, and after an error nothing of the new one is left.
 
     Raises
     ------
     OSError
-        If it cannot be written; an existing file then is unchanged.
+        If it cannot be written, or is no plain file; what exists then is unchanged.
     """
+    with contextlib.suppress(FileNotFoundError):
+        mode_now = path.lstat().st_mode
+        if not stat.S_ISREG(mode_now) and not stat.S_ISLNK(mode_now):
+            cause = "a folder" if stat.S_ISDIR(mode_now) else "a pipe or device"
+            raise OSError(errno.EEXIST, f"{cause}, not a file", str(path))
     draft = path.with_name(f".{path.name}.partial")
     try:
         with open_new(draft, mode) as file:
@@ -101,6 +106,23 @@ def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
             draft.unlink()
         raise
     sync_folder(path.parent)
+
+
+def check_replacing(path: Path) -> None:
+    """Check that :func:`replacing` could write a file, and create its folder; the file is not touched.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(_DraftEndedError), replacing(path):
+        raise _DraftEndedError
+
+
+class _DraftEndedError(Exception):
+    """Ends a draft without replacing the file."""
 
 
 def open_own(path: Path, flags: int) -> int:

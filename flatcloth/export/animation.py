@@ -55,10 +55,7 @@ def write_animation(session: OpenedSession, path: Path) -> None:
     FlatclothError
         If the suffix is another one, or the file cannot be written.
     """
-    if path.suffix.lower() not in SUFFIXES:
-        raise FlatclothError(
-            f"{path}: the name of an animation ends in {' or '.join(SUFFIXES)}; choose one of these."
-        )
+    check_suffix(path)
     shown = frames(session)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -73,6 +70,14 @@ def write_animation(session: OpenedSession, path: Path) -> None:
                 file.write(made.read_bytes())
     except OSError as error:
         raise FlatclothError(f"{path}: cannot be written ({error.strerror}); choose another file.") from error
+
+
+def check_suffix(path: Path) -> None:
+    """Check that a name is that of a format which can be written; raises ``FlatclothError`` if not."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise FlatclothError(
+            f"{path}: the name of an animation ends in {' or '.join(SUFFIXES)}; choose one of these."
+        )
 
 
 def frames(session: OpenedSession) -> Iterator[Frame]:

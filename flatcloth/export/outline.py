@@ -241,6 +241,15 @@ WRITERS: dict[str, Callable[[Drawing], str]] = {".svg": svg, ".dxf": dxf, ".json
 """By the suffix of the file name."""
 
 
+def check_suffix(suffix: str) -> None:
+    """Check that outlines are written in the format of a suffix; raises ``FlatclothError`` if not."""
+    if suffix.lower() not in WRITERS:
+        known = ", ".join(WRITERS)
+        raise FlatclothError(
+            f"An outline is written as {known}, not as {suffix or 'a file without a suffix':.20}."
+        )
+
+
 def outline_text(view: FlattenedView, name: str, suffix: str) -> str:
     """Return the outline as text in the format of a file suffix.
 
@@ -249,9 +258,5 @@ def outline_text(view: FlattenedView, name: str, suffix: str) -> str:
     FlatclothError
         If the format is unknown, or there is no cloth.
     """
-    if suffix.lower() not in WRITERS:
-        known = ", ".join(WRITERS)
-        raise FlatclothError(
-            f"An outline is written as {known}, not as {suffix or 'a file without a suffix':.20}."
-        )
+    check_suffix(suffix)
     return WRITERS[suffix.lower()](drawing(view, name))

@@ -239,13 +239,26 @@ def data_url(data: bytes, kind: str) -> str:
     return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
+def check_matplotlib() -> None:
+    """Check that drawings can be made.
+
+    Raises
+    ------
+    FlatclothError
+        If matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl  # noqa: F401
+    except ImportError as error:
+        raise FlatclothError("Figures need matplotlib: pip install 'flatcloth[export]'") from error
+
+
 @contextmanager
 def _settings(salt: str) -> Iterator[None]:
     """Set matplotlib's settings to those of a drawing."""
-    try:
-        import matplotlib as mpl
-    except ImportError as error:
-        raise FlatclothError("Figures need matplotlib: pip install 'flatcloth[export]'") from error
+    check_matplotlib()
+    import matplotlib as mpl
+
     ours: Any = {
         "font.family": [FONT],
         "svg.fonttype": "none",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -70,7 +71,7 @@ class Places:
         return {
             "examples": [{"name": name} for name in sample_recordings()],
             "sessions": [_plain_session(*session) for session in self._sessions()],
-            "root": None if self._root is None else self._root.name or str(self._root),
+            "root": None if self._root is None else shown(self._root.name or str(self._root)),
         }
 
     def listing(self, path: str) -> dict[str, Any]:
@@ -90,7 +91,7 @@ class Places:
             raise PlaceError(f"{path or '.':.200}: cannot be read ({error.strerror}).") from error
         assert self._root is not None
         here = folder.relative_to(self._root).as_posix()
-        return {"path": "" if here == "." else here, "kind": _kind_of(folder), "entries": entries}
+        return {"path": "" if here == "." else shown(here), "kind": _kind_of(folder), "entries": entries}
 
     def chosen(self, kind: Kind, name: str) -> Chosen:
         """Return what a page has chosen.
@@ -101,7 +102,9 @@ class Places:
             If it is not offered.
         """
         if kind == "camera":
-            return Chosen("camera", name)
+            # A serial number; anything else is a file that is played in place of a camera.
+            is_serial = name == "" or (name.isascii() and name.isalnum())
+            return Chosen("camera", name if is_serial else str(self._below(name)))
         if kind == "example":
             source = sample_recordings().get(name)
             if source is None:
@@ -109,7 +112,7 @@ class Places:
             return Chosen("example", str(source))
         if kind == "session":
             for folder, header, _ in self._sessions():
-                if folder.name == name:
+                if shown(folder.name) == name:
                     return Chosen("session", header.recording.location, folder, header)
             raise PlaceError(f"There is no session {name!r:.60} any more.")
         place = self._below(name)
@@ -141,12 +144,13 @@ class Places:
         if "\0" in path:
             raise PlaceError("A path with a zero character cannot exist.")
         try:
-            found = (self._root / path).resolve(strict=True)
-        except (OSError, RuntimeError) as error:
+            # What lies outside is refused before anything tells whether it exists.
+            found = (self._root / path).resolve()
+            if not found.is_relative_to(self._root):
+                raise PlaceError(f"{path:.200}: lies outside the folder given with --root.")
+            return found.resolve(strict=True)
+        except (OSError, RuntimeError, ValueError) as error:
             raise PlaceError(f"{path:.200}: there is no such folder below {self._root.name}.") from error
-        if not found.is_relative_to(self._root):
-            raise PlaceError(f"{path:.200}: lies outside the folder given with --root.")
-        return found
 
     def _entries(self, folder: Path) -> Iterator[dict[str, str]]:
         assert self._root is not None
@@ -159,7 +163,7 @@ class Places:
                 found = entry.resolve(strict=True)
                 kind = _kind_of(found)
                 if kind and found.is_relative_to(self._root):
-                    yield {"name": entry.name, "kind": kind}
+                    yield {"name": shown(entry.name), "kind": kind}
 
     def _sessions(self) -> list[tuple[Path, Header, float]]:
         """Return the user's sessions whose recordings are there, and when each was used, the latest first."""
@@ -185,6 +189,11 @@ def _kind_of(path: Path) -> str:
     return "file" if path.is_file() and path.suffix in FILES else ""
 
 
+def shown(name: str) -> str:
+    """Return the name of a file as text; bytes that are not UTF-8 are escaped, such as xe9."""
+    return os.fsencode(name).decode("utf-8", "backslashreplace")
+
+
 def _used_at(folder: Path) -> float:
     journal = folder / JOURNAL
     return (journal if journal.exists() else folder / HEADER).stat().st_mtime
@@ -194,7 +203,7 @@ def _plain_session(folder: Path, header: Header, used_at: float) -> dict[str, An
     used = datetime.fromtimestamp(used_at, UTC)
     about = header.recording
     return {
-        "name": folder.name,
+        "name": shown(folder.name),
         "recording": about.name,
         "views": about.views,
         "method": header.method,

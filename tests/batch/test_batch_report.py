@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import math
 import os
@@ -19,7 +20,7 @@ import pytest
 import uvicorn
 
 from flatcloth.batch.report import command_of, report_html, write_report
-from flatcloth.batch.review import decide, reliability, verdicts
+from flatcloth.batch.review import decide, read_verdicts, reliability
 from flatcloth.batch.rows import FORMAT, write_row
 from flatcloth.cli import main
 from flatcloth.core.errors import JournalError
@@ -140,12 +141,15 @@ def test_verdicts_are_appended_and_the_last_counts(out: Path) -> None:
     decide(out, "less", "rejected")
     decide(out, "sure", "rejected")
     decide(out, "less", None)
-    assert verdicts(out) == {"sure": "rejected"}
+    assert read_verdicts(out).decided == {"sure": "rejected"}
     lines = (out / "review.jsonl").read_text().splitlines()
     assert len(lines) == 4
     with (out / "review.jsonl").open("a") as file:
-        file.write("not json\n" + lines[1][:20])  # the last cut short by a crash
-    assert verdicts(out) == {"sure": "rejected"}
+        file.write(lines[1][:20])  # cut short by a crash
+    assert read_verdicts(out).decided == {"sure": "rejected"}
+    decide(out, "less", "accepted")
+    assert read_verdicts(out).decided == {"sure": "rejected", "less": "accepted"}
+    assert len((out / "review.jsonl").read_text().splitlines()) == 5
     write_row({"name": "above", **GOOD}, out.parent)
     for name, verdict in (
         *(("nobody", "accepted"), ("sure", "maybe")),
@@ -153,6 +157,51 @@ def test_verdicts_are_appended_and_the_last_counts(out: Path) -> None:
     ):
         with pytest.raises(JournalError):
             decide(out, name, verdict)
+
+
+def test_verdicts_of_an_earlier_version_count_and_are_sealed_by_the_next(out: Path) -> None:
+    (out / "review.jsonl").write_text('{"name": "sure", "verdict": "accepted", "time": "x"}\n')
+    decide(out, "less", "rejected")
+    assert read_verdicts(out).decided == {"sure": "accepted", "less": "rejected"}
+    text = (out / "review.jsonl").read_text()
+    (out / "review.jsonl").write_text(text.replace("accepted", "rejected"))
+    assert read_verdicts(out).damage is not None
+
+
+def test_a_damaged_list_is_told_and_not_written_to(out: Path) -> None:
+    for name in ("sure", "less", "torn"):
+        decide(out, name, "accepted")
+    lines = (out / "review.jsonl").read_text().splitlines(keepends=True)
+    (out / "review.jsonl").write_text(lines[0] + lines[1].replace("accepted", "rejected") + lines[2])
+    kept = read_verdicts(out)
+    assert kept.decided == {"sure": "accepted"}
+    assert "line 2 is damaged" in data_of(write_report(out).read_text())["notes"]
+    with pytest.raises(JournalError, match=r"not kept.*line 2 is damaged"):
+        decide(out, "less", "accepted")
+
+
+def test_a_verdict_that_does_not_fit_on_the_disk_is_refused_and_leaves_no_half_line(
+    out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decide(out, "sure", "accepted")
+    whole = (out / "review.jsonl").read_bytes()
+    write = os.write
+    wrote: list[int] = []
+
+    def short(fd: int, data: bytes) -> int:
+        """The disk takes 10 bytes more, then none."""
+        if wrote:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        wrote.append(write(fd, data[:10]))
+        return wrote[0]
+
+    monkeypatch.setattr(os, "write", short)
+    with pytest.raises(JournalError, match=r"not kept.*No space left"):
+        decide(out, "less", "accepted")
+    monkeypatch.undo()
+    assert (out / "review.jsonl").read_bytes() == whole
+    decide(out, "less", "rejected")
+    assert read_verdicts(out).decided == {"sure": "accepted", "less": "rejected"}
 
 
 class Pages(SessionPages):
@@ -202,7 +251,7 @@ def client(out: Path, pages: Pages) -> Asker:
 def test_served_the_page_keeps_verdicts_and_opens_sessions(client: Asker, out: Path, pages: Pages) -> None:
     assert data_of(client.get("/").text)["served"] is True
     assert client.post("/verdict", json={"name": "sure", "verdict": "accepted"}).status_code == 200
-    assert verdicts(out) == {"sure": "accepted"}
+    assert read_verdicts(out).decided == {"sure": "accepted"}
     assert {r["name"]: r["review"] for r in data_of(client.get("/").text)["rows"]}["sure"] == "accepted"
     assert client.post("/open", json={"name": "less"}).json() == {"url": "http://127.0.0.1:1/"}
     assert pages.asked[0][0] == "less"
@@ -234,7 +283,7 @@ def test_served_it_refuses_what_is_not_its_own(client: Asker, out: Path, pages: 
     write_row({"name": "above", **GOOD}, out.parent)
     for name, status in (("nobody", 404), ("../night/sure", 404), ("..", 404), ("", 404), ("lost", 409)):
         assert client.post("/open", json={"name": name}).status_code == status
-    assert verdicts(out) == {}
+    assert read_verdicts(out).decided == {}
     assert pages.asked == []
 
 
@@ -256,7 +305,7 @@ def test_served_it_needs_the_token_of_the_printed_address(
         assert client.get(path).status_code == 403
     assert client.post("/open", json={"name": "sure"}).status_code == 403
     assert client.post("/verdict", json={"name": "sure", "verdict": "accepted"}).status_code == 403
-    assert verdicts(out) == {}
+    assert read_verdicts(out).decided == {}
     entered = client.get(found[1])
     assert (entered.status_code, entered.headers["location"]) == (303, "/")
     cookie = entered.headers["set-cookie"].split(";")[0]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import stat
 from pathlib import Path
 
 import pytest
 
-from flatcloth.core.plain_files import open_plain, read_plain
+from flatcloth.core.plain_files import check_replacing, open_plain, read_plain, replace_file
 
 
 def test_a_file_is_read(tmp_path: Path) -> None:
@@ -43,6 +44,29 @@ def test_what_is_too_large_is_not_read(tmp_path: Path) -> None:
     os.truncate(path, 10**12)
     with pytest.raises(OSError, match="larger than 16 MB"):
         read_plain(path)
+
+
+def test_only_a_file_or_a_link_is_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for name, cause in (("pipe", "a pipe or device"), ("folder", "a folder")):
+        with pytest.raises(OSError, match=cause):
+            replace_file(tmp_path / name, b"cloth")
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+    (tmp_path / "link").symlink_to(tmp_path / "target")
+    replace_file(tmp_path / "link", b"cloth")
+    assert not (tmp_path / "target").exists()
+    assert (tmp_path / "link").read_bytes() == b"cloth"
+
+
+def test_checking_leaves_the_file_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"cloth")
+    check_replacing(tmp_path / "a")
+    check_replacing(tmp_path / "new/b")
+    assert (tmp_path / "a").read_bytes() == b"cloth"
+    assert list((tmp_path / "new").iterdir()) == []
+    with pytest.raises(OSError, match=r"Not a directory|File exists"):
+        check_replacing(tmp_path / "a/b")
 
 
 def test_no_file_stays_open(tmp_path: Path) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import stat
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 from exported_sessions import write_cylinder, write_session
 
 from flatcloth.cli import main
+from flatcloth.core.errors import FlatclothError
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +106,50 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert error.startswith("flatcloth: ")
     assert cause in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "cause"),
+    [
+        (["--report", "{tmp}/report.html"], "Figures need matplotlib"),
+        (["--animation", "{tmp}/growth.gif"], "Figures need matplotlib"),
+        (["--outline", "{tmp}/shape.pdf"], "written as .svg"),
+        (["--grasps", "{tmp}/pipe"], "a pipe or device, not a file"),
+        (["--figures", "{tmp}/file"], "cannot be written"),
+    ],
+)
+def test_what_cannot_be_made_is_told_before_anything_is_made(
+    session: Path,
+    tmp_path: Path,
+    options: list[str],
+    cause: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "file").write_text("")
+    os.mkfifo(tmp_path / "pipe")
+    if "matplotlib" in cause:
+        monkeypatch.setitem(sys.modules, "matplotlib", None)
+    page = tmp_path / "page.html"
+    others = [option.format(tmp=tmp_path) for option in options]
+    assert main(["export", str(session), "--html", str(page), *others]) == 2
+    assert cause in capsys.readouterr().err
+    assert not page.exists()
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+
+
+def test_what_was_written_before_a_failure_is_told(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise FlatclothError("report.html: cannot be written (No space left on device); choose another file.")
+
+    monkeypatch.setattr("flatcloth.export.report.report", full)
+    options = ["--html", str(tmp_path / "page.html"), "--report", str(tmp_path / "report.html")]
+    assert main(["export", str(session), *options]) == 2
+    said = capsys.readouterr()
+    assert said.out == f"Written: {tmp_path / 'page.html'}\n"
+    assert "No space left" in said.err
 
 
 @pytest.mark.parametrize("option", ["--grasps", "--garment", "--outline", "--html"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import threading
 import time
 from collections.abc import Iterator
@@ -94,6 +95,19 @@ def test_without_a_recording_the_page_is_the_start_screen(empty: PageServer) -> 
     offer = get(empty, "/start/places.json").json()
     assert [e["name"] for e in offer["examples"]] == list(sample_recordings())
     assert (offer["sessions"], offer["root"], offer["current"]) == ([], "root", None)
+
+
+def test_a_name_that_is_not_utf_8_is_shown_escaped_and_refused_in_words(
+    empty: PageServer, root: Path, opener: FakeOpener
+) -> None:
+    os.makedirs(os.fsencode(root) + b"/caf\xe9/inner")
+    listed = get(empty, "/start/folder.json").json()
+    assert {"name": "caf\\xe9", "kind": "folder"} in listed["entries"]
+    for path in ("caf\\xe9", "caf\udce9"):
+        answer = post(empty, "/start/open", content=json.dumps({"kind": "folder", "name": path}).encode())
+        assert answer.status_code in (400, 409)
+        assert answer.json()["error"]
+    assert opener.asked == []
 
 
 def test_at_most_two_pictures_are_read_at_a_time(empty: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -267,6 +281,28 @@ def test_a_session_knows_what_its_recording_was_opened_with(tmp_path: Path) -> N
     assert list(again.angles_deg) == list(recording.angles_deg)
     with pytest.raises(PlaceError, match=r"outside\.csv lies outside"):
         Places(root).chosen("folder", "beyond")
+
+
+def test_a_file_played_in_place_of_a_camera_lies_below_the_root(root: Path, tmp_path: Path) -> None:
+    outside = tmp_path / "private.bag"
+    outside.touch()
+    (root / "own.bag").touch()
+    (root / "link.db3").symlink_to(outside)
+    places = Places(root)
+    assert places.chosen("camera", "").source == ""
+    assert places.chosen("camera", "012345678901").source == "012345678901"
+    assert places.chosen("camera", "own.bag").source == str(root.resolve() / "own.bag")
+    for name in (str(outside), "../private.bag", "link.db3"):
+        with pytest.raises(PlaceError, match="outside the folder"):
+            places.chosen("camera", name)
+    # Nobody learns what exists there.
+    with pytest.raises(PlaceError, match="No folder is offered"):
+        Places().chosen("camera", str(outside))
+    with pytest.raises(PlaceError) as present:
+        places.chosen("camera", str(outside))
+    with pytest.raises(PlaceError) as absent:
+        places.chosen("camera", str(tmp_path / "absent.bag"))
+    assert str(present.value).split(": ")[1] == str(absent.value).split(": ")[1]
 
 
 @pytest.mark.parametrize("name", ["angles", "camera_file"])
