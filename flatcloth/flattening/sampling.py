@@ -25,7 +25,7 @@ from flatcloth.flattening.surface import Surface, numbered, unite
 
 _FIT_RADIUS_PX = 6
 """Radius of the local quadratic fit of depth at each sample. Set by hand."""
-_LEAST_INTERVAL_M = 0.012
+LEAST_INTERVAL_M = 0.012
 """Samples are at least about this far apart. Set by hand: 6 px of a D435 at 0.85 m. Limits that count samples
 (necks, strips, evidence) were set there, and on a finer grid a narrow strip would pass for a wide one."""
 MAX_CHORD_SLOPE = 0.35
@@ -57,7 +57,7 @@ def widened(intervals_px: tuple[int, ...], pixel_pitch_m: float) -> tuple[int, .
     from the paper, whose intervals are numbers of pixels of one camera.)
     """
     finest = intervals_px[-1]
-    wanted = max(finest, round(_LEAST_INTERVAL_M / pixel_pitch_m))
+    wanted = max(finest, round(LEAST_INTERVAL_M / pixel_pitch_m))
     return tuple(round(interval * wanted / finest) for interval in intervals_px)
 
 

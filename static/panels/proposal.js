@@ -236,9 +236,9 @@ const CHECKS = {
   outline: "Share of the cloth seen in both that would lie outside the outline of the shape",
 };
 /** @type {Record<string, string>} */
-const SHORT_SOURCES = { place: "Space", lines: "Lines", correlation: "Correlation" };
+const SHORT_SOURCES = { place: "Space", lines: "Lines" };
 /** @type {Record<string, string>} */
-const SOURCES = { place: "Place in space", lines: "Z-angle lines", correlation: "Correlation" };
+const SOURCES = { place: "Place in space", lines: "Z-angle lines" };
 
 /** @type {Record<string, string>} what the parts of the score mean, by their names in both methods */
 const PARTS = {

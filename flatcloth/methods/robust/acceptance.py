@@ -13,14 +13,15 @@ import numpy as np
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.flatten import Flattening
+from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.answers import JoinedPiece
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, JointShape
 from flatcloth.methods.robust.observations import Association
 from flatcloth.session.document import Accepted
 
-_GATE_M = 0.025
-"""Nodes farther than this from their position by the placement do not count as the same cloth. Set by
-hand."""
+_GATE_M = 2 * LEAST_INTERVAL_M
+"""Nodes farther than this from their position by the placement do not count as the same cloth. Chosen:
+two rows of nodes."""
 _LEAST_FITTED = 4
 """So many nodes of a component fit one motion, or it is not joined yet: a motion takes two. A further motion
 of the same component needs as many as a floating piece has. Set by hand."""

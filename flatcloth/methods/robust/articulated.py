@@ -39,16 +39,11 @@ Int64 = NDArray[np.int64]
 
 _RIM_RAD = 2.2
 """A node without a neighbour within an angle of this width lies at the outline of the sheet. Set by hand."""
-_OVER = 1.5
-"""Extra growth, in pairs, from the inside of a wide part to its outline: the node spacing is coarse. Set by
-hand."""
-_STEPS = 8
-"""Limit of Gauss-Newton steps. Chosen; ``_SETTLED_M`` normally ends them earlier."""
+ITERATIONS = 8
+"""Limit of the steps of relaxations and minimisations, and of the rounds of robust weights. Chosen for
+speed."""
 _SETTLED_M = 2e-4
 """Steps that move no node farther end the minimisation. Chosen: a tenth of a pixel of a D435 at 0.85 m."""
-_SAME_SYSTEM_M = 1e-3
-"""After a step that moves no node farther the system is not factored again. Chosen: a tenth of the distance
-of nodes, so that directions change by less than 0.1 rad."""
 _DAMPING = 1e-9
 """Share of the diagonal that makes the system regular. Chosen: far below any stiffness."""
 
@@ -88,8 +83,8 @@ def rigid_parts(uv_m: Float64, edges: Int32) -> Int32:
     along = uv_m[edges[:, 1]] - uv_m[edges[:, 0]]
     length = _lengths(along)
     pair_m = float(np.median(length))
-    half_m = 0.5 * _STRIP_WIDTH * pair_m
-    label = _wide_parts(len(uv_m), edges, along, length, half_m, half_m + _OVER * pair_m)
+    half_m = 0.5 * _STRIP_WIDTH * pair_m  # also the growth from the inside of a wide part to its outline
+    label = _wide_parts(len(uv_m), edges, along, length, half_m, 2.0 * half_m)
     large = np.bincount(label + 1)[1:] >= LEAST_RIGID_PART_NODES
     number = np.append(np.where(large, np.cumsum(large) - 1, -1), -1)
     rigid_part: Int32 = number[label].astype(np.int32)
@@ -234,7 +229,7 @@ def settle_flexible(uv_m: Float64, sheet: FlexibleSheet) -> Float64:
     system = _System(rigid_part, sheet, near, is_flexible[near], stars)
     place = uv_m
     with contextlib.suppress(np.linalg.LinAlgError):  # the pairs do not hold every node: it stays
-        for _ in range(_STEPS):
+        for _ in range(ITERATIONS):
             place, farthest_m = system.step(place)
             if farthest_m < _SETTLED_M:
                 break
@@ -295,7 +290,6 @@ class _System:
         self._rotations = renumbered(member)[0].size
         seen = self._pairs.of_direction[star // 2] * np.square(np.abs(self._pairs.offset.ravel()[star]))
         self._stiffness = float(seen.sum())
-        self._factor: BorderedBand | None = None
 
     def step(self, place: Float64) -> tuple[Float64, float]:
         """Return the positions after one Gauss-Newton step, and the largest motion of a node."""
@@ -306,15 +300,13 @@ class _System:
         band = np.zeros((free, self._band + 1))
         border = np.zeros((3 * self._moving.size, free + 3 * self._moving.size))
         gradient, turns = _normal_equations(place, arm, self._at, self._pairs, band, border)
-        if self._factor is None:
-            diagonals = [band[:, 0], np.einsum("ii->i", border[:, free:])]
-            total = sum(own.sum() for own in diagonals) + self._stiffness
-            damping = _DAMPING * total / (len(gradient) + self._rotations)
-            for own in diagonals:
-                own += _DAMPING * own + damping
-            _eliminate(turns, damping, arm, self._at, self._pairs, band, border)
-            self._factor = BorderedBand(band, border)
-        change = self._factor.solve(-gradient)
+        diagonals = [band[:, 0], np.einsum("ii->i", border[:, free:])]
+        total = sum(own.sum() for own in diagonals) + self._stiffness
+        damping = _DAMPING * total / (len(gradient) + self._rotations)
+        for own in diagonals:
+            own += _DAMPING * own + damping
+        _eliminate(turns, damping, arm, self._at, self._pairs, band, border)
+        change = BorderedBand(band, border).solve(-gradient)
         moved = place.copy()
         moved[self._free] += change[:free].reshape(-1, 2)
         for own, (u, v, slope) in zip(self._nodes_of, change[free:].reshape(-1, 3), strict=True):
@@ -322,8 +314,6 @@ class _System:
             cos, sin = np.cos(turn), np.sin(turn)
             moved[own] += (u, v) - arm[own] + arm[own] @ np.array([[cos, sin], [-sin, cos]])
         farthest_m = float(np.abs(moved - place).max())
-        if farthest_m > _SAME_SYSTEM_M:
-            self._factor = None
         return moved, farthest_m
 
 

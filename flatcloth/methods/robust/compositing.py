@@ -25,7 +25,7 @@ from flatcloth.flattening.upsampling import Carrier, nearest_samples
 from flatcloth.methods.answers import Canonical
 from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, JointShape
-from flatcloth.methods.robust.observations import FRONTAL_NOISE, Observation
+from flatcloth.methods.robust.observations import FRONTAL_NOISE, INCIDENCE_LIMIT_DEG, Observation
 from flatcloth.methods.robust.uncertainty import with_placement_std
 
 _RIM_NOISE = 3.0
@@ -238,16 +238,13 @@ def pixel_cost(surface: Surface) -> Float32:
     normal = surface.normal[rows, cols]
     x, y = (cols - k.cx) / k.fx, (rows - k.cy) / k.fy
     cos = -(x * normal[:, 0] + y * normal[:, 1] + normal[:, 2]) / np.sqrt(x * x + y * y + 1.0)
-    steep = 1.0 / np.square(np.clip(cos, 0.2, 1.0)) - 1.0
+    least = math.cos(math.radians(INCIDENCE_LIMIT_DEG))
+    steep = 1.0 / np.square(np.clip(cos, least, 1.0)) - 1.0
     inside = surface.usable.astype(np.uint8)
     rim = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[rows, cols]
     cost = np.full(surface.usable.shape, np.inf, dtype=np.float32)
     cost[rows, cols] = FRONTAL_NOISE + steep + _RIM_NOISE * np.exp(-rim / 3.0)
     return cost
-
-
-_POINT_COST = 100.0
-"""Cost of a single point, so that triangles are preferred. Set by hand."""
 
 
 class _PlacedView(NamedTuple):
@@ -289,7 +286,7 @@ def _composite(view: _PlacedView, canvas: _Canvas) -> None:
                 row, col = math.floor(points[r, c, 1] + 0.5), math.floor(points[r, c, 0] + 0.5)
                 if 0 <= row < cost.shape[0] and 0 <= col < cost.shape[1] and math.isinf(cost[row, col]):
                     source[row, col, 0], source[row, col, 1] = r, c
-                    cost[row, col] = pixel_cost[r, c] + _POINT_COST
+                    cost[row, col] = 1e9 + pixel_cost[r, c]  # triangles are preferred
                     label[row, col] = number
 
 

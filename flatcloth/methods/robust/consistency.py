@@ -23,13 +23,9 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.articulated import STRIP_NOISE_M
 from flatcloth.methods.robust.connectivity import near_and_apart
-from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, Hinge, JointShape
+from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, TWICE_M, Hinge, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
 
-_OVERLAP_M = 0.015
-"""Nodes nearer than this on the plane (a little more than their distance, 12 mm) and more than three times as
-far apart in space lie on one another: no noise explains that. Nodes of an overlap that are nearer to each
-other in space than twice this are one layer. Set by hand."""
 MOST_CUT_EVIDENCE = 20.0
 """Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
 hand."""
@@ -57,7 +53,7 @@ def overlapping_pairs(uv_m: Float64, xyz_m: Float64) -> Int64:
         Their points in space.
     """
     own = np.flatnonzero(np.isfinite(uv_m[:, 0]))
-    return own.take(near_and_apart(uv_m[own], xyz_m[own], _OVERLAP_M, 3.0 * _OVERLAP_M))
+    return own.take(near_and_apart(uv_m[own], xyz_m[own], TWICE_M, 3.0 * TWICE_M))
 
 
 def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -> tuple[Bool, float, Bool]:
@@ -85,7 +81,7 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
     """
     none = np.zeros(len(edges), dtype=np.bool_)
     nodes = np.unique(pairs)
-    near = cKDTree(xyz_m[nodes]).query_pairs(2.0 * _OVERLAP_M, output_type="ndarray")
+    near = cKDTree(xyz_m[nodes]).query_pairs(2.0 * TWICE_M, output_type="ndarray")
     layer = np.full(len(xyz_m), -1)
     nearby = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(nodes.size,) * 2)
     layer[nodes] = connected_components(nearby, directed=False)[1]
@@ -129,10 +125,10 @@ def _farthest(pairs: Int64, nodes: Int64, xyz_m: Float64) -> tuple[Int64, Int64]
     """
     apart = np.linalg.norm(xyz_m[pairs[:, 0]] - xyz_m[pairs[:, 1]], axis=1)
     most = int(apart.argmax()) if apart.size else 0
-    if not apart.size or apart[most] <= 4.0 * _OVERLAP_M:
+    if not apart.size or apart[most] <= 4.0 * TWICE_M:
         return nodes[:0], nodes[:0]
     tree = cKDTree(xyz_m[nodes])
-    one, other = (nodes[tree.query_ball_point(xyz_m[end], 2.0 * _OVERLAP_M)] for end in pairs[most])
+    one, other = (nodes[tree.query_ball_point(xyz_m[end], 2.0 * TWICE_M)] for end in pairs[most])
     return one, other
 
 

@@ -49,14 +49,10 @@ from flatcloth.methods.robust.layout import (
 )
 from flatcloth.methods.robust.observations import Association, Complex128, no_nodes, observe
 
-_MOST_GROWTH = 1.35
-"""With this many times the pairs of the last time every piece is relaxed as a whole again, ..."""
 _MOST_NEW = 0.2
 """... as is a piece of which the last view adds more than this share of nodes ..."""
 _MOST_STRAINED = 0.03
 """... or contradicts more than this share of pairs, as they lie. Set by hand."""
-_TRIED_AGAIN = 1.25
-"""Other cuts are tried again when this many times the evidence is cut. Chosen for speed."""
 Int64 = NDArray[np.int64]
 
 
@@ -154,7 +150,7 @@ def flatten_jointly(
         The shape has been minimised before, and its minimum is to be reached.
     """
     while True:
-        is_whole = len(shape.links.edges) > _MOST_GROWTH * shape.settled_pairs
+        is_whole = len(shape.links.edges) > OUTGROWN * shape.settled_pairs
         number = np.full(len(shape.nodes), -1, dtype=np.int32)
         uv, weight = np.full((len(shape.nodes), 2), np.nan), shape.weight.copy()
         hinges: list[Hinge] = []
@@ -189,7 +185,7 @@ def with_better_cuts(shape: JointShape) -> JointShape:
     is cut because its evidence is small; later views that show it count as contradictions.
     """
     cut = shape.cut_evidence
-    if cut <= max(MOST_CUT_EVIDENCE, _TRIED_AGAIN * shape.cuts_tried) or shape.by_hand.any():
+    if cut <= max(MOST_CUT_EVIDENCE, shape.cuts_tried) or shape.by_hand.any():
         return shape
     other = flatten_jointly(without_layout(shape, np.zeros_like(shape.is_cut)), most_cut=cut)
     is_better = other.cut_evidence < cut

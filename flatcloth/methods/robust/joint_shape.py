@@ -18,6 +18,10 @@ from flatcloth.methods.robust.observations import Nodes, Observation, averaged, 
 LEAST_PIECE = 12
 """Fewest nodes of a floating piece that is kept, of an overlap that counts, of the two sides of a hinge, and
 of a second rigid motion in one component. Set by hand."""
+TWICE_M = 0.015
+"""The same cloth at two positions farther apart on the plane (a little more than the distance of nodes) is
+present twice. Nodes nearer than this on the plane and more than three times as far apart in space lie on
+one another: no noise explains that. Set by hand."""
 PIECES_APART_M = 10.0
 """Distance of floating pieces on the plane. Chosen: larger than any cloth."""
 OUTGROWN = 1.3

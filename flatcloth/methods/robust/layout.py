@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.banded import Banding, banding
 from flatcloth.flattening.minimisation import MOST_STEPS, minimise
+from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.relaxation import local_rotations, relax_rigidly
-from flatcloth.methods.robust.articulated import FlexibleSheet, settle_flexible
+from flatcloth.methods.robust.articulated import ITERATIONS, FlexibleSheet, settle_flexible
 from flatcloth.methods.robust.connectivity import Links, both_ends, renumbered
 from flatcloth.methods.robust.observations import Complex128
 
@@ -27,32 +28,21 @@ _ROBUST_STD = 3.0
 """A pair with a residual of this many standard deviations has a quarter of its weight. Set by hand."""
 CONTRADICTED_WEIGHT = 0.25
 """Pairs of a smaller weight contradict the others: that of Geman and McClure at the scale. By definition."""
-_ARAP_STEPS = 8
-"""Steps of as-rigid-as-possible relaxation before the minimisation. Set by hand."""
-_ROBUST_ROUNDS, _PRECISE_ROUNDS = 2, 12
-"""Minimisations after each acceptance, and at most for what is shown; the weights of the pairs are updated
-between them. Set by hand: after twelve, nodes of trousers by the waist are 0.1 to 0.9 mm from where sixty
-lead, after two 2.4 to 3."""
+_ROUNDS = 2
+"""Minimisations after each acceptance; the weights of the pairs are updated between them. Chosen for speed:
+for what is shown they are updated until no node moves."""
 _STILL_M = 1e-4
 """If no node moves farther, no further minimisation follows. Chosen: a twentieth of a pixel of a D435."""
 _HALO = 2
 """Rows of nodes around new ones that are relaxed with them. Set by hand."""
 _LEAST_WEIGHT = 1e-4
 """Least weight of a pair, so that no node comes loose. Chosen."""
-_MAJORISATIONS = 6
-"""Limit of the steps of a minimisation. Chosen for speed; the weights are updated between minimisations."""
 _TOLERANCE, _PRECISE = 2e-3, 1e-5
 """Relative decrease of the energy that ends it earlier, normally (chosen for speed) and for what is shown:
 wide parts turn about narrow ones with hardly any energy, in trousers-waist-clean by 1 mm."""
-_STEPS = 12
-"""Limit of its Gauss-Newton steps, normally. Chosen for speed: where many weights change, it takes twenty; a
-sheet that is folded over unfolds in five."""
 MOST_DRIFT_M = 0.04
 """A pair that a layout misses by more than this contradicts it; the drift of a layout is 5 to 15 mm. Set by
 hand."""
-_SAME_PLACE_M = 0.012
-"""In a layout that is grown from one pair, predictions of a place that differ by less than this (the distance
-of nodes) agree. Set by hand."""
 
 Int64 = NDArray[np.int64]
 
@@ -191,7 +181,9 @@ def grown_layout(
     together = np.bincount(pair, evidence)[pair]
     seed = int(edges[together.argmax(), 0])
     ends_by_node = _EdgeEnds(first, order)
-    layout: Complex128 = _grow(edges, member, offset, evidence, n_members, ends_by_node, seed, _SAME_PLACE_M)
+    layout: Complex128 = _grow(
+        edges, member, offset, evidence, n_members, ends_by_node, seed, LEAST_INTERVAL_M
+    )
     return layout
 
 
@@ -309,8 +301,8 @@ def minimise_piece(
         x = np.stack([z.real[own], z.imag[own]], axis=1)
     else:
         stiff = accuracy * weight
-        x = relax_rigidly(z[own], edges, member, offset, stiff, links.n_members, _ARAP_STEPS, narrow)
-    for _ in range(_PRECISE_ROUNDS if precise else _ROBUST_ROUNDS):
+        x = relax_rigidly(z[own], edges, member, offset, stiff, links.n_members, ITERATIONS, narrow)
+    for _ in range(MOST_STEPS if precise else _ROUNDS):
         before = x
         x = _minimised(x, narrow, once, length, np.maximum(accuracy * weight, _LEAST_WEIGHT), precise)
         residual = np.linalg.norm(x[once[:, 0]] - x[once[:, 1]], axis=1)[pair] - length
@@ -354,7 +346,7 @@ def relax_around(
         offset, std = links.offset[inside[own]], links.std_m[inside[own]]
         stiff = np.square(np.median(std) / std) * weight[own]
         moved = relax_rigidly(
-            z[nodes], ends, member, offset, stiff, members.size, _ARAP_STEPS, narrow, ~near[nodes]
+            z[nodes], ends, member, offset, stiff, members.size, ITERATIONS, narrow, ~near[nodes]
         )
         z[nodes] = moved @ np.array([1.0, 1j])
     is_near[links.of_last_view(inside)] = True
@@ -387,18 +379,18 @@ def _minimised(
         once,
         mean,
         weight=total,
-        majorisations=_MAJORISATIONS,
+        majorisations=ITERATIONS,
         energy_tolerance=_PRECISE if precise else _TOLERANCE,
         narrow=narrow,
         least_energy_m2=spread,
         is_near=precise,
-        most_steps=MOST_STEPS if precise else _STEPS,
+        most_steps=MOST_STEPS if precise else ITERATIONS,
     ).uv_m
 
 
 def _robust_weight(normed: Float64) -> Float64:
     """Geman-McClure weights (Black and Rangarajan, 1996) of residuals in standard deviations."""
-    scale = _ROBUST_STD * max(1.0, 1.48 * float(np.median(np.abs(normed))))
+    scale = _ROBUST_STD * max(1.0, 1.4826 * float(np.median(np.abs(normed))))
     weight = np.square(normed * (1.0 / scale))
     weight += 1.0
     np.square(weight, out=weight)

@@ -19,35 +19,24 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import rotations_by
 from flatcloth.core.types import Bool, Float64, RotationAxis
+from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.answers import Candidate
 from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.robust.joint_shape import JointShape
-from flatcloth.methods.robust.observations import INCIDENCE_LIMIT_DEG
+from flatcloth.methods.robust.observations import INCIDENCE_LIMIT_DEG, WELL_SEEN_DEG
 from flatcloth.methods.robust.scoring import neighbourhoods_of
 
 LEAST_OVERLAP_M2 = 0.03
 """Desirable overlap S_0, the paper's."""
-_GOOD_INCIDENCE_DEG = 50.0
-"""Cloth at a smaller incidence angle is seen well (A_w, in both directions). Set by hand."""
-_POOR_INCIDENCE_DEG = 60.0
-"""Cloth that was seen only at larger incidence angles should be seen again. Set by hand."""
 _NOVEL_TURN_DEG = 30.0
 """A view nearer than this to a visited one is expected to show less beyond the outline. Set by hand."""
-_JOINING_SHARE = 0.5
-"""A view of the gap between the shape and a floating piece may join at most this share of it, ..."""
-_JOINING_PAIRS = 20.0
-"""... reached with this many pairs of nodes on both sides of the gap. Set by hand."""
 _EXPLORED_DEG = 12.0
 """Within this rotation of a visited view no unknown cloth is expected; ..."""
 _UNSEEN_M2_PER_DEG = 0.001
 """... beyond it, this much per degree. Set by hand."""
-_COVER_RAD = 0.014
-"""A node covers others within this angle, ..."""
-_NEAR_M = 0.03
-"""... if it is nearer by this. Gaps between pieces are at most as wide, and so is the cloth that is expected
-beyond an outline. Chosen: more than the errors of the poses."""
-_BEYOND_RAD = math.radians(40.0)
-"""Cloth beyond an outline is turned away by this. Set by hand."""
+_NEAR_M = 2 * LEAST_INTERVAL_M
+"""A node covers others within the distance of nodes if it is nearer by this. Gaps between pieces are at
+most as wide, and so is the cloth that is expected beyond an outline. Chosen: two rows of nodes."""
 
 
 def rate_candidates(
@@ -85,8 +74,8 @@ def rate_candidates(
     rim = _rim(shape, area, around or neighbourhoods_of(shape))
     gaps = _gaps(shape)
     looked = np.array([angles_deg[v] for v in seen])
-    poorly = best >= _POOR_INCIDENCE_DEG
-    limit, steep = math.cos(math.radians(_GOOD_INCIDENCE_DEG)), math.cos(math.radians(INCIDENCE_LIMIT_DEG))
+    poorly = best >= WELL_SEEN_DEG
+    limit, steep = math.cos(math.radians(WELL_SEEN_DEG)), math.cos(math.radians(INCIDENCE_LIMIT_DEG))
     rated, views = [], list(candidates)
     turns = rotations_by(np.radians([angles_deg[v] for v in views])[:, None] * axis.direction)
     shifts_m = axis.point_m - turns @ axis.point_m
@@ -95,7 +84,7 @@ def rate_candidates(
             xyz, normal, poorly, (turn, shift_m), (steep, limit),
             (rim.node, rim.beyond_normal, rim.promise_m2),
         )  # fmt: skip
-        shown = sum(n * min(1.0, (visible[a] & visible[b]).sum() / _JOINING_PAIRS) for a, b, n in gaps)
+        shown = sum(n * (visible[a] & visible[b]).mean() for a, b, n in gaps)
         gap = np.abs((looked - angles_deg[view] + 180.0) % 360.0 - 180.0)
         nearest = float(gap.min()) if gap.size else 180.0
         novelty = min(1.0, nearest / _NOVEL_TURN_DEG)
@@ -105,12 +94,12 @@ def rate_candidates(
                 overlap_m2=area * overlap,
                 improved_m2=area * improved,
                 beyond_m2=opened_m2 * novelty,
-                joining_m2=float(novelty * _JOINING_SHARE * area * shown),
+                joining_m2=float(0.5 * novelty * area * shown),  # even odds
                 unseen_m2=_UNSEEN_M2_PER_DEG * max(0.0, nearest - _EXPLORED_DEG),
                 gap_deg=nearest,
             )
         )
-    rated.sort(key=lambda p: p.new_m2 * min(1.0, p.overlap_m2 / LEAST_OVERLAP_M2 + 0.1), reverse=True)
+    rated.sort(key=lambda p: p.new_m2 * min(1.0, p.overlap_m2 / LEAST_OVERLAP_M2), reverse=True)
     return rated
 
 
@@ -134,10 +123,6 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
     return found
 
 
-_CELL_M = 0.02
-"""Cell in which new surface counts once. Chosen: several nodes wide, so that sparse ones cover it."""
-
-
 def _best_incidence_deg(shape: JointShape) -> Float64:
     """Return the smallest incidence angle (N,) at which any view saw each node."""
     best = np.full(len(shape.nodes), 90.0)
@@ -148,10 +133,10 @@ def _best_incidence_deg(shape: JointShape) -> Float64:
 
 def _node_area_m2(shape: JointShape) -> float:
     """Return the area of cloth per node, from the cells of the plane that the nodes occupy."""
-    uv = shape.all_uv_m[shape.has_place]
-    u, v = np.floor(uv / _CELL_M).astype(np.int64).T
+    uv, cell_m = shape.all_uv_m[shape.has_place], 2.0 * LEAST_INTERVAL_M  # so that sparse nodes cover it
+    u, v = np.floor(uv / cell_m).astype(np.int64).T
     cells = np.unique((u - u.min()) * (np.ptp(v) + 1) + v)
-    return len(cells) * _CELL_M**2 / max(len(uv), 1)
+    return len(cells) * cell_m**2 / max(len(uv), 1)
 
 
 @dataclass(frozen=True)
@@ -168,11 +153,11 @@ def _rim(shape: JointShape, area_m2: float, around: Neighbourhoods) -> _Rim:
     # Outwards in space: opposite to the mean direction of the neighbours.
     normal, inwards = shape.nodes.normal[rim], around.inwards[rim]
     outwards = -inwards / np.maximum(np.linalg.norm(inwards, axis=1), 1e-9)[:, None]
-    beyond = math.cos(_BEYOND_RAD) * normal + math.sin(_BEYOND_RAD) * outwards
+    beyond = math.sqrt(0.5) * (normal + outwards)  # turned away by half a right angle
     # An outline that is the same in several views is the border of the cloth.
-    shown = [seen.node[seen.incidence_deg < _POOR_INCIDENCE_DEG] for seen in shape.observations]
+    shown = [seen.node[seen.incidence_deg < WELL_SEEN_DEG] for seen in shape.observations]
     often = np.bincount(np.concatenate(shown), minlength=len(shape.nodes))[rim]
-    promise = math.sqrt(area_m2) * _NEAR_M * 0.4 ** np.maximum(often - 1.0, 0.0)
+    promise = math.sqrt(area_m2) * _NEAR_M * 0.5 ** np.maximum(often - 1.0, 0.0)
     return _Rim((np.cumsum(shape.has_place) - 1)[rim], beyond, promise)
 
 
@@ -180,9 +165,10 @@ def _rim(shape: JointShape, area_m2: float, around: Neighbourhoods) -> _Rim:
 def _uncovered(points: Float64) -> Bool:
     """Return which points (camera frame) have no other point clearly in front of them."""
     column, row = np.empty(len(points), dtype=np.int64), np.empty(len(points), dtype=np.int64)
+    cover_rad = LEAST_INTERVAL_M / np.median(points[:, 2])
     for n in range(len(points)):
-        column[n] = int(np.rint(points[n, 0] / points[n, 2] / _COVER_RAD))
-        row[n] = int(np.rint(points[n, 1] / points[n, 2] / _COVER_RAD))
+        column[n] = int(np.rint(points[n, 0] / points[n, 2] / cover_rad))
+        row[n] = int(np.rint(points[n, 1] / points[n, 2] / cover_rad))
     column -= column.min()
     row -= row.min()
     nearest = np.full((row.max() + 1, column.max() + 1), np.inf)

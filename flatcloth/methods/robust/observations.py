@@ -33,15 +33,11 @@ _SAME_NORMAL_COS = 0.85
 """... if the angle of the normals has at least this cosine. Set by hand."""
 INCIDENCE_LIMIT_DEG = 75.0
 """Cloth at a larger incidence angle adds no nodes. Set by hand."""
-_NOISY_INCIDENCE_LIMIT_DEG = 55.0
-"""With noisy depth, known cloth at a larger incidence angle is not observed there. Set by hand."""
+WELL_SEEN_DEG = 55.0
+"""Cloth at a smaller incidence angle is seen well; with noisy depth, known cloth at a larger one is not
+observed there. Set by hand."""
 _NEW_NODE_DISTANCE = 0.65
 """A view adds nodes at this distance (in sampling intervals) from the nodes it sees. Set by hand."""
-_NARROW_NODE_DISTANCE = 0.8
-"""In narrow places it does so at this distance, in halves of the interval. Set by hand: 1 leaves larger
-errors on shirts and trousers without noise, and takes less time (docs/robust.md)."""
-_LEAST_PAIR_M = 0.002
-"""Nodes closer together than this form no pair. Set by hand."""
 _PAIR_STD_M = 0.0003
 """Standard deviation of a pair's length without noise, due to stretching of the cloth. Set by hand."""
 FRONTAL_NOISE = 0.4
@@ -53,8 +49,8 @@ _SMOOTH_COS = 0.95
 """A pair whose normals have a smaller cosine crosses a crease, or two layers: ..."""
 _CREASED_EVIDENCE = 0.25
 """... its evidence that its ends are one piece of cloth is multiplied by this. Set by hand."""
-_BENT_DEG = (2.0, 8.0)
-"""A pair is bent if its normals differ by more than this (without noise, with noise). Set by hand."""
+_BENT_DEG = 8.0
+"""A pair is bent if its normals differ by more than this. Set by hand."""
 
 Complex128 = NDArray[np.complex128]
 
@@ -171,7 +167,7 @@ def observe(
     Returns the nodes, moved to the mean of all views' measurements, and the observation.
     """
     d = flattening.sampling_intervals_px[-1]
-    limit = _NOISY_INCIDENCE_LIMIT_DEG if surface.noisy else INCIDENCE_LIMIT_DEG
+    limit = WELL_SEEN_DEG if surface.noisy else INCIDENCE_LIMIT_DEG
     grid = np.zeros_like(surface.usable)
     grid[d // 2 :: d, d // 2 :: d] = True
     fresh = np.argwhere(grid & surface.usable).astype(np.float64)
@@ -225,7 +221,7 @@ def _in_narrow_places(usable: Bool, interval_px: int, known: Float64) -> Float64
     half = interval_px // 2
     if len(known) and len(places):
         distance, _ = cKDTree(known).query(places)
-        places = places[distance > _NARROW_NODE_DISTANCE * half]
+        places = places[distance > _NEW_NODE_DISTANCE * half]
     if not len(places):
         return np.zeros((0, 2))
     # The nearest pixel off the surface is a neighbour of one on it.
@@ -285,12 +281,12 @@ def _pairs(
         edges = edges[apart_px <= np.maximum(longest_px[one], longest_px[other])]
     edges = edges[path_on_surface(surface.usable, surface.steps, pixel, edges)]
     edges, length = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
-    apart = length > _LEAST_PAIR_M
+    apart = length > surface.pixel_pitch_m
     edges, length = edges[apart], length[apart]
-    steepness = np.tan(np.radians(np.minimum(incidence_deg, 80.0))) ** 2
+    steepness = np.tan(np.radians(np.minimum(incidence_deg, INCIDENCE_LIMIT_DEG))) ** 2
     one, other = edges.T
     noise = surface.noise_m * (FRONTAL_NOISE + 0.5 * (steepness[one] + steepness[other]))
-    bent_rad = math.radians(_BENT_DEG[int(surface.noisy)])
+    bent_rad = math.radians(_BENT_DEG)
     offset = _offsets(edges, points, normal, np.stack(tangent_basis(normal)), length, bent_rad)
     return edges, length, np.hypot(_PAIR_STD_M, noise), offset
 

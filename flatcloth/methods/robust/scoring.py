@@ -19,30 +19,23 @@ import numpy as np
 from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, Rigid2, RotationAxis
 from flatcloth.flattening.patches import median
+from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
 from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
 from flatcloth.methods.refining import Nodes, Samples, fitted
-from flatcloth.methods.robust.joint_shape import JointShape
+from flatcloth.methods.robust.joint_shape import TWICE_M, JointShape
 
-_COVER_M = 0.010
-"""A position of the plane is covered if a node lies within this distance. Set by hand."""
 _PLACE_STD_M = 0.003
 """Standard deviation of the distance of equal cloth in space, in addition to the views' noise. Set by
 hand."""
-TWICE_M = 0.015
-"""The same cloth at two positions farther apart on the plane than this is present twice. Set by hand."""
 _TEXTURE_SIZE_M = 0.007
 """Texture is the intensity minus its mean over this size. Set by hand."""
 _FINE_PX = 1.5
 """Pixels over which the texture is smoothed, as neighbouring ones are noisy. Set by hand."""
-_COLOR_RANGE = 64.0
-"""Grey levels of a color difference as large as the intensity. Set by hand."""
 _COLOR_STD = 20.0
 """Difference of equal color in two views, grey levels. Set by hand."""
-_TELLING_COLOR = 0.25
-"""Color whose random disagreement is smaller than this has proportionally less weight. Set by hand."""
 _REFINE_RADIUS_M = 0.02
 """Initial scale of the robust refinement, distance in space. Set by hand."""
 _CORRELATED_SAMPLES = 20.0
@@ -72,7 +65,7 @@ def texture_features(surface: Surface) -> TextureFeatures:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), dtype=np.float32)
 
     def mean_share(sigma: float) -> Float32:
-        return np.asarray(np.maximum(mean(inside, sigma), 0.05), dtype=np.float32)
+        return np.asarray(np.maximum(mean(inside, sigma), 1e-6), dtype=np.float32)
 
     known, off = mean_share(_FINE_PX), ~surface.usable
     color = cv2.copyTo(surface.frame.color, surface.usable.astype(np.uint8))  # 0 off the surface
@@ -80,11 +73,9 @@ def texture_features(surface: Surface) -> TextureFeatures:
     red, green, blue = (plane / known for plane in cv2.split(fine))
     gray: Float32 = np.asarray((red + green + blue) / 3.0, dtype=np.float32)
     coarse = mean(gray * inside, sigma_px) / mean_share(sigma_px)
-    brightness = np.maximum(gray, 8.0)
+    brightness = np.maximum(gray, 1.0)
     coarse[off] = brightness[off] = np.nan
-    texture = cv2.merge(
-        [gray - coarse, *(_COLOR_RANGE * tint / brightness - _COLOR_RANGE for tint in (red, blue))]
-    )
+    texture = cv2.merge([gray - coarse, *(0.5 * 255.0 * (tint / brightness - 1.0) for tint in (red, blue))])
     return TextureFeatures(texture=np.asarray(texture, dtype=np.float32))
 
 
@@ -152,7 +143,7 @@ class ReferenceShape:
         cameras = [surfaces[v].frame.intrinsics for v in shape.views]
         self._focal_px = np.array([(k.fy, k.fx) for k in cameras])
         self._center_px = np.array([(k.cy, k.cx) for k in cameras])
-        self._near = NearPoints(self.uv_m, _COVER_M)
+        self._near = NearPoints(self.uv_m, LEAST_INTERVAL_M)
         self._place = np.full(len(shape.nodes), -1, dtype=np.int32)
         self._place[self.number] = np.arange(self.number.size)
 
@@ -301,8 +292,7 @@ def _color_agreement(
         return float((square / (1.0 + square)).mean())
 
     chance = disagreement(seen, own[_shuffled(len(own))])
-    contrast = min(1.0, chance / _TELLING_COLOR)
-    return 0.5 + 0.5 * contrast * (1.0 - 2.0 * min(1.0, disagreement(seen, own) / max(chance, 1e-6)))
+    return 1.0 - min(1.0, disagreement(seen, own) / max(chance, 1e-6))
 
 
 @lru_cache(maxsize=256)
@@ -332,14 +322,10 @@ FEATURES = (
 
 def features_of(parts: Mapping[str, float]) -> tuple[float, ...]:
     """Return the values of ``FEATURES`` for the parts of a score."""
-    overlap = math.log10(max(parts["overlap_cm2"], 0.1))
-    apart = parts["place_median_mm"]
-    apart_cm = (min(apart, _FAR_MM) if math.isfinite(apart) else _FAR_MM) / 10
+    overlap = math.log10(max(parts["overlap_cm2"], 1.0))
+    apart, far = parts["place_median_mm"], 1e3 * _REFINE_RADIUS_M
+    apart_cm = (min(apart, far) if math.isfinite(apart) else far) / 10
     return (1.0, *(parts[name] for name in FEATURES[1:-2]), overlap, apart_cm)
-
-
-_FAR_MM = 30.0
-"""Larger distances in space count as this one. Chosen: all are another place of the cloth."""
 
 
 @dataclass(frozen=True, kw_only=True)

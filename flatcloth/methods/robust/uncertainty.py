@@ -20,6 +20,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
+from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import (
     DIRECTION_WEIGHT,
@@ -39,31 +40,18 @@ _EXTENT_M = 0.04
 """Correlation length of the strain. Set by hand."""
 _GATHERED_EXTENT_M = 0.26
 """At this distance from the held point the strain is doubled; it grows with the cube towards it, ..."""
-_GATHERED_M = 0.07
-"""... down to this distance, within which all cloth is gathered in folds. Set by hand."""
-_NOISE_SHARE = 0.85
-"""Independent error of each pair, in its standard deviations. Set by hand."""
 LEAST_STD_M = 0.002
 """Smallest standard deviation of a node: the reference piece itself is strained. Set by hand."""
 _DRAWS = 48
 """Number of random strain fields for the standard deviations. Set by hand."""
-_WAVES = 32
-"""Number of waves in each random strain field. Set by hand."""
 _OTHER_LAYER_M = 0.012
 """Another layer is nearer or farther by at least this. It is also the standard deviation of what may have the
 depth of another layer: outlines of noisy views next to it, and nodes that hardly any evidence joins. ..."""
-_BESIDE_RIM_PX = 3.5
-"""... An outline is at most this wide, ..."""
-_BESIDE_RADIUS_PX = 5
-"""... and a layer at most so many pixels from it. Set by hand."""
-_WEAK_STD_M = 0.0004
-"""A node that a share e of the usual evidence joins to others is off by this over e, because much of what is
-seen once and steeply, at outlines, has another layer's depth. Set by hand: of the nodes of 27 noisy
-recordings a tenth has a share below 0.18; without this, these were 89 % of those beyond three standard
-deviations."""
-_USUAL_EVIDENCE = 12.0
-"""Evidence of the median node of a noisy recording with all views; without noise it is more, and nothing is
-doubted for it. Set by hand, from what these have."""
+_BESIDE_PX = 4
+"""... An outline is at most this wide, and a layer at most so many pixels from it. Set by hand."""
+_WEAK_STD_M = 0.005
+"""A node joined to others by evidence e is off by this over e, because much of what is seen once and steeply,
+at outlines, has another layer's depth. Set by hand."""
 MOST_STD_M = 0.034
 """A rigid part floats if half of it has a larger standard deviation: its place is undetermined. Set by
 hand."""
@@ -102,7 +90,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     rigid_part = rigid_parts(uv, edges)
     loose = flexible(rigid_part, edges)
     normed = (distance_m[pair] - length_m) / std_m
-    noise = _NOISE_SHARE * float(np.sqrt(np.square(np.minimum(np.abs(normed), 3.0)).mean()))
+    noise = float(np.sqrt(np.square(np.minimum(np.abs(normed), 3.0)).mean()))
     # What several views say of one pair is one term with their mean, and its error.
     each = shape.weight[inside] / np.square(std_m)
     weight: Float64 = np.bincount(pair, each).astype(np.float64)
@@ -112,7 +100,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     off_m = np.sqrt(np.bincount(pair, np.square(error_m)))
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
-    more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _GATHERED_M), 3)
+    more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _EXTENT_M), 3)
     change = _strained(uv, edges, unit, random)
     change *= (more * mean_m)[:, None]
     own = off_m[:, None]
@@ -168,9 +156,7 @@ def _spread_m2(moved: Complex128, uv: Float64, anchor: NDArray[np.int64]) -> Flo
 
 def _weakly_joined_m(shape: JointShape) -> Float64:
     """Return the standard deviation (N,) of each node for the little evidence that joins it to others."""
-    evidence = shape.node_evidence
-    usual = min(float(np.median(evidence[shape.placed])), _USUAL_EVIDENCE)
-    std: Float64 = np.minimum(_WEAK_STD_M * usual / np.maximum(evidence, 1e-9), _OTHER_LAYER_M)
+    std: Float64 = np.minimum(_WEAK_STD_M / np.maximum(shape.node_evidence, 1e-9), _OTHER_LAYER_M)
     return std
 
 
@@ -224,13 +210,14 @@ def with_placement_std(
     """
     nodes = np.flatnonzero(np.isfinite(shape.all_uv_m[:, 0]) & np.isfinite(std_m))
     rows, cols = view.shape
-    along = (np.arange(0, size + _BLOCK_PX, _BLOCK_PX) for size in (rows, cols))
+    block_px = max(1, round(0.5 * LEAST_INTERVAL_M / view.pixel_size_m))  # half the distance of nodes
+    along = (np.arange(0, size + block_px, block_px) for size in (rows, cols))
     coarse = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
     _, nearest = cKDTree(shape.all_uv_m[nodes]).query(view.uv_from_rc(coarse))
     values = std_m[nodes][nearest].astype(np.float32)
-    smooth = cv2.resize(values, None, fx=_BLOCK_PX, fy=_BLOCK_PX, interpolation=cv2.INTER_LINEAR)
+    smooth = cv2.resize(values, None, fx=block_px, fy=block_px, interpolation=cv2.INTER_LINEAR)
     # cv2 aligns the corners of pixels: the value of a coarse pixel is at the centre of its block.
-    shift = _BLOCK_PX // 2
+    shift = block_px // 2
     std = smooth[shift : shift + rows, shift : shift + cols]
     std = np.hypot(std, np.float32(_OTHER_LAYER_M) * _beside_a_layer(view, surfaces))
     return replace(view, placement_std_m=np.where(view.valid, std, np.float32(np.nan)))
@@ -254,20 +241,16 @@ def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface]) -> Boo
 
 def _layer_rims(surface: Surface) -> Bool:
     measured = surface.frame.depth_m
-    kernel = np.ones((2 * _BESIDE_RADIUS_PX + 1,) * 2, dtype=np.uint8)
+    kernel = np.ones((2 * _BESIDE_PX + 1,) * 2, dtype=np.uint8)
     depth = surface.xyz_m[..., 2]
     farthest = cv2.dilate(np.where(surface.inverse_depth > 0, measured, np.float32(0.0)), kernel)
     nearest = cv2.erode(np.where(measured > 0, measured, np.float32(np.inf)), kernel)
-    reach = np.arange(-math.floor(_BESIDE_RIM_PX), math.floor(_BESIDE_RIM_PX) + 1)
-    disc = (np.hypot(*np.meshgrid(reach, reach)) <= _BESIDE_RIM_PX).astype(np.uint8)
+    reach = np.arange(-_BESIDE_PX, _BESIDE_PX + 1)
+    disc = (np.hypot(*np.meshgrid(reach, reach)) <= _BESIDE_PX).astype(np.uint8)
     inside = cv2.erode(surface.usable.astype(np.uint8), disc, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     step_m = np.maximum(farthest - depth, depth - nearest)
     rims: Bool = surface.usable & (inside == 0) & (step_m > _OTHER_LAYER_M)
     return rims
-
-
-_BLOCK_PX = 3
-"""Pixels of the plane between which the uncertainty is interpolated. Chosen for speed."""
 
 
 def _strained(at: Float64, edges: Int32, unit: Float64, random: np.random.Generator) -> Float64:
@@ -292,10 +275,10 @@ def _changed(fields: Float64, edges: Int32, unit: Float64, change: Float64) -> F
 
 def _smooth(at: Float64, count: int, random: np.random.Generator) -> list[Float64]:
     """Draw ``count`` smooth random fields of unit variance at plane positions (M, 2): (M, draws) each."""
-    phase = at @ (random.standard_normal((_WAVES, 2)) / _EXTENT_M).T
+    phase = at @ (random.standard_normal((_DRAWS, 2)) / _EXTENT_M).T
     features = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
-    scale = 1.0 / math.sqrt(_WAVES)
-    return [features @ (scale * random.standard_normal((2 * _WAVES, _DRAWS))) for _ in range(count)]
+    scale = 1.0 / math.sqrt(_DRAWS)
+    return [features @ (scale * random.standard_normal((2 * _DRAWS, _DRAWS))) for _ in range(count)]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from flatcloth.core.types import Rigid2, Uint8
 from flatcloth.engine.diagnostics import Reasons, StrainedEdges, reasons
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.answers import ColumnCurves, ZAngleLine
-from flatcloth.methods.robust.scoring import TWICE_M
+from flatcloth.methods.robust.joint_shape import TWICE_M
 from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import thumbnail
 from flatcloth.viewer import http

@@ -175,12 +175,12 @@ def test_what_little_evidence_joins_is_unsure_in_proportion() -> None:
     uv, edges, plate = plates(neck=6, gap=STEP_M)
     shape = shape_of(uv, edges, plate)
     usual = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
-    shape.node_evidence[:4] = 9.0 / np.array([2.0, 10.0, 100.0, np.inf])
+    shape.node_evidence[:4] = [5.0, 1.0, 0.1, 0.0]
     std = placement_std_m(shape, np.array([0.0, 0.0, 10.0]))
     np.testing.assert_allclose(std[4:], usual[4:])
-    more = np.sqrt(np.square(std[:4]) - np.square(usual[:4]) + 0.0004**2)
-    np.testing.assert_allclose(more, [0.0008, 0.004, 0.012, 0.012], rtol=1e-6)
-    shape.node_evidence[:] *= 100.0  # without noise a tenth of the usual evidence is still much
+    more = np.sqrt(np.square(std[:4]) - np.square(usual[:4]) + (0.005 / 9.0) ** 2)
+    np.testing.assert_allclose(more, [0.001, 0.005, 0.012, 0.012], rtol=1e-6)
+    shape.node_evidence[:] *= 100.0  # without noise little of the usual evidence is still much
     assert placement_std_m(shape, np.array([0.0, 0.0, 10.0]))[0] < usual[0] + 1e-6
 
 

@@ -37,10 +37,10 @@ def rated(shape: JointShape, views: range = range(1, 36)) -> dict[int, Candidate
 
 
 def test_the_overlap_is_the_cloth_that_both_views_see_well(shape: JointShape) -> None:
-    """Both see within 50 degrees of incidence; seen from 0.73 m that is about 44 degrees around the axis."""
+    """Both see within 55 degrees of incidence; seen from 0.73 m that is about 48 degrees around the axis."""
     found = rated(shape)
     for view, turn_deg in ((2, 20.0), (5, 50.0)):
-        common = np.radians(2 * 44.0 + 2 * 8.0 - turn_deg) * RADIUS_M * HEIGHT_M
+        common = np.radians(2 * 48.0 + 2 * 8.0 - turn_deg) * RADIUS_M * HEIGHT_M
         assert found[view].overlap_m2 == pytest.approx(common, rel=0.2)
     assert found[18].overlap_m2 == 0.0
 
@@ -67,7 +67,7 @@ def test_beyond_a_rim_that_two_views_saw_end_less_is_expected(shape: JointShape)
         narrow, observations=narrow.observations * 2, held_from_camera=narrow.held_from_camera * 2
     )
     before, after = rated(narrow, range(4, 5))[4], rated(again, range(4, 5))[4]
-    assert after.beyond_m2 == pytest.approx(0.4 * before.beyond_m2, rel=0.05)
+    assert after.beyond_m2 == pytest.approx(0.5 * before.beyond_m2, rel=0.05)
 
 
 def test_unseen_cloth_is_allowed_for_with_the_gap_to_the_nearest_view(shape: JointShape) -> None:
@@ -96,6 +96,6 @@ def test_a_view_of_the_gap_to_a_floating_piece_may_join_it(shape: JointShape) ->
     share = upper[shape.piece == 0].mean()
     cloth_m2 = np.radians(2 * 72.0) * RADIUS_M * HEIGHT_M
     assert found[3].joining_m2 == pytest.approx(0.5 * share * cloth_m2, rel=0.25)
-    assert found[1].joining_m2 == pytest.approx(found[3].joining_m2 / 3.0, rel=0.05)  # as little of it is new
+    assert found[1].joining_m2 == pytest.approx(found[3].joining_m2 / 3.0, rel=0.15)  # as little of it is new
     assert found[18].joining_m2 == 0.0  # from behind nothing of the gap is seen
     assert found[3].new_m2 > whole[3].new_m2

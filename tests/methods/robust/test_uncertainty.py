@@ -34,7 +34,7 @@ def rims_beside(layer_m: float) -> tuple[Bool, Bool]:
 def test_the_rim_is_the_outline_beside_the_layer_as_wide_as_depths_are_mixed(layer_m: float) -> None:
     rims, usable = rims_beside(layer_m)
     first = int(np.flatnonzero(usable[100])[0])
-    np.testing.assert_array_equal(np.flatnonzero(rims[100]), first + np.arange(3))
+    np.testing.assert_array_equal(np.flatnonzero(rims[100]), first + np.arange(4))
     assert not rims[~usable].any()
     assert not rims[:, first + 6 :].any()  # other outlines, beside which nothing lies
 
@@ -51,7 +51,7 @@ def test_the_rim_around_a_single_pixel_of_another_layer_is_round() -> None:
     )
     row, col = np.indices(usable.shape)
     around = np.hypot(row - 60, col - 80)
-    np.testing.assert_array_equal(rims, (around <= 3.5) & (around > 0))
+    np.testing.assert_array_equal(rims, (around <= 4.0) & (around > 0))
 
 
 def test_a_layer_that_is_hardly_nearer_or_farther_makes_no_rim() -> None:
