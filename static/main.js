@@ -32,9 +32,9 @@ import { Verdicts } from "/static/review/verdicts.js";
 import { answerDrops } from "/static/start/drop.js";
 import { Teaching } from "/static/teaching/teaching.js";
 
-/** @type {string | null} */
-let askedLayer = null; // in live mode: what the next frame was asked for with
+let askedLayer = /** @type {string | null} */ (null); // in live mode: what the next frame was asked for with
 
+/** @type {Page} */
 const page = new Page({ send, notify, run, show });
 const canvas = (page.canvas = new FlatCanvas({
   // In live mode the frame that was clicked is the one that is meant, not the one that is on its way.
@@ -77,14 +77,14 @@ const teaching = new Teaching({
 const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
-  message(/** @type {ServerMessage} */ message) {
+  message(message) {
     if (message.type === "switched") return location.replace("/");
     if (message.type === "state") show(message);
     else if (message.type === "note") takeNote(message);
     page.take(message);
   },
-  frame: (/** @type {ArrayBuffer} */ buffer) => liveBar.take(buffer, askFrame),
-  opened(/** @type {boolean} */ again) {
+  frame: (buffer) => liveBar.take(buffer, askFrame),
+  opened(again) {
     byId("banner").hidden = true;
     askedLayer = null;
     if (!again) return;
@@ -92,7 +92,7 @@ const connection = new Connection({
     page.each("reconnected");
     loadScene(true);
   },
-  lost(/** @type {number} */ seconds) {
+  lost(seconds) {
     byId("banner").hidden = false;
     const again = `Trying again in ${number(seconds, 1)} s.`;
     setText(
@@ -103,7 +103,7 @@ const connection = new Connection({
   },
 });
 
-/** @param {import("/static/page/messages").ClientMessage} message */
+/** @type {Send} */
 function send(message) {
   const sent = connection.send(message);
   if (!sent && !["hover", "measure"].includes(message.type))
@@ -172,7 +172,8 @@ function showLayer(/** @type {State} */ state) {
 
 // --- do ----------------------------------------------------------------------------------------
 
-function decide(/** @type {any} */ action, more = {}) {
+function decide(/** @type {string} */ name, more = {}) {
+  const action = /** @type {import("/static/page/messages").Do["action"]} */ (name);
   nudges.flush();
   const { pending } = page.state;
   // The view that this user sees is the view that is meant, whatever has changed meanwhile.

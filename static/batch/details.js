@@ -12,18 +12,18 @@ const STAGES = {
 
 function stagesOf(/** @type {Row} */ row) {
   const known = Object.entries(STAGES)
-    .map(([name, color]) => ({ name, color, seconds: row[`seconds_${name}`] }))
-    .filter(({ seconds }) => typeof seconds === "number" && row.seconds);
+    .map(([name, color]) => ({ name, color, seconds: Number(row[`seconds_${name}`] ?? NaN) }))
+    .filter(({ seconds }) => !Number.isNaN(seconds) && row.seconds);
   const words = known.map(({ name, seconds }) => `${name} ${seconds.toFixed(1)} s`).join(", ");
   const parts = known.map(({ color, seconds }) =>
-    make("i", { style: { width: `${(100 * seconds) / row.seconds}%`, background: color } }),
+    make("i", { style: { width: `${(100 * seconds) / Number(row.seconds)}%`, background: color } }),
   );
   return make("div.stages", { role: "img", label: `Time by stage: ${words}`, title: words }, parts);
 }
 
 /**
  * Show a row of the table with all columns, or none.
- * @param {Element} place @param {Row} row @param {Column[]} columns
+ * @param {Element} place @param {Row | null} row @param {Column[]} columns
  */
 export function showDetails(place, row, columns) {
   if (!row) return place.replaceChildren("Choose a result.");

@@ -23,8 +23,7 @@ function rangeOf(/** @type {number[]} */ values) {
 
 /** @param {Element} place @param {Column[]} columns @param {Row[]} rows @param {() => void} onChange */
 export function makeHistograms(place, columns, rows, onChange) {
-  /** @type {Histogram[]} */
-  const made = [];
+  const made = /** @type {Histogram[]} */ ([]);
   for (const column of columns) {
     const values = rows.map((row) => row[column.name]).filter((value) => typeof value === "number");
     if (values.length < 2) continue;
@@ -47,7 +46,7 @@ export function makeHistograms(place, columns, rows, onChange) {
     };
     function draw(/** @type {Row[]} */ shown) {
       const counts = new Array(BINS).fill(0);
-      for (const row of shown) if (typeof row[column.name] === "number") counts[binOf(row[column.name])] += 1;
+      for (const { [column.name]: value } of shown) if (typeof value === "number") counts[binOf(value)] += 1;
       const most = Math.max(1, ...counts);
       bars.forEach(({ button, from, to }, n) => {
         /** @type {HTMLElement} */ (button.firstChild).style.height = counts[n]

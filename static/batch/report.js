@@ -3,21 +3,23 @@
 import { showDetails } from "/static/batch/details.js";
 import { makeHistograms } from "/static/batch/histograms.js";
 import { makeTable } from "/static/batch/table.js";
-import { byId, make, setText } from "/static/page/dom.js";
+import { post } from "/static/page/connection.js";
+import { byId, make, optionsOf, setText } from "/static/page/dom.js";
 
 /**
  * @type {{
- *   served: boolean; serve: string; rows: Row[]; columns: any[]; title: string; counts: string; notes: string
+ *   served: boolean; serve: string; rows: Row[]; title: string; counts: string; notes: string;
+ *   columns: { name: string; kind: string; meaning: string }[]
  * }}
  */
 const data = JSON.parse(byId("data").textContent ?? "");
 const served = data.served && location.protocol.startsWith("http");
 const rows = data.rows;
 
-const number = (/** @type {number} */ digits) => (/** @type {any} */ value) =>
+const number = (/** @type {number} */ digits) => (/** @type {Cell} */ value) =>
   typeof value === "number" ? value.toFixed(digits) : "";
-const percent = (/** @type {any} */ value) => (typeof value === "number" ? `${(100 * value).toFixed(0)} %` : "");
-/** @type {Record<string, (value: any) => string>} */
+const percent = (/** @type {Cell} */ value) => (typeof value === "number" ? `${(100 * value).toFixed(0)} %` : "");
+/** @type {Record<string, (value: Cell) => string>} */
 const FORMATS = {
   area_cm2: number(0),
   coverage_estimate: percent,
@@ -49,7 +51,7 @@ const TITLES = {
   seconds: "s",
   peak_memory_mb: "peak MB",
 };
-const text = (/** @type {any} */ value) => (value === null || value === undefined ? "" : String(value));
+const text = (/** @type {Cell} */ value) => (value === null || value === undefined ? "" : String(value));
 
 /** @type {Column[]} */
 const every = data.columns.map(({ name, kind, meaning }) => ({
@@ -153,7 +155,7 @@ const histograms = makeHistograms(
 );
 
 const fill = (/** @type {HTMLElement} */ select, /** @type {string[][]} */ values) =>
-  select.append(...[["", "all"], ...values].map(([value, words]) => make("option", { value }, words)));
+  select.append(...optionsOf([["", "all"], ...values], ""));
 
 const counted = (/** @type {string} */ name) => {
   const count = new Map();
@@ -181,6 +183,7 @@ function matches(/** @type {Row} */ row) {
 for (const row of rows)
   row.sought = [row.name, row.source, row.reason, row.garment, row.notes].map(text).join("\n").toLowerCase();
 
+const NO_CONNECTION = "There is no connection to flatcloth.";
 const collator = new Intl.Collator(undefined, { numeric: true });
 
 /** Missing values come first: a failure is least reliable. */
@@ -188,7 +191,7 @@ function compare(/** @type {Row} */ a, /** @type {Row} */ b) {
   const [x, y] = [a[sort.name] ?? null, b[sort.name] ?? null];
   let order = 0;
   if (x === null || y === null) order = Number(x !== null) - Number(y !== null);
-  else order = typeof x === "number" ? x - y : collator.compare(x, y);
+  else order = typeof x === "number" ? x - Number(y) : collator.compare(String(x), String(y));
   return (sort.descending ? -order : order) || a.place - b.place;
 }
 
@@ -235,7 +238,7 @@ async function decide(/** @type {string | null} */ review) {
   if (!row) return;
   if (!served) return showCommand(row);
   const answer = await post("verdict", { name: row.name, verdict: review });
-  if (!answer.ok) return say(await answer.text());
+  if (!answer?.ok) return say((await answer?.text()) ?? NO_CONNECTION);
   row.review = review;
   told();
   refresh();
@@ -250,18 +253,15 @@ async function openSession() {
   const tab = window.open("", "_blank");
   say(`Opening ${row.name} \u2026`);
   const answer = await post("open", { name: row.name });
-  if (answer.ok) {
+  if (answer?.ok) {
     const { url } = await answer.json();
     (tab ?? window).location.href = url;
     told();
   } else {
     tab?.close();
-    say(await answer.text());
+    say((await answer?.text()) ?? NO_CONNECTION);
   }
 }
-
-const post = (/** @type {string} */ address, /** @type {object} */ message) =>
-  fetch(address, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(message) });
 
 const say = (/** @type {string} */ words) => setText(byId("progress"), words);
 
@@ -271,7 +271,7 @@ function showCommand(/** @type {Row} */ row) {
   byId("command").showModal();
 }
 
-byId("copy").addEventListener("click", () => navigator.clipboard?.writeText(byId("command-text").textContent));
+byId("copy").addEventListener("click", () => navigator.clipboard?.writeText(byId("command-text").textContent ?? ""));
 
 function clearFilters() {
   for (const filter of Object.values(filters)) filter.value = "";

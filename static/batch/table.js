@@ -1,6 +1,6 @@
 // The table of results: only the rows in sight are in the document, so that thousands scroll fast.
 
-import { make, targetOf } from "/static/page/dom.js";
+import { find, isPlain, make, targetOf, within } from "/static/page/dom.js";
 
 const ROW_PX = 57;
 const SPARE = 6;
@@ -22,10 +22,8 @@ const STEPS = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10, Home: -Inf
  * @param {(name: string) => void} parts.onSort
  */
 export function makeTable({ scroller, head, body, columns, onChoose, onSort }) {
-  /** @type {Row[]} */
-  let rows = [];
-  /** @type {Row | null} */
-  let chosen = null;
+  let rows = /** @type {Row[]} */ ([]);
+  let chosen = /** @type {Row | null} */ (null);
   let drawn = "";
   const titles = new Map();
 
@@ -98,17 +96,17 @@ export function makeTable({ scroller, head, body, columns, onChoose, onSort }) {
   });
   scroller.addEventListener("keydown", (event) => {
     const step = STEPS[event.key];
-    if (step === undefined || event.ctrlKey || event.metaKey || event.altKey || !rows.length) return;
+    if (step === undefined || !isPlain(event) || !rows.length) return;
     event.preventDefault();
     const at = chosen ? rows.indexOf(chosen) : -1;
-    const next = at < 0 ? 0 : Math.min(rows.length - 1, Math.max(0, at + step));
+    const next = at < 0 ? 0 : within(at + step, 0, rows.length - 1);
     onChoose(rows[next], false, event);
   });
 
   return {
     show(/** @type {Row[]} */ newRows, /** @type {Sort} */ sort) {
       rows = newRows;
-      scroller.parentElement.querySelector("table").setAttribute("aria-rowcount", String(rows.length + 1));
+      find("table", scroller).setAttribute("aria-rowcount", String(rows.length + 1));
       for (const [name, th] of titles) {
         if (sort.name === name) th.setAttribute("aria-sort", sort.descending ? "descending" : "ascending");
         else th.removeAttribute("aria-sort");

@@ -3,9 +3,10 @@
 export {};
 
 declare global {
+  type Cell = string | number | boolean | null | undefined;
   /** A result: the columns of the table by name, and what the page adds. */
   type Row = {
-    [column: string]: any; // as the columns of the table are
+    [column: string]: Cell;
     name: string;
     place: number;
     outcome: string;
@@ -21,7 +22,7 @@ declare global {
     number?: boolean;
     sortable?: boolean;
     width?: number;
-    format?: (value: any) => string;
+    format?: (value: Cell) => string;
     show: (row: Row) => string;
     node?: (row: Row) => Child;
   };

@@ -1,7 +1,7 @@
 // The flattened view: what is drawn where; pan, zoom, turn, pick and drag of the proposal.
 
 import { drawMark, drawPick, drawScale } from "/static/canvas/marks.js";
-import { byId, contextOf } from "/static/page/dom.js";
+import { byId, contextOf, onWheel, sized } from "/static/page/dom.js";
 import { addTo, contains, cornersOf, grown, Transform, union } from "/static/canvas/geometry.js";
 import { Picture } from "/static/canvas/picture.js";
 import { Pyramid } from "/static/canvas/pyramid.js";
@@ -12,13 +12,23 @@ const SLACK_M = 0.05;
 const LEGEND_GAP_PX = 12;
 const LEAST_FREE_SHARE = 0.5; // a legend that leaves less of the pane lies over the cloth
 
-/** @type {{ paint: (canvas: any) => void, holds: (x: number, y: number) => boolean }} */
+/** @type {Scenery} */
 const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false };
 
-/** @type {{ paintShape: (canvas: any) => void }} */
-const ONE_LAYER = { paintShape: (canvas) => canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image) };
+/** @type {ShapeLayers} */
+const ONE_LAYER = {
+  paintShape: (canvas) => canvas.layer.shown && canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image),
+};
 
 /**
+ * @typedef {{ paint: (canvas: FlatCanvas) => void; holds: (x: number, y: number) => boolean }} Scenery
+ * @typedef {{ paintShape: (canvas: FlatCanvas) => void }} ShapeLayers
+ *
+ * @typedef {{
+ *   kind: "tool" | "turn" | "drag" | "pan"; tool?: Tool; button: number; x: number; y: number; lastX: number;
+ *   lastY: number; moved: boolean; by: By
+ * }} Gesture
+ *
  * @typedef {object} CanvasHandlers
  * @property {(u: number, v: number) => void} pick a click on the cloth
  * @property {(u: number | null, v: number) => void} hover the pointer is at a place, or (null) has left the canvas
@@ -43,18 +53,15 @@ export class FlatCanvas {
     this.layer = new Picture(() => this.layerReady());
     this.overlay = new Picture((anew) => this.overlayReady(anew));
     this.fitted = true; // until the operator pans or zooms
-    this.boxes = new Map(); // of live mode: where each view lay when it was shown last
-    this.extent = null; // what all of them need together
-    /** @type {{ id: number; uv_m: UV }[]} */
-    this.marks = [];
-    this.pick = null;
+    this.boxes = /** @type {Map<number, Box>} */ (new Map()); // of live mode: where each view lay last
+    this.extent = /** @type {Box | null} */ (null); // what all of them need together
+    this.marks = /** @type {{ id: number | null; uv_m: UV }[]} */ ([]);
+    this.pick = /** @type {{ uv_m: UV; grip?: CurrentPick["grip"] } | null} */ (null);
+    this.gesture = /** @type {Gesture | null} */ (null);
     this.scenery = SHAPE_ALONE;
-    /** @type {any} how the shape's layers are looked at; a page without a list of layers has one */
-    this.layers = ONE_LAYER;
-    /** @type {Tool[]} */
-    this.tools = [];
-    /** @type {Drawer[]} */
-    this.drawers = [];
+    this.layers = ONE_LAYER; // how they are looked at; a page without a list of layers has one
+    this.tools = /** @type {Tool[]} */ ([]);
+    this.drawers = /** @type {Drawer[]} */ ([]);
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
     this.center = [0, 0];
     this.dirty = false;
@@ -107,7 +114,7 @@ export class FlatCanvas {
   }
 
   /** Live mode: the picks that lie on the frame; none while frames pass by faster than they are told. */
-  showMarks(/** @type {ListedPick[]} */ picks) {
+  showMarks(/** @type {{ id: number | null; uv_m: UV | null }[]} */ picks) {
     this.marks = picks.flatMap(({ id, uv_m }) => (uv_m ? [{ id, uv_m }] : []));
     this.redraw();
   }
@@ -133,11 +140,8 @@ export class FlatCanvas {
 
   resize() {
     const stage = byId("stage");
-    const ratio = devicePixelRatio;
     this.width = stage.clientWidth;
     this.height = stage.clientHeight;
-    this.canvas.width = Math.max(1, Math.round(this.width * ratio));
-    this.canvas.height = Math.max(1, Math.round(this.height * ratio));
     if (this.fitted) this.fit();
     this.draw(); // at once: a new size has cleared the canvas
   }
@@ -215,10 +219,7 @@ export class FlatCanvas {
   }
 
   draw() {
-    const context = this.context;
-    const ratio = devicePixelRatio;
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    context.clearRect(0, 0, this.width, this.height);
+    const context = sized(this.canvas, this.width, this.height);
     const style = getComputedStyle(this.canvas);
     this.scenery.paint(this);
     for (const draw of this.drawers) draw(this, context, style);
@@ -283,18 +284,13 @@ export class FlatCanvas {
     canvas.addEventListener("pointercancel", () => (this.gesture = null));
     canvas.addEventListener("pointerleave", () => this.handlers.hover(null, 0));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener(
-      "wheel",
-      (event) => {
-        event.preventDefault();
-        const { x, y } = this.inPane(event);
-        const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
-        this.fitted = false;
-        this.transform.zoom(Math.exp(-event.deltaY * lines * (event.ctrlKey ? 0.01 : 0.0016)), x, y);
-        this.redraw();
-      },
-      { passive: false },
-    );
+    onWheel(canvas, (factor, event) => {
+      event.preventDefault();
+      const { x, y } = this.inPane(event);
+      this.fitted = false;
+      this.transform.zoom(factor, x, y);
+      this.redraw();
+    });
   }
 
   inPane(/** @type {MouseEvent} */ event) {
@@ -316,25 +312,19 @@ export class FlatCanvas {
     const { x, y } = this.inPane(event);
     // The pointer of the keys has nothing to capture.
     if (event.isTrusted) this.canvas.setPointerCapture(event.pointerId);
-    const tool = event.button === 0 ? this.tools.find((t) => t.press(this.at(x, y, event))) : null;
-    const kind = tool
-      ? "tool"
-      : event.button === 0 && this.overProposal(x, y)
-        ? event.shiftKey
-          ? "turn"
-          : "drag"
-        : "pan";
-    this.gesture = {
-      kind,
+    const main = event.button === 0;
+    const tool = main ? this.tools.find((t) => t.press(this.at(x, y, event))) : undefined;
+    const held = main && !tool && this.overProposal(x, y);
+    /** @type {Gesture} */
+    const gesture = {
+      kind: tool ? "tool" : !held ? "pan" : event.shiftKey ? "turn" : "drag",
       tool,
       button: event.button,
-      x,
-      y,
-      lastX: x,
-      lastY: y,
+      ...{ x, y, lastX: x, lastY: y },
       moved: false,
       by: { theta: 0, u: 0, v: 0 },
     };
+    this.gesture = gesture;
   }
 
   move(/** @type {PointerEvent} */ event) {

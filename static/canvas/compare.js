@@ -1,32 +1,22 @@
 // A, the shape, and B, the proposal on it: both, each alone, wiped, blinking, or their difference.
 
-import { byId, make, rebuild, setText, swatch } from "/static/page/dom.js";
-import { degrees, hex, number, vector } from "/static/page/format.js";
+import { byId, make, rebuild, setText, swatch, taken, within } from "/static/page/dom.js";
+import { degrees, hex, mm, number, vector } from "/static/page/format.js";
 import { Picture } from "/static/canvas/picture.js";
 
 const BLINK_MS = 450;
 const WIPE_STEP = 0.02;
 const PALE = 0.25;
 
-/** The actions, in the order of their buttons, and the mode that each means. */
-/** @type {Record<string, string>} */
-const MODES = {
-  overlay: "both",
-  compare_shape: "shape",
-  compare_proposal: "proposal",
-  compare_wipe: "wipe",
-  blink: "blink",
-  compare_difference: "difference",
-};
-/** @type {Record<string, string>} */
-const LABELS = {
-  overlay: "Both",
-  compare_shape: "A",
-  compare_proposal: "B",
-  compare_wipe: "Wipe",
-  blink: "Blink",
-  compare_difference: "Differ",
-};
+/** Actions in the order of their buttons, the mode that each means, its label. @type {[string, string, string][]} */
+const MODES = [
+  ["overlay", "both", "Both"],
+  ["compare_shape", "shape", "A"],
+  ["compare_proposal", "proposal", "B"],
+  ["compare_wipe", "wipe", "Wipe"],
+  ["blink", "blink", "Blink"],
+  ["compare_difference", "difference", "Differ"],
+];
 const KINDS = { color: "Color", height: "Height", position: "3D" };
 
 /** Paints the flattened view. */
@@ -38,13 +28,14 @@ export class Comparison {
     this.page = page;
     this.canvas = canvas;
     /** @type {NonNullable<Panel["actions"]>} */
-    this.actions = Object.fromEntries(Object.keys(MODES).map((name) => [name, () => this.choose(name)]));
+    this.actions = Object.fromEntries(MODES.map(([name, mode]) => [name, () => this.choose(mode)]));
     this.mode = "both";
     this.kind = "color";
     this.opacity = 0.7;
     this.share = 0.5; // of the pane's width, where the wipe stands
     this.showsProposal = true;
-    this.legends = null;
+    this.legends = /** @type {Record<string, Legend> | null} */ (null);
+    this.timer = 0; // of blinking
     this.heat = new Picture(() => canvas.redraw());
     this.handle = make(
       "div.wipe",
@@ -72,9 +63,8 @@ export class Comparison {
     return this.canvas.overlay.shown;
   }
 
-  /** Choose a mode by its action; the same again goes back to both, or on to the next difference. */
-  choose(/** @type {string} */ action) {
-    const mode = MODES[action];
+  /** Choose a mode; the same again goes back to both, or on to the next difference. */
+  choose(/** @type {string} */ mode) {
     if (mode === "difference" && this.mode === mode) return this.setKind(next(Object.keys(KINDS), this.kind));
     this.setMode(mode !== this.mode ? mode : mode === "both" ? "shape" : "both");
   }
@@ -98,7 +88,7 @@ export class Comparison {
   }
 
   get pressed() {
-    return Object.fromEntries(Object.entries(MODES).map(([name, mode]) => [name, mode === this.mode]));
+    return Object.fromEntries(MODES.map(([name, mode]) => [name, mode === this.mode]));
   }
 
   setKind(/** @type {string} */ kind) {
@@ -208,7 +198,7 @@ export class Comparison {
   }
 
   setShare(/** @type {number} */ share) {
-    this.share = Math.min(1, Math.max(0, share));
+    this.share = within(share, 0, 1);
     this.placeHandle();
     this.canvas.redraw();
   }
@@ -228,8 +218,7 @@ export class Comparison {
   key(/** @type {KeyboardEvent} */ event) {
     const step = { ArrowLeft: -WIPE_STEP, ArrowRight: WIPE_STEP }[event.key];
     if (!step) return;
-    event.preventDefault();
-    event.stopPropagation(); // here the arrows move the wipe, not the proposal
+    taken(event); // here the arrows move the wipe, not the proposal
     this.setShare(this.share + step * (event.shiftKey ? 5 : 1));
   }
 
@@ -237,7 +226,7 @@ export class Comparison {
 
   /** The buttons of all modes; `button(name, title)` makes one of an action. */
   buttons(/** @type {(name: string, title: string) => HTMLElement} */ button) {
-    return make("div.modes.segmented-grid", ...Object.keys(MODES).map((name) => button(name, LABELS[name])));
+    return make("div.modes.segmented-grid", ...MODES.map(([name, , label]) => button(name, label)));
   }
 
   /** The choice of the difference, where it is looked at. */
@@ -288,7 +277,7 @@ function showBoth(/** @type {HoverAnswer | null} */ answer) {
       number(colorApart(a, b)),
       number(change("height_mm")),
       degrees(turn === null ? null : ((turn + 540) % 360) - 180),
-      `${number(Math.hypot(...a.xyz_mm.map((x, i) => b.xyz_mm[i] - x)))} mm apart`,
+      `${mm(Math.hypot(...a.xyz_mm.map((x, i) => b.xyz_mm[i] - x)))} apart`,
     ],
   ];
   rebuild(box, [rows.map((r) => r.map(String)), a.rgb, b.rgb], () => [
@@ -305,6 +294,4 @@ function showBoth(/** @type {HoverAnswer | null} */ answer) {
 /** Mean absolute difference of red, green and blue. @param {PixelValues} a @param {PixelValues} b */
 const colorApart = (a, b) => a.rgb.reduce((sum, x, i) => sum + Math.abs(b.rgb[i] - x), 0) / 3;
 
-function coloured(/** @type {{ rgb: RGB }} */ { rgb }) {
-  return make("span.swatched", swatch(hex(rgb)), rgb.join(" "));
-}
+const coloured = (/** @type {PixelValues} */ { rgb }) => make("span.swatched", swatch(hex(rgb)), rgb.join(" "));

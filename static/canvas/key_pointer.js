@@ -1,20 +1,19 @@
 // A pointer for use without a mouse: arrow keys move it over the flattened view, Enter clicks, Space presses
 // and lets go.
 
-import { byId, make } from "/static/page/dom.js";
+import { byId, isPlain, make, WAYS, within } from "/static/page/dom.js";
 
 const STEP_PX = 4;
 const FAST = 10;
-/** @type {Record<string, UV>} */
-const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 /** Its actions reach the canvas as pointer events. It needs no button, because a button would need a pointer. */
 export class KeyPointer {
   constructor() {
     this.on = false;
     this.held = false;
-    this.place = null; // {x, y} in the pane
     this.canvas = byId("canvas");
+    this.place = { x: 0, y: 0 }; // in the pane; at first in its middle
+    this.placed = false;
     this.mark = make("div.key-pointer", { hidden: true });
     byId("stage").append(this.mark);
     // Before the table of keys: while it is there, these keys are the pointer's.
@@ -27,7 +26,8 @@ export class KeyPointer {
     if (this.held) this.press(false);
     this.on = !this.on;
     if (this.on) {
-      this.place ??= { x: this.canvas.clientWidth / 2, y: this.canvas.clientHeight / 2 };
+      if (!this.placed) this.place = { x: this.canvas.clientWidth / 2, y: this.canvas.clientHeight / 2 };
+      this.placed = true;
       this.canvas.focus();
       this.move(0, 0);
     } else {
@@ -37,7 +37,7 @@ export class KeyPointer {
   }
 
   key(/** @type {KeyboardEvent} */ event) {
-    if (!this.on || event.ctrlKey || event.altKey || event.metaKey || document.querySelector("dialog[open]")) return;
+    if (!this.on || !isPlain(event) || document.querySelector("dialog[open]")) return;
     if (event.target !== this.canvas && event.target !== document.body) return;
     const once = {
       Enter: () => this.click(event.shiftKey),
@@ -54,11 +54,10 @@ export class KeyPointer {
   }
 
   move(/** @type {number} */ dx, /** @type {number} */ dy) {
-    /** @param {number} value @param {number} size */
-    const within = (value, size) => Math.min(Math.max(value, 0), size - 1);
+    const { clientWidth, clientHeight } = this.canvas;
     this.place = {
-      x: within(this.place.x + dx, this.canvas.clientWidth),
-      y: within(this.place.y + dy, this.canvas.clientHeight),
+      x: within(this.place.x + dx, 0, clientWidth - 1),
+      y: within(this.place.y + dy, 0, clientHeight - 1),
     };
     this.send("pointermove");
     this.show();

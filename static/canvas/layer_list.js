@@ -1,7 +1,7 @@
 // The layers as a list: which are shown, how opaque, how they mix, and their colour bars. The chosen layer lies at the
 // bottom and colours the 3D scene as well; others that are shown lie over it, in the order of the list.
 
-import { make } from "/static/page/dom.js";
+import { choice, make, slider, tickBox } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 import { Picture } from "/static/canvas/picture.js";
 
@@ -25,12 +25,14 @@ const BLENDINGS = {
   "soft-light": "Soft light",
 };
 
+const ONE_ALONE = "A frame of live mode has one layer; choose it by its name";
+
 export class LayerList {
   /** `looking` keeps how each layer is looked at. */
   constructor(/** @type {Page} */ page, /** @type {Looking} */ looking) {
     this.page = page;
     this.looking = looking;
-    this.pictures = new Map(); // of the layers that lie over the chosen one
+    this.pictures = /** @type {Map<string, Picture>} */ (new Map()); // of the layers that lie over the chosen one
     this.told = ""; // what the 3D scene was last told
   }
 
@@ -47,11 +49,13 @@ export class LayerList {
       picture.clear();
       this.pictures.delete(name);
     }
+    const { layers } = state;
+    if (!layers) return;
     for (const name of above) {
-      if (!this.pictures.has(name)) this.pictures.set(name, new Picture(() => this.page.canvas.redraw()));
-      const { revision } = /** @type {NonNullable<State["layers"]>} */ (state.layers);
-      const address = `/layers/${revision}/${name}.png?${this.looking.query(name)}`;
-      this.pictures.get(name).show(address, revision, state.layers, false);
+      const picture = this.pictures.get(name) ?? new Picture(() => this.page.canvas.redraw());
+      this.pictures.set(name, picture);
+      const address = `/layers/${layers.revision}/${name}.png?${this.looking.query(name)}`;
+      picture.show(address, layers.revision, layers, false);
     }
   }
 
@@ -99,60 +103,39 @@ export class LayerList {
     const title = LAYER_TITLES[name];
     const visible = chosen || (shown && !live);
     const set = (/** @type {Partial<LayerLook>} */ change) => this.looking.set(name, change);
+    const why = chosen ? "The chosen layer is always shown" : live ? ONE_ALONE : null;
+    const choose = {
+      pressed: chosen,
+      key: `layer-row-${name}`,
+      tip: live ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
+      click: () => this.page.run(`layer_${name}`),
+    };
     return make(
       "li",
       { class: chosen ? "chosen" : "" },
-      make("input", {
-        type: "checkbox",
+      tickBox(visible, (on) => set({ shown: on }), {
         label: `${title}: show it over the others`,
-        checked: visible,
-        disabled: chosen || live,
+        disabled: why !== null,
         key: `layer-shown-${name}`,
-        tip: chosen
-          ? "The chosen layer is always shown"
-          : live
-            ? "A frame of live mode has one layer; choose it by its name"
-            : "Show it over the others",
-        change: (event) => set({ shown: event.target.checked }),
+        tip: why ?? "Show it over the others",
       }),
-      make(
-        "button",
-        {
-          pressed: chosen,
-          key: `layer-row-${name}`,
-          tip: live ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
-          click: () => this.page.run(`layer_${name}`),
-        },
-        title,
-      ),
+      make("button", choose, title),
       this.bar(name, legend, visible, live),
       visible && [
-        make("input", {
-          type: "range",
-          min: 0,
-          max: 1,
-          step: 0.05,
-          value: opacity,
+        slider([0, 1, 0.05], opacity, {
           label: `${title}: opacity`,
           key: `layer-opacity-${name}`,
           tip: "Opacity",
           input: (event) => this.looking.setQuietly(name, { opacity: event.target.valueAsNumber }),
           change: (event) => set({ opacity: event.target.valueAsNumber }),
         }),
-        chosen
-          ? null
-          : make(
-              "select",
-              {
-                label: `${title}: blending`,
-                key: `layer-blending-${name}`,
-                tip: "How it mixes with what lies below it",
-                change: (event) => set({ blending: /** @type {any} */ (event.target.value) }),
-              },
-              ...Object.entries(BLENDINGS).map(([value, words]) =>
-                make("option", { value, selected: value === blending }, words),
-              ),
-            ),
+        !chosen &&
+          choice(Object.entries(BLENDINGS), blending, {
+            label: `${title}: blending`,
+            key: `layer-blending-${name}`,
+            tip: "How it mixes with what lies below it",
+            change: ({ target }) => set({ blending: /** @type {LayerLook["blending"]} */ (target.value) }),
+          }),
       ],
     );
   }

@@ -1,17 +1,16 @@
 // Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as
 // they are.
 
-import { ask } from "/static/page/connection.js";
+import { askJson } from "/static/page/connection.js";
 import { LayerList } from "/static/canvas/layer_list.js";
 import { drawLabel, strokeLine } from "/static/canvas/marks.js";
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { button, byId, choice, find, make, rebuild, setText, slider, smallButton } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
 const STEP_DEG = 15;
 const GRID_GAP_PX = 44;
 const GRID_MM = [10, 20, 50, 100, 200, 500, 1000];
-/** @type {("low" | "high")[]} */
-const ENDS = ["low", "high"];
+const ENDS = /** @type {("low" | "high")[]} */ (["low", "high"]);
 /** @type {Record<string, string>} */
 const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler" };
 /** @type {LayerLook} */
@@ -35,28 +34,25 @@ export class Looking {
         page.changed();
       },
     };
-    /** @type {Map<string, LayerLook>} by layer or difference */
-    this.settings = new Map();
-    /** @type {Record<string, { title: string; colors: string[] }>} */
-    this.maps = {};
+    this.settings = /** @type {Map<string, LayerLook>} */ (new Map()); // by layer or difference
+    this.maps = /** @type {Record<string, { title: string; colors: string[] }>} */ ({});
     this.open = false;
     this.grid = false;
     this.list = new LayerList(page, this);
     this.canvas.layers = this;
     this.canvas.drawers.push((_, context, style) => this.grid && this.drawGrid(context, style));
-    this.chip = make("button.button.small.turned", {
+    this.chip = smallButton("", () => this.turn(0, false), {
+      class: "turned",
       hidden: true,
       label: "Undo turn and flip",
       tip: "The flattened view is turned or flipped for looking only; the data are not.\nClick: as it is",
-      click: () => this.turn(0, false),
     });
     byId("stage").append(this.chip);
     this.loadMaps();
   }
 
   async loadMaps() {
-    const answer = await ask("/colormaps.json");
-    if (answer?.ok) this.maps = await answer.json();
+    this.maps = (await askJson("/colormaps.json")) ?? {};
   }
 
   // --- turn and flip ---------------------------------------------------------------------------
@@ -77,12 +73,8 @@ export class Looking {
     this.canvas.turnTo(angle, flipped);
     const degrees = Math.round((angle * 180) / Math.PI) % 360;
     this.chip.hidden = degrees === 0 && !flipped;
-    setText(
-      this.chip,
-      [degrees ? `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°` : "", flipped ? "flipped" : ""]
-        .filter(Boolean)
-        .join(", "),
-    );
+    const turned = degrees ? `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°` : "";
+    setText(this.chip, [turned, flipped ? "flipped" : ""].filter(Boolean).join(", "));
   }
 
   // --- colour map and window -------------------------------------------------------------------
@@ -147,7 +139,7 @@ export class Looking {
   toggle() {
     this.open = !this.open;
     this.page.changed();
-    if (this.open) byId("look").querySelector("button")?.focus();
+    if (this.open) find("button", byId("look"))?.focus();
   }
 
   /**
@@ -165,11 +157,10 @@ export class Looking {
       make("h2", "Layers"),
       this.list.build(live && legend ? { [layer]: legend } : legends, live),
       make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.toolbar.button(name, sign))),
-      make("button.button.last", {
+      button("Reset", () => this.reset(), {
+        class: "last",
         key: "look-reset",
         tip: "As it is: not turned, not flipped, no grid, each layer's own colours",
-        click: () => this.reset(),
-        text: "Reset",
       }),
       !live && [
         ramp ? this.mapField(layer, setting) : null,
@@ -182,16 +173,12 @@ export class Looking {
     const options = [["", "Own colours"], ...Object.entries(this.maps).map(([name, map]) => [name, map.title])];
     return make(
       "label.field",
-      make(
-        "select",
-        {
-          label: "Colours",
-          key: "look-map",
-          tip: "Colours; equal steps of a value look equal in each",
-          change: (event) => this.set(layer, { map: event.target.value }),
-        },
-        ...options.map(([name, title]) => make("option", { value: name, selected: name === setting.map }, title)),
-      ),
+      choice(options, setting.map, {
+        label: "Colours",
+        key: "look-map",
+        tip: "Colours; equal steps of a value look equal in each",
+        change: (event) => this.set(layer, { map: event.target.value }),
+      }),
     );
   }
 
@@ -206,12 +193,7 @@ export class Looking {
     return ENDS.map((end) => {
       const output = make("output", told(setting[end]));
       /** @type {HTMLInputElement} */
-      const input = make("input", {
-        type: "range",
-        min: 0,
-        max: 1,
-        step: 0.01,
-        value: setting[end],
+      const input = slider([0, 1, 0.01], setting[end], {
         key: `look-${end}`,
         label: names[end],
         input: () => setText(output, told(this.clamped(end, input.valueAsNumber, setting))),
@@ -246,7 +228,6 @@ export class Looking {
       const way = along === "u" ? at.toPaneVector(0, 1) : at.toPaneVector(1, 0);
       const steep = Math.abs(way.y) >= Math.abs(way.x) - 1e-9 * at.scale;
       for (let n = Math.ceil(from[0] / gap); n * gap <= from[1]; n++) {
-        /** @type {any} */
         const ends = across.map((c) => (along === "u" ? at.toPane(n * gap, c) : at.toPane(c, n * gap)));
         this.gridLine(context, style, ends, n === 0);
         this.gridLabel(context, style, ends, `${Math.round((n * mm) / 10)} cm`, steep);

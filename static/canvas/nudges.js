@@ -24,8 +24,7 @@ export class KeyNudges {
     this.canvas = canvas;
     this.state = state;
     this.send = send;
-    /** @type {{ view: number; by: By; timer?: number } | null} */
-    this.gesture = null;
+    this.gesture = /** @type {{ view: number; by: By; timer?: number } | null} */ (null);
   }
 
   /** Move by an action of the table, so many times its step. */

@@ -1,6 +1,8 @@
 // The pictures of the flattened view: fetched by revision, the last one kept until the next is there.
 
 import { boxOf, pixelAt } from "/static/canvas/geometry.js";
+import { askPicture } from "/static/page/connection.js";
+import { contextOf } from "/static/page/dom.js";
 import { Pyramid } from "/static/canvas/pyramid.js";
 
 const OUTLINE = [230, 126, 0];
@@ -9,10 +11,8 @@ const OUTLINE = [230, 126, 0];
 export class Picture {
   constructor(/** @type {(anew: boolean) => void} */ onReady) {
     this.onReady = onReady;
-    /** @type {string | null} */
-    this.wanted = null;
-    /** @type {Shown | null} */
-    this.shown = null;
+    this.wanted = /** @type {string | null} */ (null);
+    this.shown = /** @type {Shown | null} */ (null);
   }
 
   clear() {
@@ -29,16 +29,9 @@ export class Picture {
   async show(address, revision, grid, withOutline) {
     if (this.wanted === address) return;
     this.wanted = address;
-    let image;
-    try {
-      const response = await fetch(address);
-      if (!response.ok) throw new Error(String(response.status));
-      image = await createImageBitmap(await response.blob());
-    } catch {
-      if (this.wanted === address) this.wanted = null; // the next state asks again
-      return;
-    }
+    const image = await askPicture(address);
     if (this.wanted !== address) return;
+    if (!image) return void (this.wanted = null); // the next state asks again
     const anew = this.shown?.revision !== revision;
     const shape = !withOutline
       ? {}
@@ -58,9 +51,7 @@ export class Picture {
 function outlineOf(/** @type {ImageBitmap} */ image) {
   const { width, height } = image;
   const canvas = new OffscreenCanvas(width, height);
-  const context = /** @type {OffscreenCanvasRenderingContext2D} */ (
-    canvas.getContext("2d", { willReadFrequently: true })
-  );
+  const context = contextOf(canvas, { willReadFrequently: true });
   context.drawImage(image, 0, 0);
   const data = context.getImageData(0, 0, width, height);
   const alpha = new Uint8Array(width * height);

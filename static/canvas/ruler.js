@@ -1,10 +1,13 @@
 // The ruler: drag on the flattened view; the length straight on it, along the cloth, and through the air.
 
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
+import { Question } from "/static/page/connection.js";
 import { byId, make } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
+import { mm } from "/static/page/format.js";
 
 const LEAST_PX = 3;
+
+/** @typedef {{ from: { u: number; v: number }; to: { u: number; v: number } }} Line */
 
 export class Ruler {
   name = "ruler";
@@ -13,18 +16,18 @@ export class Ruler {
     this.page = page;
     this.canvas = page.canvas;
     this.actions = { ruler: () => this.toggle() };
-    /** @type {Panel["messages"]} */
-    this.messages = { measured: (message) => this.take(message), note: () => this.disconnected() };
     this.on = false;
-    /** @type {{ from: { u: number; v: number }; to: { u: number; v: number } } | null} */
-    this.line = null;
-    /** @type {import("/static/page/messages").Measured | null} */
-    this.measured = null;
+    this.line = /** @type {Line | null} */ (null);
+    this.measured = /** @type {Measured | null} */ (null);
     this.start = { x: 0, y: 0, u: 0, v: 0 };
-    /** @type {number | undefined} */
-    this.revision = undefined;
-    this.id = 0;
-    this.waiting = false;
+    this.revision = /** @type {number | undefined} */ (undefined);
+    /** @type {Question<Line, Measured>} */
+    this.question = new Question(
+      (id, line) => this.send(id, line),
+      (answer) => this.take(answer),
+    );
+    /** @type {Panel["messages"]} */
+    this.messages = { measured: (answer) => this.question.answered(answer), note: () => this.disconnected() };
     this.label = make("output.ruler-label", { hidden: true });
     byId("stage").append(this.label);
     this.canvas.tools.push(this);
@@ -51,7 +54,7 @@ export class Ruler {
 
   clear() {
     this.line = this.measured = null;
-    this.id += 1;
+    this.question.drop();
     this.canvas.redraw();
   }
 
@@ -88,31 +91,22 @@ export class Ruler {
 
   ask() {
     this.measured = null;
-    if (this.waiting || !this.line) return;
-    const { from, to } = this.line;
-    this.id += 1;
-    this.asked = this.line;
-    this.waiting = this.page.send({
-      type: "measure",
-      id: this.id,
-      from_u_m: from.u,
-      from_v_m: from.v,
-      to_u_m: to.u,
-      to_v_m: to.v,
-    });
+    if (this.line) this.question.ask(this.line);
   }
 
-  take(/** @type {import("/static/page/messages").Measured} */ answer) {
-    this.waiting = false;
-    if (!this.line) return;
-    if (this.asked === this.line && answer.id === this.id) this.measured = answer;
-    else this.ask();
+  send(/** @type {number} */ id, /** @type {Line} */ { from, to }) {
+    const ends = { from_u_m: from.u, from_v_m: from.v, to_u_m: to.u, to_v_m: to.v };
+    return this.page.send({ type: "measure", id, ...ends });
+  }
+
+  take(/** @type {Measured} */ answer) {
+    if (this.line && !this.question.wanted) this.measured = answer;
     this.canvas.redraw();
   }
 
   /** The connection was lost, or something was refused: what was asked may never be answered. */
   disconnected() {
-    this.waiting = false;
+    this.question.lost();
   }
 
   draw(/** @type {Context} */ context, /** @type {Style} */ style) {
@@ -125,26 +119,27 @@ export class Ruler {
     if (path.length > 2) stroke(context, path, color, [5, 4]);
     stroke(context, [a, b], color, []);
     for (const end of [a, b]) drawDot(context, end, color, 4);
-    this.showLabel(b);
+    this.showLabel(this.line, b);
   }
 
-  showLabel(/** @type {Point} */ end) {
-    const { measured, canvas } = this;
-    const { from, to } = /** @type {NonNullable<Ruler["line"]>} */ (this.line);
+  showLabel(/** @type {Line} */ { from, to }, /** @type {Point} */ end) {
+    const { measured, canvas, label } = this;
     const flat = measured?.flat_mm ?? 1000 * Math.hypot(to.u - from.u, to.v - from.v);
-    /** @param {string} value @param {string} text */
-    const row = (value, text) => make("span", make("b", value), ` ${text}`);
-    const mm = (/** @type {number | null | undefined} */ value) =>
-      value === null || value === undefined ? "–" : `${number(value)} mm`;
     const round = measured && measured.path_uv_m.length > 2 ? "along the cloth, round" : "along the cloth";
-    this.label.replaceChildren(
-      row(mm(flat), "flat"),
-      row(mm(measured?.cloth_mm), round),
-      row(mm(measured?.air_mm), "through the air"),
+    /** @type {[number | null | undefined, string][]} */
+    const rows = [
+      [flat, "flat"],
+      [measured?.cloth_mm, round],
+      [measured?.air_mm, "through the air"],
+    ];
+    label.replaceChildren(
+      ...rows.map(([value, text]) =>
+        make("span", make("b", value === undefined || value === null ? "–" : mm(value)), ` ${text}`),
+      ),
     );
-    const left = Math.min(canvas.width - this.label.offsetWidth - 6, Math.max(6, end.x + 14));
-    const top = Math.min(canvas.height - this.label.offsetHeight - 6, Math.max(6, end.y + 10));
-    this.label.style.transform = `translate(${Math.round(left)}px, ${Math.round(top)}px)`;
+    const left = Math.min(canvas.width - label.offsetWidth - 6, Math.max(6, end.x + 14));
+    const top = Math.min(canvas.height - label.offsetHeight - 6, Math.max(6, end.y + 10));
+    label.style.transform = `translate(${Math.round(left)}px, ${Math.round(top)}px)`;
   }
 }
 

@@ -1,6 +1,7 @@
 // The fitted outline and the named points over the flattened view: drawn, dragged, shown in the scene.
 
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
+import { Question } from "/static/page/connection.js";
 import { drawGarment, drawName } from "/static/garment/marks.js";
 
 const GRAB_PX = 10;
@@ -15,12 +16,12 @@ export class GarmentDrawing {
     this.panel = panel;
     /** @type {Outlined | null} */
     this.preview = null; // outline and points while one of them is dragged
-    this.id = 0;
-    this.busy = false;
-    /** @type {(Place & { name: string }) | null} */
-    this.wanted = null;
-    /** @type {(Point & { name: string; moved: boolean }) | null} */
-    this.grabbed = null;
+    this.grabbed = /** @type {(Point & { name: string; moved: boolean }) | null} */ (null);
+    /** @type {Question<Place & { name: string }, GarmentPreview>} */
+    this.question = new Question(
+      (id, about) => page.send({ type: "preview_point", id, ...about }),
+      (preview) => this.showPreview(preview),
+    );
     this.revision = 0;
     page.canvas.tools.push(this);
     page.canvas.drawers.push((_, context, style) => this.draw(context, style));
@@ -66,8 +67,7 @@ export class GarmentDrawing {
   }
 
   near(/** @type {Point} */ { x, y }) {
-    /** @type {GarmentPoint | null} */
-    let best = null;
+    let best = /** @type {GarmentPoint | null} */ (null);
     let least = GRAB_PX;
     for (const point of this.drawn?.points ?? []) {
       const at = this.page.canvas.transform.toPane(...point.uv_m);
@@ -79,12 +79,8 @@ export class GarmentDrawing {
 
   // --- how the outline would lie -------------------------------------------------------------------
 
-  /**
-   * One question at a time, always about the latest place; the point itself follows at once.
-   * @param {string} name @param {number} u @param {number} v
-   */
+  /** The point itself follows at once. @param {string} name @param {number} u @param {number} v */
   ask(name, u, v) {
-    this.wanted = { name, u_m: u, v_m: v };
     const from = this.preview ?? this.panel.found;
     if (!from) return;
     this.preview = {
@@ -92,22 +88,12 @@ export class GarmentDrawing {
       points: from.points.map((point) => (point.name === name ? { ...point, uv_m: [u, v], held: true } : point)),
     };
     this.page.canvas.redraw();
-    this.next();
+    this.question.ask({ name, u_m: u, v_m: v });
   }
 
-  next() {
-    if (this.busy || !this.wanted) return;
-    this.id += 1;
-    this.busy = this.page.send({ type: "preview_point", id: this.id, ...this.wanted });
-    /** @type {(Place & { name: string }) | null} */
-    this.wanted = null;
-  }
-
-  takePreview(/** @type {import("/static/page/messages").GarmentPreview} */ message) {
-    this.busy = false;
-    if (message.id === this.id && (this.grabbed || this.panel.moved) && !this.wanted) this.preview = message;
+  showPreview(/** @type {GarmentPreview} */ preview) {
+    if (!this.question.wanted && (this.grabbed || this.panel.moved)) this.preview = preview;
     this.page.canvas.redraw();
-    this.next();
   }
 
   // --- drawn ---------------------------------------------------------------------------------------
@@ -134,8 +120,8 @@ export class GarmentDrawing {
   drawInScene(context, style, place) {
     if (!this.drawn) return;
     for (const point of this.drawn.points) {
-      if (!point.xyz_m) continue;
-      const at = place(point.xyz_m);
+      const [x, y, z] = point.xyz_m ?? [null, null, null];
+      const at = x !== null && y !== null && z !== null && place([x, y, z]);
       if (!at) continue;
       const on = point.name === this.panel.pointed;
       drawDot(context, at, style.getPropertyValue("--garment"), on ? 8 : 3.5);

@@ -1,8 +1,8 @@
 // Kinds with their probabilities, and dimensions, as lists.
 
 import { words } from "/static/garment/marks.js";
-import { make, valueRow } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
+import { make, values } from "/static/page/dom.js";
+import { mm as inMm, number } from "/static/page/format.js";
 
 const LEAST_SHOWN = 0.005; // of a probability
 
@@ -41,11 +41,11 @@ export function pointButton(point, more, on) {
   );
 }
 
-export function dimensions(/** @type {FoundGarment} */ found) {
-  return make(
-    "dl.values",
-    ...found.dimensions.flatMap(({ name, mm, std_mm }) =>
-      valueRow(words(name), `${number(mm, 0)} ± ${number(std_mm, 0)} mm`, "Measured flat; one standard deviation"),
-    ),
+/** @param {FoundGarment} found */
+export const dimensions = (found) =>
+  values(
+    ...found.dimensions.map(({ name, mm, std_mm }) => {
+      const text = `${number(mm, 0)} ± ${inMm(std_mm, 0)}`;
+      return /** @type {ValueRow} */ ([words(name), text, "Measured flat; one standard deviation"]);
+    }),
   );
-}

@@ -3,11 +3,20 @@
 import { GarmentDrawing } from "/static/garment/drawing.js";
 import { dimensions, percent, pointButton, shares } from "/static/garment/lists.js";
 import { words } from "/static/garment/marks.js";
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
-
-/** @type {Record<string, UV>} */
-const WAYS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+import {
+  byId,
+  choice,
+  closeButton,
+  field,
+  isPlain,
+  make,
+  rebuild,
+  setText,
+  smallButton,
+  taken,
+  WAYS,
+} from "/static/page/dom.js";
+import { cm2 } from "/static/page/format.js";
 
 export class GarmentPanel {
   name = "garment";
@@ -15,18 +24,15 @@ export class GarmentPanel {
   constructor(/** @type {Page} */ page) {
     this.page = page;
     this.shown = true; // outline and points on the canvas
-    /** @type {State["garment"]} */
-    this.told = null; // what the server says
-    /** @type {string | null} */
-    this.pointed = null; // the name of the point that is pointed at
+    this.told = /** @type {State["garment"]} */ (null); // what the server says
+    this.pointed = /** @type {string | null} */ (null); // the name of the point that is pointed at
     this.finished = false; // whether the finished shape was turned upright
     /** @type {{ angle: number; flipped: boolean } | null} */
     this.turnedFrom = null; // how the view was turned before it was turned upright
-    /** @type {{ name: string; u: number; v: number } | null} a point that the keys move */
-    this.moved = null;
+    this.moved = /** @type {{ name: string; u: number; v: number } | null} */ (null); // a point that the keys move
     this.actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
     /** @type {Panel["messages"]} */
-    this.messages = { garment_preview: (message) => this.drawing.takePreview(message) };
+    this.messages = { garment_preview: (answer) => this.drawing.question.answered(answer) };
     this.section = make("section#garment.garment", { label: "Garment", hidden: true });
     byId("pick").before(this.section);
     this.drawing = new GarmentDrawing(page, this);
@@ -67,60 +73,42 @@ export class GarmentPanel {
       make("div#garment-points"),
       make("div#garment-dimensions"),
     ]);
-    rebuild(byId("garment-tools"), [Boolean(found)], () => (found ? this.tools() : []));
     setText(byId("garment-text"), summary(told));
-    rebuild(byId("garment-kinds"), [found?.probabilities, found?.kind, found?.by_hand], () =>
-      found ? this.kinds(found, told.kinds) : [],
-    );
-    rebuild(byId("garment-links"), [found?.links, told.working, told.revision], () =>
-      (found?.links ?? []).map(this.link, this),
-    );
-    rebuild(byId("garment-points"), [found?.kind, found?.points], () => (found?.kind ? this.points(found) : []));
-    rebuild(byId("garment-dimensions"), [found?.kind, found?.dimensions], () =>
-      found?.kind ? [dimensions(found)] : [],
-    );
+    /** @param {string} part @param {unknown[]} key @param {() => Child} build */
+    const show = (part, key, build) => rebuild(byId(`garment-${part}`), key, build);
+    const kind = found?.kind;
+    show("tools", [Boolean(found)], () => found && this.tools());
+    show("kinds", [found?.probabilities, kind, found?.by_hand], () => found && this.kinds(found, told.kinds));
+    show("links", [found?.links, told.working, told.revision], () => found?.links.map(this.link, this));
+    show("points", [kind, found?.points], () => kind && this.points(found));
+    show("dimensions", [kind, found?.dimensions], () => kind && dimensions(found));
   }
 
   tools() {
-    return ["garment", "upright"].map((name) => {
-      const button = this.page.button(name, name === "garment" ? "Outline" : null);
-      button.classList.add("small");
-      return button;
-    });
+    return [this.page.smallButton("garment", "Outline"), this.page.smallButton("upright")];
   }
 
   kinds(/** @type {FoundGarment} */ found, /** @type {string[]} */ names) {
-    const select = make(
-      "select",
-      {
-        key: "garment-kind",
-        tip: "The kind of garment. Automatic: by the evidence. A kind set by hand is a decision; Undo takes it back.",
-        change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }),
-      },
-      make("option", { value: "", selected: !found.by_hand }, "automatic"),
-      ...names.map((name) =>
-        make("option", { value: name, selected: found.by_hand && name === found.kind }, words(name)),
-      ),
-    );
-    return [shares(found.probabilities), make("label.field", make("span", "Kind"), select)];
+    const options = [["", "automatic"], ...names.map((name) => [name, words(name)])];
+    const select = choice(options, found.by_hand ? found.kind : "", {
+      key: "garment-kind",
+      tip: "The kind of garment. Automatic: by the evidence. A kind set by hand is a decision; Undo takes it back.",
+      change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }),
+    });
+    return [shares(found.probabilities), field("Kind", select)];
   }
 
   /** A part that is joined where no garment allows it, to be taken off or kept like a proposal. */
   link(/** @type {FoundGarment["links"][number]} */ { probability, area_cm2 }, /** @type {number} */ index) {
     const revision = this.told?.revision ?? 0;
-    const area = `${number(area_cm2, 0)} cm²`;
+    const area = cm2(area_cm2);
     /** @param {string} title @param {boolean} taken_off @param {string} tip */
     const decide = (title, taken_off, tip) =>
-      make(
-        "button.button.small",
-        {
-          label: `${title}: the part of ${area}`,
-          key: `link-${index}-${taken_off}`,
-          tip: `${tip}\nUndo takes it back.`,
-          click: () => this.page.send({ type: "decide_link", revision, index, taken_off }),
-        },
-        title,
-      );
+      smallButton(title, () => this.page.send({ type: "decide_link", revision, index, taken_off }), {
+        label: `${title}: the part of ${area}`,
+        key: `link-${index}-${taken_off}`,
+        tip: `${tip}\nUndo takes it back.`,
+      });
     return make(
       "div.by-garment",
       { role: "group", label: `Link of a part of ${area}` },
@@ -135,29 +123,21 @@ export class GarmentPanel {
   }
 
   points(/** @type {FoundGarment} */ found) {
-    const held = found.points.filter((point) => point.held).length;
-    const release = make("button.button.small", {
+    const [seen, predicted] = [true, false].map((is) => found.points.filter((point) => point.seen === is));
+    const held = found.points.some((point) => point.held);
+    const release = smallButton("Release all", () => this.page.send({ type: "release_points" }), {
       key: "release-all",
       tip: "Release all held points: the outline follows the evidence alone again.",
-      click: () => this.page.send({ type: "release_points" }),
-      text: "Release all",
     });
-    const list = (
-      /** @type {string} */ title,
-      /** @type {GarmentPoint[]} */ points,
-      /** @type {Child} */ more = null,
-    ) =>
-      points.length
-        ? [
-            make("div.heading", make("h3", `${title}: ${points.length}`), more),
-            make("ul.named", { label: title }, ...points.map((point) => this.row(point))),
-          ]
-        : [];
-    const seen = found.points.filter((point) => point.seen);
-    const predicted = found.points.filter((point) => !point.seen);
+    /** @param {string} title @param {GarmentPoint[]} points @param {Child} more */
+    const list = (title, points, more) =>
+      points.length > 0 && [
+        make("div.heading", make("h3", `${title}: ${points.length}`), more),
+        make("ul.named", { label: title }, ...points.map((point) => this.row(point))),
+      ];
     return [
-      ...list("Points seen", seen, held ? release : null),
-      ...list("Points predicted", predicted, seen.length || !held ? null : release),
+      list("Points seen", seen, held && release),
+      list("Points predicted", predicted, held && !seen.length && release),
     ];
   }
 
@@ -187,13 +167,11 @@ export class GarmentPanel {
         },
       ),
       point.held &&
-        make("button.close", {
-          label: `Release ${words(point.name)}`,
-          key: `release-${point.name}`,
-          tip: "Release the point: its place is fitted again.",
-          click: () => this.page.send({ type: "release_points", name: point.name }),
-          text: "×",
-        }),
+        closeButton(
+          `Release ${words(point.name)}`,
+          () => this.page.send({ type: "release_points", name: point.name }),
+          { key: `release-${point.name}`, tip: "Release the point: its place is fitted again." },
+        ),
     );
   }
 
@@ -237,9 +215,8 @@ export class GarmentPanel {
 
   /** Arrow keys on a point of the list move it by the increment of the nudges; letting go is the decision. */
   key(/** @type {KeyboardEvent} */ event, /** @type {GarmentPoint} */ point) {
-    if (!(event.key in WAYS) || event.ctrlKey || event.altKey || event.metaKey) return;
-    event.preventDefault();
-    event.stopPropagation();
+    if (!(event.key in WAYS) || !isPlain(event)) return;
+    taken(event);
     if (this.moved?.name !== point.name) {
       const [u, v] = point.uv_m;
       this.moved = { name: point.name, u, v };

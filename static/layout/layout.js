@@ -1,6 +1,6 @@
 // How the panes share the window: beside one another, stacked, or one at a time.
 
-import { byId, make, rebuild, targetOf } from "/static/page/dom.js";
+import { byId, make, rebuild, smallButton, taken, targetOf, within } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 
 const WIDE_PX = 1200; // from here on all panes are beside one another
@@ -39,7 +39,7 @@ export function layoutOf(/** @type {number} */ width, /** @type {number} */ heig
  */
 export function shareWithin(share, size, [first, second]) {
   const most = Math.max(first, size - second);
-  return Math.min(1, Math.min(most, Math.max(first, share * size)) / size);
+  return Math.min(1, within(share * size, first, most) / size);
 }
 
 const readouts = /** @type {HTMLElement} */ (globalThis.document?.querySelector(".readouts"));
@@ -49,16 +49,13 @@ export class Layout {
 
   constructor(/** @type {Page} */ page) {
     this.page = page;
-    /** @type {() => void} */
     this.arranged = () => {};
     this.actions = { pane: () => this.next(), readout: () => this.fold() };
     this.kind = "";
-    /** @type {string[]} */
-    this.panes = [];
-    /** @type {string | null} */
-    this.pane = null;
-    /** @type {number | null} */
-    this.present = null;
+    this.panes = /** @type {string[]} */ ([]);
+    this.pane = /** @type {string | null} */ (null);
+    this.present = /** @type {number | null} */ (null);
+    this.listed = false;
     this.chosen = localStorage.getItem(CHOSEN);
     this.box = make("div#panes.segmented", { role: "group", label: "Pane" });
     byId("recording").before(this.box);
@@ -128,16 +125,11 @@ export class Layout {
     const key = keyName(this.page.action("pane").keys[0]);
     rebuild(this.box, [this.panes, this.pane], () =>
       this.panes.map((pane) =>
-        make(
-          "button.button.small",
-          {
-            pressed: pane === this.pane,
-            key: `pane-${pane}`,
-            tip: `Show this pane; ${key}: the next one`,
-            click: () => this.choose(pane),
-          },
-          TITLES[pane],
-        ),
+        smallButton(TITLES[pane], () => this.choose(pane), {
+          pressed: pane === this.pane,
+          key: `pane-${pane}`,
+          tip: `Show this pane; ${key}: the next one`,
+        }),
       ),
     );
   }
@@ -222,8 +214,7 @@ function startDivider(/** @type {Layout} */ layout) {
     const by = /** @type {Record<string, number>} */ (way().keys)[event.key];
     if (by === undefined) return;
     set(stored() + by);
-    event.preventDefault();
-    event.stopPropagation();
+    taken(event);
   });
   layout.arranged = apply;
   new ResizeObserver(apply).observe(split);

@@ -1,7 +1,7 @@
 // A small 3D view of points: orbit, zoom, pan and pick, on plain WebGL; marks are drawn over it in 2D.
 
 import { drawDot } from "/static/canvas/marks.js";
-import { contextOf } from "/static/page/dom.js";
+import { onWheel, sized, taken, WAYS, within } from "/static/page/dom.js";
 
 const CLICK_PX = 4;
 const TURN_MS = 450;
@@ -38,20 +38,20 @@ export class CloudView {
   constructor(canvas, marks, scene, pick) {
     this.canvas = canvas;
     this.marksCanvas = marks;
-    this.pen = contextOf(marks);
     this.scene = scene;
     this.pick = pick;
     this.step = 0;
     this.tint = 0.5;
     this.showAround = true;
-    /** @type {CloudMark} */
-    this.mark = null; // {point, gripper}
-    this.aimAt(this.lookFrom(scene.start));
-    this.gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
-    if (this.gl) this.build();
+    this.width = this.height = this.turning = 0;
+    this.dirty = false;
+    this.mark = /** @type {CloudMark} */ (null);
+    this.eye = this.lookFrom(scene.start);
+    const gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+    this.points = gl && new Points(gl, scene);
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => {
-      this.build();
+      this.points = gl && new Points(gl, scene, this.points?.colors);
       this.redraw();
     });
     new ResizeObserver(() => this.resize()).observe(canvas);
@@ -59,7 +59,7 @@ export class CloudView {
   }
 
   get works() {
-    return this.gl !== null;
+    return this.points !== null;
   }
 
   // --- what is shown -------------------------------------------------------------------------
@@ -72,10 +72,7 @@ export class CloudView {
 
   /** Color the cloth, three bytes a pixel. */
   setColors(/** @type {Uint8Array} */ rgb) {
-    this.colors = rgb;
-    if (!this.gl) return;
-    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.cloth.color);
-    this.gl.bufferData(this.gl.ARRAY_BUFFER, rgb, this.gl.DYNAMIC_DRAW);
+    this.points?.color(rgb);
     this.redraw();
   }
 
@@ -122,27 +119,23 @@ export class CloudView {
     return { up, south, east: cross(up, south) };
   }
 
-  aimAt(/** @type {Eye} */ eye) {
-    this.eye = eye;
-  }
-
   turnTo(/** @type {Eye} */ goal) {
     cancelAnimationFrame(this.turning);
-    if (matchMedia("(prefers-reduced-motion: reduce)").matches) return this.aimAt(goal);
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) return void (this.eye = goal);
     const from = this.eye;
     const turn = Math.atan2(Math.sin(goal.yaw - from.yaw), Math.cos(goal.yaw - from.yaw));
     const began = performance.now();
     const move = (/** @type {number} */ now) => {
-      const s = Math.min(1, Math.max(0, (now - began) / TURN_MS));
+      const s = within((now - began) / TURN_MS, 0, 1);
       const share = s * s * (3 - 2 * s);
       const between = (/** @type {number} */ a, /** @type {number} */ b) => a + share * (b - a);
-      this.aimAt({
+      this.eye = {
         target: from.target.map((x, i) => between(x, goal.target[i])),
         yaw: from.yaw + share * turn,
         pitch: between(from.pitch, goal.pitch),
         distance: between(from.distance, goal.distance),
         zoom: between(from.zoom, goal.zoom),
-      });
+      };
       this.redraw();
       if (s < 1) this.turning = requestAnimationFrame(move);
     };
@@ -152,13 +145,13 @@ export class CloudView {
   turn(/** @type {number} */ dx, /** @type {number} */ dy) {
     cancelAnimationFrame(this.turning);
     this.eye.yaw -= dx;
-    this.eye.pitch = Math.min(1.5, Math.max(-1.5, this.eye.pitch + dy));
+    this.eye.pitch = within(this.eye.pitch + dy, -1.5, 1.5);
     this.redraw();
   }
 
   zoom(/** @type {number} */ factor) {
     cancelAnimationFrame(this.turning);
-    this.eye.zoom = Math.min(40, Math.max(0.2, this.eye.zoom * factor));
+    this.eye.zoom = within(this.eye.zoom * factor, 0.2, 40);
     this.redraw();
   }
 
@@ -229,63 +222,11 @@ export class CloudView {
 
   // --- drawing -------------------------------------------------------------------------------
 
-  build() {
-    const gl = this.gl;
-    const program = gl.createProgram();
-    for (const kind of [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER]) {
-      const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
-      gl.shaderSource(shader, kind === gl.VERTEX_SHADER ? POINTS.vertex : POINTS.fragment);
-      gl.compileShader(shader);
-      gl.attachShader(program, shader);
-    }
-    gl.linkProgram(program);
-    this.program = program;
-    this.at = Object.fromEntries(
-      ["clip_from_held", "size", "step", "tint", "lift", "wash"].map((name) => [
-        name,
-        gl.getUniformLocation(program, name),
-      ]),
-    );
-    const { cloth, around } = this.scene;
-    this.cloth = this.cloud(cloth.xyz, this.colors ?? new Uint8Array(3 * cloth.count), cloth.first);
-    this.around = around.map(({ xyz, rgb }) => this.cloud(xyz, rgb, null));
-    gl.enable(gl.DEPTH_TEST);
-  }
-
-  /** @param {Float32Array} xyz @param {Uint8Array} rgb @param {Float32Array | null} first */
-  cloud(xyz, rgb, first) {
-    const gl = this.gl;
-    const array = gl.createVertexArray();
-    gl.bindVertexArray(array);
-    /**
-     * @type {(
-     *   name: string, data: Float32Array | Uint8Array, size: number, type: number, normalized: boolean
-     * ) => WebGLBuffer}
-     */
-    const attribute = (name, data, size, type, normalized) => {
-      const buffer = gl.createBuffer();
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-      gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
-      const place = gl.getAttribLocation(this.program, name);
-      gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, size, type, normalized, 0, 0);
-      return buffer;
-    };
-    attribute("place", xyz, 3, gl.FLOAT, false);
-    const color = attribute("color", rgb, 3, gl.UNSIGNED_BYTE, true);
-    if (first) attribute("first", first, 1, gl.FLOAT, false);
-    else gl.vertexAttrib1f(gl.getAttribLocation(this.program, "first"), -1);
-    gl.bindVertexArray(null);
-    return { array, color, count: xyz.length / 3 };
-  }
-
   resize() {
     this.width = this.canvas.clientWidth;
     this.height = this.canvas.clientHeight;
-    for (const canvas of [this.canvas, this.marksCanvas]) {
-      canvas.width = Math.max(1, Math.round(this.width * devicePixelRatio));
-      canvas.height = Math.max(1, Math.round(this.height * devicePixelRatio));
-    }
+    this.canvas.width = Math.max(1, Math.round(this.width * devicePixelRatio));
+    this.canvas.height = Math.max(1, Math.round(this.height * devicePixelRatio));
     this.draw();
   }
 
@@ -299,43 +240,13 @@ export class CloudView {
     this.dirty = false;
     if (!this.width || !this.height) return;
     const style = getComputedStyle(this.canvas);
-    if (this.gl) this.drawPoints(rgbOf(style.getPropertyValue("--ground")));
+    this.points?.draw(this, rgbOf(style.getPropertyValue("--ground")));
     this.drawMarks(style);
   }
 
-  drawPoints(/** @type {XYZ} */ ground) {
-    const gl = this.gl;
-    gl.viewport(0, 0, this.canvas.width, this.canvas.height);
-    gl.clearColor(...ground, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.useProgram(this.program);
-    gl.uniformMatrix4fv(this.at.clip_from_held, false, this.matrix());
-    const pixelsPerMetre = Math.min(this.canvas.width, this.canvas.height) / (2 * this.extent);
-    gl.uniform1f(this.at.step, this.step);
-    /**
-     * @type {(
-     *   cloud: any, size: number, tint: number, lift: number, wash: [number, number, number, number]
-     * ) => void}
-     */
-    const paint = (cloud, size, tint, lift, wash) => {
-      gl.uniform1f(this.at.size, size * pixelsPerMetre);
-      gl.uniform1f(this.at.tint, tint);
-      gl.uniform1f(this.at.lift, lift);
-      gl.uniform4f(this.at.wash, ...wash);
-      gl.bindVertexArray(cloud.array);
-      gl.drawArrays(gl.POINTS, 0, cloud.count);
-    };
-    paint(this.cloth, this.scene.cloth.grid.pixel_size_m * 1.5, this.tint, 0, [0, 0, 0, 0]);
-    // What else was seen lies a little behind, so that it does not show through the cloth.
-    if (this.showAround) paint(this.around[this.step], 1.6 * this.scene.spacing, 0, 0.007, [0.62, 0.64, 0.67, 0.7]);
-    gl.bindVertexArray(null);
-  }
-
   drawMarks(/** @type {Style} */ style) {
-    const pen = this.pen;
+    const pen = sized(this.marksCanvas, this.width, this.height);
     const m = this.matrix();
-    pen.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
-    pen.clearRect(0, 0, this.width, this.height);
     /** @type {(segments: [XYZ, XYZ][], color: string, width: number) => void} */
     const line = (segments, color, width) => {
       pen.strokeStyle = color;
@@ -357,16 +268,14 @@ export class CloudView {
     const pick = style.getPropertyValue("--pick");
     if (this.mark.gripper)
       for (const rim of [true, false]) line(this.mark.gripper, rim ? "#fff" : pick, rim ? 5 : 2.5);
-    const { x, y } = this.toScreen(this.mark.point, m);
-    drawDot(pen, { x, y }, pick, 5.75);
+    drawDot(pen, this.toScreen(this.mark.point, m), pick, 5.75);
   }
 
   // --- pointer and keys ----------------------------------------------------------------------
 
   listen() {
     const canvas = this.canvas;
-    /** @type {(Point & { moved: boolean; pan: boolean }) | null} */
-    let gesture = null;
+    let gesture = /** @type {(Point & { moved: boolean; pan: boolean }) | null} */ (null);
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
@@ -386,24 +295,99 @@ export class CloudView {
       gesture = null;
     });
     canvas.addEventListener("pointercancel", () => (gesture = null));
-    canvas.addEventListener(
-      "wheel",
-      (event) => {
-        event.preventDefault();
-        this.zoom(Math.exp(-event.deltaY * (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1) * 0.0016));
-      },
-      { passive: false },
-    );
+    onWheel(canvas, (factor, event) => {
+      event.preventDefault();
+      this.zoom(factor);
+    });
     canvas.addEventListener("keydown", (event) => {
-      /** @type {Record<string, UV>} */
-      const turns = { ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, -0.12], ArrowDown: [0, 0.12] };
-      if (event.key in turns) this.turn(...turns[event.key]);
+      const way = WAYS[event.key];
+      if (way) this.turn(0.12 * way[0], 0.12 * way[1]);
       else if (event.key === "+" || event.key === "=") this.zoom(1.25);
       else if (event.key === "-") this.zoom(1 / 1.25);
       else return;
-      event.preventDefault();
-      event.stopPropagation();
+      taken(event);
     });
+  }
+}
+
+/** The points of a scene on the graphics card. */
+class Points {
+  /** @param {WebGL2RenderingContext} gl @param {CloudScene} scene */
+  constructor(gl, scene, /** @type {Uint8Array} */ colors = new Uint8Array(3 * scene.cloth.count)) {
+    this.gl = gl;
+    this.scene = scene;
+    this.colors = colors;
+    this.program = gl.createProgram();
+    for (const kind of [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER]) {
+      const shader = /** @type {WebGLShader} */ (gl.createShader(kind));
+      gl.shaderSource(shader, kind === gl.VERTEX_SHADER ? POINTS.vertex : POINTS.fragment);
+      gl.compileShader(shader);
+      gl.attachShader(this.program, shader);
+    }
+    gl.linkProgram(this.program);
+    this.cloth = this.cloud(scene.cloth.xyz, colors, scene.cloth.first);
+    this.around = scene.around.map(({ xyz, rgb }) => this.cloud(xyz, rgb, null));
+    gl.enable(gl.DEPTH_TEST);
+  }
+
+  /** @param {Float32Array} xyz @param {Uint8Array} rgb @param {Float32Array | null} first */
+  cloud(xyz, rgb, first) {
+    const { gl, program } = this;
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    /** @param {string} name @param {Float32Array | Uint8Array} data @param {number} size */
+    const attribute = (name, data, size) => {
+      const buffer = gl.createBuffer();
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
+      const place = gl.getAttribLocation(program, name);
+      const bytes = data instanceof Uint8Array;
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribPointer(place, size, bytes ? gl.UNSIGNED_BYTE : gl.FLOAT, bytes, 0, 0);
+      return buffer;
+    };
+    attribute("place", xyz, 3);
+    const color = attribute("color", rgb, 3);
+    if (first) attribute("first", first, 1);
+    else gl.vertexAttrib1f(gl.getAttribLocation(program, "first"), -1);
+    gl.bindVertexArray(null);
+    return { array, color, count: xyz.length / 3 };
+  }
+
+  /** Color the cloth, three bytes a pixel. */
+  color(/** @type {Uint8Array} */ rgb) {
+    this.colors = rgb;
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.cloth.color);
+    this.gl.bufferData(this.gl.ARRAY_BUFFER, rgb, this.gl.DYNAMIC_DRAW);
+  }
+
+  draw(/** @type {CloudView} */ view, /** @type {XYZ} */ ground) {
+    const { gl, program, scene } = this;
+    const { width, height } = view.canvas;
+    const at = (/** @type {string} */ name) => gl.getUniformLocation(program, name);
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(...ground, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.useProgram(program);
+    gl.uniformMatrix4fv(at("clip_from_held"), false, view.matrix());
+    const pixelsPerMetre = Math.min(width, height) / (2 * view.extent);
+    gl.uniform1f(at("step"), view.step);
+    /**
+     * @param {Points["cloth"]} cloud @param {number} size @param {number} tint @param {number} lift
+     * @param {number[]} wash
+     */
+    const paint = (cloud, size, tint, lift, wash) => {
+      gl.uniform1f(at("size"), size * pixelsPerMetre);
+      gl.uniform1f(at("tint"), tint);
+      gl.uniform1f(at("lift"), lift);
+      gl.uniform4fv(at("wash"), wash);
+      gl.bindVertexArray(cloud.array);
+      gl.drawArrays(gl.POINTS, 0, cloud.count);
+    };
+    paint(this.cloth, scene.cloth.grid.pixel_size_m * 1.5, view.tint, 0, [0, 0, 0, 0]);
+    // What else was seen lies a little behind, so that it does not show through the cloth.
+    if (view.showAround) paint(this.around[view.step], 1.6 * scene.spacing, 0, 0.007, [0.62, 0.64, 0.67, 0.7]);
+    gl.bindVertexArray(null);
   }
 }
 

@@ -1,6 +1,7 @@
 // The data of the exported page, unpacked from the page itself; nothing is loaded.
 
-import { boxOf } from "/static/canvas/geometry.js";
+import { boxOf, pixelAt } from "/static/canvas/geometry.js";
+import { contextOf } from "/static/page/dom.js";
 import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
 
 /**
@@ -14,12 +15,10 @@ export async function unpack(/** @type {string} */ historyText, /** @type {strin
   const unzipped = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
   const bytes = new Uint8Array(await new Response(unzipped).arrayBuffer());
   const end = 8 + lengthsOf(bytes)[0];
-  /** @type {Record<string, any>} */
   const arrays = partsOf(valuesOf(bytes.subarray(8, end)).parts, bytes.subarray(end));
-  /** @type {OfflineData["layers"]} */
-  const layers = {};
+  const layers = /** @type {OfflineData["layers"]} */ ({});
   for (const layer of history.layers) {
-    layers[layer.name] = { ...layer, pixels: await pixelsOf(arrays[`layer ${layer.name}`]) };
+    layers[layer.name] = { ...layer, pixels: await pixelsOf(arrays.pictures[`layer ${layer.name}`]) };
   }
   return { history, layers, cloth: new Cloth(history, arrays), around: aroundOf(history, arrays) };
 }
@@ -27,7 +26,7 @@ export async function unpack(/** @type {string} */ historyText, /** @type {strin
 async function pixelsOf(/** @type {Blob} */ png) {
   // Colors are data here: alpha must not change them.
   const image = await createImageBitmap(png, { premultiplyAlpha: "none", colorSpaceConversion: "none" });
-  const context = new OffscreenCanvas(image.width, image.height).getContext("2d", { willReadFrequently: true });
+  const context = contextOf(new OffscreenCanvas(image.width, image.height), { willReadFrequently: true });
   context.drawImage(image, 0, 0);
   return context.getImageData(0, 0, image.width, image.height).data;
 }
@@ -37,21 +36,21 @@ async function pixelsOf(/** @type {Blob} */ png) {
  * the grid.
  */
 export class Cloth {
-  constructor(/** @type {OfflineHistory} */ history, /** @type {Record<string, any>} */ arrays) {
+  constructor(/** @type {OfflineHistory} */ history, /** @type {Parts} */ arrays) {
+    const { first, source, xyz, normal, z_angle, source_rc } = arrays.arrays;
     this.grid = history.grid;
     this.box = boxOf(history.grid);
-    this.firstOfGrid = arrays.first;
     this.at = new Uint32Array(history.count);
     let n = 0;
-    for (let i = 0; i < arrays.first.length; i++) if (arrays.first[i] >= 0) this.at[n++] = i;
-    this.numberOfGrid = new Int32Array(arrays.first.length).fill(-1);
+    for (let i = 0; i < first.length; i++) if (first[i] >= 0) this.at[n++] = i;
+    this.numberOfGrid = new Int32Array(first.length).fill(-1);
     this.at.forEach((i, k) => (this.numberOfGrid[i] = k));
-    this.first = Float32Array.from(this.at, (i) => arrays.first[i]);
-    this.source = Int16Array.from(this.at, (i) => arrays.source[i]);
-    this.xyz = metres(arrays.xyz, history.bounds);
-    this.normals = Float32Array.from(arrays.normal, (x) => x / 127);
-    this.zAngles = arrays.z_angle;
-    this.sourceRc = arrays.source_rc;
+    this.first = Float32Array.from(this.at, (i) => first[i]);
+    this.source = Int16Array.from(this.at, (i) => source[i]);
+    this.xyz = metres(xyz, history.bounds);
+    this.normals = Float32Array.from(normal, (x) => x / 127);
+    this.zAngles = z_angle;
+    this.sourceRc = source_rc;
     this.views = history.steps.map((s) => s.view_index);
   }
 
@@ -80,16 +79,8 @@ export class Cloth {
    * @param {number} u @param {number} v @param {number} step
    */
   pixelAt(u, v, step) {
-    const {
-      rows,
-      cols,
-      pixel_size_m: d,
-      origin_uv_m: [u0, v0],
-    } = this.grid;
-    const col = Math.round((u - u0) / d);
-    const row = Math.round((v - v0) / d);
-    if (row < 0 || col < 0 || row >= rows || col >= cols) return -1;
-    const n = this.numberOfGrid[row * cols + col];
+    const at = pixelAt(this.grid, u, v);
+    const n = at < 0 ? -1 : this.numberOfGrid[at];
     return n >= 0 && this.first[n] <= step ? n : -1;
   }
 
@@ -112,11 +103,12 @@ export class Cloth {
 }
 
 /** What each view saw of the whole item, thinned: [{xyz, rgb}] by step. */
-function aroundOf(/** @type {OfflineHistory} */ history, /** @type {Record<string, any>} */ arrays) {
-  const xyz = metres(arrays.around_xyz, history.bounds);
+function aroundOf(/** @type {OfflineHistory} */ history, /** @type {Parts} */ arrays) {
+  const xyz = metres(arrays.arrays.around_xyz, history.bounds);
+  const rgb = Uint8Array.from(arrays.arrays.around_rgb);
   return history.around.map(({ start, count }) => ({
     xyz: xyz.subarray(3 * start, 3 * (start + count)),
-    rgb: arrays.around_rgb.subarray(3 * start, 3 * (start + count)),
+    rgb: rgb.subarray(3 * start, 3 * (start + count)),
   }));
 }
 

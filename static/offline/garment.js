@@ -7,17 +7,17 @@ import { byId, make, rebuild } from "/static/page/dom.js";
 export function showGarment(/** @type {OfflinePage} */ page) {
   const { text, found } = page.history.garment;
   rebuild(byId("garment"), ["garment"], () => {
-    const heading = make("h2", {}, "Garment");
-    if (!found) return [heading, make("p", { class: "nothing" }, text)];
+    const title = make("h2", "Garment");
+    if (!found) return [title, make("p.nothing", text)];
     const [name, share] = found.probabilities[0];
-    const told = found.by_hand ? `${words(found.kind)}, set by hand.` : `${words(name)}, ${percent(share)}.`;
-    if (!found.kind) return [heading, make("p", {}, told), shares(found.probabilities)];
+    const { kind, by_hand, points, probabilities } = found;
+    const told = by_hand && kind ? `${words(kind)}, set by hand.` : `${words(name)}, ${percent(share)}.`;
     return [
-      heading,
-      make("p", {}, told),
-      shares(found.probabilities),
-      make("ul", { class: "named", "aria-label": "Named points" }, ...found.points.map((p) => row(page, p))),
-      dimensions(found),
+      title,
+      make("p", told),
+      shares(probabilities),
+      kind && make("ul.named", { label: "Named points" }, ...points.map((p) => row(page, p))),
+      kind && dimensions(found),
     ];
   });
 }

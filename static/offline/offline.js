@@ -2,15 +2,28 @@
 
 import { FlatCanvas } from "/static/canvas/canvas.js";
 import { drawPieces } from "/static/canvas/pieces.js";
-import { byId, make, rebuild, setText, targetOf } from "/static/page/dom.js";
-import { count, keyName, number } from "/static/page/format.js";
+import {
+  buttonOf,
+  byId,
+  contextOf,
+  findAll,
+  isPlain,
+  make,
+  setCurrent,
+  setPressed,
+  setText,
+  targetOf,
+} from "/static/page/dom.js";
+import { cm2, count, keyName, number } from "/static/page/format.js";
+import { keyOf } from "/static/page/keys.js";
 import { startTips } from "/static/page/notices.js";
-import { actionTable, showHelp } from "/static/offline/actions.js";
+import { actionTable } from "/static/offline/actions.js";
 import { CloudView } from "/static/offline/cloud.js";
 import { copyPick, showDecisions, showPick, showPicks, showValues } from "/static/offline/details.js";
 import { drawGarment } from "/static/garment/marks.js";
 import { showGarment } from "/static/offline/garment.js";
 import { unpack } from "/static/offline/data.js";
+import { showLegend } from "/static/panels/readout.js";
 
 const canvasOf = (/** @type {string} */ id) => /** @type {HTMLCanvasElement} */ (byId(id));
 const PLAY_MS = 1300;
@@ -26,8 +39,7 @@ export class Page {
     this.layer = history.layers[0].name;
     this.tint = false; // whether the pixels that a step added are marked
     this.follow = true;
-    /** @type {OfflinePick | null} */
-    this.current = null;
+    this.current = /** @type {OfflinePick | null} */ (null);
     this.flat = new FlatCanvas({
       pick: (u, v) => this.pickAt(u, v),
       hover: (u, v) => this.hover(u, v),
@@ -38,8 +50,8 @@ export class Page {
     this.flat.drawers.push((_, context, style) =>
       drawPieces(this.flat, context, style, this.step === this.last ? history.pieces : [], null),
     );
-    /** @type {string | null} */
-    this.pointed = null; // the named point of the garment that is pointed at
+    this.pointed = /** @type {string | null} */ (null); // the named point of the garment that is pointed at
+    this.timer = /** @type {number | null} */ (null);
     this.flat.drawers.push((_, context, style) => {
       const found = history.garment.found;
       if (this.step === this.last && found?.kind) drawGarment(this.flat, context, style, found, this.pointed);
@@ -68,57 +80,57 @@ export class Page {
     this.show();
   }
 
-  action = (/** @type {string} */ name) => this.actions.find((a) => a.name === name);
-
   button(/** @type {string} */ name) {
-    const a = this.action(name);
+    const { label, about, keys, title, run } = /** @type {OfflineAction} */ (
+      this.actions.find((a) => a.name === name)
+    );
     return make(
-      "button",
+      "button.button",
       {
-        type: "button",
-        class: "button",
-        "aria-label": a.label ?? null,
-        data: { action: name, id: name, tip: `${a.about}\nKey: ${a.keys.map(keyName).join(" or ")}` },
-        on: { click: () => a.run() },
+        label,
+        key: name,
+        data: { action: name },
+        tip: `${about}\nKey: ${keys.map(keyName).join(" or ")}`,
+        click: run,
       },
-      a.title,
-      make("kbd", {}, keyName(a.keys[0])),
+      title,
+      make("kbd", keyName(keys[0])),
     );
   }
 
   /** What does not change. */
   fixed() {
-    const { recording, method } = this.history;
-    byId("recording").textContent = `${recording.name} · ${count(recording.n_views, "view")} · method ${method}`;
+    const { recording, method, layers, steps } = this.history;
+    setText(byId("recording"), `${recording.name} · ${count(recording.n_views, "view")} · method ${method}`);
     if (recording.description) byId("recording").dataset.tip = recording.description;
-    byId("page-actions").append(...["tint", "theme", "help"].map((n) => this.button(n)));
-    byId("layers").append(...this.history.layers.map((l) => this.button(`layer_${l.name}`)));
-    byId("zoom-tools").append(...["zoom_out", "zoom_in", "fit"].map((n) => this.button(n)));
-    byId("cloud-tools").append(...["reset", "follow", "around"].map((n) => this.button(n)));
-    byId("play-tools").append(...["back", "play", "forward"].map((n) => this.button(n)));
-    document.querySelector('[data-action="play"]').classList.add("play");
-    byId("timeline").append(
-      ...this.history.steps.map((s) =>
-        make(
-          "button",
-          {
-            type: "button",
-            class: "view",
-            "aria-label":
-              `Step ${s.order + 1}: view ${s.view_index}, ${number(s.angle_deg, 0)}°,` +
-              ` adds ${number(s.added_cm2, 0)} cm²`,
-            data: { step: s.order, tip: `View ${s.view_index} at ${number(s.angle_deg, 0)}°\n${s.told}` },
-            on: {
-              click: () => {
-                this.pause();
-                this.goTo(s.order, true);
-              },
-            },
-          },
-          make("span", { class: "sign", "aria-hidden": "true" }, String(s.view_index)),
-          make("span", { class: "angle" }, `${number(s.angle_deg, 0)}°`),
-        ),
-      ),
+    const tools = {
+      "page-actions": ["tint", "theme", "help"],
+      layers: layers.map(({ name }) => `layer_${name}`),
+      "zoom-tools": ["zoom_out", "zoom_in", "fit"],
+      "cloud-tools": ["reset", "follow", "around"],
+      "play-tools": ["back", "play", "forward"],
+    };
+    for (const [id, names] of Object.entries(tools)) byId(id).append(...names.map((name) => this.button(name)));
+    buttonOf("play").classList.add("play");
+    byId("timeline").append(...steps.map((step) => this.cell(step)));
+  }
+
+  cell(/** @type {OfflineStep} */ { order, view_index, angle_deg, added_cm2, told }) {
+    const angle = `${number(angle_deg, 0)}°`;
+    const show = () => {
+      this.pause();
+      this.goTo(order, true);
+    };
+    return make(
+      "button.view",
+      {
+        label: `Step ${order + 1}: view ${view_index}, ${angle}, adds ${cm2(added_cm2)}`,
+        data: { step: order },
+        tip: `View ${view_index} at ${angle}\n${told}`,
+        click: show,
+      },
+      make("span.sign", { "aria-hidden": "true" }, String(view_index)),
+      make("span.angle", angle),
     );
   }
 
@@ -127,11 +139,10 @@ export class Page {
   show() {
     const step = this.history.steps[this.step];
     this.paint();
-    for (const button of /** @type {Iterable<HTMLElement>} */ (/** @type {unknown} */ (byId("timeline").children))) {
+    for (const button of findAll("button", byId("timeline"))) {
       const order = Number(button.dataset.step);
       button.classList.toggle("done", order <= this.step);
-      if (order === this.step) button.setAttribute("aria-current", "true");
-      else button.removeAttribute("aria-current");
+      setCurrent(button, order === this.step);
     }
     /** @type {Record<string, boolean>} */
     const pressed = {
@@ -141,21 +152,20 @@ export class Page {
       around: this.cloud.showAround,
     };
     for (const { name } of this.history.layers) pressed[`layer_${name}`] = name === this.layer;
-    for (const [name, on] of Object.entries(pressed))
-      document.querySelector(`[data-action="${name}"]`)?.setAttribute("aria-pressed", String(on));
-    document.querySelector('[data-action="play"]').firstChild.textContent = this.timer ? "Pause" : "Play";
+    for (const [name, on] of Object.entries(pressed)) setPressed(buttonOf(name), on);
+    buttonOf("play").childNodes[0].textContent = this.timer ? "Pause" : "Play";
+    const floating = step.floating_cm2 ? `, and ${cm2(step.floating_cm2)} float.` : ".";
+    const end = this.step === this.last && this.history.finished ? ` ${this.history.finished}` : "";
     setText(
       byId("hint"),
       `Step ${this.step + 1} of ${this.last + 1}: view ${step.view_index} at ${number(step.angle_deg, 0)}°,` +
-        ` ${step.told}. It adds ${number(step.added_cm2, 0)} cm²; the shape has ${number(step.area_cm2, 0)} cm²` +
-        (step.floating_cm2 ? `, and ${number(step.floating_cm2, 0)} cm² float.` : ".") +
-        (this.step === this.last && this.history.finished ? ` ${this.history.finished}` : ""),
+        ` ${step.told}. It adds ${cm2(step.added_cm2)}; the shape has ${cm2(step.area_cm2)}${floating}${end}`,
     );
-    this.showLegend();
-    this.showPicks();
+    showLegend(this.layers[this.layer].legend);
+    showPicks(this);
     showDecisions(this);
     showGarment(this);
-    this.showPick();
+    showPick(this);
   }
 
   /** Paint the flattened shape after the step, and color the cloth in 3D alike. */
@@ -173,7 +183,7 @@ export class Page {
       image.data[from + 3] = 255;
     }
     const canvas = new OffscreenCanvas(grid.cols, grid.rows);
-    canvas.getContext("2d").putImageData(image, 0, 0);
+    contextOf(canvas).putImageData(image, 0, 0);
     this.flat.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas }, 0, null);
     this.cloud.tint = this.tint ? 0.5 : 0;
     this.cloud.setColors(colors);
@@ -181,42 +191,14 @@ export class Page {
   }
 
   marks() {
-    this.flat.pick = this.current && this.isShown(this.current) ? this.current : null;
+    const pick = this.current;
+    this.flat.pick = pick?.uv_m && this.isShown(pick) ? { uv_m: pick.uv_m, grip: pick.grip } : null;
     this.flat.showMarks(this.history.picks.filter((p) => this.isShown(p)));
-    this.cloud.setMark(
-      this.current ? { point: this.current.position_held_m, gripper: this.current.gripper_m } : null,
-    );
+    this.cloud.setMark(pick && { point: pick.position_held_m, gripper: pick.gripper_m });
   }
 
   /** @param {OfflinePick} pick */
   isShown = (pick) => pick.uv_m !== null && this.cloth.pixelAt(...pick.uv_m, this.step) >= 0;
-
-  showLegend() {
-    const { legend } = this.layers[this.layer];
-    const box = byId("legend");
-    box.hidden = legend.kind === "none";
-    if (box.hidden) return;
-    rebuild(box, legend, () => {
-      const heading = make("h3", {}, legend.title);
-      if (legend.kind === "classes") {
-        return [
-          heading,
-          ...legend.classes.map((c) => {
-            const swatch = make("i", { class: "swatch" });
-            swatch.style.background = c.color;
-            return make("p", {}, swatch, c.label);
-          }),
-        ];
-      }
-      const ramp = make("i", { class: "ramp" });
-      ramp.style.background = `linear-gradient(to top, ${legend.colors.join(", ")})`;
-      const ticks = [legend.high, (legend.low + legend.high) / 2, legend.low];
-      return [
-        heading,
-        make("div", { class: "scale" }, ramp, make("div", {}, ...ticks.map((x) => make("span", {}, number(x, 0))))),
-      ];
-    });
-  }
 
   // --- steps ---------------------------------------------------------------------------------
 
@@ -248,7 +230,7 @@ export class Page {
   }
 
   pause() {
-    clearInterval(this.timer);
+    clearInterval(this.timer ?? 0);
     this.timer = null;
   }
 
@@ -264,12 +246,16 @@ export class Page {
 
   setFollow(/** @type {boolean} */ on) {
     this.follow = on;
-    if (on) this.cloud.setStep(this.step, true);
+    if (on) this.lookAgain();
     this.show();
   }
 
-  setAround(/** @type {boolean} */ on) {
-    this.cloud.setAround(on);
+  lookAgain() {
+    this.cloud.setStep(this.step, true);
+  }
+
+  toggleAround() {
+    this.cloud.setAround(!this.cloud.showAround);
     this.show();
   }
 
@@ -302,15 +288,7 @@ export class Page {
   setCurrent(/** @type {OfflinePick} */ pick) {
     this.current = pick;
     this.marks();
-    this.showPick();
-    this.showPicks();
-  }
-
-  showPick() {
     showPick(this);
-  }
-
-  showPicks() {
     showPicks(this);
   }
 
@@ -326,13 +304,9 @@ export class Page {
     return copyPick(this);
   }
 
-  help() {
-    showHelp(this);
-  }
-
   key(/** @type {KeyboardEvent} */ event) {
-    if (event.altKey || event.metaKey || event.ctrlKey || document.querySelector("dialog[open]")) return;
-    const key = event.key === " " ? "Space" : event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    if (!isPlain(event) || document.querySelector("dialog[open]")) return;
+    const key = keyOf(event);
     const action = this.actions.find((a) => a.keys.includes(key));
     // Space presses the button that has the focus.
     if (!action || (key === "Space" && targetOf(event).closest?.("button"))) return;
@@ -344,10 +318,8 @@ export class Page {
 // --- theme ------------------------------------------------------------------------------
 
 const system = matchMedia("(prefers-color-scheme: dark)");
-/** @type {string | null} */
-let chosen = null;
-/** @type {Page | null} */
-let page = null;
+let chosen = /** @type {string | null} */ (null);
+let page = /** @type {Page | null} */ (null);
 
 function applyTheme() {
   document.documentElement.dataset.theme = chosen ?? (system.matches ? "dark" : "light");
@@ -364,10 +336,10 @@ system.addEventListener("change", applyTheme);
 applyTheme();
 startTips();
 try {
-  page = new Page(await unpack(byId("history").textContent, byId("arrays").textContent));
-  document.addEventListener("keydown", (event) => page.key(event));
+  const made = (page = new Page(await unpack(byId("history").textContent ?? "", byId("arrays").textContent ?? "")));
+  document.addEventListener("keydown", (event) => made.key(event));
   applyTheme();
-  page.hover(null, 0);
+  made.hover(null, 0);
   Object.assign(window, { flatcloth: page });
 } catch (error) {
   byId("broken").hidden = false;

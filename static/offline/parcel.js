@@ -1,6 +1,5 @@
 // A parcel: JSON with arrays and pictures, as flatcloth/core/parcel.py packs it.
 
-/** @type {Record<string, new (data: ArrayBuffer) => any>} */
 const ARRAYS = {
   int8: Int8Array,
   uint8: Uint8Array,
@@ -22,16 +21,17 @@ export function valuesOf(/** @type {Uint8Array} */ bytes) {
 }
 
 /**
- * The parts of a body by name: typed arrays, and pictures as Blobs.
+ * The parts of a body by name: typed arrays, and pictures.
  *
  * @param {Record<string, { kind: string; at: number; bytes: number }>} parts @param {Uint8Array<ArrayBuffer>} body
- * @returns {Record<string, any>}
  */
 export function partsOf(parts, body) {
-  return Object.fromEntries(
-    Object.entries(parts).map(([name, { kind, at, bytes }]) => {
-      const data = body.slice(at, at + bytes);
-      return [name, kind === "png" ? new Blob([data], { type: "image/png" }) : new ARRAYS[kind](data.buffer)];
-    }),
-  );
+  /** @type {Parts} */
+  const made = { arrays: {}, pictures: {} };
+  for (const [name, { kind, at, bytes }] of Object.entries(parts)) {
+    const data = body.slice(at, at + bytes);
+    if (kind === "png") made.pictures[name] = new Blob([data], { type: "image/png" });
+    else made.arrays[name] = new ARRAYS[/** @type {keyof typeof ARRAYS} */ (kind)](data.buffer);
+  }
+  return made;
 }

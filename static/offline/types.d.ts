@@ -57,6 +57,8 @@ declare global {
     garment: { text: string; found: FoundGarment | null };
     arrays: Record<string, { kind: string; start: number; count: number }>;
   };
+  /** What a parcel holds, by name. */
+  type Parts = { arrays: Record<string, NumberArray>; pictures: Record<string, Blob> };
   type Around = { xyz: Float32Array; rgb: Uint8Array };
   type OfflineData = {
     history: OfflineHistory;

@@ -1,40 +1,66 @@
-// The socket to the server: comes back by itself, says so, and drops nothing silently.
+// The socket to the server: comes back by itself, says so, and drops nothing silently; requests, and questions.
 
 const FIRST_WAIT_MS = 300;
 const LONGEST_WAIT_MS = 5000;
 
+const nothing = () => null;
+
 /** The answer to a request; null without a connection. @returns {Promise<Response | null>} */
 export const ask = (/** @type {string} */ address, /** @type {RequestInit} */ options = {}) =>
-  fetch(address, options).catch(/** @returns {null} */ () => null);
+  fetch(address, options).catch(nothing);
+
+/** What a request is answered with; null without a connection, or if it is refused. */
+export async function askJson(/** @type {string} */ address) {
+  const answer = await ask(address);
+  return answer?.ok ? answer.json().catch(nothing) : null;
+}
+
+/** The picture at an address; null if it cannot be had. @returns {Promise<ImageBitmap | null>} */
+export async function askPicture(/** @type {string} */ address) {
+  const answer = await ask(address);
+  return answer?.ok ? answer.blob().then(createImageBitmap).catch(nothing) : null;
+}
+
+/** Send an object as JSON; null without a connection. */
+export const post = (/** @type {string} */ address, /** @type {object} */ message) =>
+  ask(address, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(message) });
+
+/**
+ * @typedef {object} ConnectionHandlers
+ * @property {(message: ServerMessage) => void} message
+ * @property {(buffer: ArrayBuffer) => void} frame
+ * @property {(again: boolean) => void} opened
+ * @property {(seconds: number) => void} lost with the time until the next attempt
+ */
 
 export class Connection {
-  /** `handlers`: message(object), frame(buffer), opened(again), lost(seconds until the next attempt). */
-  constructor(/** @type {any} */ handlers) {
+  constructor(/** @type {ConnectionHandlers} */ handlers) {
     this.handlers = handlers;
     this.wait = FIRST_WAIT_MS;
     this.openedBefore = false;
-    this.open();
+    this.socket = this.open();
   }
 
   open() {
     const address = new URL("/ws", location.href);
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
-    this.socket = new WebSocket(address);
-    this.socket.binaryType = "arraybuffer";
-    this.socket.onopen = () => {
+    const socket = new WebSocket(address);
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => {
       this.wait = FIRST_WAIT_MS;
       this.handlers.opened(this.openedBefore);
       this.openedBefore = true;
     };
-    this.socket.onmessage = ({ data }) => {
+    socket.onmessage = ({ data }) => {
       if (typeof data === "string") this.handlers.message(JSON.parse(data));
       else this.handlers.frame(data);
     };
-    this.socket.onclose = () => {
+    socket.onclose = () => {
       this.handlers.lost(this.wait / 1000);
-      setTimeout(() => this.open(), this.wait);
+      setTimeout(() => (this.socket = this.open()), this.wait);
       this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
     };
+    return socket;
   }
 
   /** Send a message; returns false if there is no connection. */
@@ -42,5 +68,58 @@ export class Connection {
     if (this.socket.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(message));
     return true;
+  }
+}
+
+/**
+ * One question at a time, always about the latest thing: what is asked meanwhile replaces what waits.
+ * @template About @template {{ id: number }} Answer
+ */
+export class Question {
+  /**
+   * @param {(id: number, about: About) => boolean} send tells whether it was sent
+   * @param {(answer: Answer) => void} take gets the answers about what was asked last
+   */
+  constructor(send, take, pauseMs = 0) {
+    this.send = send;
+    this.take = take;
+    this.pauseMs = pauseMs; // from an answer to the next question
+    this.id = 0;
+    this.busy = false;
+    this.wanted = /** @type {About | null} */ (null);
+  }
+
+  ask(/** @type {About} */ about) {
+    this.wanted = about;
+    this.next();
+  }
+
+  next() {
+    if (this.busy || this.wanted === null) return;
+    this.id += 1;
+    this.busy = this.send(this.id, this.wanted);
+    this.wanted = null;
+  }
+
+  answered(/** @type {Answer} */ answer) {
+    if (answer.id === this.id) this.take(answer);
+    if (this.pauseMs) setTimeout(() => this.free(), this.pauseMs);
+    else this.free();
+  }
+
+  free() {
+    this.busy = false;
+    this.next();
+  }
+
+  /** What waits is not asked, and what is on its way is about nothing. */
+  drop() {
+    this.wanted = null;
+    this.id += 1;
+  }
+
+  /** The connection was lost, or something was refused: what was asked may never be answered. */
+  lost() {
+    this.busy = false;
   }
 }

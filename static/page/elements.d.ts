@@ -35,6 +35,7 @@ export interface Ids {
   "palette-box": HTMLInputElement;
   "live-frame": HTMLInputElement;
   "live-rate": HTMLSelectElement;
+  increment: HTMLSelectElement;
   "brush-radius": HTMLInputElement;
   "teaching-time": HTMLInputElement;
   "progress-bar": HTMLProgressElement;

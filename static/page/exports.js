@@ -1,12 +1,13 @@
 // The sheet of exports: each is made by the server on request, and then saved.
 
-import { make, rebuild, setText } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
+import { button, make, setText, sheet, showSheet } from "/static/page/dom.js";
+import { cm2 } from "/static/page/format.js";
 
 /**
  * File, title, what it is; a piece that floats has a file of its own.
  *
  * @typedef {[file: string, title: string, about: string]} Kind
+ *
  * @type {Record<string, Kind[]>}
  */
 const GROUPS = {
@@ -40,27 +41,10 @@ const GROUPS = {
   ],
 };
 
-/** @type {{ dialog: HTMLDialogElement; body: HTMLElement } | null} */
-let sheet = null;
-
 /** Open the sheet of exports; `notify` reports what became of each. */
 export function showExports(/** @type {Notify} */ notify, /** @type {State} */ state) {
-  sheet ??= build();
-  rebuild(sheet.body, [state.recording.name, state.layers?.pieces ?? []], () => groups(notify, state));
-  sheet.dialog.showModal();
-}
-
-function build() {
-  const body = make("div.export-groups");
-  const dialog = make(
-    "dialog#exports.sheet",
-    { "aria-labelledby": "exports-title" },
-    make("h2#exports-title", "Export"),
-    body,
-    make("form", { method: "dialog" }, make("button.button", { type: "submit", autofocus: true }, "Close")),
-  );
-  document.body.append(dialog);
-  return { dialog, body };
+  const sections = groups(notify, state);
+  showSheet(sheet("#exports.sheet", "Export", make("div.export-groups", ...sections)));
 }
 
 function groups(/** @type {Notify} */ notify, /** @type {State} */ state) {
@@ -68,21 +52,16 @@ function groups(/** @type {Notify} */ notify, /** @type {State} */ state) {
   const pieces = (state.layers?.pieces ?? []).map(({ label, file, area_cm2 }) => [
     file,
     `Piece ${label}, NPZ`,
-    `The floating piece ${label} (${number(area_cm2, 0)} cm²), on a plane of its own.`,
+    `The floating piece ${label} (${cm2(area_cm2)}), on a plane of its own.`,
   ]);
+  const row = (/** @type {Kind} */ [file, title, about]) => [
+    make("dt", exportButton(file, title, notify, state.recording.name)),
+    make("dd", about),
+  ];
   return Object.entries(GROUPS).map(([title, kinds]) => {
     const rows = title === "Data" ? [...kinds.slice(0, 2), ...pieces, ...kinds.slice(2)] : kinds;
-    return make(
-      "section",
-      make("h3", title),
-      make("dl.exports", ...rows.flatMap((kind) => row(kind, notify, state.recording.name))),
-    );
+    return make("section", make("h3", title), make("dl.exports", ...rows.map(row)));
   });
-}
-
-function row(/** @type {Kind} */ [file, title, about], /** @type {Notify} */ notify, /** @type {string} */ name) {
-  const button = exportButton(file, title, notify, name);
-  return [make("dt", button), make("dd", about)];
 }
 
 /**
@@ -90,9 +69,8 @@ function row(/** @type {Kind} */ [file, title, about], /** @type {Notify} */ not
  * @param {string} file @param {string} title @param {Notify} notify @param {string} name
  */
 export function exportButton(file, title, notify, name, kind = "") {
-  const button = make("button", { class: `button ${kind}`, key: file }, title);
-  button.addEventListener("click", () => save(button, file, title, notify, name));
-  return button;
+  const made = button(title, () => save(made, file, title, notify, name), { class: kind, key: file });
+  return made;
 }
 
 /**

@@ -1,59 +1,52 @@
 // What is under the pointer on the flattened view: one question at a time, always about the latest place.
 
+import { Question } from "/static/page/connection.js";
+
 export class Hover {
   name = "hover";
 
   constructor(/** @type {Page} */ page) {
     this.page = page;
-    this.id = 0;
-    this.wanted = null;
-    this.last = null; // where the pointer is
+    this.last = /** @type {Place | null} */ (null); // where the pointer is
     this.about = ""; // what the last state showed there
-    this.busy = false;
+    /** @type {Question<Place, HoverAnswer>} */
+    this.question = new Question(
+      (id, place) => this.send(id, place),
+      (answer) => this.show(answer),
+    );
     /** @type {Panel["messages"]} */
-    this.messages = { hover: (message) => this.take(message) };
+    this.messages = { hover: (answer) => this.question.answered(answer) };
   }
 
   /** What lies under a pointer that rests may be something else now. */
-  update(/** @type {State} */ state) {
-    const about = JSON.stringify([
-      state.layers?.revision,
-      state.layers?.overlay?.revision,
-      state.pending?.view_index,
-    ]);
+  update(/** @type {State} */ { layers, pending, live }) {
+    const about = JSON.stringify([layers?.revision, layers?.overlay?.revision, pending?.view_index]);
     if (about === this.about) return;
     this.about = about;
-    if (state.live || !this.last) return;
-    this.wanted = this.last;
-    this.ask();
+    if (this.last && !live) this.question.ask(this.last);
   }
 
   /** The pointer is at a place of the plane, or has left it. */
   at(/** @type {Place | null} */ place) {
     this.page.each("hover", place);
-    this.wanted = this.last = place;
-    if (place) return this.ask();
-    this.id += 1; // what is on its way is about nothing
+    this.last = place;
+    if (place) return this.question.ask(place);
+    this.question.drop();
     this.page.each("hovered", null);
   }
 
-  take(/** @type {HoverAnswer} */ message) {
-    this.busy = false;
-    // Once it is decided the proposal is no longer asked about, though it may still be drawn.
-    const answer = this.page.state?.pending || this.page.isLive ? message : { ...message, proposal: null };
-    if (message.id === this.id) this.page.each("hovered", answer);
-    this.ask();
+  send(/** @type {number} */ id, /** @type {Place} */ place) {
+    const more = Object.assign({}, ...this.page.panels.map((panel) => panel.asksHover?.() ?? {}));
+    return Boolean(this.page.state?.layers) && this.page.send({ type: "hover", id, ...place, ...more });
   }
 
-  ask() {
-    if (this.busy || !this.wanted || !this.page.state?.layers) return;
-    this.id += 1;
-    const more = Object.assign({}, ...this.page.panels.map((panel) => panel.asksHover?.() ?? {}));
-    this.busy = this.page.send({ type: "hover", id: this.id, ...this.wanted, ...more });
-    this.wanted = null;
+  show(/** @type {HoverAnswer} */ answer) {
+    // Once it is decided the proposal is no longer asked about, though it may still be drawn.
+    const decided = !this.page.state?.pending && !this.page.isLive;
+    this.page.each("hovered", decided ? { ...answer, proposal: null } : answer);
   }
 
   disconnected() {
-    this.busy = false;
+    this.question.lost();
   }
 }

@@ -1,15 +1,15 @@
-// The action of a key in the current mode, from the table of actions.
+// The action of a key in the current mode, from the table of actions; and the sheet of keys.
 
-import { targetOf } from "/static/page/dom.js";
+import { byId, make, taken, targetOf } from "/static/page/dom.js";
 import { isMove } from "/static/canvas/nudges.js";
 
 const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
 
 /**
- * `page`: state(), modes() with the uppermost first, run(name, large). Returns the listener, for frames that
- * want it as well.
+ * Returns the listener, for frames that want it as well.
+ * @param {{ state: () => State; modes: () => string[]; run: (name: string, large: boolean) => void }} page
+ *   with the uppermost of the modes first
  */
-/** @param {{ state: () => State; modes: () => string[]; run: (name: string, large: boolean) => void }} page */
 export function startKeys(page) {
   let tabbed = false; // whether the focus came by Tab; what a pointer pressed is not meant by a later Space
 
@@ -30,8 +30,7 @@ export function startKeys(page) {
     // Without a proposal the arrow keys keep their own meaning, such as scrolling.
     const moves = isMove(action.name);
     if (moves && !state.pending) return;
-    event.preventDefault();
-    event.stopPropagation();
+    taken(event);
     if (event.repeat && !moves && !REPEATED.includes(action.name)) return;
     page.run(action.name, event.shiftKey);
   }
@@ -52,8 +51,28 @@ function actionOf(state, modes, key) {
   return inOrder.find(Boolean);
 }
 
-function keyOf(/** @type {KeyboardEvent} */ event) {
+export function keyOf(/** @type {KeyboardEvent} */ event) {
   if (event.key === " ") return "Space";
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   return event.ctrlKey ? `Ctrl+${key}` : key;
+}
+
+/** A part of the sheet: keys, title, what it does. @param {string} title @param {HelpRow[]} rows */
+export const keySection = (title, rows) =>
+  make(
+    "section",
+    make("h3", title),
+    make(
+      "dl.keys",
+      ...rows.flatMap(([keys, name, about]) => [
+        make("dt", ...keys.map((key) => make("kbd", key))),
+        make("dd", name && [make("strong", name), " "], about),
+      ]),
+    ),
+  );
+
+export function showKeys(/** @type {HTMLElement[]} */ sections) {
+  byId("help-body").replaceChildren(...sections);
+  byId("help").showModal();
+  byId("help").scrollTop = 0; // the button that has the focus is at its end
 }

@@ -1,14 +1,13 @@
 // Notifications: toasts that can be dismissed, and the log of all of them.
 
-import { byId, make, targetOf } from "/static/page/dom.js";
+import { byId, closeButton, make, placeBeside, staysIn, targetOf } from "/static/page/dom.js";
 
 const STAYS_MS = { info: 7000, warning: 10000 }; // errors stay until they are dismissed
 const KEPT = 200;
 const WORDS = { info: "Note", warning: "Warning", error: "Error" };
 
 let lastServerNote = -1; // none
-/** @type {{ level: Note["level"]; text: string; timeS: number }[]} */
-const kept = [];
+const kept = /** @type {{ level: Note["level"]; text: string; timeS: number }[]} */ ([]);
 
 /** Show a message and keep it in the log. */
 export function notify(/** @type {Note["level"]} */ level, /** @type {string} */ text, timeS = Date.now() / 1000) {
@@ -19,7 +18,7 @@ export function notify(/** @type {Note["level"]} */ level, /** @type {string} */
     { class: `toast ${level}`, role: level === "error" ? "alert" : "status" },
     make("strong", WORDS[level]),
     make("p", text),
-    make("button.close", { label: "Dismiss", click: () => toast.remove() }, "×"),
+    closeButton("Dismiss", () => toast.remove()),
   );
   byId("toasts").append(toast);
   while (byId("toasts").childElementCount > 4) byId("toasts").firstElementChild?.remove();
@@ -59,17 +58,15 @@ export function showLog() {
       make("span", n.text),
     ),
   );
-  byId("log-body").replaceChildren(
-    ...(items.length ? items.reverse() : [make("li", make("span", "Nothing to report so far."))]),
-  );
+  const none = make("li", make("span", "Nothing to report so far."));
+  byId("log-body").replaceChildren(...(items.length ? items.reverse() : [none]));
   byId("log").showModal();
 }
 
 /** One tooltip for the whole page: shown on hover and on keyboard focus, never in the way of the pointer. */
 export function startTips() {
   const tip = byId("tip");
-  /** @type {Element | null} */
-  let owner = null;
+  let owner = /** @type {Element | null} */ (null);
   const hide = () => {
     tip.hidden = true;
     owner = null;
@@ -82,10 +79,7 @@ export function startTips() {
     tip.textContent = target.dataset.tip ?? "";
     tip.hidden = false;
     const at = target.getBoundingClientRect();
-    const box = tip.getBoundingClientRect();
-    const below = at.bottom + 8 + box.height < innerHeight;
-    tip.style.left = `${Math.max(8, Math.min(innerWidth - box.width - 8, at.left + at.width / 2 - box.width / 2))}px`;
-    tip.style.top = `${below ? at.bottom + 8 : at.top - box.height - 8}px`;
+    placeBeside(tip, at, at.bottom + 8 + tip.getBoundingClientRect().height < innerHeight);
   };
   document.addEventListener("pointerover", show);
   document.addEventListener("focusin", show);
@@ -93,6 +87,6 @@ export function startTips() {
   document.addEventListener("pointerdown", hide);
   document.addEventListener("keydown", hide);
   document.addEventListener("pointerout", (event) => {
-    if (owner && !owner.contains(/** @type {Node | null} */ (event.relatedTarget))) hide();
+    if (owner && !staysIn(owner, event)) hide();
   });
 }

@@ -1,58 +1,22 @@
 // What the parts of the page share: the state, messages to the server, the buttons of actions, the registry of panels.
 
-/**
- * A part of the page. All members may be left out.
- *
- * @typedef {object} Panel
- * @property {string} [name] under which its `status` stands in `window.flatcloth`
- * @property {(state: State) => void} [update] takes each state of the server
- * @property {Record<string, (large: boolean) => void>} [actions] what it does, by the names of viewer/protocol/actions
- * @property {Record<string, (message: any) => void>} [messages] what it takes, by the type of the server's message
- * @property {(u_m: number, v_m: number) => boolean} [click] a click on the flattened view; true: it is taken
- * @property {(at: {u_m: number, v_m: number} | null) => void} [hover] the pointer on the flattened view
- * @property {(answer: import("/static/page/messages").HoverAnswer | null) => void} [hovered]
- *   the values under the pointer, null: none
- * @property {() => object} [asksHover] its additional request about the point under the pointer
- * @property {() => boolean} [escape] Escape was pressed; true: there was something to close
- * @property {(by: {theta: number, u: number, v: number}) => void} [moving] the proposal is being moved by so much
- * @property {() => void} [placed] the proposal is drawn where the server has put it
- * @property {() => void} [disconnected] the connection is lost: pending requests stay unanswered
- * @property {() => void} [reconnected] another server process may answer from now on
- * @property {(view: number, rc: [number, number]) => void} [lookAt] show a pixel of a view
- * @property {Record<string, boolean>} [pressed] which of its actions are on, for their buttons
- * @property {(state: State) => boolean} [mayAccept] false: Accept waits, as its button now says
- * @property {any} [status] for tests
- */
-
-/**
- * @typedef {"update" | "click" | "hover" | "hovered" | "escape" | "moving" | "placed" | "disconnected" |
- *   "reconnected" | "lookAt"} PanelEvent
- */
+import { make } from "/static/page/dom.js";
 
 export class Page {
-  /** `handlers`: send(message), notify(level, text), run(action), show(state) draws the page again. */
-  constructor(/** @type {any} */ handlers) {
+  constructor(/** @type {PageHandlers} */ handlers) {
     this.handlers = handlers;
-    const later = /** @type {any} */ (null); // main.js sets these parts before the first state
+    const later = /** @type {never} */ (null); // main.js sets these parts before the first state
     /** @type {State} the last state that the server sent; no panel acts before the first */
     this.state = later;
     this.layer = "color"; // of the flattened view
-    /** @type {FlatCanvas} */
-    this.canvas = later;
-    /** @type {Toolbar} */
-    this.toolbar = later;
-    /** @type {Comparison} */
-    this.comparison = later;
-    /** @type {Looking} */
-    this.looking = later;
-    /** @type {Ruler} */
-    this.ruler = later;
-    /** @type {SceneMarks} what is drawn over the 3D scene */
-    this.sceneMarks = later;
-    /** @type {SidesPanel} the brush of the side of interest, for panels that can be painted on */
-    this.brush = later;
-    /** @type {Panel[]} */
-    this.panels = [];
+    this.canvas = /** @type {FlatCanvas} */ (later);
+    this.toolbar = /** @type {Toolbar} */ (later);
+    this.comparison = /** @type {Comparison} */ (later);
+    this.looking = /** @type {Looking} */ (later);
+    this.ruler = /** @type {Ruler} */ (later);
+    this.sceneMarks = /** @type {SceneMarks} */ (later); // what is drawn over the 3D scene
+    this.brush = /** @type {SidesPanel} */ (later); // of the side of interest, for panels that can be painted on
+    this.panels = /** @type {Panel[]} */ ([]);
   }
 
   /**
@@ -67,14 +31,12 @@ export class Page {
     return panel;
   }
 
-  /** @param {import("/static/page/messages").ClientMessage} message */
-  send(message) {
+  send(/** @type {ClientMessage} */ message) {
     return this.handlers.send(message);
   }
 
-  notify(/** @type {"info" | "warning" | "error"} */ level, /** @type {string} */ text) {
-    this.handlers.notify(level, text);
-  }
+  /** @type {Notify} */
+  notify = (level, text) => this.handlers.notify(level, text);
 
   run(/** @type {string} */ name) {
     this.handlers.run(name);
@@ -110,6 +72,18 @@ export class Page {
     return button;
   }
 
+  /** The same, small. */
+  smallButton(/** @type {string} */ name, /** @type {string | null} */ title = null) {
+    const button = this.button(name, title);
+    button.classList.add("small");
+    return button;
+  }
+
+  /** Small buttons of actions, as a group. */
+  group(/** @type {string} */ label, /** @type {string[]} */ actions) {
+    return make("div.group", { role: "group", label }, ...actions.map((name) => this.smallButton(name)));
+  }
+
   /** What a panel does for an action, if one does. */
   actionOf(/** @type {string} */ name) {
     for (const { actions } of this.panels) if (actions && name in actions) return actions[name];
@@ -118,27 +92,20 @@ export class Page {
 
   /** Give a message of the server to the panels that take its type. */
   take(/** @type {ServerMessage} */ message) {
-    for (const panel of this.panels) panel.messages?.[message.type]?.(message);
+    for (const { messages } of this.panels) {
+      const take = /** @type {((message: ServerMessage) => void) | undefined} */ (messages?.[message.type]);
+      take?.(message);
+    }
   }
 
-  /**
-   * Call a method of each panel that has it.
-   *
-   * @param {PanelEvent} event @param {...any} args
-   */
-  each(event, ...args) {
+  /** Call a method of each panel that has it. @type {CallPanels<void>} */
+  each = (event, ...args) => {
     for (const panel of this.panels) call(panel, event, args);
-  }
+  };
 
-  /**
-   * Call a method of the panels in turn until one returns true; whether one did.
-   *
-   * @param {PanelEvent} event @param {...any} args
-   */
-  offer(event, ...args) {
-    return this.panels.some((panel) => call(panel, event, args));
-  }
+  /** Call a method of the panels in turn until one returns true; whether one did. @type {CallPanels<boolean>} */
+  offer = (event, ...args) => this.panels.some((panel) => call(panel, event, args));
 }
 
-const call = (/** @type {any} */ panel, /** @type {PanelEvent} */ event, /** @type {any[]} */ args) =>
-  panel[event]?.(...args);
+const call = (/** @type {Panel} */ panel, /** @type {PanelEvent} */ event, /** @type {unknown[]} */ args) =>
+  /** @type {((...args: unknown[]) => unknown) | undefined} */ (panel[event])?.apply(panel, args);

@@ -11,8 +11,7 @@ export function showPalette(/** @type {ActionRow[]} */ actions, /** @type {(name
   const dialog = byId("palette");
   const box = byId("palette-box");
   const list = byId("palette-list");
-  /** @type {ActionRow[]} */
-  let shown = [];
+  let shown = /** @type {ActionRow[]} */ ([]);
   let at = 0;
 
   function search() {

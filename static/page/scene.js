@@ -1,6 +1,6 @@
 // viser's page in its frame: theme, reload after a lost connection, keys, and what it warns of.
 
-import { byId } from "/static/page/dom.js";
+import { byId, find, findAll } from "/static/page/dom.js";
 import { notify } from "/static/page/notices.js";
 import { isDark, onTheme } from "/static/page/theme.js";
 
@@ -10,8 +10,7 @@ const SOFTWARE =
   "acceleration in the browser's settings.";
 
 const frame = byId("viser");
-/** @type {boolean | null} */
-let shownDark = null;
+let shownDark = /** @type {boolean | null} */ (null);
 
 export function startScene(/** @type {(event: KeyboardEvent) => void} */ onKeyDown) {
   frame.addEventListener("load", () => {
@@ -37,17 +36,16 @@ export function loadScene(/** @type {boolean} */ force) {
 /** Warnings about the browser that viser's page lays over the scene become notices of this page, each once. */
 function foldWarnings(/** @type {Document} */ inside) {
   const fold = () => {
-    for (const found of inside.querySelectorAll(".mantine-Notification-root:not([data-folded])")) {
-      const warning = /** @type {HTMLElement} */ (found);
-      const title = warning.querySelector(".mantine-Notification-title")?.textContent ?? "";
+    for (const warning of findAll(".mantine-Notification-root:not([data-folded])", inside)) {
+      const title = find(".mantine-Notification-title", warning)?.textContent ?? "";
       if (!/webgl|browser/i.test(title)) continue;
       warning.dataset.folded = "";
       warning.style.display = "none";
-      warning.querySelector("button")?.click();
+      find("button", warning)?.click();
       const told = JSON.parse(localStorage.getItem(TOLD) ?? "[]");
       if (told.includes(title)) continue;
       localStorage.setItem(TOLD, JSON.stringify([...told, title]));
-      const description = warning.querySelector(".mantine-Notification-description")?.textContent ?? "";
+      const description = find(".mantine-Notification-description", warning)?.textContent ?? "";
       notify("info", /software/i.test(title) ? SOFTWARE : `3D scene: ${title}. ${description}`);
     }
   };

@@ -4,13 +4,22 @@
 // is never hidden, and follows the pointer without waiting for the scene.
 
 import { drawDot, drawLabel, drawRing } from "/static/canvas/marks.js";
-import { byId, contextOf, make } from "/static/page/dom.js";
+import { Question } from "/static/page/connection.js";
+import { byId, make, sized } from "/static/page/dom.js";
 
 const EDGE = 14;
 
 /**
  * @typedef {{ id: number; position_held_m: XYZ }} MarkedPick
- * @typedef {{ camera: any; world: number[]; canvas: HTMLCanvasElement }} SceneView viser's camera and canvas
+ * @typedef {{ elements: number[] }} Matrix4
+ * @typedef {Record<
+ *   "matrixWorld" | "matrixWorldInverse" | "projectionMatrix" | "projectionMatrixInverse", Matrix4
+ * >} Camera of three.js
+ * @typedef {{ camera: Camera; world: number[]; canvas: HTMLCanvasElement }} SceneView viser's camera and canvas
+ * @typedef {{
+ *   nodeRefFromName?: Record<string, { matrixWorld: Matrix4 }>; camera?: Camera; canvas?: HTMLCanvasElement
+ * }} Viser what viser's page has of itself
+ * @typedef {{ origin_m: XYZ; direction: XYZ }} Ray
  */
 
 /** A vector that is so many times as long. @returns {XYZ} */
@@ -24,29 +33,26 @@ export class SceneMarks {
     this.frame = byId("viser");
     this.overlay = make("canvas.scene-marks", { "aria-hidden": "true" });
     this.frame.after(this.overlay);
-    /** @type {MarkedPick[]} */
-    this.picks = [];
-    /** @type {number | null} */
-    this.current = null;
-    /** @type {XYZ | null} */
-    this.cursor = null; // a point in space that the pointer is at, on either side
-    /** @type {UV | null} */
-    this.plane = null; // and where it lies on the plane
-    /** @type {SceneDrawer[]} of panels */
-    this.drawers = [];
-    /** @type {({ id: number; x: number; y: number; inside: boolean } | null)[]} for tests */
-    this.drawn = [];
-    /** @type {Point | null} */
-    this.cursorAt = null;
+    this.picks = /** @type {MarkedPick[]} */ ([]);
+    this.current = /** @type {number | null} */ (null);
+    this.cursor = /** @type {XYZ | null} */ (null); // a point in space that the pointer is at, on either side
+    this.plane = /** @type {UV | null} */ (null); // and where it lies on the plane
+    this.drawers = /** @type {SceneDrawer[]} */ ([]); // of panels
+    this.drawn = /** @type {({ id: number; x: number; y: number; inside: boolean } | null)[]} */ ([]); // for tests
+    this.cursorAt = /** @type {Point | null} */ (null);
     this.dirty = true;
-    this.id = 0;
     this.key = ""; // of what is drawn: the camera
     this.width = this.height = 0;
-    this.busy = false;
-    /** @type {{ origin_m: XYZ; direction: XYZ } | null} */
-    this.wanted = null;
+    /** @type {Question<Ray, import("/static/page/messages").RayAnswer>} */
+    this.question = new Question(
+      (id, ray) => this.ask(id, ray),
+      ({ xyz_m, uv_m }) => this.show(xyz_m, uv_m),
+    );
     /** @type {Panel["messages"]} */
-    this.messages = { hover_ray: (message) => this.take(message), picked: (message) => this.highlight(message) };
+    this.messages = {
+      hover_ray: (answer) => this.question.answered(answer),
+      picked: (message) => this.highlight(message),
+    };
     page.canvas.drawers.push((_, context, style) => this.drawOnPlane(context, style));
     this.frame.addEventListener("load", () => this.listen());
     const tick = () => {
@@ -72,10 +78,7 @@ export class SceneMarks {
   /** The pointer is over the flattened view: its point in space has a cursor. */
   hovered(/** @type {HoverAnswer | null} */ answer) {
     const at = answer?.shape ?? answer?.proposal ?? null;
-    this.cursor = at ? scaled(at.xyz_mm, 1 / 1000) : null;
-    this.plane = null;
-    this.dirty = true;
-    this.page.canvas.redraw();
+    this.show(at ? scaled(at.xyz_mm, 1 / 1000) : null, null);
   }
 
   // --- the pointer in the scene ------------------------------------------------------------------
@@ -84,35 +87,23 @@ export class SceneMarks {
     const inside = /** @type {Window} */ (this.frame.contentWindow);
     inside.addEventListener("pointermove", (event) => {
       const ray = event.buttons ? null : this.rayAt(event.clientX, event.clientY);
-      this.wanted = ray;
-      if (ray) this.ask();
+      if (ray) this.question.ask(ray);
     });
     inside.addEventListener("pointerout", (event) => !event.relatedTarget && this.leave());
   }
 
   leave() {
-    /** @type {{ origin_m: XYZ; direction: XYZ } | null} */
-    this.wanted = null;
-    this.id += 1;
+    this.question.drop();
     this.show(null, null);
   }
 
-  ask() {
-    if (this.busy || !this.wanted || !this.page.state?.layers || this.page.state.live?.playing) return;
-    this.id += 1;
-    this.busy = this.page.send({ type: "hover_ray", id: this.id, ...this.wanted });
-    /** @type {{ origin_m: XYZ; direction: XYZ } | null} */
-    this.wanted = null;
-  }
-
-  take(/** @type {any} */ message) {
-    this.busy = false;
-    if (message.id === this.id) this.show(message.xyz_m, message.uv_m);
-    this.ask();
+  ask(/** @type {number} */ id, /** @type {Ray} */ ray) {
+    const { layers, live } = this.page.state ?? {};
+    return Boolean(layers) && !live?.playing && this.page.send({ type: "hover_ray", id, ...ray });
   }
 
   disconnected() {
-    this.busy = false;
+    this.question.lost();
   }
 
   show(/** @type {XYZ | null} */ xyz, /** @type {UV | null} */ uv) {
@@ -124,9 +115,10 @@ export class SceneMarks {
 
   /** viser's camera and the matrix from the object frame to its world; null until there is a scene. */
   get view() {
-    const viser = /** @type {any} */ (this.frame.contentWindow)?.__viserMutable;
+    const inside = /** @type {{ __viserMutable?: Viser } | null} */ (this.frame.contentWindow);
+    const viser = inside?.__viserMutable;
     const node = viser?.nodeRefFromName?.["/live/cloud"];
-    if (!node || !viser.camera || !viser.canvas) return null;
+    if (!node || !viser?.camera || !viser.canvas) return null;
     return { camera: viser.camera, world: node.matrixWorld.elements, canvas: viser.canvas };
   }
 
@@ -137,9 +129,9 @@ export class SceneMarks {
     const [a, b] = [(2 * (x - box.left)) / box.width - 1, 1 - (2 * (y - box.top)) / box.height];
     const { matrixWorld, projectionMatrixInverse } = view.camera;
     const [px, py, pz] = applied(projectionMatrixInverse.elements, [a, b, 0.5]);
-    const eye = matrixWorld.elements.slice(12, 15);
+    const [ex, ey, ez] = matrixWorld.elements.slice(12, 15);
     const through = applied(matrixWorld.elements, [px, py, pz]);
-    const origin = unapplied(view.world, eye);
+    const origin = unapplied(view.world, [ex, ey, ez]);
     const end = unapplied(view.world, through);
     /** @type {XYZ} */
     const direction = [end[0] - origin[0], end[1] - origin[1], end[2] - origin[2]];
@@ -166,13 +158,8 @@ export class SceneMarks {
     this.key = key;
     this.width = width;
     this.height = height;
-    const ratio = devicePixelRatio;
-    this.overlay.width = Math.round(width * ratio);
-    this.overlay.height = Math.round(height * ratio);
-    this.overlay.style.width = `${width}px`;
-    this.overlay.style.height = `${height}px`;
-    const context = contextOf(this.overlay);
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    Object.assign(this.overlay.style, { width: `${width}px`, height: `${height}px` });
+    const context = sized(this.overlay, width, height);
     const style = getComputedStyle(this.overlay);
     for (const draw of this.drawers) draw(context, style, (point) => this.place(view, point));
     this.drawn = this.picks.map((pick) => this.drawPick(context, style, view, pick));
@@ -196,6 +183,7 @@ export class SceneMarks {
       drawRing(context, this.page.canvas.transform.toPane(...this.plane), style.getPropertyValue("--accent"), 7);
     }
     for (const pick of this.page.canvas.marks) {
+      if (pick.id === null) continue;
       const at = this.page.canvas.transform.toPane(...pick.uv_m);
       drawNumber(context, at, pick.id, style, pick.id === this.current);
     }

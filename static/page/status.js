@@ -1,15 +1,13 @@
 // The lines above the canvas: the shown view, the next step, the progress, and notes about the session.
 
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
-import { count } from "/static/page/format.js";
-import { hint } from "/static/page/hints.js";
+import { byId, closeButton, make, rebuild, setText } from "/static/page/dom.js";
+import { count, floatingOf, number } from "/static/page/format.js";
 
 const BUSY_AFTER_MS = 250;
 
 export class StatusLines {
   constructor() {
-    /** @type {number | null} */
-    this.busyTimer = null;
+    this.busyTimer = /** @type {number | null} */ (null);
     this.busy = make("p.busy", { role: "status", hidden: true }, "Drawing the shape …");
     byId("stage").append(this.busy);
     /** @type {Panel["messages"]} */
@@ -58,7 +56,55 @@ export class StatusLines {
     };
     rebuild(strip, key, () => [
       make("ul", ...notes.map((text) => make("li", text))),
-      make("button.close", { label: "Dismiss the notes", click: dismiss }, "×"),
+      closeButton("Dismiss the notes", dismiss),
     ]);
+  }
+}
+
+/** How large the shape is, and what floats beside it. */
+function shapeOf(/** @type {number} */ step, /** @type {NonNullable<State["layers"]>} */ layers) {
+  const { pieces, area_cm2: floating } = floatingOf(layers);
+  const beside = floating ? ` ${number(floating, 0)} cm² float in ${count(pieces.length, "piece")}.` : "";
+  return ` Shape: ${count(step, "view")}, ${number(layers.area_cm2, 0)} cm².${beside}`;
+}
+
+/** What to do next, in a line. */
+function hint(/** @type {State} */ state) {
+  const angle = (/** @type {number | null} */ i, word = "view") =>
+    `${word} ${i} (${number(state.views[i ?? 0].angle_deg, 0)}°)`;
+  const { request, pending } = state;
+  const area = state.layers ? shapeOf(state.step, state.layers) : "";
+  const waiting = state.n_later
+    ? ` Then ${count(state.n_later, "later view")} follow${state.n_later === 1 ? "s" : ""}.`
+    : "";
+  if (state.auto.running && state.phase !== "computing") return `Auto is running; press Auto (G) to stop it.${area}`;
+  if (state.mode === "live") return "";
+  switch (state.phase) {
+    case "computing":
+      if (!request || request.kind === "start") return "Choosing and flattening the start view.";
+      if (request.kind === "follow") return `Laying ${angle(request.view_index)} on the changed shape.${area}`;
+      return request.view_index === null
+        ? `Looking for the next view.${area}`
+        : `Laying ${angle(request.view_index)} on the shape.${area}`;
+    case "deciding":
+      if (!pending) return "";
+      if (pending.again && !pending.why)
+        return (
+          `${angle(pending.view_index, "View")} is decided again: Accept (A), Reject (R), Skip (K) or move it;` +
+          ` Undo (U) leaves it as it was.${waiting}${area}`
+        );
+      return (
+        `Is ${angle(pending.view_index)} in its place? Accept (A), Reject (R), Skip (K),` +
+        ` or move it with the arrow keys.${waiting}${area}`
+      );
+    case "finished":
+      return `Finished: ${(state.finished ?? "").replaceAll("cm2", "cm²")} Click the cloth for a grasp point.${area}`;
+    default:
+      return state.start_view === null
+        ? "Press Step (S): the start view is chosen and flattened."
+        : state.n_later
+          ? `${count(state.n_later, "later view")} wait${state.n_later === 1 ? "s" : ""} to follow.` +
+            ` Press Step (S) to go on.${area}`
+          : `Press Step (S): the next view is chosen, flattened and placed on the shape.${area}`;
   }
 }

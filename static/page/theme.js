@@ -1,15 +1,33 @@
-// Light and dark: the system's choice until the operator makes one; viser's frame gets the same.
+// What this browser keeps: light or dark, as the system until the operator chooses (viser's frame gets the same);
+// and switches of the page.
+
+/** A switch that is kept. */
+export class KeptSwitch {
+  constructor(/** @type {string} */ name, usual = false) {
+    this.name = `flatcloth-${name}`;
+    this.usual = usual;
+  }
+
+  get on() {
+    return (localStorage.getItem(this.name) ?? (this.usual ? "yes" : "no")) === "yes";
+  }
+
+  set on(on) {
+    localStorage.setItem(this.name, on ? "yes" : "no");
+  }
+
+  toggle() {
+    this.on = !this.on;
+  }
+}
 
 const STORED = "flatcloth-theme";
 const system = matchMedia("(prefers-color-scheme: dark)");
-/** @type {((dark: boolean) => void)[]} */
-const listeners = [];
+const listeners = /** @type {((dark: boolean) => void)[]} */ ([]);
 
 export const isDark = () => (localStorage.getItem(STORED) ?? (system.matches ? "dark" : "light")) === "dark";
 
-export function onTheme(/** @type {(dark: boolean) => void} */ listener) {
-  listeners.push(listener);
-}
+export const onTheme = (/** @type {(dark: boolean) => void} */ listener) => listeners.push(listener);
 
 /** What the operator chose; nothing: as the system. */
 export const chosenTheme = () => localStorage.getItem(STORED) ?? "";

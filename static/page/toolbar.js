@@ -1,7 +1,22 @@
 // The buttons: made from the server's table of actions, so that names, keys and reasons are one.
 
-import { buttonOf, byId, make, rebuild, setAllowed } from "/static/page/dom.js";
+import {
+  buttonOf,
+  byId,
+  field,
+  find,
+  findAll,
+  make,
+  optionsOf,
+  rebuild,
+  setAllowed,
+  setPressed,
+  slider,
+  staysIn,
+  taken,
+} from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
+import { keySection, showKeys } from "/static/page/keys.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
 const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];
@@ -24,6 +39,8 @@ export const LAYERS = {
   layer_density: "density",
   layer_place: "place",
 };
+const STEPS_TIP =
+  "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged.";
 const QUALITY = ["layer_stretch", "layer_incidence", "layer_density", "layer_place"];
 /** @type {Record<string, string>} */
 const SIGNS = { zoom_out: "−", zoom_in: "+" };
@@ -35,8 +52,7 @@ export class Toolbar {
   constructor(/** @type {(name: string) => void} */ run, /** @type {Page} */ page) {
     this.run = run;
     this.page = page;
-    /** @type {Map<string, ActionRow>} */
-    this.actions = new Map();
+    this.actions = /** @type {Map<string, ActionRow>} */ (new Map());
   }
 
   update(/** @type {State} */ state) {
@@ -49,16 +65,14 @@ export class Toolbar {
     this.buildOverlay();
     this.build(byId("zoom-tools"), ["zoom_out", "zoom_in", "fit"], SIGNS);
     for (const action of state.actions)
-      for (const button of document.querySelectorAll(`[data-action="${action.name}"]`))
-        setAllowed(/** @type {HTMLElement} */ (button), action.why_not, this.tip(action));
+      for (const button of findAll(`[data-action="${action.name}"]`))
+        setAllowed(button, action.why_not, this.tip(action));
     for (const { pressed } of this.page.panels)
-      for (const [name, on] of Object.entries(pressed ?? {})) this.setPressed(name, on);
+      for (const [name, on] of Object.entries(pressed ?? {})) setPressed(buttonOf(name), on);
     byId("canvas").classList.toggle("measuring", this.page.ruler.on);
     if (state.live) this.updateLive(state.live);
     else this.updateSession(state);
-    for (const [name, layer] of Object.entries(LAYERS)) {
-      this.setPressed(name, this.page.layer === layer);
-    }
+    for (const [name, layer] of Object.entries(LAYERS)) setPressed(buttonOf(name), this.page.layer === layer);
   }
 
   updateLive(/** @type {NonNullable<State["live"]>} */ live) {
@@ -68,7 +82,7 @@ export class Toolbar {
   }
 
   updateSession(/** @type {State} */ state) {
-    this.setPressed("auto", state.auto.running);
+    setPressed(buttonOf("auto"), state.auto.running);
     setTitle("auto", state.auto.running ? "Stop Auto" : "Auto");
     showSteps(byId("increment"), state.settings);
     this.page.comparison.showKinds(byId("difference-kinds"));
@@ -87,10 +101,6 @@ export class Toolbar {
     return /** @type {ActionRow} */ (this.actions.get(name));
   }
 
-  setPressed(/** @type {string} */ name, /** @type {boolean} */ on) {
-    buttonOf(name)?.setAttribute("aria-pressed", String(on));
-  }
-
   button(/** @type {string} */ name, /** @type {string | null} */ title = null) {
     const action = this.action(name);
     return make(
@@ -107,87 +117,62 @@ export class Toolbar {
     /** @type {Record<string, string>} */ titles = {},
   ) {
     rebuild(container, [names], () =>
-      names.flatMap((name) => {
-        if (name === "|") return [make("span.gap", { "aria-hidden": "true" })];
+      names.map((name) => {
+        if (name === "|") return make("span.gap", { "aria-hidden": "true" });
         const button = this.button(name, titles[name]);
-        if (name !== "reject") return [button];
-        const more = make(
-          "button.button.more",
-          {
-            "aria-haspopup": "menu",
-            label: "Reject with a reason",
-            key: "reject_menu",
-            data: { action: "reject_menu" },
-            click: () => this.run("reject_menu"),
-          },
-          "▾",
-          make("kbd", keyName(this.action("reject_menu").keys[0])),
-        );
-        return [make("span.joined", button, more)];
+        return name === "reject" ? make("span.joined", button, this.rejectMore()) : button;
       }),
     );
   }
 
+  rejectMore() {
+    const button = this.button("reject_menu", "▾");
+    button.classList.add("more");
+    button.setAttribute("aria-haspopup", "menu");
+    return button;
+  }
+
   buildLayers(/** @type {boolean} */ live) {
-    const names = Object.keys(LAYERS);
     const quality = QUALITY.filter((name) => !live || name !== "layer_place"); // a single view has no placement
-    rebuild(byId("layers"), ["layers"], () =>
-      names.filter((n) => !QUALITY.includes(n)).map((name) => this.button(name)),
+    this.build(
+      byId("layers"),
+      Object.keys(LAYERS).filter((name) => !QUALITY.includes(name)),
     );
-    rebuild(byId("quality-layers"), ["layers", live], () => quality.map((name) => this.button(name)));
-    rebuild(byId("look-tools"), ["look"], () => [this.button("look")]);
+    this.build(byId("quality-layers"), quality);
+    this.build(byId("look-tools"), ["look"]);
   }
 
   buildOverlay() {
     const page = this.page;
-    /** @param {number} mm @param {number} deg */
-    const setStep = (mm, deg) => page.send({ type: "set", step_mm: mm, step_deg: deg });
+    const steps = make("select#increment", {
+      key: "increment",
+      change: ({ target }) => {
+        const [step_mm, step_deg] = STEPS[Number(target.value)] ?? [];
+        page.send({ type: "set", step_mm, step_deg });
+      },
+    });
+    const opacity = slider([0, 1, 0.05], page.comparison.opacity, {
+      key: "opacity",
+      input: (event) => page.comparison.setOpacity(event.target.valueAsNumber),
+    });
     rebuild(byId("overlay-tools"), ["overlay"], () => [
       page.comparison.buttons((name, title) => this.button(name, title)),
       make("div#difference-kinds.segmented", { role: "group", label: "Difference", hidden: true }),
-      make(
-        "div.field",
-        this.button("diagnostics"),
-        make(
-          "label.field",
-          make("span", "Opacity"),
-          make("input", {
-            type: "range",
-            min: 0,
-            max: 1,
-            step: 0.05,
-            value: page.comparison.opacity,
-            key: "opacity",
-            input: (event) => page.comparison.setOpacity(Number(event.target.value)),
-          }),
-        ),
-      ),
-      make(
-        "label.field",
-        {
-          tip:
-            "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It " +
-            "can also be dragged.",
-        },
-        make("span", "Arrows, [ ]"),
-        make("select#increment", {
-          key: "increment",
-          change: (event) => setStep(...STEPS[Number(event.target.value)]),
-        }),
-      ),
+      make("div.field", this.button("diagnostics"), field("Opacity", opacity)),
+      field("Arrows, [ ]", steps, STEPS_TIP),
     ]);
   }
 }
 
 function showSteps(/** @type {HTMLElement} */ select, /** @type {State["settings"]} */ { step_mm, step_deg }) {
   const now = STEPS.findIndex(([mm, deg]) => mm === step_mm.value && deg === step_deg.value);
-  const told = (/** @type {[number, number]} */ [mm, deg]) => `${mm} mm · ${deg}°`;
-  rebuild(select, [step_mm.value, step_deg.value], () => [
-    ...STEPS.map((step, i) => make("option", { value: i, selected: i === now }, told(step))),
-    ...(now < 0
-      ? [make("option", { value: "", selected: true, disabled: true }, told([step_mm.value, step_deg.value]))]
-      : []),
-  ]);
+  const options = [...STEPS, ...(now < 0 ? [[step_mm.value, step_deg.value]] : [])];
+  rebuild(select, [step_mm.value, step_deg.value], () =>
+    optionsOf(
+      options.map(([mm, deg], i) => [i, `${mm} mm · ${deg}°`]),
+      now < 0 ? STEPS.length : now,
+    ),
+  );
 }
 
 /** Give the button of an action another title. @param {string} action @param {string} title */
@@ -203,7 +188,7 @@ export class RejectMenu {
     this.menu = byId("reject-menu");
     this.menu.addEventListener("keydown", (event) => this.key(event));
     this.menu.addEventListener("focusout", (event) => {
-      if (!this.menu.contains(/** @type {Node | null} */ (event.relatedTarget))) this.close();
+      if (!staysIn(this.menu, event)) this.close();
     });
   }
 
@@ -217,7 +202,7 @@ export class RejectMenu {
     this.menu.style.left = `${at.left}px`;
     this.menu.style.top = `${at.bottom + 4}px`;
     this.menu.hidden = false;
-    /** @type {HTMLElement} */ (this.menu.firstElementChild).focus();
+    find("button", this.menu).focus();
   }
 
   take(/** @type {string} */ reason) {
@@ -230,7 +215,7 @@ export class RejectMenu {
   }
 
   key(/** @type {KeyboardEvent} */ event) {
-    const items = /** @type {HTMLElement[]} */ ([...this.menu.children]);
+    const items = findAll("button", this.menu);
     const at = items.indexOf(/** @type {HTMLElement} */ (document.activeElement));
     const digit = Number(event.key);
     if (event.key === "ArrowDown") items[(at + 1) % items.length].focus();
@@ -239,58 +224,40 @@ export class RejectMenu {
     else if (digit >= 1 && digit <= items.length) items[digit - 1].click();
     else if (event.key !== "Enter" && event.key !== " " && event.key !== "Tab") return;
     else return event.stopPropagation();
-    event.preventDefault();
-    event.stopPropagation();
+    taken(event);
   }
 }
 
-/** Fill the sheet of keys. */
+/** The groups of the table of actions, and the modes that have them. */
+const GROUPS = {
+  session: ["Session", "session"],
+  timeline: ["Timeline", "session"],
+  proposal: ["Proposal", "session"],
+  view: ["Views", ""],
+  page: ["Page", ""],
+  teaching: ["Teaching", ""],
+  live: ["Live mode", "live"],
+  capture: ["Capture (with --camera)", "live"],
+};
+/** @type {HelpRow[]} */
+const POINTER = [
+  [["Click"], "", "Pick a grasp point, on the flattened view or in 3D."],
+  [["Drag"], "", "Pan the flattened view; on the proposal: move it, with Shift turn it."],
+  [["Right drag"], "", "Pan, also over the proposal."],
+  [["Wheel"], "", "Zoom at the pointer."],
+];
+
+/** Fill the sheet of keys; what works now comes first. */
 export function showHelp(/** @type {ActionRow[]} */ actions, /** @type {string} */ mode) {
-  /** @param {string} of */
-  const not = (of) => (mode === of ? "" : of === "live" ? " (with --live)" : " (without --live)");
-  const capture = { capture: "Capture (with --camera)" };
-  const session = {
-    session: `Session${not("session")}`,
-    timeline: `Timeline${not("session")}`,
-    proposal: `Proposal${not("session")}`,
-  };
-  const live = { live: `Live mode${not("live")}` };
-  const both = { view: "Views", page: "Page", teaching: "Teaching" };
-  // What works now comes first.
-  const titles =
-    mode === "live" ? { ...live, ...capture, ...both, ...session } : { ...session, ...both, ...live, ...capture };
-  byId("help-body").replaceChildren(
-    ...Object.entries(titles).map(([group, title]) =>
-      make(
-        "section",
-        make("h3", title),
-        make(
-          "dl.keys",
-          ...actions
-            .filter((a) => a.group === group)
-            .flatMap((a) => [
-              make("dt", ...a.keys.slice(0, 2).map((k) => make("kbd", keyName(k)))),
-              make("dd", make("strong", a.title), " ", a.description),
-            ]),
-        ),
-      ),
-    ),
-    make(
-      "section",
-      make("h3", "Pointer"),
-      make(
-        "dl.keys",
-        make("dt", "Click"),
-        make("dd", "Pick a grasp point, on the flattened view or in 3D."),
-        make("dt", "Drag"),
-        make("dd", "Pan the flattened view; on the proposal: move it, with Shift turn it."),
-        make("dt", "Right drag"),
-        make("dd", "Pan, also over the proposal."),
-        make("dt", "Wheel"),
-        make("dd", "Zoom at the pointer."),
-      ),
-    ),
-  );
-  byId("help").showModal();
-  byId("help").scrollTop = 0; // the button that has the focus is at its end
+  const place = (/** @type {string} */ of) => (of === mode ? 0 : of === "" ? 1 : 2);
+  const groups = Object.entries(GROUPS).sort(([, a], [, b]) => place(a[1]) - place(b[1]));
+  const sections = groups.map(([group, [title, of]]) => {
+    const note = of === "" || of === mode || title.includes("(") ? "" : ` (with${of === "live" ? "" : "out"} --live)`;
+    const rows = actions.filter((action) => action.group === group);
+    return keySection(
+      title + note,
+      rows.map(({ keys, title: name, description }) => [keys.slice(0, 2).map(keyName), name, description]),
+    );
+  });
+  showKeys([...sections, keySection("Pointer", POINTER)]);
 }

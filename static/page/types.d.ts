@@ -10,7 +10,7 @@ import type { Picture as PictureClass } from "/static/canvas/picture.js";
 import type { Pyramid as PyramidClass } from "/static/canvas/pyramid.js";
 import type { KeyNudges as KeyNudgesClass } from "/static/canvas/nudges.js";
 import type { Ruler as RulerClass } from "/static/canvas/ruler.js";
-import type { Page as PageClass, Panel as PanelType } from "/static/page/page.js";
+import type { Page as PageClass } from "/static/page/page.js";
 import type { SceneMarks as SceneMarksClass } from "/static/page/scene_marks.js";
 import type { Toolbar as ToolbarClass } from "/static/page/toolbar.js";
 import type { SidesPanel as SidesPanelClass } from "/static/panels/sides.js";
@@ -35,13 +35,92 @@ declare global {
   type ClientMessage = M.ClientMessage;
   type ServerMessage = M.ServerMessage;
   type HoverAnswer = M.HoverAnswer;
+  type PreviewAnswer = M.PreviewAnswer;
+  type PairsAnswer = M.PairsAnswer;
+  type Measured = M.Measured;
+  type GarmentPreview = M.GarmentPreview;
+  type Found = M.ResultInfo;
+  type Left = M.LeftOutView;
+  type Known = M.DiagnosticsInfo;
+  type Curve = M.CurvesInfo;
+  type ZLine = M.LineInfo;
+  type Pairs = M.ClothPairs;
+  type Seen = M.SeenView;
+  type SeenViews = M.SeenViews;
   type PixelValues = M.PixelValues;
   type FrameInfo = M.FrameInfo;
   type Send = (message: ClientMessage) => boolean;
-  type Notify = (level: "info" | "warning" | "error", text: string) => void;
+  type Notify = (level: Note["level"], text: string) => void;
+  /** A row of a list of values: name, text, tooltip; false leaves it out. */
+  type ValueRow = [name: string, text: string, tip?: string | null] | false | null | undefined | 0;
+
+  /** A pick as text: what a page without a server has not may be left out. */
+  type TextPick = Pick<M.PickInfo, "name" | "position_held_m" | "view_index" | "grip"> &
+    Partial<Pick<M.PickInfo, "position_camera_m" | "normal_camera" | "angle_deg" | "miss_m">> & {
+      normal_held: (number | null)[];
+      source_rc: (number | null)[];
+    };
+  /** A row of the sheet of keys: keys, title, what it does. */
+  type HelpRow = [keys: string[], title: string, about: string];
+
+  type PageHandlers = {
+    send: Send;
+    notify: Notify;
+    run: (action: string) => void;
+    /** Draw the page again. */
+    show: (state: State) => void;
+  };
+  /** A part of the page; each member may be left out. */
+  interface Panel {
+    /** Under which its `status` stands in `window.flatcloth`. */
+    name?: string;
+    /** Takes each state of the server. */
+    update?(state: State): void;
+    /** What it does, by the names of viewer/protocol/actions. */
+    actions?: Record<string, (large: boolean) => void>;
+    /** What it takes, by the type of the server's message. */
+    messages?: { [T in ServerMessage["type"]]?: (message: Extract<ServerMessage, { type: T }>) => void };
+    /** A click on the flattened view; true: it is taken. */
+    click?(u_m: number, v_m: number): boolean;
+    /** The pointer on the flattened view. */
+    hover?(at: Place | null): void;
+    /** The values under the pointer, null: none. */
+    hovered?(answer: HoverAnswer | null): void;
+    /** Its additional request about the point under the pointer. */
+    asksHover?(): object;
+    /** Escape was pressed; true: there was something to close. */
+    escape?(): boolean;
+    /** The proposal is being moved by so much. */
+    moving?(by: By): void;
+    /** The proposal is drawn where the server has put it. */
+    placed?(): void;
+    /** The connection is lost: pending requests stay unanswered. */
+    disconnected?(): void;
+    /** Another server process may answer from now on. */
+    reconnected?(): void;
+    /** Show a pixel of a view. */
+    lookAt?(view: number, rc: RC): void;
+    /** Which of its actions are on, for their buttons. */
+    pressed?: Record<string, boolean>;
+    /** False: Accept waits, as its button now says. */
+    mayAccept?(state: State): boolean;
+    /** For tests. */
+    status?: unknown;
+  }
+  type PanelEvent =
+    | "update"
+    | "click"
+    | "hover"
+    | "hovered"
+    | "escape"
+    | "moving"
+    | "placed"
+    | "disconnected"
+    | "reconnected"
+    | "lookAt";
+  type CallPanels<Result> = <E extends PanelEvent>(event: E, ...args: Parameters<NonNullable<Panel[E]>>) => Result;
 
   type Page = PageClass;
-  type Panel = PanelType;
   type FlatCanvas = FlatCanvasClass;
   type LayerList = LayerListClass;
   type Looking = LookingClass;

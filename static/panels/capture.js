@@ -1,7 +1,18 @@
 // A camera's page: what it sees wrong, and the guided capture: turn, hold still, keep or repeat.
 
-import { buttonOf, byId, make, rebuild, setAllowed, setText } from "/static/page/dom.js";
-import { count, number } from "/static/page/format.js";
+import {
+  button,
+  buttonOf,
+  byId,
+  field,
+  heading,
+  make,
+  numberBox,
+  rebuild,
+  setAllowed,
+  setText,
+} from "/static/page/dom.js";
+import { count, degrees, number } from "/static/page/format.js";
 
 /** @type {Record<string, "keep" | "repeat" | "turned">} */
 const ACTIONS = { capture_keep: "keep", capture_repeat: "repeat", capture_turned: "turned" };
@@ -17,9 +28,8 @@ export class CapturePanel {
     this.actions = Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.do(name)]));
     /** @type {Panel["messages"]} */
     this.messages = { capture: (message) => page.state?.capture && this.take(message) };
-    /** @type {ActionRow[]} */
-    this.table = []; // its actions as the server tells them
-    this.status = null;
+    this.table = /** @type {ActionRow[]} */ ([]); // its actions as the server tells them
+    this.status = /** @type {CaptureStatus | null} */ (null);
   }
 
   /** Take a state of the page; without a camera there is nothing to show. */
@@ -54,7 +64,7 @@ export class CapturePanel {
 
   parts(/** @type {CaptureStatus} */ status) {
     return [
-      make("div.heading", make("h2", "Capture"), make("span#capture-rate.quiet-text", { tip: status.camera })),
+      heading("Capture", make("span#capture-rate.quiet-text", { tip: status.camera })),
       make("ul#capture-warnings.capture-warnings", { role: "status" }),
       make("p#capture-task.capture-task", { role: "status" }),
       make("p#capture-way.quiet-text"),
@@ -96,17 +106,13 @@ export class CapturePanel {
       }),
       make("p.quiet-text", `${view.frames} frames, which agree to ${number(view.noise_mm, 1)} mm`),
       ...view.warnings.map((text) => make("p.capture-warning", text)),
-      make(
-        "label.field",
-        { tip: "If the item was turned to another angle than it was asked for" },
-        make("span", "Angle °"),
-        make("input", {
-          type: "number",
-          step: 1,
-          value: view.angle_deg,
+      field(
+        "Angle °",
+        numberBox({ step: 1 }, view.angle_deg, {
           key: "capture-angle",
           change: (event) => this.aim(event.target.valueAsNumber),
         }),
+        "If the item was turned to another angle than it was asked for",
       ),
     ]);
   }
@@ -119,19 +125,18 @@ export class CapturePanel {
     const names = status.announced && status.phase === "turn" ? [] : (BUTTONS[status.phase] ?? []);
     const idle = ["idle", "done"].includes(status.phase);
     byId("capture-buttons").hidden = status.ended !== null;
+    const begin = button(status.phase === "done" ? "Go on" : "Begin capture", () => this.send("begin"), {
+      class: "primary",
+      key: "capture-begin",
+      tip: "Views are written to the folder below, each before the next.",
+    });
+    const finish = button("Finish", () => this.send("finish"), {
+      key: "capture-finish",
+      tip: "End the capture; a view that is not kept is dropped.",
+    });
     rebuild(byId("capture-buttons"), [names, idle, status.phase === "done"], () => [
       ...names.map((name) => this.page.button(name)),
-      idle
-        ? plain(
-            "capture-begin",
-            status.phase === "done" ? "Go on" : "Begin capture",
-            "primary",
-            "Views are written to the folder below, each before the next.",
-            () => this.send("begin"),
-          )
-        : plain("capture-finish", "Finish", "", "End the capture; a view that is not kept is dropped.", () =>
-            this.send("finish"),
-          ),
+      idle ? begin : finish,
     ]);
     for (const { name, why_not } of this.table)
       if (names.includes(name)) setAllowed(buttonOf(name), why_not, this.page.tip(name));
@@ -141,11 +146,6 @@ export class CapturePanel {
   send(/** @type {import("/static/page/messages").Capture["action"]} */ action) {
     this.page.send({ type: "capture", action });
   }
-}
-
-/** @param {string} id @param {string} title @param {string} more @param {string} tip @param {() => void} click */
-function plain(id, title, more, tip, click) {
-  return make("button", { class: `button ${more}`, key: id, tip, click }, title);
 }
 
 /** What is to be done now, in one line. */
@@ -158,13 +158,13 @@ function task(/** @type {CaptureStatus} */ status) {
     case "turn":
       return status.announced
         ? `Waiting for the angle of ${view}.`
-        : `Turn by ${signed(status.turn_by_deg)}, to ${number(status.target_deg, 0)}°.`;
+        : `Turn by ${degrees(status.turn_by_deg, 0)}, to ${degrees(status.target_deg, 0)}.`;
     case "settle":
-      return `At ${number(status.target_deg, 0)}°: let it hang still.`;
+      return `At ${degrees(status.target_deg, 0)}: let it hang still.`;
     case "take":
       return `Taking frame ${Math.min(status.taken + 1, status.frames)} of ${status.frames}.`;
     case "review":
-      return `Keep ${view} at ${number(status.target_deg, 0)}°?`;
+      return `Keep ${view} at ${degrees(status.target_deg, 0)}?`;
     default:
       return `Done: ${count(status.kept_deg.length, "view")}.`;
   }
@@ -176,10 +176,6 @@ function way(/** @type {CaptureStatus} */ status) {
   return status.turn_by_deg > 0
     ? "What faces the camera moves to the right →"
     : "← What faces the camera moves to the left";
-}
-
-function signed(/** @type {number} */ degrees) {
-  return `${degrees < 0 ? "−" : ""}${number(Math.abs(degrees), 0)}°`;
 }
 
 function speed(/** @type {CaptureStatus} */ status) {

@@ -10,39 +10,17 @@ const NEAR_PX = 14;
 const BINS = 24;
 const COLORS = ["#2c7bb6", "#e67e00", "#b3261e"]; // below a third of the limit, below the limit, beyond it
 
-/**
- * @typedef {object} Pairs the pairs of a proposal, as /diagnostics tells them
- * @property {number} total
- * @property {number} median_mm
- * @property {number} nine_tenths_mm
- * @property {number} beyond_share
- * @property {number} limit_mm
- * @property {number} apart_median_mm
- * @property {number[]} residual_mm
- * @property {number[]} apart_mm
- * @property {UV[]} shape_uv_m
- * @property {UV[]} placed_uv_m
- * @property {XYZ[]} shape_xyz_m
- * @property {XYZ[]} new_xyz_m
- */
-
 export class ClothPairs {
   constructor(/** @type {FlatCanvas} */ canvas, /** @type {Sheet} */ sheet) {
     this.canvas = canvas;
     this.sheet = sheet;
-    /** @type {Pairs} */
-    this.pairs = /** @type {any} */ (null); // until the first are taken
-    /** @type {number | null} */
-    this.marked = null; // number of a pair
-  }
-
-  take(/** @type {Pairs} */ pairs) {
-    this.pairs = pairs;
-    this.marked = null;
+    this.pairs = /** @type {Pairs | null} */ (null); // none before the first proposal, or if curves placed it
+    this.marked = /** @type {number | null} */ (null); // number of a pair
   }
 
   /** What the pairs say, in a line. */
   get facts() {
+    if (!this.pairs) return "";
     const { total, median_mm, nine_tenths_mm, beyond_share, limit_mm, apart_median_mm } = this.pairs;
     return (
       `${count(total, "pair")} of points that are the same cloth in the shape and in the proposal. ` +
@@ -54,18 +32,15 @@ export class ClothPairs {
   }
 
   told(/** @type {number | null} */ n) {
-    if (n === null) return "";
+    if (n === null || !this.pairs) return "";
     const { residual_mm: off, apart_mm: apart } = this.pairs;
     return `This pair: ${number(off[n])} mm apart on the plane, ${number(apart[n])} mm in space.`;
-  }
-
-  color(/** @type {number} */ n) {
-    return colorAt(this.pairs.residual_mm[n], this.pairs.limit_mm);
   }
 
   // --- histograms --------------------------------------------------------------------------------
 
   drawPlots(/** @type {Rect} */ rect) {
+    if (!this.pairs) return;
     const { residual_mm, apart_mm, limit_mm } = this.pairs;
     const split = rect.w > 1.3 * rect.h ? columns : rows;
     const places = split(rect, [1, 1], 6);
@@ -102,8 +77,7 @@ export class ClothPairs {
   nearest(/** @type {Place | null} */ at) {
     if (!at || !this.pairs) return null;
     const here = this.canvas.transform.toPane(at.u_m, at.v_m);
-    /** @type {number | null} */
-    let best = null;
+    let best = /** @type {number | null} */ (null);
     let nearest = NEAR_PX;
     this.pairs.shape_uv_m.forEach((uv, n) => {
       const { x, y } = this.canvas.transform.toPane(...uv);
@@ -114,32 +88,30 @@ export class ClothPairs {
   }
 
   paint(/** @type {Context} */ context) {
-    const { shape_uv_m: from, placed_uv_m: to } = this.pairs;
+    const { shape_uv_m: from, placed_uv_m: to } = this.pairs ?? { shape_uv_m: [], placed_uv_m: [] };
     from.forEach((uv, n) => {
       const [u, v] = uv.map((value, i) => value + STRETCH * (to[n][i] - value));
-      const [a, b] = [this.canvas.transform.toPane(...uv), this.canvas.transform.toPane(u, v)];
-      const on = n === this.marked;
-      strokeLine(context, [a, b], this.color(n), on ? 3 : 1.25);
-      this.end(context, a, n, on);
+      this.paintPair(context, n, this.canvas.transform.toPane(...uv), this.canvas.transform.toPane(u, v), 1.25);
     });
-  }
-
-  /** @param {Context} context @param {Point} parts @param {number} n @param {boolean} on */
-  end(context, { x, y }, n, on) {
-    if (on) return drawDot(context, { x, y }, this.color(n), 6);
-    context.fillStyle = this.color(n);
-    context.fillRect(x - 1, y - 1, 2.5, 2.5);
   }
 
   paintInSpace(/** @type {Context} */ context, /** @type {PlaceInScene} */ place) {
-    const { shape_xyz_m: from, new_xyz_m: to } = this.pairs;
-    from.forEach((point, n) => {
-      const [a, b] = [place(point), place(to[n])];
-      if (!a || !b) return;
-      const on = n === this.marked;
-      strokeLine(context, [a, b], this.color(n), on ? 3 : 1.5);
-      this.end(context, a, n, on);
-    });
+    const { shape_xyz_m: from, new_xyz_m: to } = this.pairs ?? { shape_xyz_m: [], new_xyz_m: [] };
+    from.forEach((point, n) => this.paintPair(context, n, place(point), place(to[n]), 1.5));
+  }
+
+  /**
+   * @param {Context} context @param {number} n @param {Point | null} a @param {Point | null} b
+   * @param {number} width
+   */
+  paintPair(context, n, a, b, width) {
+    if (!a || !b || !this.pairs) return;
+    const color = colorAt(this.pairs.residual_mm[n], this.pairs.limit_mm);
+    const on = n === this.marked;
+    strokeLine(context, [a, b], color, on ? 3 : width);
+    if (on) return drawDot(context, a, color, 6);
+    context.fillStyle = color;
+    context.fillRect(a.x - 1, a.y - 1, 2.5, 2.5);
   }
 }
 

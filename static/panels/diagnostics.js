@@ -3,48 +3,19 @@
 import { ask } from "/static/page/connection.js";
 import { applied, unapplied } from "/static/canvas/geometry.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
+import { byId, closeButton, make, rebuild, setText, taken, tickBox, within } from "/static/page/dom.js";
 import { degrees, number } from "/static/page/format.js";
 import { ClothPairs } from "/static/panels/cloth_pairs.js";
-import { columns, rows, Sheet } from "/static/teaching/draw.js";
+import { columns, inside, rows, Sheet } from "/static/teaching/draw.js";
 import { Plot } from "/static/teaching/plot.js";
 
 /** @typedef {"current" | "new"} Side */
 
-/** @type {Side[]} */
-const PLOTS = ["current", "new"];
+const PLOTS = /** @type {Side[]} */ (["current", "new"]);
 const EDGE_COLORS = ["#d95f02", "#286ec8"]; // longer, shorter: as in the 3D scene
 const FAR_M = 4;
 const CURVES = "Curves over the columns. The arrow keys move the marked column.";
 const HISTOGRAMS = "How many pairs of cloth lie how far apart, on the plane and in space.";
-
-/**
- * @typedef {{ pixels_uv_m: UV[]; center_uv_m: UV; direction: UV; point_uv_m: UV }} DiagnosticLine
- * @typedef {{ uv_m: [UV, UV][]; strain: number[]; total: number }} Edges
- * @typedef {{ u_mm: number[]; h: number[]; a_z_deg: (number | null)[]; pixel_size_mm: number }} Curve
- *
- * @typedef {object} Known what placed a proposal, as /diagnostics tells it
- * @property {import("/static/panels/cloth_pairs.js").Pairs} pairs
- * @property {string} trouble
- * @property {number[]} angles_deg
- * @property {number} front_view
- * @property {number} view_index
- * @property {"left" | "right"} side
- * @property {number} turn_deg
- * @property {number} limit_deg
- * @property {number} overlap_cm2
- * @property {number} u_b_mm
- * @property {number} a_0_deg
- * @property {number} rotation_deg
- * @property {{
- *   current: DiagnosticLine; new: DiagnosticLine; a_m_deg: number; height_mm: number; common_range_deg: UV
- * } | null} lines
- * @property {{ shape: Edges; new: Edges }} edges
- * @property {Curve} current
- * @property {Curve} new
- * @property {Motion} front_from_current
- * @property {Motion} current_from_new
- */
 
 export class Diagnostics {
   name = "diagnostics";
@@ -57,18 +28,38 @@ export class Diagnostics {
     this.wantsCurves = false; // though pairs are known
     this.showsLines = true;
     this.showsEdges = false;
-    /** @type {Known | null} */
-    this.known = null; // what the server told
-    /** @type {string | null} */
-    this.asked = null;
-    /** @type {Partial<Record<Side, number>>} column (mm) of each plot */
-    this.marked = {};
-    /** @type {Partial<Record<Side, Plot>>} */
-    this.plots = {};
+    this.known = /** @type {Known | null} */ (null); // what the server told
+    this.asked = /** @type {string | null} */ (null);
+    this.marked = /** @type {Partial<Record<Side, number>>} */ ({}); // column (mm) of each plot
+    this.plots = /** @type {Partial<Record<Side, Plot>>} */ ({});
     /** @type {UV} */
     this.angles = [0, 1];
     this.panel = byId("diagnostics");
-    this.build();
+    this.plotCanvas = make("canvas", {
+      tabindex: 0,
+      role: "img",
+      label: CURVES,
+      pointermove: (e) => this.point(e),
+      pointerleave: () => this.mark({}),
+      keydown: (e) => this.key(e),
+    });
+    this.sheet = new Sheet(this.plotCanvas, { redraw: () => this.draw(), probe: () => {} });
+    this.title = make("h2");
+    this.facts = make("p.diagnostics-facts");
+    this.trouble = make("p.diagnostics-trouble", { role: "status" });
+    this.column = make("output.diagnostics-column");
+    this.choices = make("div.diagnostics-choices");
+    this.panel.append(
+      make(
+        "div.heading",
+        this.title,
+        this.choices,
+        closeButton("Close", () => this.toggle()),
+      ),
+      make("div.diagnostics-plots", this.plotCanvas, this.trouble),
+      make("div.diagnostics-foot", this.facts, this.column),
+    );
+    new ResizeObserver(() => this.open && this.draw()).observe(this.plotCanvas);
     this.pairs = new ClothPairs(this.canvas, this.sheet);
     this.canvas.drawers.push((_, context) => this.paint(context));
     page.sceneMarks.drawers.push((context, _, place) => this.paintInSpace(context, place));
@@ -89,34 +80,6 @@ export class Diagnostics {
     this.page.redrawMarks();
   }
 
-  build() {
-    this.plotCanvas = make("canvas", {
-      tabindex: 0,
-      role: "img",
-      label: CURVES,
-      pointermove: (e) => this.point(e),
-      pointerleave: () => this.mark({}),
-      keydown: (e) => this.key(e),
-    });
-    this.sheet = new Sheet(this.plotCanvas, { redraw: () => this.draw(), probe: () => {} });
-    this.title = make("h2");
-    this.facts = make("p.diagnostics-facts");
-    this.trouble = make("p.diagnostics-trouble", { role: "status" });
-    this.column = make("output.diagnostics-column");
-    this.choices = make("div.diagnostics-choices");
-    this.panel.append(
-      make(
-        "div.heading",
-        this.title,
-        this.choices,
-        make("button.close", { label: "Close", click: () => this.toggle() }, "×"),
-      ),
-      make("div.diagnostics-plots", this.plotCanvas, this.trouble),
-      make("div.diagnostics-foot", this.facts, this.column),
-    );
-    new ResizeObserver(() => this.open && this.draw()).observe(this.plotCanvas);
-  }
-
   toggle() {
     this.open = !this.open;
     if (!this.open && this.showsEdges) this.setEdges(false);
@@ -135,30 +98,30 @@ export class Diagnostics {
 
   /** Take a state; what it is about is fetched while the panel is open. */
   update(/** @type {State} */ state) {
-    const overlay = state.pending ? state.layers?.overlay : null;
+    const { layers, pending } = state;
+    const overlay = pending && layers?.overlay;
     const shown = this.open && Boolean(overlay);
     if (this.panel.hidden === shown) this.page.redrawMarks();
     this.panel.hidden = !shown;
-    if (!shown) return;
+    if (!shown || !overlay) return;
     this.showChoices();
-    const key = `${state.layers.revision}-${overlay.revision}`;
-    if (key !== this.asked) this.ask(key, state);
+    const key = `${layers.revision}-${overlay.revision}`;
+    if (key !== this.asked) this.ask(key, pending.view_index);
   }
 
-  async ask(/** @type {string} */ key, /** @type {State} */ state) {
+  async ask(/** @type {string} */ key, /** @type {number} */ view) {
     this.asked = key;
-    setText(this.title, `What placed view ${state.pending.view_index}`);
+    setText(this.title, `What placed view ${view}`);
     const answer = await ask(`/diagnostics/${key}.json`);
     if (this.asked !== key) return;
-    if (!answer?.ok) {
-      this.known = null;
+    this.known = answer?.ok ? /** @type {Known} */ (await answer.json()) : null;
+    if (this.known) {
+      this.pairs.pairs = this.known.pairs;
+      this.pairs.marked = null;
+      this.showFacts(this.known);
+    } else {
       setText(this.trouble, (await answer?.text()) ?? "There is no connection.");
       if (answer?.status === 410) this.asked = null; // the next state asks again
-    } else {
-      this.known = await answer.json();
-      this.known.angles_deg = state.views.map((v) => v.angle_deg);
-      this.pairs.take(this.known.pairs);
-      this.showFacts();
     }
     this.showChoices();
     this.drawAll();
@@ -171,22 +134,18 @@ export class Diagnostics {
   }
 
   showChoices() {
-    const { shape, new: own } = this.known?.edges ?? {};
-    const edges = shape ? ` (${shape.strain.length + own.strain.length} of ${shape.total + own.total})` : "";
+    const edges = this.known?.edges;
+    const count = (/** @type {"shape" | "new"} */ of) => edges?.[of].strain.length ?? 0;
+    const told = edges ? ` (${count("shape") + count("new")} of ${edges.shape.total + edges.new.total})` : "";
     /** @param {string} label @param {string} tip @param {boolean} checked @param {(on: boolean) => void} change */
     const box = (label, tip, checked, change) =>
-      make(
-        "label",
-        { tip },
-        make("input", { type: "checkbox", checked, key: label, change: (e) => change(e.target.checked) }),
-        label,
-      );
+      make("label", { tip }, tickBox(checked, change, { key: label }), label);
     const { showsPairs } = this;
     const curves = this.known?.pairs
       ? box("Curves", "The paper's curves and lines in place of the pairs of cloth", !showsPairs, (on) => {
           this.wantsCurves = on;
           this.mark({});
-          this.showFacts();
+          if (this.known) this.showFacts(this.known);
           this.showChoices();
           this.drawAll();
         })
@@ -196,11 +155,11 @@ export class Diagnostics {
         this.showsLines = on;
         this.canvas.redraw();
       });
-    rebuild(this.choices, [edges, this.showsLines, this.showsEdges, showsPairs, Boolean(curves)], () => [
+    rebuild(this.choices, [told, this.showsLines, this.showsEdges, showsPairs, Boolean(curves)], () => [
       ...(curves ? [curves] : []),
       ...(showsPairs ? [] : [lines()]),
       box(
-        `Strained edges${edges}`,
+        `Strained edges${told}`,
         "Edges that are over 4 % longer (orange) or shorter (blue) on the plane than along the cloth; on the " +
           "canvas and in 3D",
         this.showsEdges,
@@ -209,12 +168,12 @@ export class Diagnostics {
     ]);
   }
 
-  showFacts() {
-    const k = this.known;
+  showFacts(/** @type {Known} */ k) {
     setText(this.trouble, this.showsPairs ? "" : k.trouble);
     this.plotCanvas.setAttribute("aria-label", this.showsPairs ? HISTOGRAMS : CURVES);
     if (this.showsPairs) return setText(this.facts, this.pairs.facts);
-    const name = (/** @type {number} */ view) => `view ${view} (${number(k.angles_deg[view], 0)}°)`;
+    const name = (/** @type {number} */ view) =>
+      `view ${view} (${number(this.page.state.views[view].angle_deg, 0)}°)`;
     const facts = [
       `Continues ${name(k.front_view)} on the ${k.side}, turned by A = ${degrees(k.turn_deg, 0)}`,
       `S_0 ${number(k.overlap_cm2, 0)} cm² at u_b = ${number(k.u_b_mm, 0)} mm`,
@@ -232,22 +191,17 @@ export class Diagnostics {
     this.plots = {};
     if (!this.known) return;
     if (this.showsPairs) return this.pairs.drawPlots(rect);
-    const { limit_deg: limit, turn_deg: turn } = this.known;
-    const all = [
-      -limit,
-      limit,
-      -limit - turn,
-      limit - turn,
-      ...this.known.current.a_z_deg,
-      ...this.known.new.a_z_deg,
-    ].filter((x) => x !== null);
+    const { known } = this;
+    const { limit_deg: limit, turn_deg: turn } = known;
+    const measured = PLOTS.flatMap((of) => known[of].a_z_deg).filter((x) => x !== null);
+    const all = [-limit, limit, -limit - turn, limit - turn, ...measured];
     this.angles = [30 * Math.floor((Math.min(...all) - 4) / 30), 30 * Math.ceil((Math.max(...all) + 4) / 30)];
     const split = rect.w > 1.3 * rect.h ? columns : rows;
-    split(rect, [1, 1], 6).forEach((place, i) => this.drawPlot(PLOTS[i], place));
+    split(rect, [1, 1], 6).forEach((place, i) => this.drawPlot(PLOTS[i], place, known));
   }
 
-  drawPlot(/** @type {Side} */ of, /** @type {Rect} */ place) {
-    const { sheet, known: k } = this;
+  drawPlot(/** @type {Side} */ of, /** @type {Rect} */ place, /** @type {Known} */ k) {
+    const { sheet } = this;
     const { color } = sheet;
     const { u_mm: u, h, a_z_deg: a } = k[of];
     const turn = of === "new" ? k.turn_deg : 0;
@@ -271,38 +225,35 @@ export class Diagnostics {
     if (k.lines) plot.band(...k.lines.common_range_deg, color.soft, 0.18);
     for (const limit of [-k.limit_deg, k.limit_deg])
       plot.horizontal(limit - turn, color.limit, limit > 0 ? "A_w" : "");
-    if (turn) plot.curve(u, a, color.before, { width: 1.2, dash: [4, 3] });
-    plot.curve(
-      u,
-      a.map((x) => (x === null ? NaN : x - turn)),
-      color.mean,
-      { width: 2 },
-    );
+    const shifted = (/** @type {number} */ by) => a.map((x) => (x === null ? NaN : x - by));
+    if (turn) plot.curve(u, shifted(0), color.before, { width: 1.2, dash: [4, 3] });
+    plot.curve(u, shifted(turn), color.mean);
     if (k.lines) plot.horizontal(k.lines.a_m_deg, color.band, "A_m", [2, 3]);
     if (of === "current" && k.u_b_mm !== null) {
       const b = nearest(u, k.u_b_mm);
       plot.area(u, h, color.accent, k.side === "left" ? 0 : b, k.side === "left" ? b : u.length - 1, plot.y2, 0.2);
       plot.vertical(k.u_b_mm, color.accent, "u_b", 1.5, [], true);
-      sheet.ring(plot.at(k.u_b_mm, k.a_0_deg), 4, color.accent, 2);
-      sheet.text("A_0", plot.px(k.u_b_mm) + 7, plot.py(k.a_0_deg) - 5, {
-        color: color.accent,
-        weight: 600,
-        plate: true,
-      });
+      const [x, y] = plot.at(k.u_b_mm, k.a_0_deg ?? NaN);
+      sheet.ring([x, y], 4, color.accent, 2);
+      sheet.text("A_0", x + 7, y - 5, { color: color.accent, weight: 600, plate: true });
     }
-    if (this.marked[of] >= ends[0] && this.marked[of] <= ends[1]) plot.vertical(this.marked[of], color.mark, "", 1.5);
+    const marked = this.marked[of] ?? NaN;
+    if (marked >= ends[0] && marked <= ends[1]) plot.vertical(marked, color.mark, "", 1.5);
   }
 
   /** Mark columns, {current, new} in mm, in the plots and on the canvas. */
   mark(/** @type {Partial<Record<Side, number>>} */ marked) {
     this.marked = marked;
-    if (!this.known) return;
-    const told = PLOTS.filter((of) => Number.isFinite(marked[of])).map((of) => {
-      const { u_mm: u, h, a_z_deg: a } = this.known[of];
-      const at = nearest(u, marked[of]);
-      const off = at < 0 || Math.abs(u[at] - marked[of]) > this.known[of].pixel_size_mm;
+    const { known } = this;
+    if (!known) return;
+    const told = PLOTS.flatMap((of) => {
+      const x = marked[of];
+      if (x === undefined) return [];
+      const { u_mm: u, h, a_z_deg: a, pixel_size_mm } = known[of];
+      const at = nearest(u, x);
+      const off = at < 0 || Math.abs(u[at] - x) > pixel_size_mm;
       const values = off ? "no cloth" : `h ${h[at]} px, A_z ${degrees(a[at])}`;
-      return `${of === "new" ? "New" : "Shape"} u ${number(marked[of], 0)} mm: ${values}`;
+      return [`${of === "new" ? "New" : "Shape"} u ${number(x, 0)} mm: ${values}`];
     });
     this.column.replaceChildren(...withSubscripts(told.join("  ·  ")));
     this.draw();
@@ -319,27 +270,24 @@ export class Diagnostics {
   point(/** @type {PointerEvent} */ event) {
     if (this.showsPairs) return;
     const [x, y] = [event.offsetX, event.offsetY];
-    const of = PLOTS.find((name) => {
-      const inner = this.plots?.[name]?.inner;
-      return inner && x >= inner.x && x <= inner.x + inner.w && y >= inner.y && y <= inner.y + inner.h;
-    });
-    if (!of) return this.mark({});
-    const {
-      inner,
-      x: [low, high],
-    } = this.plots[of];
-    this.mark({ [of]: low + ((x - inner.x) / inner.w) * (high - low) });
+    for (const of of PLOTS) {
+      const plot = this.plots[of];
+      if (!plot || !inside(plot.inner, x, y)) continue;
+      const [low, high] = plot.x;
+      return this.mark({ [of]: low + ((x - plot.inner.x) / plot.inner.w) * (high - low) });
+    }
+    this.mark({});
   }
 
   key(/** @type {KeyboardEvent} */ event) {
     const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
     if (!step || !this.known || this.showsPairs) return;
-    event.preventDefault();
-    event.stopPropagation(); // here the arrows move the column, not the proposal
-    const of = PLOTS.find((name) => Number.isFinite(this.marked[name])) ?? "current";
+    taken(event); // here the arrows move the column, not the proposal
+    const of = PLOTS.find((name) => this.marked[name] !== undefined) ?? "current";
     const { u_mm: u } = this.known[of];
-    const at = Number.isFinite(this.marked[of]) ? nearest(u, this.marked[of]) + step * (event.shiftKey ? 10 : 1) : 0;
-    this.mark({ [of]: u[Math.min(u.length - 1, Math.max(0, at))] });
+    const marked = this.marked[of];
+    const at = marked === undefined ? 0 : nearest(u, marked) + step * (event.shiftKey ? 10 : 1);
+    this.mark({ [of]: u[within(at, 0, u.length - 1)] });
   }
 
   /** The pointer is at a place of the plane: its column is marked in both plots. */
@@ -369,9 +317,9 @@ export class Diagnostics {
       this.paintLine(context, k.lines.new, toPlane.new, this.sheet.color.new);
     }
     for (const of of PLOTS) {
-      const u = this.marked[of] / 1000;
-      if (!Number.isFinite(u)) continue;
-      const ends = [-FAR_M, FAR_M].map((v) => this.at(toPlane[of](u, v)));
+      const u_mm = this.marked[of];
+      if (u_mm === undefined) continue;
+      const ends = [-FAR_M, FAR_M].map((v) => this.at(toPlane[of](u_mm / 1000, v)));
       strokeLine(context, ends, this.sheet.color.mark, 1.5, of === "new" ? [6, 4] : []);
     }
   }
@@ -381,7 +329,7 @@ export class Diagnostics {
   }
 
   /**
-   * @param {Context} context @param {DiagnosticLine} line @param {(u: number, v: number) => UV} place
+   * @param {Context} context @param {ZLine} line @param {(u: number, v: number) => UV} place
    * @param {string} color
    */
   paintLine(context, line, place, color) {
@@ -418,5 +366,5 @@ const withSubscripts = (/** @type {string} */ text) =>
 function nearest(/** @type {Numbers} */ values, /** @type {number} */ x) {
   if (!values.length) return -1;
   const step = values.length > 1 ? values[1] - values[0] : 1;
-  return Math.min(values.length - 1, Math.max(0, Math.round((x - values[0]) / step)));
+  return within(Math.round((x - values[0]) / step), 0, values.length - 1);
 }

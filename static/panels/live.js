@@ -1,6 +1,6 @@
 // Live mode: frames as they come, the bar that steers them, and the rate at which they are really drawn.
 
-import { byId, make, setText } from "/static/page/dom.js";
+import { byId, optionsOf, setText } from "/static/page/dom.js";
 import { boxOf } from "/static/canvas/geometry.js";
 import { number } from "/static/page/format.js";
 
@@ -10,12 +10,10 @@ const RATE_WINDOW_MS = 1000;
 /** Split a frame's message: the length of its JSON (4 bytes, little-endian), JSON, PNG. */
 export function unpack(/** @type {ArrayBuffer} */ buffer) {
   const length = new DataView(buffer).getUint32(0, true);
+  /** @type {FrameInfo} */
   const about = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-  return {
-    about,
-    png:
-      buffer.byteLength > 4 + length ? new Blob([new Uint8Array(buffer, 4 + length)], { type: "image/png" }) : null,
-  };
+  const rest = new Uint8Array(buffer, 4 + length);
+  return { about, png: rest.length ? new Blob([rest], { type: "image/png" }) : null };
 }
 
 export class LiveBar {
@@ -26,27 +24,23 @@ export class LiveBar {
     this.page = page;
     this.drawn = drawn;
     this.actions = {
-      live_play: () => page.send({ type: "play", playing: !page.state.live.playing }),
+      live_play: () => page.send({ type: "play", playing: !page.state.live?.playing }),
       live_back: () => page.send({ type: "play", step: -1 }),
       live_forward: () => page.send({ type: "play", step: 1 }),
-      live_turn: () => page.send({ type: "play", forward: !page.state.live.forward }),
+      live_turn: () => page.send({ type: "play", forward: !page.state.live?.forward }),
     };
-    /** @type {FrameInfo | null} */
-    this.frame = null;
-    /** @type {number[]} */
-    this.drawnAt = [];
-    /** @type {number[]} */
-    this.angles = [];
+    this.frame = /** @type {FrameInfo | null} */ (null);
+    this.drawnAt = /** @type {number[]} */ ([]);
+    this.angles = /** @type {number[]} */ ([]);
     this.camera = "";
     this.playing = false;
     this.arrived = 0;
     this.dragging = false;
-    this.dragged = 0; // how often the slider was moved by hand
     this.slider = byId("live-frame");
     this.rate = byId("live-rate");
     this.slider.addEventListener("pointerdown", () => (this.dragging = true));
-    this.slider.addEventListener("lostpointercapture", () => (this.dragging = false));
-    this.slider.addEventListener("pointerup", () => (this.dragging = false));
+    for (const end of ["lostpointercapture", "pointerup"])
+      this.slider.addEventListener(end, () => (this.dragging = false));
     this.slider.addEventListener("input", () => {
       this.showPlace(Number(this.slider.value));
       this.page.send({ type: "play", frame: Number(this.slider.value) });
@@ -64,9 +58,8 @@ export class LiveBar {
     this.playing = state.live.playing;
     const rates = [...new Set([...RATES, state.live.fps])].sort((a, b) => a - b);
     if (this.rate.childElementCount !== rates.length) {
-      this.rate.replaceChildren(
-        ...rates.map((fps) => make("option", { value: fps }, `${number(fps, Number.isInteger(fps) ? 0 : 1)} per s`)),
-      );
+      const options = rates.map((fps) => [fps, `${number(fps, Number.isInteger(fps) ? 0 : 1)} per s`]);
+      this.rate.replaceChildren(...optionsOf(options, state.live.fps));
     }
     if (document.activeElement !== this.rate || Number(this.rate.value) !== state.live.fps)
       this.rate.value = String(state.live.fps);
@@ -77,8 +70,9 @@ export class LiveBar {
   async take(/** @type {ArrayBuffer} */ buffer, /** @type {() => void} */ then) {
     const { about, png } = unpack(buffer);
     const arrival = ++this.arrived;
-    const image = png === null ? null : await createImageBitmap(png).catch(/** @returns {null} */ () => null);
-    const shown = image && { revision: about.sequence, grid: about.grid, box: boxOf(about.grid), image };
+    const image = png === null ? null : await createImageBitmap(png).catch(() => null);
+    const { grid } = about;
+    const shown = image && grid && { revision: about.sequence, grid, box: boxOf(grid), image };
     requestAnimationFrame(() => {
       // Decoding may finish out of order: a change of layer overtakes the frame before it.
       if (arrival !== this.arrived) return;
@@ -100,7 +94,7 @@ export class LiveBar {
 
   /** Frames drawn per second, over the last second. */
   get fps() {
-    const span = this.drawnAt.at(-1) - this.drawnAt[0];
+    const span = (this.drawnAt.at(-1) ?? 0) - this.drawnAt[0];
     return this.playing && span > 0 ? (1000 * (this.drawnAt.length - 1)) / span : null;
   }
 

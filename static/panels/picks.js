@@ -1,7 +1,18 @@
 // The current pick with its grip, and the list of all picks.
 
-import { byId, make, rebuild, valueRow } from "/static/page/dom.js";
-import { degrees, number, vector } from "/static/page/format.js";
+import {
+  byId,
+  closeButton,
+  field,
+  heading,
+  make,
+  numberBox,
+  rebuild,
+  smallButton,
+  values,
+} from "/static/page/dom.js";
+import { degrees, mm, number, vector } from "/static/page/format.js";
+import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "/static/panels/pick_text.js";
 
 export class PicksPanel {
   name = "picks";
@@ -11,255 +22,156 @@ export class PicksPanel {
     this.actions = { copy: () => this.copy() };
   }
 
-  update(/** @type {State} */ state) {
-    const send = (/** @type {any} */ message) => this.page.send(message);
-    showPick(state, () => this.copy(), send);
-    showPicks(state, send);
+  update(/** @type {State} */ { pick, picks, layers }) {
+    rebuild(byId("pick"), [pick, Boolean(layers)], () =>
+      pick ? this.present(pick) : [make("h2", "Pick"), make("p.nothing", layers ? HOW_TO_PICK : NOT_YET)],
+    );
+    rebuild(byId("picks"), [picks, pick?.id ?? null], () => this.list(picks, pick?.id ?? null));
   }
 
   async copy() {
     const { pick } = this.page.state;
     if (!pick) return this.page.notify("info", "There is no pick to copy; click the cloth first.");
-    const text = pickText(pick);
-    try {
-      await navigator.clipboard.writeText(text);
-    } catch {
-      // Without https or permission there is only the old way.
-      const area = make("textarea.unseen", { readonly: true }, text);
-      document.body.append(area);
-      area.select();
-      const done = document.execCommand("copy");
-      area.remove();
-      if (!done) return this.page.notify("warning", "The browser does not allow copying.");
-    }
+    const done = await copyText(pickText(pick));
+    if (!done) return this.page.notify("warning", "The browser does not allow copying.");
     this.page.notify("info", `Copied the numbers of ${pick.name}.`);
+  }
+
+  // --- the current pick --------------------------------------------------------------------------
+
+  present(/** @type {CurrentPick} */ pick) {
+    const copy = smallButton("Copy", () => this.copy(), { key: "copy", tip: "Copy all numbers in metres" });
+    copy.append(make("kbd", "C"));
+    const angle = `${number(pick.angle_deg, 0)}°`;
+    const miss = pick.miss_m > 0 ? mm(1000 * pick.miss_m) : "on the cloth";
+    return [
+      heading(pick.name, copy),
+      values(
+        ["held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"],
+        [
+          `camera ${angle}`,
+          `${vector(pick.position_camera_m, 1, 1000)} mm`,
+          "Position x y z in the camera frame at the present rotation",
+        ],
+        ["normal", vector(pick.normal_held, 3), "Outward normal in the held frame"],
+        ["n. camera", vector(pick.normal_camera, 3), "Outward normal in the camera frame at the present rotation"],
+        ["Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen"],
+        sourceRow(pick),
+        ["pixel", pick.in_shape ? pick.rc.join(", ") : "–", "Row, column of the flattened view"],
+        ["miss", miss, "Distance between the click and the nearest cloth"],
+      ),
+      pick.grip && this.grip(pick, pick.grip),
+      !pick.in_shape && make("p.note", "Its view is not part of the present shape."),
+    ];
+  }
+
+  /** The grip of a pick: axis on the plane, opening, and how surely it is known. */
+  grip(/** @type {CurrentPick} */ { id }, /** @type {NonNullable<CurrentPick["grip"]>} */ grip) {
+    /** @type {(change: object) => boolean} */
+    const send = (change) => this.page.send({ type: "grip", id, ...change });
+    /** @param {string} key @param {(value: number) => object} changeOf */
+    const box = (key, changeOf, more = {}) => ({
+      key,
+      change: (/** @type {ChangeEvent} */ { target: { valueAsNumber: value } }) =>
+        Number.isFinite(value) && send(changeOf(value)),
+      ...more,
+    });
+    const axis = numberBox(
+      { low: -180, high: 180, step: 5 },
+      grip.axis_deg === null ? null : Math.round(grip.axis_deg),
+      box("grip-axis", (axis_deg) => ({ axis_deg }), { disabled: grip.axis_deg === null }),
+    );
+    const opening = numberBox(
+      OPENING_MM,
+      Math.round(1000 * grip.opening_m),
+      box("grip-opening", (value) => ({ opening_m: value / 1000 })),
+    );
+    const outline = smallButton("Outline", () => send({ outline: true }), {
+      pressed: grip.axis_from === "outline",
+      key: "grip-outline",
+      tip: `Lay the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}`,
+    });
+    const away = grip.outline_distance_m === null ? "–" : `${mm(1000 * grip.outline_distance_m, 0)} away`;
+    const scatter = `${degrees(grip.normal_std_deg, 0)}, ${degrees(grip.axis_std_deg, 0)}`;
+    return [
+      make(
+        "div.grip",
+        { role: "group", label: "Grip" },
+        field("Axis °", axis, AXIS_TIP),
+        outline,
+        field("Open mm", opening, "Distance of the fingers"),
+      ),
+      values(
+        ["outline", away, "Distance to the nearest outline of the cloth, on the flattened view"],
+        ["known to", stdMm(grip.position_std_m), "One standard deviation in space, from the scatter of depth nearby"],
+        ["normal, axis", scatter, "One standard deviation of each, from the scatter of normals and outline nearby"],
+        grip.placement_std_m !== null && [
+          "place",
+          stdMm(grip.placement_std_m),
+          "One standard deviation of its place on the flattened plane",
+        ],
+      ),
+    ];
+  }
+
+  // --- all picks ---------------------------------------------------------------------------------
+
+  list(/** @type {ListedPick[]} */ picks, /** @type {number | null} */ current) {
+    const n = picks.length;
+    const save = make("a.button.small", {
+      href: "/export/grasps.json",
+      download: "grasps.json",
+      key: "export",
+      tip: "Download all picks as grasps.json",
+      text: "Export",
+    });
+    return [
+      heading(`Picks${n ? ` (${n})` : ""}`, n > 0 && save),
+      n
+        ? make("ol.picks", ...picks.map((pick) => this.row(pick, pick.id === current)))
+        : make("p.nothing", "Every pick is kept here: name it, show it again, export it."),
+    ];
+  }
+
+  row(/** @type {ListedPick} */ { id, name, uv_m }, /** @type {boolean} */ current) {
+    const { page } = this;
+    const show = {
+      label: `Show ${name}`,
+      pressed: current,
+      key: `show-${id}`,
+      tip: uv_m ? "Show on both sides" : "Show in 3D; its view is not part of the present shape",
+      click: () => page.send({ type: "show_pick", id }),
+    };
+    const box = make("input", {
+      value: name,
+      maxlength: 80,
+      label: `Name of ${name}`,
+      key: `name-${id}`,
+      change: () => {
+        const other = box.value.trim();
+        if (other && other !== name) page.send({ type: "rename_pick", id, name: other });
+        else box.value = name;
+      },
+      keydown: ({ key }) => {
+        if (key === "Escape") box.value = name;
+        if (key === "Escape" || key === "Enter") box.blur();
+      },
+    });
+    return make(
+      "li",
+      { class: current ? "current" : "" },
+      make("button.show", show, uv_m ? "◎" : "○"),
+      box,
+      closeButton(`Delete ${name}`, () => page.send({ type: "delete_pick", id }), {
+        key: `delete-${id}`,
+        tip: "Delete",
+      }),
+    );
   }
 }
 
-function pickText(/** @type {CurrentPick} */ pick) {
-  return [
-    `name\t${pick.name}`,
-    `position_held_m\t${pick.position_held_m.map((x) => x.toFixed(5)).join(" ")}`,
-    `position_camera_m\t${pick.position_camera_m.map((x) => x.toFixed(5)).join(" ")}\t(rotation ${pick.angle_deg} deg)`,
-    `normal_held\t${pick.normal_held.map((x) => (x === null ? "nan" : x.toFixed(5))).join(" ")}`,
-    `normal_camera\t${pick.normal_camera.map((x) => (x === null ? "nan" : x.toFixed(5))).join(" ")}`,
-    `view\t${pick.view_index}`,
-    `source_row_col\t${pick.source_rc.map((x) => x.toFixed(2)).join(" ")}`,
-    `miss_m\t${pick.miss_m.toFixed(5)}`,
-    ...(pick.grip
-      ? [
-          `approach_held\t${pick.grip.approach_held.map((x) => x.toFixed(5)).join(" ")}`,
-          `axis_held\t${pick.grip.axis_held.map((x) => x.toFixed(5)).join(" ")}\t(${AXIS_FROM[pick.grip.axis_from]})`,
-          `opening_m\t${pick.grip.opening_m.toFixed(4)}`,
-        ]
-      : []),
-  ].join("\n");
-}
-
-/** @type {Record<string, string>} */
-const AXIS_FROM = { outline: "along the outline", hand: "by hand", level: "level: no outline nearby" };
-const OPENING_MM = [5, 300];
-
-const stdMm = (/** @type {number | null} */ metres) =>
-  metres !== null && metres < 1e-4 ? "< 0.1 mm" : `${number(metres === null ? null : 1000 * metres)} mm`;
-
-/** The grip of a pick: axis on the plane, opening, and how surely it is known. */
-function gripTools(/** @type {CurrentPick & { grip: object }} */ pick, /** @type {Send} */ send) {
-  const grip = pick.grip;
-  const change =
-    (/** @type {"axis_deg" | "opening_m"} */ field, /** @type {number} */ scale) =>
-    (/** @type {ChangeEvent} */ event) => {
-      const value = event.target.valueAsNumber;
-      if (Number.isFinite(value)) send({ type: "grip", id: pick.id, [field]: value * scale });
-    };
-  const outline = grip.axis_from === "outline";
-  const away = grip.outline_distance_m === null ? "–" : `${number(1000 * grip.outline_distance_m, 0)} mm away`;
-  const noAxis = grip.axis_deg === null ? "The pick is not on the present shape." : null;
-  return [
-    make(
-      "div.grip",
-      { role: "group", label: "Grip" },
-      make(
-        "label.field",
-        {
-          tip:
-            "Direction of the gripper's axis on the flattened view, clockwise from right; the fingers " +
-            "close across it",
-        },
-        make("span", "Axis °"),
-        make("input", {
-          type: "number",
-          step: 5,
-          min: -180,
-          max: 180,
-          value: grip.axis_deg === null ? null : Math.round(grip.axis_deg),
-          disabled: noAxis !== null,
-          key: "grip-axis",
-          change: change("axis_deg", 1),
-        }),
-      ),
-      make("button.button.small", {
-        pressed: outline,
-        key: "grip-outline",
-        tip: `Lay the axis along the nearest outline\nNow: ${AXIS_FROM[grip.axis_from]}`,
-        click: () => send({ type: "grip", id: pick.id, outline: true }),
-        text: "Outline",
-      }),
-      make(
-        "label.field",
-        { tip: "Distance of the fingers" },
-        make("span", "Open mm"),
-        make("input", {
-          type: "number",
-          step: 5,
-          min: OPENING_MM[0],
-          max: OPENING_MM[1],
-          value: Math.round(1000 * grip.opening_m),
-          key: "grip-opening",
-          change: change("opening_m", 0.001),
-        }),
-      ),
-    ),
-    make(
-      "dl.values",
-      ...valueRow("outline", away, "Distance to the nearest outline of the cloth, on the flattened view"),
-      ...valueRow(
-        "known to",
-        stdMm(grip.position_std_m),
-        "One standard deviation in space, from the scatter of depth nearby",
-      ),
-      ...valueRow(
-        "normal, axis",
-        `${degrees(grip.normal_std_deg, 0)}, ${degrees(grip.axis_std_deg, 0)}`,
-        "One standard deviation of each, from the scatter of normals and outline nearby",
-      ),
-      grip.placement_std_m !== null &&
-        valueRow("place", stdMm(grip.placement_std_m), "One standard deviation of its place on the flattened plane"),
-    ),
-  ];
-}
-
-/** @param {State} state @param {() => void} copy @param {Send} send */
-function showPick(state, copy, send) {
-  const pick = state.pick;
-  rebuild(byId("pick"), [pick, Boolean(state.layers)], () => {
-    if (!pick) {
-      return [
-        make("h2", "Pick"),
-        make(
-          "p.nothing",
-          state.layers
-            ? "Click the cloth, flat or in 3D, to get its grasp point."
-            : "Grasp points can be picked once a view is flattened.",
-        ),
-      ];
-    }
-    return [
-      make(
-        "div.heading",
-        make("h2", pick.name),
-        make(
-          "button.button.small",
-          { key: "copy", tip: "Copy all numbers in metres", click: copy },
-          "Copy",
-          make("kbd", "C"),
-        ),
-      ),
-      make(
-        "dl.values",
-        ...valueRow("held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"),
-        ...valueRow(
-          `camera ${number(pick.angle_deg, 0)}°`,
-          `${vector(pick.position_camera_m, 1, 1000)} mm`,
-          "Position x y z in the camera frame at the present rotation",
-        ),
-        ...valueRow("normal", vector(pick.normal_held, 3), "Outward normal in the held frame"),
-        ...valueRow(
-          "n. camera",
-          vector(pick.normal_camera, 3),
-          "Outward normal in the camera frame at the present rotation",
-        ),
-        ...valueRow("Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen"),
-        ...valueRow(
-          "source",
-          `view ${pick.view_index} @ ${pick.source_rc.map((x) => number(x)).join(", ")}`,
-          "View and image pixel (row, column) it was measured in",
-        ),
-        ...valueRow("pixel", pick.in_shape ? pick.rc.join(", ") : "–", "Row, column of the flattened view"),
-        ...valueRow(
-          "miss",
-          pick.miss_m > 0 ? `${number(1000 * pick.miss_m)} mm` : "on the cloth",
-          "Distance between the click and the nearest cloth",
-        ),
-      ),
-      pick.grip && gripTools(pick, send),
-      !pick.in_shape && make("p.note", "Its view is not part of the present shape."),
-    ];
-  });
-}
-
-/** `send` goes to the server. */
-function showPicks(/** @type {State} */ state, /** @type {Send} */ send) {
-  rebuild(byId("picks"), [state.picks, state.pick?.id ?? null], () => [
-    make(
-      "div.heading",
-      make("h2", `Picks${state.picks.length ? ` (${state.picks.length})` : ""}`),
-      state.picks.length > 0 &&
-        make("a.button.small", {
-          href: "/export/grasps.json",
-          download: "grasps.json",
-          key: "export",
-          tip: "Download all picks as grasps.json",
-          text: "Export",
-        }),
-    ),
-    state.picks.length
-      ? make("ol.picks", ...state.picks.map((p) => pickRow(p, p.id === state.pick?.id, send)))
-      : make("p.nothing", "Every pick is kept here: name it, show it again, export it."),
-  ]);
-}
-
-/** @param {ListedPick} pick @param {boolean} current @param {Send} send */
-function pickRow(pick, current, send) {
-  const rename = (/** @type {ChangeEvent} */ event) => {
-    const name = event.target.value.trim();
-    if (name && name !== pick.name) send({ type: "rename_pick", id: pick.id, name });
-    else event.target.value = pick.name;
-  };
-  return make(
-    "li",
-    { class: current ? "current" : "" },
-    make(
-      "button.show",
-      {
-        label: `Show ${pick.name}`,
-        pressed: current,
-        key: `show-${pick.id}`,
-        tip: pick.uv_m ? "Show on both sides" : "Show in 3D; its view is not part of the present shape",
-        click: () => send({ type: "show_pick", id: pick.id }),
-      },
-      pick.uv_m ? "◎" : "○",
-    ),
-    make("input", {
-      value: pick.name,
-      maxlength: 80,
-      label: `Name of ${pick.name}`,
-      key: `name-${pick.id}`,
-      change: rename,
-      keydown: (e) => {
-        if (e.key === "Enter") e.target.blur();
-        if (e.key === "Escape") {
-          e.target.value = pick.name;
-          e.target.blur();
-        }
-      },
-    }),
-    make("button.close", {
-      label: `Delete ${pick.name}`,
-      key: `delete-${pick.id}`,
-      tip: "Delete",
-      click: () => send({ type: "delete_pick", id: pick.id }),
-      text: "×",
-    }),
-  );
-}
+const HOW_TO_PICK = "Click the cloth, flat or in 3D, to get its grasp point.";
+const NOT_YET = "Grasp points can be picked once a view is flattened.";
+const AXIS_TIP =
+  "Direction of the gripper's axis on the flattened view, clockwise from right; the fingers close across it";
+const OPENING_MM = { low: 5, high: 300, step: 5 };

@@ -4,8 +4,8 @@ import { strokeLine } from "/static/canvas/marks.js";
 import { applied, boxOf, cornersOf } from "/static/canvas/geometry.js";
 import { drawPieces } from "/static/canvas/pieces.js";
 import { percent } from "/static/garment/lists.js";
-import { byId, make, rebuild, swatch } from "/static/page/dom.js";
-import { count, floatingOf, number } from "/static/page/format.js";
+import { byId, make, rebuild, smallButton, swatch } from "/static/page/dom.js";
+import { cm2, count, floatingOf, mm } from "/static/page/format.js";
 
 export class PiecesPanel {
   name = "pieces";
@@ -13,12 +13,10 @@ export class PiecesPanel {
   constructor(/** @type {Page} */ page) {
     this.page = page;
     this.canvas = page.canvas;
-    /** @type {Piece[]} */
-    this.pieces = [];
+    this.pieces = /** @type {Piece[]} */ ([]);
     /** @type {Map<string, FoundGarment["pieces"][number]>} that the garment has for them, by letter */
     this.places = new Map();
-    /** @type {string | null} */
-    this.chosen = null; // its letter
+    this.chosen = /** @type {string | null} */ (null); // its letter
     this.section = make("section#floating", { label: "Floating pieces", hidden: true });
     byId("pick").before(this.section);
     this.canvas.drawers.push((_, context, style) => this.draw(context, style));
@@ -43,7 +41,7 @@ export class PiecesPanel {
     const { pieces: floating, area_cm2: area } = floatingOf({ pieces: this.pieces });
     const placed = this.pieces.length - floating.length;
     return [
-      make("h2", `Floating: ${count(floating.length, "piece")}, ${number(area, 0)} cm²`),
+      make("h2", `Floating: ${count(floating.length, "piece")}, ${cm2(area)}`),
       placed && make("p.note", `${count(placed, "piece")} placed by the garment.`),
       make("ul.pieces", ...this.pieces.map((piece) => this.row(piece, why))),
     ];
@@ -66,17 +64,15 @@ export class PiecesPanel {
         },
         swatch(piece.color),
         make("b", piece.label),
-        ` ${number(piece.area_cm2, 0)} cm²`,
+        ` ${cm2(piece.area_cm2)}`,
       ),
       this.byGarment(piece),
       on && [
         make("p.note", `${piece.reason} ${views}`),
-        make("button.button.small", {
+        smallButton("Place by hand", place, {
           "aria-disabled": why ? "true" : null,
           key: `place-${piece.label}`,
           tip: why ?? "The view that shows most of it is proposed: drag it onto the shape; the piece comes along.",
-          click: place,
-          text: "Place by hand",
         }),
       ],
     );
@@ -88,17 +84,12 @@ export class PiecesPanel {
     if (!place) return piece.placed ? make("p.note", "Placed by the garment.") : null;
     /** @param {string} title @param {boolean} accepted @param {string} tip */
     const button = (title, accepted, tip) =>
-      make(
-        "button.button.small",
-        {
-          label: `${title}: piece ${piece.label}`,
-          key: `garment-${piece.label}-${accepted}`,
-          tip: `${tip}\nUndo takes it back.`,
-          click: () => this.page.send({ type: "decide_piece", label: piece.label, accepted }),
-        },
-        title,
-      );
-    const told = `By the garment: ${percent(place.probability)}, ± ${number(place.std_mm, 0)} mm`;
+      smallButton(title, () => this.page.send({ type: "decide_piece", label: piece.label, accepted }), {
+        label: `${title}: piece ${piece.label}`,
+        key: `garment-${piece.label}-${accepted}`,
+        tip: `${tip}\nUndo takes it back.`,
+      });
+    const told = `By the garment: ${percent(place.probability)}, ± ${mm(place.std_mm, 0)}`;
     const accept = button("Place there", true, "It becomes part of the shape that is shown, where it is outlined.");
     const refuse = button("Refuse", false, "The garment has no place for it there.");
     return make(

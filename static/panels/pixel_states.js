@@ -1,10 +1,9 @@
 // Why pixels of a view are not in the shape: a layer over its source image, and the legend with their shares.
 
-import { ask } from "/static/page/connection.js";
+import { askJson } from "/static/page/connection.js";
 import { make, rebuild, swatch } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
-
-const SHOWN = "flatcloth-source-states";
+import { number, percent } from "/static/page/format.js";
+import { KeptSwitch } from "/static/page/theme.js";
 
 /** @typedef {{ state: string; text: string; color: string | null; share: number; missing: number }} Share */
 
@@ -12,20 +11,14 @@ export class PixelStates {
   /** @param {() => void} changed called when a legend has come */
   constructor(changed) {
     this.changed = changed;
-    this.shown = localStorage.getItem(SHOWN) === "yes";
+    this.shown = new KeptSwitch("source-states");
     this.asked = ""; // the address of the legend that was asked for
-    /** @type {Share[] | null} */
-    this.legend = null; // what the server says, of that address
-  }
-
-  toggle() {
-    this.shown = !this.shown;
-    localStorage.setItem(SHOWN, this.shown ? "yes" : "no");
+    this.legend = /** @type {Share[] | null} */ (null); // what the server says, of that address
   }
 
   /** The address of the layer of a view for a revision of the shape; null if it is not shown. */
   addressOf(/** @type {number} */ view, /** @type {number} */ revision) {
-    return this.shown && revision ? `/source/${view}/states-${revision}.png` : null;
+    return this.shown.on && revision ? `/source/${view}/states-${revision}.png` : null;
   }
 
   /**
@@ -43,12 +36,11 @@ export class PixelStates {
   async load(/** @type {string} */ address) {
     this.asked = address;
     this.legend = null;
-    const answer = await ask(address);
+    const legend = await askJson(address);
     if (this.asked !== address) return;
-    if (!answer) this.asked = ""; // the connection was lost; asked again when it is shown again
-    if (!answer?.ok) return;
-    this.legend = await answer.json();
-    this.changed();
+    this.legend = legend;
+    if (legend) this.changed();
+    else this.asked = ""; // the connection was lost; asked again when it is shown again
   }
 }
 
@@ -56,5 +48,5 @@ function row(/** @type {Share} */ { state, text, color, share, missing }) {
   const tip =
     `${number(100 * share, 1)} % of the item's pixels; ` +
     `${number(100 * missing, 1)} % show cloth that is in the result from no view`;
-  return make("p", { tip, data: { state } }, swatch(color ?? "transparent"), `${number(100 * share, 0)} % ${text}`);
+  return make("p", { tip, data: { state } }, swatch(color ?? "transparent"), `${percent(share)} ${text}`);
 }

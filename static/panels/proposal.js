@@ -1,8 +1,12 @@
 // The proposal that waits for a decision: score, parts of it, other places.
 
-import { byId, make, rebuild, valueRow } from "/static/page/dom.js";
-import { degrees, floatingOf, number, vector } from "/static/page/format.js";
-import { drawPlacedWithIt, placedWithIt } from "/static/panels/placed_with_it.js";
+import { drawDot } from "/static/canvas/marks.js";
+import { drawName } from "/static/garment/marks.js";
+import { button, buttonOf, byId, make, rebuild, valueRows, values } from "/static/page/dom.js";
+import { cm2, degrees, floatingOf, number, vector } from "/static/page/format.js";
+import { KeptSwitch } from "/static/page/theme.js";
+
+const partsOpen = new KeptSwitch("parts-open");
 
 function unitless(/** @type {string} */ name) {
   /** @type {Record<string, string>} */
@@ -15,13 +19,8 @@ function unitless(/** @type {string} */ name) {
 export class ProposalPanel {
   constructor(/** @type {Page} */ page) {
     this.page = page;
-    /** @type {string | null} the place that Accept was pressed for, though its score is low */
-    this.armed = null;
-    /**
-     * @type {{
-     *   view: number; area: number; step: number; revision: number; foreseen: { added_cm2: number }
-     * } | null}
-     */
+    this.armed = /** @type {string | null} */ (null); // where Accept was pressed though the score is low
+    /** @type {{ view: number; area: number; step: number; revision: number; added_cm2: number } | null} */
     this.before = null;
     const { canvas } = page;
     canvas.drawers.push((_, context, style) => drawPlacedWithIt(canvas, context, style, page.state?.pending));
@@ -31,10 +30,9 @@ export class ProposalPanel {
     this.tellAdded(state);
     const show = (/** @type {UV} */ [u, v]) => this.page.canvas.centerOn(u, v);
     showProposal(state, (message) => this.page.send(message), show);
-    const accept = document.querySelector('[data-action="accept"]');
     const waits = Boolean(this.armed) && this.armed === this.placeOf(state);
     if (!waits) this.armed = null;
-    accept?.classList.toggle("caution", waits);
+    buttonOf("accept")?.classList.toggle("caution", waits);
   }
 
   /** Where the proposal lies: another place is another question. */
@@ -62,17 +60,18 @@ export class ProposalPanel {
 
   /** After an acceptance: what it really added, beside what was foreseen. */
   tellAdded(/** @type {State} */ state) {
-    const { pending, layers } = state;
-    const area = layers && layers.area_cm2 + floatingOf(layers).area_cm2;
-    const before = this.before;
-    if (before && !pending && state.step === before.step + 1 && layers.revision !== before.revision) {
-      const added = `View ${before.view} added ${number(area - before.area, 0)} cm²`;
-      this.page.notify("info", `${added}; ${number(before.foreseen.added_cm2, 0)} cm² were predicted.`);
+    const { pending, layers, step } = state;
+    const { before } = this;
+    if (!layers) return;
+    const { revision } = layers;
+    const area = layers.area_cm2 + floatingOf(layers).area_cm2;
+    if (before && !pending && step === before.step + 1 && revision !== before.revision) {
+      const added = `View ${before.view} added ${cm2(area - before.area)}`;
+      this.page.notify("info", `${added}; ${cm2(before.added_cm2)} were predicted.`);
       this.before = null;
-    } else if (pending?.foreseen?.added_cm2 !== undefined && layers) {
-      const { view_index: view, foreseen: expected } = pending;
-      this.before = { view, area, step: state.step, revision: layers.revision, foreseen: expected };
-    } else if (state.step !== before?.step && layers?.revision !== before?.revision) {
+    } else if (pending?.foreseen) {
+      this.before = { view: pending.view_index, area, step, revision, added_cm2: pending.foreseen.added_cm2 };
+    } else if (step !== before?.step && revision !== before?.revision) {
       this.before = null;
     }
   }
@@ -80,14 +79,14 @@ export class ProposalPanel {
 
 /** @param {State} state @param {Send} send @param {(place: UV) => void} show */
 function showProposal(state, send, show) {
-  const section = byId("proposal");
-  const pending = state.pending;
-  section.hidden = !pending;
+  const { pending, layers } = state;
+  byId("proposal").hidden = !pending;
   if (!pending) return;
-  const view = state.views[pending.view_index];
-  const low = pending.score !== null && pending.score < state.settings.auto_threshold.value;
-  rebuild(byId("proposal-values"), [pending, state.settings.auto_threshold.value, state.layers?.revision], () => [
-    make("h2", `${pending.again ? "Again" : "Proposal"}: view ${pending.view_index} (${number(view.angle_deg, 0)}°)`),
+  const limit = state.settings.auto_threshold.value;
+  const { nudge } = pending;
+  const view = `view ${pending.view_index} (${number(state.views[pending.view_index].angle_deg, 0)}°)`;
+  rebuild(byId("proposal-values"), [pending, limit, layers?.revision], () => [
+    make("h2", `${pending.again ? "Again" : "Proposal"}: ${view}`),
     pending.brings &&
       make(
         "p#brings.extends",
@@ -99,134 +98,117 @@ function showProposal(state, send, show) {
         `Extends the floating piece ${pending.extends}, beside the shape.` +
           " It joins the shape once a view connects them.",
       ),
-    make(
-      "div",
-      {
-        class: `score${low ? " low" : ""}`,
-        tip: `Score of the present place, 0 to 1. Auto accepts from ${state.settings.auto_threshold.value}.`,
-      },
-      make("meter", { min: 0, max: 1, value: pending.score ?? 0, label: "Score" }),
-      make("strong", pending.score === null ? "no score" : number(pending.score, 2)),
-      make("span", low ? "below Auto's limit" : "score"),
-    ),
-    make(
-      "details#parts-of-score.parts",
-      {
-        open: localStorage.getItem("flatcloth-parts") === "open",
-        toggle: (event) => localStorage.setItem("flatcloth-parts", event.target.open ? "open" : "closed"),
-      },
-      make("summary", "Parts of the score"),
-      make(
-        "dl.values",
-        ...Object.entries(pending.parts).flatMap(([name, value]) => {
-          const [words, unit] = unitless(name);
-          return [
-            make("dt", { tip: PARTS[name] ?? words }, words),
-            make("dd", value === null ? "–" : `${number(value, Math.abs(value) >= 100 ? 0 : 2)}${unit}`),
-          ];
-        }),
-      ),
-      pending.cameras && [
-        make(
-          "p.note",
-          { tip: "What the registration of all views in space found" },
-          pending.cameras.replaceAll("+-", "±"),
-        ),
-      ],
-    ),
-    make(
-      "dl.values",
-      make("dt", {
-        tip: "What you have moved the proposal by: its centre by u, v on the plane, and clockwise",
-        text: "moved",
-      }),
-      make("dd", `${vector([pending.nudge.u_mm, pending.nudge.v_mm])} mm  ${degrees(pending.nudge.theta_deg)}`),
-    ),
+    scoreOf(pending.score, limit),
+    partsOfScore(pending),
+    values([
+      "moved",
+      `${vector([nudge.u_mm, nudge.v_mm])} mm  ${degrees(nudge.theta_deg)}`,
+      "What you have moved the proposal by: its centre by u, v on the plane, and clockwise",
+    ]),
     foreseen(pending.foreseen),
     checkList(pending.checks, show),
-    pending.hypotheses.length === 1 && make("p.note", "No other place was found."),
     pending.undetermined.length > 0 && make("p.note", `Not determined: ${pending.undetermined.join(", ")}`),
-    pending.hypotheses.length > 1 &&
-      make(
-        "div.places",
-        { role: "group", label: "Places found" },
-        ...pending.hypotheses.map((h, index) =>
-          make(
-            "button",
-            {
-              label: `${SOURCES[h.source]}, score ${number(h.score, 2)}`,
-              key: `place-${index}`,
-              tip:
-                `${SOURCES[h.source]}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}.` +
-                " Click: lay it there.",
-              click: () => send({ type: "choose", view_index: pending.view_index, index }),
-            },
-            make("img", {
-              src: `/hypothesis/${state.layers.revision}-${pending.view_index}/${index}.png`,
-              alt: "",
-              width: 108,
-              height: 75,
-            }),
-            make("span", `${SHORT_SOURCES[h.source]} ${number(h.score, 2)}`),
-          ),
-        ),
-      ),
+    placesOf(pending, layers?.revision ?? 0, send),
     pending.why && make("p.asked-again", pending.why),
     placedWithIt(pending, send, show),
     pending.reason &&
-      make("p.note", {
-        tip: "What the planner expected of this view, before it was laid on the shape",
-        text: `Planned for: ${pending.reason.replaceAll("cm2", "cm²")}`,
-      }),
+      make(
+        "p.note",
+        { tip: "What the planner expected of this view, before it was laid on the shape" },
+        `Planned for: ${pending.reason.replaceAll("cm2", "cm²")}`,
+      ),
   ]);
+}
+
+function scoreOf(/** @type {number | null} */ score, /** @type {number} */ limit) {
+  const low = score !== null && score < limit;
+  return make(
+    "div",
+    { class: `score${low ? " low" : ""}`, tip: `Score of the present place, 0 to 1. Auto accepts from ${limit}.` },
+    make("meter", { min: 0, max: 1, value: score ?? 0, label: "Score" }),
+    make("strong", score === null ? "no score" : number(score, 2)),
+    make("span", low ? "below Auto's limit" : "score"),
+  );
+}
+
+function partsOfScore(/** @type {Pending} */ { parts, cameras }) {
+  return make(
+    "details#parts-of-score.parts",
+    { open: partsOpen.on, toggle: (event) => (partsOpen.on = event.target.open) },
+    make("summary", "Parts of the score"),
+    values(
+      ...Object.entries(parts).map(([name, value]) => {
+        const [words, unit] = unitless(name);
+        const text = value === null ? "–" : `${number(value, Math.abs(value) >= 100 ? 0 : 2)}${unit}`;
+        return /** @type {ValueRow} */ ([words, text, PARTS[name] ?? words]);
+      }),
+    ),
+    cameras &&
+      make("p.note", { tip: "What the registration of all views in space found" }, cameras.replaceAll("+-", "±")),
+  );
+}
+
+/** The places that were found; a click lays the proposal there. */
+function placesOf(
+  /** @type {Pending} */ { hypotheses, view_index },
+  /** @type {number} */ revision,
+  /** @type {Send} */ send,
+) {
+  if (hypotheses.length < 2) return hypotheses.length === 1 && make("p.note", "No other place was found.");
+  const button = (/** @type {Pending["hypotheses"][number]} */ h, /** @type {number} */ index) => {
+    const [short, source] = SOURCES[h.source];
+    const src = `/hypothesis/${revision}-${view_index}/${index}.png`;
+    return make(
+      "button",
+      {
+        label: `${source}, score ${number(h.score, 2)}`,
+        key: `place-${index}`,
+        tip: `${source}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}. Click: lay it there.`,
+        click: () => send({ type: "choose", view_index, index }),
+      },
+      make("img", { src, alt: "", width: 108, height: 75 }),
+      make("span", `${short} ${number(h.score, 2)}`),
+    );
+  };
+  return make("div.places", { role: "group", label: "Places found" }, ...hypotheses.map(button));
 }
 
 /** What accepting would do. */
 function foreseen(/** @type {Pending["foreseen"]} */ told) {
-  if (told?.added_cm2 === undefined) return null;
+  if (!told) return null;
   return make(
     "dl#foreseen.values",
-    ...valueRow(
-      "adds",
-      `${number(told.added_cm2, 0)} cm²`,
-      "Cloth of the proposal that neither the shape nor a piece has yet",
+    ...valueRows(
+      ["adds", cm2(told.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
+      ["seen again", cm2(told.again_cm2), "Cloth of the proposal that the shape or a piece already has"],
+      told.joins.length > 0 && ["joins", told.joins.join(", "), "Pieces that it would connect (A is the shape)"],
     ),
-    ...valueRow(
-      "seen again",
-      `${number(told.again_cm2, 0)} cm²`,
-      "Cloth of the proposal that the shape or a piece already has",
-    ),
-    told.joins.length > 0 &&
-      valueRow("joins", told.joins.join(", "), "Pieces that it would connect (A is the shape)"),
   );
 }
 
 /** The checks with their limits; a click shows the place. */
 function checkList(/** @type {Pending["checks"]} */ checks, /** @type {(place: UV) => void} */ show) {
   const known = checks.filter((check) => check.value !== null);
-  if (!known.length) return null;
-  const sign = (/** @type {Pending["checks"][number]} */ check) => (check.passed ? "✓" : "✕");
-  return make(
-    "ul#checks.checks",
-    ...known.map((check) =>
+  const row = (/** @type {Pending["checks"][number]} */ check) => {
+    const { name, title, value, unit, passed, place_uv_m: place } = check;
+    return make(
+      "li",
+      { class: passed ? "passed" : "failed" },
       make(
-        "li",
-        { class: check.passed ? "passed" : "failed" },
-        make(
-          "button",
-          {
-            label: `${check.title}: ${number(check.value)} ${check.unit}, ${check.passed ? "passed" : "failed"}`,
-            key: `check-${check.name}`,
-            tip: `${CHECKS[check.name]}\nClick: show the place.`,
-            click: () => check.place_uv_m && show(check.place_uv_m),
-          },
-          make("b", { "aria-hidden": "true" }, sign(check)),
-          make("span", check.title),
-          make("span", `${number(check.value)} of ${number(check.limit, 0)} ${check.unit}`),
-        ),
+        "button",
+        {
+          label: `${title}: ${number(value)} ${unit}, ${passed ? "passed" : "failed"}`,
+          key: `check-${name}`,
+          tip: `${CHECKS[name]}\nClick: show the place.`,
+          click: () => place && show(place),
+        },
+        make("b", { "aria-hidden": "true" }, passed ? "✓" : "✕"),
+        make("span", title),
+        make("span", `${number(value)} of ${number(check.limit, 0)} ${unit}`),
       ),
-    ),
-  );
+    );
+  };
+  return known.length ? make("ul#checks.checks", ...known.map(row)) : null;
 }
 
 /** @type {Record<string, string>} */
@@ -235,10 +217,11 @@ const CHECKS = {
   twice: "Share of the cloth seen in both that would lie 15 mm or more from its place in the shape",
   outline: "Share of the cloth seen in both that would lie outside the outline of the shape",
 };
-/** @type {Record<string, string>} */
-const SHORT_SOURCES = { place: "Space", lines: "Lines" };
-/** @type {Record<string, string>} */
-const SOURCES = { place: "Place in space", lines: "Z-angle lines" };
+/** @type {Record<string, [short: string, long: string]>} */
+const SOURCES = {
+  place: ["Space", "Place in space"],
+  lines: ["Lines", "Z-angle lines"],
+};
 
 /** @type {Record<string, string>} what the parts of the score mean, by their names in both methods */
 const PARTS = {
@@ -255,3 +238,56 @@ const PARTS = {
   intensity_agreement: "Agreement of the brightness, beyond that of pixels paired by chance: 1 is the same",
   height_rms_mm: "Root of the mean squared difference of the heights along the turning axis",
 };
+
+// --- the further parts that accepting a proposal places too ------------------------------------------
+
+/** @param {Pending["also"][number]} parts */
+const nameOf = ({ view_index, component }) => `view ${view_index}, part ${component + 1}`;
+
+/**
+ * Name each part where it adds cloth: its outline is one with the proposal's.
+ * @param {FlatCanvas} canvas @param {Context} context @param {Style} style @param {Pending | null} pending
+ */
+function drawPlacedWithIt(canvas, context, style, pending) {
+  if (!pending || !canvas.overlay.shown || canvas.isMoved) return;
+  for (const part of pending.also) {
+    const at = canvas.transform.toPane(...part.place_uv_m);
+    drawDot(context, at, style.getPropertyValue("--accent"), 4);
+    drawName(context, style, at, nameOf(part));
+  }
+}
+
+/** @param {Pending} parts @param {Send} send @param {(place: UV) => void} show */
+function placedWithIt({ also, view_index }, send, show) {
+  if (!also.length) return null;
+  return make(
+    "div#placed-with-it.placed-with-it",
+    make("p.note", "Accepting also places:"),
+    make("ul", ...also.map((part) => placedRow(part, view_index, send, show))),
+  );
+}
+
+/**
+ * @param {Pending["also"][number]} part @param {number} view_index @param {Send} send
+ * @param {(place: UV) => void} show
+ */
+function placedRow(part, view_index, send, show) {
+  const { component, area_cm2, place_uv_m } = part;
+  const name = nameOf(part);
+  const id = `${part.view_index}-${component}`;
+  const shown = {
+    key: `show-part-${id}`,
+    tip: "Its place is found like the proposal's.\nClick: show the place.",
+    click: () => show(place_uv_m),
+  };
+  const leaveOut = () => send({ type: "leave_out", view_index, part_view: part.view_index, component });
+  return make(
+    "li",
+    make("button", shown, make("span", name), make("span", cm2(area_cm2))),
+    button("Leave out", leaveOut, {
+      label: `Leave out ${name}`,
+      key: `leave-out-${id}`,
+      tip: "Accept the proposal without this part. It is not proposed again; Undo takes it back.",
+    }),
+  );
+}

@@ -33,30 +33,28 @@ const READOUT = [
 
 export class Readout {
   hovered(/** @type {HoverAnswer | null} */ answer) {
-    showReadout(answer);
+    const list = byId("readout");
+    const values = answer?.shape ?? answer?.proposal ?? null;
+    list.classList.toggle("of-proposal", Boolean(!answer?.shape && answer?.proposal));
+    showReadout(READOUT.map(([name, about, text]) => [name, about, values ? text(values) : "–"]));
+    list.style.setProperty("--swatch", values ? hex(values.rgb) : "transparent");
   }
 }
 
-function showReadout(/** @type {HoverAnswer | null} */ answer) {
+/** Show values under the pointer: name, what it is, text. */
+export function showReadout(/** @type {[string, string, string][]} */ rows) {
   const list = byId("readout");
-  if (!list.childElementCount) {
+  if (!list.childElementCount)
     list.append(
-      ...READOUT.map(([name, about]) => make("div", make("dt", { tip: `${name}: ${about}` }, name), make("dd", "–"))),
+      ...rows.map(([name, about]) => make("div", make("dt", { tip: `${name}: ${about}` }, name), make("dd"))),
     );
-  }
-  const values = answer?.shape ?? answer?.proposal ?? null;
-  list.classList.toggle("of-proposal", Boolean(!answer?.shape && answer?.proposal));
-  READOUT.forEach(([name, , text], i) => {
-    const cell = /** @type {HTMLElement} */ (list.children[i].lastChild);
-    setText(cell, values ? text(values) : "–");
-    if (name === "Color") cell.style.setProperty("--swatch", values ? hex(values.rgb) : "transparent");
-  });
+  rows.forEach(([, , text], i) => setText(list.children[i].children[1], text));
 }
 
 export function showLegend(/** @type {Legend | null | undefined} */ legend) {
   const box = byId("legend");
   box.hidden = !legend || legend.kind === "none";
-  if (box.hidden) return;
+  if (!legend || box.hidden) return;
   rebuild(box, legend, () => {
     if (legend.kind === "classes") {
       return [make("h3", legend.title), ...legend.classes.map((c) => make("p", swatch(c.color), c.label))];

@@ -2,8 +2,9 @@
 
 import { applied, unapplied } from "/static/canvas/geometry.js";
 import { strokeRimmed } from "/static/canvas/marks.js";
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
+import { Question } from "/static/page/connection.js";
+import { buttonOf, byId, closeButton, make, numberBox, rebuild, setPressed, setText } from "/static/page/dom.js";
+import { cm2, number } from "/static/page/format.js";
 
 const REACH_PX = 11;
 const SEEN_EVERY_MS = 60;
@@ -20,38 +21,34 @@ export class Repair {
   constructor(/** @type {Page} */ page, /** @type {KeyNudges} */ nudges) {
     this.page = page;
     this.canvas = page.canvas;
+    /** What is done next is meant for where the keys have moved the proposal. */
+    const settled = (/** @type {() => void} */ act) => () => {
+      nudges.flush();
+      act();
+    };
     this.actions = {
       pairs: () => this.toggle(),
-      fit_pairs: () => {
-        nudges.flush();
-        this.sendPairs(true);
-      },
-      back_to_best: () => {
-        nudges.flush();
-        this.backToBest();
-      },
-      refine: () => {
-        nudges.flush();
-        page.send({ type: "refine", view_index: this.view });
-      },
+      fit_pairs: settled(() => this.sendPairs(true)),
+      back_to_best: settled(() => this.backToBest()),
+      refine: settled(() => this.view !== null && page.send({ type: "refine", view_index: this.view })),
     };
+    /** @type {Question<By, PreviewAnswer>} */
+    this.question = new Question(
+      (id, by) => this.askFit(id, by),
+      (answer) => this.showFit(answer),
+      SEEN_EVERY_MS,
+    );
     /** @type {Panel["messages"]} */
-    this.messages = { preview: (message) => this.takePreview(message), pairs: (message) => this.takePairs(message) };
+    this.messages = {
+      preview: (answer) => this.question.answered(answer),
+      pairs: (message) => this.takePairs(message),
+    };
     this.picking = false;
-    /** @type {number | null} */
-    this.view = null; // the view that the pairs are about
-    /** @type {Pair[]} */
-    this.pairs = [];
-    /** @type {import("/static/page/messages").PairsAnswer | null} */
-    this.fit = null; // residuals as the server tells them
-    /** @type {End | null} */
-    this.held = null; // the marker that is being dragged
-    this.asked = 0;
-    this.answered = 0;
-    /** @type {By | null} */
-    this.wanted = null;
-    /** @type {Pending | null} */
-    this.pending = null;
+    this.view = /** @type {number | null} */ (null); // that the pairs are about
+    this.pairs = /** @type {Pair[]} */ ([]);
+    this.fit = /** @type {PairsAnswer | null} */ (null); // residuals as the server tells them
+    this.held = /** @type {End | null} */ (null); // the marker that is being dragged
+    this.pending = /** @type {Pending | null} */ (null);
     this.canvas.tools.push(this);
     this.canvas.drawers.push((_, context, style) => this.draw(context, style));
   }
@@ -65,21 +62,17 @@ export class Repair {
     }
     byId("repair").hidden = !state.pending;
     if (!state.pending) return;
-    rebuild(byId("repair-tools"), ["repair"], () => [
-      this.page.button("pairs"),
-      this.page.button("refine", "Refine"),
-    ]);
-    for (const name of ["pairs", "refine"]) {
-      byId("repair-tools")
-        .querySelector(`[data-action="${name}"]`)
-        .setAttribute("aria-pressed", String(name === "pairs" && this.picking));
-    }
+    const tools = byId("repair-tools");
+    rebuild(tools, ["repair"], () => [this.page.button("pairs"), this.page.button("refine", "Refine")]);
+    setPressed(buttonOf("pairs", tools), this.picking);
+    setPressed(buttonOf("refine", tools), false);
     rebuild(byId("back-to-best"), ["best"], () => [this.page.button("back_to_best")]);
     this.showPieces(state.pending);
     this.showPairs();
   }
 
   backToBest() {
+    if (!this.pending) return;
     const { hypotheses, view_index, nudge } = this.pending;
     if (hypotheses.length) return this.page.send({ type: "choose", view_index, index: 0 });
     const back = { theta_rad: (-nudge.theta_deg * Math.PI) / 180, u_m: -nudge.u_mm / 1000, v_m: -nudge.v_mm / 1000 };
@@ -90,25 +83,25 @@ export class Repair {
   showPieces(/** @type {Pending} */ { pieces, view_index }) {
     const box = byId("pieces");
     box.hidden = pieces.length < 2;
-    rebuild(box, [pieces, view_index], () =>
-      pieces.map((piece) =>
-        make(
-          "button.button",
-          {
-            pressed: piece.chosen,
-            label: `Part ${piece.component + 1}, ${number(piece.area_cm2, 0)} cm²` + (piece.waits ? ", waits" : ""),
-            key: `piece-${piece.component}`,
-            tip: piece.waits
-              ? "Nothing connects this part to the shape yet; it floats until something does.\n" +
-                "Click: place it by hand."
-              : "Place this part of the view.",
-            click: () =>
-              piece.chosen || this.page.send({ type: "take_part", view_index, component: piece.component }),
-          },
-          make("b", String(piece.component + 1)),
-          `${number(piece.area_cm2, 0)} cm²${piece.waits ? " …" : ""}`,
-        ),
-      ),
+    rebuild(box, [pieces, view_index], () => pieces.map((piece) => this.piece(piece, view_index)));
+  }
+
+  piece(/** @type {Pending["pieces"][number]} */ piece, /** @type {number} */ view_index) {
+    const { component, area_cm2, waits, chosen } = piece;
+    const area = cm2(area_cm2);
+    return make(
+      "button.button",
+      {
+        pressed: chosen,
+        label: `Part ${component + 1}, ${area}` + (waits ? ", waits" : ""),
+        key: `piece-${component}`,
+        tip: waits
+          ? "Nothing connects this part to the shape yet; it floats until something does.\nClick: place it by hand."
+          : "Place this part of the view.",
+        click: () => chosen || this.page.send({ type: "take_part", view_index, component }),
+      },
+      make("b", String(component + 1)),
+      area + (waits ? " …" : ""),
     );
   }
 
@@ -127,42 +120,28 @@ export class Repair {
 
   // --- how it fits -----------------------------------------------------------------------------
 
-  /** Ask how the proposal would fit, moved by `by`; while an answer is on its way only the newest is kept. */
+  /** Ask how the proposal would fit, moved by `by`. */
   moving(/** @type {By} */ by) {
-    this.wanted = { ...by };
-    if (this.asked === this.answered) this.sendWanted();
+    this.question.ask({ ...by });
   }
 
-  sendWanted() {
-    if (!this.wanted || this.view === null) return;
-    const { theta, u, v } = this.wanted;
-    this.wanted = null;
-    this.asked += 1;
-    const sent = this.page.send({
-      type: "preview",
-      id: this.asked,
-      view_index: this.view,
-      theta_rad: theta,
-      u_m: u,
-      v_m: v,
-    });
-    if (!sent) this.answered = this.asked;
+  askFit(/** @type {number} */ id, /** @type {By} */ { theta, u, v }) {
+    const { view } = this;
+    return (
+      view !== null && this.page.send({ type: "preview", id, view_index: view, theta_rad: theta, u_m: u, v_m: v })
+    );
   }
 
-  takePreview(/** @type {import("/static/page/messages").PreviewAnswer} */ message) {
-    if (message.id !== this.asked) return;
-    setTimeout(() => {
-      this.answered = this.asked;
-      this.sendWanted();
-    }, SEEN_EVERY_MS);
+  showFit(/** @type {PreviewAnswer} */ message) {
     if (!this.pending) return;
-    /** @param {number | null} score @param {number} mm */
+    /** @param {number | null} score @param {number | null} mm */
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const here = fit(message.score, message.apart_mm);
     const refined = fit(message.refined_score, message.refined_apart_mm);
     const best = this.pending.hypotheses[0]?.score ?? this.pending.proposed_score;
-    const gains = message.refined_score - message.score >= LEAST_GAIN;
-    const far = best !== null && Math.max(message.score, message.refined_score) < best - FAR_BELOW;
+    const [score, refinedScore] = [message.score ?? 0, message.refined_score ?? 0];
+    const gains = refinedScore - score >= LEAST_GAIN;
+    const far = best !== null && Math.max(score, refinedScore) < best - FAR_BELOW;
     const more = gains
       ? `Refined from here: ${refined}.`
       : far
@@ -174,8 +153,8 @@ export class Repair {
 
   /** After a lost connection nobody answers any more. */
   reconnected() {
-    this.answered = this.asked;
-    this.wanted = null;
+    this.question.wanted = null;
+    this.question.lost();
   }
 
   // --- pairs -----------------------------------------------------------------------------------
@@ -216,7 +195,7 @@ export class Repair {
 
   onProposal(/** @type {number} */ u, /** @type {number} */ v) {
     const at = this.unmoved(u, v);
-    return this.canvas.overlay.covers(at[0], at[1]);
+    return this.canvas.overlay.covers(...at);
   }
 
   remove(/** @type {number} */ index) {
@@ -239,12 +218,12 @@ export class Repair {
       view_index: this.view,
       fit,
       new_uv_m: whole.map((p) => p.own),
-      shape_uv_m: whole.map((p) => p.shape),
+      shape_uv_m: whole.map((p) => /** @type {UV} */ (p.shape)),
       weights: whole.map((p) => p.weight),
     });
   }
 
-  takePairs(/** @type {import("/static/page/messages").PairsAnswer} */ message) {
+  takePairs(/** @type {PairsAnswer} */ message) {
     if (message.residual_mm.length !== this.whole().length) return; // of pairs before
     this.fit = message;
     this.showPairs();
@@ -272,7 +251,7 @@ export class Repair {
 
   nextClick() {
     if (!this.picking) return "Press Pairs (P) to pick more.";
-    return this.pairs.at(-1) && !this.pairs.at(-1).shape
+    return this.pairs.at(-1)?.shape === null
       ? "Now click where it belongs on the shape."
       : "Click a point on the proposal.";
   }
@@ -283,7 +262,7 @@ export class Repair {
       ? "…"
       : residual === undefined
         ? "–"
-        : `${number(residual)} mm, fitted ${number(this.fit.fitted_mm[index])}`;
+        : `${number(residual)} mm, fitted ${number(this.fit?.fitted_mm[index])}`;
     const weigh = (/** @type {ChangeEvent} */ event) => {
       const weight = event.target.valueAsNumber;
       if (weight > 0) pair.weight = weight;
@@ -294,24 +273,13 @@ export class Repair {
       "li",
       make("b", String(index + 1)),
       make("span", told),
-      make("input", {
-        type: "number",
-        min: 0.1,
-        max: 10,
-        step: 0.1,
-        value: pair.weight,
+      numberBox({ low: 0.1, high: 10, step: 0.1 }, pair.weight, {
         label: `Weight of pair ${index + 1}`,
         key: `weight-${index}`,
         tip: "Weight of this pair",
         change: weigh,
       }),
-      make("button.close", {
-        label: `Remove pair ${index + 1}`,
-        key: `unpair-${index}`,
-        tip: "Remove",
-        click: () => this.remove(index),
-        text: "×",
-      }),
+      closeButton(`Remove pair ${index + 1}`, () => this.remove(index), { key: `unpair-${index}`, tip: "Remove" }),
     );
   }
 
@@ -325,7 +293,9 @@ export class Repair {
   }
 
   drag(/** @type {PointerPlace} */ { u, v }) {
-    this.held.pair[this.held.end] = this.held.end === "own" ? this.toOwn(u, v) : [u, v];
+    if (!this.held) return;
+    const { pair, end } = this.held;
+    pair[end] = end === "own" ? this.toOwn(u, v) : [u, v];
     this.canvas.redraw();
   }
 
@@ -334,14 +304,16 @@ export class Repair {
     this.askResiduals();
   }
 
-  /** @returns {End[]} */
   ends() {
     return this.pairs.flatMap((pair, index) => [
-      { pair, index, end: /** @type {const} */ ("own"), ...this.canvas.transform.toPane(...this.fromOwn(pair.own)) },
-      ...(pair.shape
-        ? [{ pair, index, end: /** @type {const} */ ("shape"), ...this.canvas.transform.toPane(...pair.shape) }]
-        : []),
+      this.end(pair, index, "own", this.fromOwn(pair.own)),
+      ...(pair.shape ? [this.end(pair, index, "shape", pair.shape)] : []),
     ]);
+  }
+
+  /** @param {Pair} pair @param {number} index @param {End["end"]} end @param {UV} place @returns {End} */
+  end(pair, index, end, place) {
+    return { pair, index, end, ...this.canvas.transform.toPane(...place) };
   }
 
   draw(/** @type {Context} */ context, /** @type {Style} */ style) {
@@ -375,26 +347,36 @@ export class Repair {
 
   /** @returns {UV} */
   fromOwn(/** @type {UV} */ [x, y]) {
-    const at = this.canvas.overlay.shown?.grid.placement;
-    return at ? this.previewed(...applied([at.theta_rad, at.u_m, at.v_m], x, y)) : [x, y];
+    const { placement } = this;
+    return placement ? this.previewed(...applied(placement, x, y)) : [x, y];
   }
 
   toOwn(/** @type {number} */ u, /** @type {number} */ v) {
-    const { theta_rad, u_m, v_m } = this.canvas.overlay.shown.grid.placement;
-    return unapplied([theta_rad, u_m, v_m], ...this.unmoved(u, v));
+    return unapplied(this.placement ?? [0, 0, 0], ...this.unmoved(u, v));
+  }
+
+  /** Where the server has laid the proposal. @returns {Motion | null} */
+  get placement() {
+    const at = this.canvas.overlay.shown?.grid.placement;
+    return at ? [at.theta_rad, at.u_m, at.v_m] : null;
   }
 
   previewed(/** @type {number} */ u, /** @type {number} */ v) {
-    const { theta, u: du, v: dv } = this.canvas.preview;
     const [cu, cv] = this.canvas.center;
-    return applied([theta, cu + du, cv + dv], u - cu, v - cv);
+    return applied(this.preview, u - cu, v - cv);
   }
 
   /** @returns {UV} */
   unmoved(/** @type {number} */ u, /** @type {number} */ v) {
-    const { theta, u: du, v: dv } = this.canvas.preview;
     const [cu, cv] = this.canvas.center;
-    const [x, y] = unapplied([theta, cu + du, cv + dv], u, v);
+    const [x, y] = unapplied(this.preview, u, v);
     return [x + cu, y + cv];
+  }
+
+  /** How the proposal is being moved, from its centre. @returns {Motion} */
+  get preview() {
+    const { theta, u, v } = this.canvas.preview;
+    const [cu, cv] = this.canvas.center;
+    return [theta, cu + u, cv + v];
   }
 }

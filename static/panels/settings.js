@@ -1,7 +1,7 @@
 // The settings: one door, made from the server's table, each with a reset; and the numbers of the method, to read.
 
-import { ask } from "/static/page/connection.js";
-import { byId, make, rebuild } from "/static/page/dom.js";
+import { askJson } from "/static/page/connection.js";
+import { byId, choice, make, numberBox, rebuild, smallButton, tickBox } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 import { chosenTheme, setTheme } from "/static/page/theme.js";
 
@@ -13,8 +13,7 @@ export class SettingsSheet {
 
   constructor(/** @type {Page} */ page) {
     this.page = page;
-    /** @type {State["settings"]} */
-    this.settings = /** @type {any} */ ({});
+    this.settings = /** @type {Partial<State["settings"]>} */ ({});
     this.actions = { settings: () => this.open() };
     byId("settings-reset").addEventListener("click", () => {
       page.send({ type: "set", reset: true });
@@ -48,39 +47,21 @@ export class SettingsSheet {
     const { name, title, description, value } = setting;
     const set = (/** @type {unknown} */ next) => this.page.send({ type: "set", [name]: next });
     const id = `setting-${name}`;
+    const about = { id, key: id, "aria-describedby": `${id}-about` };
     const field =
       setting.low === null
-        ? make("input", {
-            type: "checkbox",
-            id,
-            checked: value,
-            key: id,
-            "aria-describedby": `${id}-about`,
-            change: (event) => set(event.target.checked),
-          })
-        : make("input", {
-            type: "number",
-            id,
-            min: setting.low,
-            max: setting.high,
-            step: setting.step,
-            value,
-            key: id,
-            "aria-describedby": `${id}-about`,
-            change: (event) =>
-              event.target.validity.rangeOverflow || event.target.validity.rangeUnderflow || !event.target.value
-                ? (event.target.value = String(value))
-                : set(event.target.valueAsNumber),
+        ? tickBox(setting.value, set, about)
+        : numberBox(setting, setting.value, {
+            ...about,
+            change: ({ target: box }) =>
+              box.validity.rangeOverflow || box.validity.rangeUnderflow || !box.value
+                ? (box.value = String(value))
+                : set(box.valueAsNumber),
           });
-    return this.line(
-      id,
-      title,
-      description,
-      field,
-      value !== setting.default,
-      `default: ${told(setting.default)}`,
-      () => set(setting.default),
-    );
+    const reset =
+      value !== setting.default &&
+      this.resetButton(id, title, `default: ${told(setting.default)}`, () => set(setting.default));
+    return this.line(id, title, description, field, reset);
   }
 
   themeRow(/** @type {string} */ theme) {
@@ -89,43 +70,30 @@ export class SettingsSheet {
       setTheme(name);
       this.show();
     };
-    const field = make(
-      "select",
-      { id, key: id, "aria-describedby": `${id}-about`, change: (event) => change(event.target.value) },
-      ...Object.entries(THEMES).map(([name, title]) =>
-        make("option", { value: name, selected: name === theme }, title),
-      ),
-    );
-    return this.line(
+    const field = choice(Object.entries(THEMES), theme, {
       id,
-      "Theme",
-      "Of this browser; all else is kept with the session.",
-      field,
-      theme !== "",
-      "as the system",
-      () => change(""),
-    );
+      key: id,
+      "aria-describedby": `${id}-about`,
+      change: (event) => change(event.target.value),
+    });
+    const reset = theme !== "" && this.resetButton(id, "Theme", "as the system", () => change(""));
+    return this.line(id, "Theme", "Of this browser; all else is kept with the session.", field, reset);
+  }
+
+  /** @param {string} id @param {string} title @param {string} first @param {() => void} reset */
+  resetButton(id, title, first, reset) {
+    return smallButton("Reset", reset, { key: `${id}-reset`, tip: `Reset: ${first}`, label: `Reset ${title}` });
   }
 
   /**
-   * @param {string} id @param {string} title @param {string} description @param {HTMLElement} field
-   * @param {boolean} changed @param {string} first @param {() => void} reset
+   * @param {string} id @param {string} title @param {string} description @param {Child} field
+   * @param {Child} reset
    */
-  line(id, title, description, field, changed, first, reset) {
+  line(id, title, description, field, reset) {
     return [
       make("label", { for: id }, title),
       field,
-      make(
-        "span",
-        changed &&
-          make("button.button.small", {
-            key: `${id}-reset`,
-            tip: `Reset: ${first}`,
-            label: `Reset ${title}`,
-            click: reset,
-            text: "Reset",
-          }),
-      ),
+      make("span", reset),
       make("p.note", { id: `${id}-about` }, description),
     ];
   }
@@ -133,10 +101,8 @@ export class SettingsSheet {
   async showNumbers() {
     const box = byId("settings-numbers");
     if (box.childElementCount) return;
-    const answer = await ask("/settings/numbers.json");
-    if (!answer?.ok) return;
     /** @type {{ section: string; values: { name: string; about: string; value: unknown; default: unknown }[] }[]} */
-    const sections = await answer.json();
+    const sections = (await askJson("/settings/numbers.json")) ?? [];
     box.replaceChildren(
       ...sections.map(({ section, values }) =>
         make(

@@ -1,9 +1,9 @@
 // The side of interest: brushes on the source image and the shape, a cut, what is uncertain, where to stroke next.
 
-import { ask } from "/static/page/connection.js";
+import { askPicture } from "/static/page/connection.js";
 import { strokeLine } from "/static/canvas/marks.js";
-import { byId, make, rebuild, setText } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
+import { byId, make, rebuild, setText, within } from "/static/page/dom.js";
+import { mm } from "/static/page/format.js";
 
 const RADII_MM = [4, 6, 8, 10, 15, 20, 30];
 const FIRST_MM = 10;
@@ -31,8 +31,7 @@ export class SidesPanel {
     };
     /** @type {Panel["messages"]} */
     this.messages = { where_to_stroke: (answer) => this.goTo(answer) };
-    /** @type {BrushKind | null} */
-    this.kind = null; // "this", "other", "cut", or null: no brush
+    this.kind = /** @type {BrushKind | null} */ (null); // null: no brush
     this.radius_mm = FIRST_MM;
     this.shown = true;
     this.certain = false;
@@ -40,12 +39,9 @@ export class SidesPanel {
     this.line = null; // of the stroke that is being drawn on the shape: [[u, v], ...]
     /** @type {UV[] | null} */
     this.cutLine = null; // drawn, and waits for a click beyond it
-    /** @type {State["sides"]} */
-    this.known = null;
-    /** @type {string | null} */
-    this.wanted = null;
-    /** @type {ImageBitmap | null} */
-    this.image = null; // the uncertainty of the shape
+    this.known = /** @type {State["sides"]} */ (null);
+    this.wanted = /** @type {string | null} */ (null);
+    this.image = /** @type {ImageBitmap | null} */ (null); // the uncertainty of the shape
     this.panel = make("section#sides.sides", { label: "Side of interest", hidden: true });
     byId("picks").before(this.panel);
     page.canvas.tools.push(this);
@@ -77,17 +73,16 @@ export class SidesPanel {
       this.kind = null;
       return;
     }
-    this.show();
+    this.show(this.known);
     this.fetchImage(state);
   }
 
-  show() {
-    const known = this.known;
+  show(/** @type {NonNullable<State["sides"]>} */ known) {
     rebuild(this.panel, ["sides"], () => [
       make("h2", "Side of interest"),
       make("p#sides-text", { role: "status" }),
       make("ul#sides-conflicts.conflicts", { hidden: true }),
-      this.group("Brush", ["brush_this", "brush_other", "cut"]),
+      this.page.group("Brush", ["brush_this", "brush_other", "cut"]),
       make(
         "label.field",
         { tip: "Half the width of the brush, measured on the cloth. Keys: < and >" },
@@ -96,13 +91,12 @@ export class SidesPanel {
           type: "range",
           min: 0,
           max: RADII_MM.length - 1,
-          step: 1,
           key: "brush-radius",
-          input: (event) => this.setRadius(Number(event.target.value)),
+          input: (event) => this.setRadius(event.target.valueAsNumber),
         }),
         make("output#brush-size"),
       ),
-      this.group("Shown", ["show_sides", "show_certainty", "where_to_stroke"]),
+      this.page.group("Shown", ["show_sides", "show_certainty", "where_to_stroke"]),
     ]);
     setText(byId("sides-text"), known.text);
     const conflicts = byId("sides-conflicts");
@@ -111,19 +105,10 @@ export class SidesPanel {
     this.showRadius();
   }
 
-  group(/** @type {string} */ label, /** @type {string[]} */ actions) {
-    const buttons = actions.map((name) => {
-      const button = this.page.button(name);
-      button.classList.add("small");
-      return button;
-    });
-    return make("div.group", { role: "group", label }, ...buttons);
-  }
-
   showRadius() {
     byId("brush-radius").value = String(RADII_MM.indexOf(this.radius_mm));
     byId("brush-radius").setAttribute("aria-valuetext", `${this.radius_mm} mm`);
-    setText(byId("brush-size"), `${number(this.radius_mm, 0)} mm`);
+    setText(byId("brush-size"), mm(this.radius_mm, 0));
   }
 
   // --- the brush -------------------------------------------------------------------------------
@@ -142,8 +127,7 @@ export class SidesPanel {
 
   /** Clicks in the 3D scene paint while a brush is taken. */
   tellScene() {
-    const side = this.kind === "this" || this.kind === "other" ? this.kind : null;
-    this.page.send({ type: "brush", side, radius_m: this.radius_m });
+    this.page.send({ type: "brush", side: this.side, radius_m: this.radius_m });
   }
 
   reconnected() {
@@ -151,8 +135,7 @@ export class SidesPanel {
   }
 
   resize(/** @type {number} */ by) {
-    const at = RADII_MM.indexOf(this.radius_mm) + by;
-    this.setRadius(Math.min(Math.max(at, 0), RADII_MM.length - 1));
+    this.setRadius(within(RADII_MM.indexOf(this.radius_mm) + by, 0, RADII_MM.length - 1));
   }
 
   setRadius(/** @type {number} */ index) {
@@ -208,21 +191,22 @@ export class SidesPanel {
       this.cutLine = line;
       this.page.notify("info", "Click the cloth beyond the line: it is not of interest.");
     } else {
-      this.page.send({
-        type: "stroke_shape",
-        side: this.kind === "this" ? "this" : "other",
-        points_uv_m: line,
-        radius_m: this.radius_m,
-      });
+      const { side, radius_m } = this;
+      if (side) this.page.send({ type: "stroke_shape", side, points_uv_m: line, radius_m });
     }
     this.page.canvas.redraw();
   }
 
   // --- on the source image ---------------------------------------------------------------------
 
+  /** What a stroke says; null: no stroke is painted now. */
+  get side() {
+    return this.kind === "cut" ? null : this.kind;
+  }
+
   /** Whether a brush paints on images now. */
   get paintsImages() {
-    return this.kind === "this" || this.kind === "other";
+    return this.side !== null;
   }
 
   color(/** @type {Element} */ element) {
@@ -230,9 +214,9 @@ export class SidesPanel {
   }
 
   paintImage(/** @type {number} */ view, /** @type {UV[]} */ points) {
-    const side = this.kind === "this" ? "this" : "other";
+    const { side, radius_m } = this;
     const most = points.slice(0, MOST_POINTS);
-    this.page.send({ type: "stroke_image", side, view_index: view, points_rc: most, radius_m: this.radius_m });
+    if (side) this.page.send({ type: "stroke_image", side, view_index: view, points_rc: most, radius_m });
   }
 
   /** The address of the labels of a view, null if they are not shown or not known. */
@@ -244,27 +228,26 @@ export class SidesPanel {
   /** The addresses of a small image of a view and of its labels, null if they are not shown or not known. */
   thumbsOf(/** @type {number} */ view) {
     const labels = this.addressOf(view)?.replace(".png", "/small.png");
-    return labels ? [`/sides/${view}/color.jpg?v=${this.known.token}`, labels] : null;
+    return labels ? [`/sides/${view}/color.jpg?v=${this.known?.token}`, labels] : null;
   }
 
   goTo(/** @type {import("/static/page/messages").StrokeAdvice} */ answer) {
     this.page.notify("info", answer.text);
-    if (answer.view_index !== null) this.page.each("lookAt", answer.view_index, answer.rc);
+    if (answer.view_index !== null && answer.rc) this.page.each("lookAt", answer.view_index, answer.rc);
   }
 
   // --- over the shape --------------------------------------------------------------------------
 
   async fetchImage(/** @type {State} */ state) {
     const layers = state.layers?.revision;
-    const key = this.certain && this.known.certainty !== null && layers ? `${layers}-${this.known.revision}` : null;
+    const known = this.certain && layers ? this.known : null;
+    const key = known && known.certainty !== null ? `${layers}-${known.revision}` : null;
     if (key === this.wanted) return;
     this.wanted = key;
     this.image = null;
     if (!key) return;
-    const answer = await ask(`/sides/shape.png?revision=${key}`);
-    if (!answer?.ok || this.wanted !== key) return;
-    const image = await createImageBitmap(await answer.blob());
-    if (this.wanted !== key) return;
+    const image = await askPicture(`/sides/shape.png?revision=${key}`);
+    if (!image || this.wanted !== key) return;
     this.image = image;
     this.page.canvas.redraw();
   }

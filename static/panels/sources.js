@@ -1,13 +1,26 @@
 // The source image of a view with its mask, beside the flattened view, and every view that saw the current pick.
 
-import { ask } from "/static/page/connection.js";
+import { askJson, askPicture } from "/static/page/connection.js";
 import { strokeLine, strokeRimmed, traceCross } from "/static/canvas/marks.js";
-import { byId, contextOf, make, rebuild, setText } from "/static/page/dom.js";
+import {
+  buttonOf,
+  byId,
+  contextOf,
+  isPlain,
+  make,
+  rebuild,
+  setPressed,
+  setText,
+  sized,
+  smallButton,
+  taken,
+  WAYS,
+  within,
+} from "/static/page/dom.js";
 import { count, number } from "/static/page/format.js";
+import { KeptSwitch } from "/static/page/theme.js";
 import { PixelStates } from "/static/panels/pixel_states.js";
 
-const FOLDED = "flatcloth-source-folded";
-const MASKED = "flatcloth-source-mask";
 const LEAST_PX = 200; // of the image's longer side; it grows with the scene
 const MOST_SHARE = 0.42; // of the scene's width and height
 const LOW_PX = 420; // a scene that is lower than this keeps the most of it for itself
@@ -22,9 +35,8 @@ const HIDDEN = {
 };
 
 /**
- * @typedef {{ view_index: number; angle_deg: number; rc: UV; thumb: string }} Seen a view that saw the pick
  * @typedef {{ left: number; top: number; width: number; height: number }} ItemBox
- * @typedef {ImageBitmap & { box?: ItemBox }} Picture
+ * @typedef {ImageBitmap & { box?: ItemBox }} SourcePicture
  *
  * @typedef {object} Drawn what is drawn, for tests
  * @property {boolean} labels
@@ -44,40 +56,28 @@ export class SourcePanel {
     this.page = page;
     this.states = new PixelStates(() => this.show());
     this.actions = {
-      source_image: () => this.fold(),
-      source_mask: () => this.toggleMask(),
-      source_states: () => {
-        this.states.toggle();
-        this.show();
-      },
+      source_image: () => this.toggle(this.folded),
+      source_mask: () => this.toggle(this.masked),
+      source_states: () => this.toggle(this.states.shown),
     };
     this.panel = byId("sources");
-    this.folded = localStorage.getItem(FOLDED) === "yes";
-    this.masked = localStorage.getItem(MASKED) !== "no";
-    /** @type {number | null} */
-    this.present = null; // the view that the page is at
-    /** @type {number | null} */
-    this.pinned = null; // another view that the operator looks at
-    /** @type {CurrentPick | null} */
-    this.pick = null;
-    /** @type {{ id: number; seen: Seen[]; n_views: number; hidden: Record<string, number> } | null} of the pick */
-    this.seen = null;
-    /** @type {HoverAnswer["source"]} */
-    this.at = null; // what is under the pointer on the flattened view
-    /** @type {Map<string, Picture | null>} by address */
-    this.images = new Map();
+    this.folded = new KeptSwitch("source-folded");
+    this.masked = new KeptSwitch("source-mask", true);
+    this.present = /** @type {number | null} */ (null); // the view that the page is at
+    this.pinned = /** @type {number | null} */ (null); // another view that the operator looks at
+    this.pick = /** @type {CurrentPick | null} */ (null);
+    this.seen = /** @type {SeenViews | null} */ (null); // the views of the pick
+    this.at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
+    this.images = /** @type {Map<string, SourcePicture | null>} */ (new Map()); // by address
     this.canvas = make("canvas#source-canvas", { role: "img" });
-    /** @type {UV[] | null} */
-    this.stroke = null; // pixels (row, col) of the stroke that is being drawn
-    /** @type {Drawn | null} */
-    this.drawn = null;
-    /** @type {number[]} */
-    this.angles = [];
+    this.stroke = /** @type {UV[] | null} */ (null); // pixels (row, col) of the stroke that is being drawn
+    this.drawn = /** @type {Drawn | null} */ (null);
+    this.angles = /** @type {number[]} */ ([]);
     this.revision = 0;
-    /** @type {{ view: number; rc: RC } | null} */
-    this.aim = null; // {view, rc}: where a stroke is suggested
+    this.aim = /** @type {{ view: number; rc: RC } | null} */ (null); // where a stroke is suggested
+    this.scene = /** @type {HTMLElement} */ (this.panel.parentElement);
     this.listen();
-    new ResizeObserver(() => this.draw()).observe(this.panel.parentElement);
+    new ResizeObserver(() => this.draw()).observe(this.scene);
   }
 
   get view() {
@@ -86,7 +86,7 @@ export class SourcePanel {
 
   /** What a hover read-out is asked for besides. */
   asksHover() {
-    return this.panel.hidden || this.folded || this.view === null ? {} : { view: this.view };
+    return this.panel.hidden || this.folded.on || this.view === null ? {} : { view: this.view };
   }
 
   update(/** @type {State} */ state) {
@@ -109,7 +109,7 @@ export class SourcePanel {
   /** Show a pixel of a view, and mark it until something is painted. */
   lookAt(/** @type {number} */ view, /** @type {RC} */ rc) {
     this.aim = { view, rc };
-    this.folded = false;
+    this.folded.on = false;
     this.pin(view);
   }
 
@@ -118,23 +118,25 @@ export class SourcePanel {
   listen() {
     const canvas = this.canvas;
     canvas.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0 || !this.page.brush?.paintsImages || !this.drawn) return;
+      const at = this.pixelAt(event);
+      if (event.button !== 0 || !this.page.brush?.paintsImages || !at) return;
       event.preventDefault();
       canvas.setPointerCapture(event.pointerId);
-      this.stroke = [this.pixelAt(event)];
+      this.stroke = [at];
       this.draw();
     });
     canvas.addEventListener("pointermove", (event) => {
-      if (!this.stroke) return;
-      this.stroke.push(this.pixelAt(event));
+      const at = this.stroke && this.pixelAt(event);
+      if (!at) return;
+      this.stroke?.push(at);
       this.draw();
     });
     canvas.addEventListener("pointerup", () => {
-      const stroke = this.stroke;
+      const { stroke, drawn } = this;
       this.stroke = null;
-      if (!stroke) return;
+      if (!stroke || !drawn) return;
       this.aim = null;
-      this.page.brush.paintImage(this.drawn.view, stroke);
+      this.page.brush.paintImage(drawn.view, stroke);
       this.draw();
     });
     canvas.addEventListener("pointercancel", () => {
@@ -144,8 +146,9 @@ export class SourcePanel {
     canvas.addEventListener("keydown", (event) => this.key(event));
   }
 
-  /** The pixel (row, col) of the recorded image under a pointer. @returns {UV} */
+  /** The pixel (row, col) of the recorded image under a pointer. @returns {UV | null} */
   pixelAt(/** @type {PointerEvent} */ event) {
+    if (!this.drawn) return null;
     const at = this.canvas.getBoundingClientRect();
     const { box, scale } = this.drawn;
     return [(event.clientY - at.top) / scale + box.top - 0.5, (event.clientX - at.left) / scale + box.left - 0.5];
@@ -153,28 +156,28 @@ export class SourcePanel {
 
   /** With a brush the arrow keys move a mark over the image (Shift: tenfold), Enter paints a dab there. */
   key(/** @type {KeyboardEvent} */ event) {
-    if (!this.page.brush?.paintsImages || !this.drawn || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (!this.page.brush?.paintsImages || !this.drawn || !isPlain(event)) return;
     const { box, view } = this.drawn;
     const step = event.shiftKey ? 10 : 1;
-    /** @type {Record<string, UV>} */
-    const ways = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] };
-    /** @type {number[]} */
-    const here = this.aim?.view === view ? this.aim.rc : [box.top + box.height / 2, box.left + box.width / 2];
-    if (event.key in ways) {
-      const [row, col] = ways[event.key].map((way, i) => here[i] + way * step);
-      /** @param {number} value @param {number} least @param {number} size */
-      const within = (value, least, size) => Math.min(Math.max(value, least), least + size - 1);
-      this.aim = { view, rc: [within(row, box.top, box.height), within(col, box.left, box.width)] };
+    const [row, col] = this.aim?.view === view ? this.aim.rc : [box.top + box.height / 2, box.left + box.width / 2];
+    const here = /** @type {UV} */ ([row, col]);
+    if (event.key in WAYS) {
+      const [right, down] = WAYS[event.key];
+      /** @type {RC} */
+      const rc = [
+        within(here[0] + down * step, box.top, box.top + box.height - 1),
+        within(here[1] + right * step, box.left, box.left + box.width - 1),
+      ];
+      this.aim = { view, rc };
     } else if (event.key === "Enter") {
-      this.page.brush.paintImage(view, [[here[0], here[1]]]);
+      this.page.brush.paintImage(view, [here]);
     } else return;
-    event.preventDefault();
-    event.stopPropagation();
+    taken(event);
     this.draw();
   }
 
-  drawStroke(/** @type {Context} */ context) {
-    const { box, scale } = this.drawn;
+  /** @param {Context} context @param {UV[]} stroke @param {Drawn} drawn */
+  drawStroke(context, stroke, { box, scale }) {
     const brush = this.page.brush;
     /** @param {UV} parts */
     const at = ([row, col]) => ({ x: (col + 0.5 - box.left) * scale, y: (row + 0.5 - box.top) * scale });
@@ -183,19 +186,12 @@ export class SourcePanel {
     context.lineCap = context.lineJoin = "round";
     // How wide the brush is on the cloth depends on its distance; here it is drawn as at the middle of the item.
     const width = Math.max(3, 2 * brush.radius_m * (this.page.state.sides?.pixels_per_m ?? 500) * scale);
-    strokeLine(context, [this.stroke[0], ...this.stroke].map(at), brush.color(this.canvas), width);
+    strokeLine(context, [stroke[0], ...stroke].map(at), brush.color(this.canvas), width);
     context.restore();
   }
 
-  fold() {
-    this.folded = !this.folded;
-    localStorage.setItem(FOLDED, this.folded ? "yes" : "no");
-    this.show();
-  }
-
-  toggleMask() {
-    this.masked = !this.masked;
-    localStorage.setItem(MASKED, this.masked ? "yes" : "no");
+  toggle(/** @type {KeptSwitch} */ what) {
+    what.toggle();
     this.show();
   }
 
@@ -215,53 +211,43 @@ export class SourcePanel {
     if (key === known) return;
     this.seen = null;
     if (!pick) return;
-    const answer = await ask(`/source/seen/${pick.id}.json`);
-    if (!answer?.ok || this.pick?.id !== pick.id) return;
-    this.seen = { id: pick.id, ...(await answer.json()) };
+    const seen = await askJson(`/source/seen/${pick.id}.json`);
+    if (!seen || this.pick?.id !== pick.id) return;
+    this.seen = seen;
     this.show();
   }
 
   // --- what is shown ---------------------------------------------------------------------------
 
   show() {
-    this.panel.classList.toggle("folded", this.folded);
-    const button = (/** @type {string} */ name, title = "") => this.page.button(name, title || null);
-    rebuild(this.panel, ["frame", this.folded], () => {
-      if (this.folded) return [this.tipped(button("source_image"), "source_image")];
-      const back = make("button#source-back.button.small", {
-        key: "source-back",
-        tip: "Show the view that the page is at",
-        click: () => this.pin(this.present),
-      });
+    const folded = this.folded.on;
+    this.panel.classList.toggle("folded", folded);
+    rebuild(this.panel, ["frame", folded], () => {
+      if (folded) return this.page.smallButton("source_image");
+      const back = () => this.present !== null && this.pin(this.present);
       return [
         make(
           "div.heading",
           make("h2#source-title"),
-          back,
-          this.tipped(button("source_mask"), "source_mask"),
-          this.tipped(button("source_states"), "source_states"),
-          this.tipped(button("source_image", "Fold"), "source_image"),
+          smallButton("", back, { id: "source-back", key: "source-back", tip: "Show the view that the page is at" }),
+          this.page.smallButton("source_mask"),
+          this.page.smallButton("source_states"),
+          this.page.smallButton("source_image", "Fold"),
         ),
         make("div.source-body", this.canvas, make("div#source-seen.source-seen")),
         make("div#source-states.source-states"),
       ];
     });
-    if (this.folded || this.view === null) return;
+    if (folded || this.view === null) return;
     setText(byId("source-title"), `View ${this.view} · ${number(this.angles[this.view], 0)}°`);
     const back = byId("source-back");
     back.hidden = this.pinned === null;
     setText(back, `Back to view ${this.present}`);
-    for (const [name, pressed] of Object.entries({ source_mask: this.masked, source_states: this.states.shown }))
-      this.panel.querySelector(`[data-action="${name}"]`).setAttribute("aria-pressed", String(pressed));
+    setPressed(buttonOf("source_mask", this.panel), this.masked.on);
+    setPressed(buttonOf("source_states", this.panel), this.states.shown.on);
     this.states.show(byId("source-states"), this.view, this.revision);
     this.showSeen();
     this.draw();
-  }
-
-  tipped(/** @type {HTMLElement} */ element, /** @type {string} */ action) {
-    element.classList.add("small");
-    element.dataset.tip = this.page.tip(action);
-    return element;
   }
 
   showSeen() {
@@ -305,72 +291,54 @@ export class SourcePanel {
     const kept = this.images.get(address);
     if (kept !== undefined) return kept;
     this.images.set(address, null);
-    while (this.images.size > IMAGES_KEPT) this.images.delete(this.images.keys().next().value);
-    const fetched = async () => {
-      const answer = await fetch(address);
-      if (!answer.ok) throw new Error(await answer.text());
-      /** @type {Picture} */
-      const image = await createImageBitmap(await answer.blob());
+    for (const old of this.images.keys()) if (this.images.size > IMAGES_KEPT) this.images.delete(old);
+    askPicture(address).then((/** @type {SourcePicture | null} */ image) => {
+      if (!image) return; // what cannot be read is not asked for again and again
       if (address.endsWith("/mask.png")) image.box = boxOfItem(image);
       this.images.set(address, image);
       this.draw();
-    };
-    fetched().catch(() => {}); // what cannot be read is not asked for again and again
+    });
     return null;
   }
 
   draw() {
-    if (this.panel.hidden || this.folded || this.view === null) return;
-    const color = this.image(`/source/${this.view}/color.jpg`);
-    this.canvas.setAttribute(
-      "aria-label",
-      `Source image of view ${this.view}${this.masked ? ", what is not the item shaded" : ""}`,
-    );
-    const mask = this.image(`/source/${this.view}/mask.png`);
-    const sides = this.page.brush?.addressOf(this.view);
-    const lost = this.states.addressOf(this.view, this.revision);
-    const labels = lost ? this.image(lost) : sides && this.masked ? this.image(sides) : null;
+    const { view } = this;
+    if (this.panel.hidden || this.folded.on || view === null) return;
+    const masked = this.masked.on;
+    const color = this.image(`/source/${view}/color.jpg`);
+    const shaded = masked ? ", what is not the item shaded" : "";
+    this.canvas.setAttribute("aria-label", `Source image of view ${view}${shaded}`);
+    const mask = this.image(`/source/${view}/mask.png`);
+    const sides = this.page.brush?.addressOf(view);
+    const lost = this.states.addressOf(view, this.revision);
+    const labels = lost ? this.image(lost) : sides && masked ? this.image(sides) : null;
     this.canvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
     this.canvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
-    if (!color || !mask) return;
-    const box = mask.box;
-    const scene = this.panel.parentElement;
-    const [mostWide, mostHigh] = [scene.clientWidth, scene.clientHeight].map((px) =>
-      Math.max(scene.clientHeight < LOW_PX ? 0 : LEAST_PX, MOST_SHARE * px),
+    if (!color || !mask?.box) return;
+    const { box } = mask;
+    const [mostWide, mostHigh] = [this.scene.clientWidth, this.scene.clientHeight].map((px) =>
+      Math.max(this.scene.clientHeight < LOW_PX ? 0 : LEAST_PX, MOST_SHARE * px),
     );
     const scale = Math.min(mostWide / box.width, mostHigh / box.height);
     const [width, height] = [Math.round(box.width * scale), Math.round(box.height * scale)];
-    const ratio = devicePixelRatio;
-    this.canvas.width = width * ratio;
-    this.canvas.height = height * ratio;
-    this.canvas.style.width = `${width}px`;
-    this.canvas.style.height = `${height}px`;
+    const context = sized(this.canvas, width, height);
+    Object.assign(this.canvas.style, { width: `${width}px`, height: `${height}px` });
     byId("source-seen").style.maxHeight = `${height}px`;
-    const context = contextOf(this.canvas);
-    context.scale(ratio, ratio);
     context.imageSmoothingQuality = "high";
-    for (const image of this.masked || lost ? [color, labels ?? mask] : [color]) {
+    for (const image of masked || lost ? [color, labels ?? mask] : [color]) {
       context.drawImage(image, box.left, box.top, box.width, box.height, 0, 0, width, height);
     }
     const style = getComputedStyle(this.canvas);
-    const [pick, pointer] = [this.pickedPixel(), this.at?.view_index === this.view ? this.at.rc : null];
-    const aim = this.aim?.view === this.view ? this.aim.rc : null;
+    const [pick, pointer] = [this.pickedPixel(), this.at?.view_index === view ? this.at.rc : null];
+    const aim = this.aim?.view === view ? this.aim.rc : null;
     for (const [name, rc] of Object.entries({ "--pick": pick, "--accent": pointer, "--warn": aim })) {
-      if (!rc) continue;
+      if (!rc || rc[0] === null || rc[1] === null) continue;
       const [x, y] = [(rc[1] + 0.5 - box.left) * scale, (rc[0] + 0.5 - box.top) * scale];
       strokeRimmed(context, style.getPropertyValue(name), 1.75, () => traceCross(context, x, y, 3, 10));
     }
-    this.drawn = {
-      labels: Boolean(labels),
-      states: Boolean(lost && labels),
-      view: this.view,
-      masked: this.masked,
-      box,
-      scale,
-      pick,
-      pointer,
-    };
-    if (this.stroke) this.drawStroke(context);
+    const states = Boolean(lost && labels);
+    this.drawn = { labels: Boolean(labels), states, view, masked, box, scale, pick, pointer };
+    if (this.stroke) this.drawStroke(context, this.stroke, this.drawn);
   }
 
   /** Where the current pick lies in the image shown; null if that view did not see it. */
@@ -384,7 +352,7 @@ export class SourcePanel {
   get status() {
     return {
       view: this.view,
-      folded: this.folded,
+      folded: this.folded.on,
       drawn: this.drawn,
       seen: this.seen?.seen.map((one) => one.view_index) ?? null,
     };

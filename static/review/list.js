@@ -1,6 +1,18 @@
 // All views as a list: sorted by a column, filtered by what was decided, with the reasons.
 
-import { byId, focusOn, make, rebuild, targetOf } from "/static/page/dom.js";
+import {
+  byId,
+  closeButton,
+  find,
+  findAll,
+  focusOn,
+  make,
+  rebuild,
+  smallButton,
+  taken,
+  targetOf,
+  within,
+} from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 import { added, doubtsOf, flagsOf, isFlattened, scoreBar, STATES, thumbsOf } from "/static/review/timeline.js";
 
@@ -16,11 +28,7 @@ const FILTERS = [
   ["left_out", "Rejected or skipped", (view) => LEFT_OUT.includes(view.state)],
 ];
 
-/**
- * Column, title, what it is sorted by (null: last).
- *
- * @type {[string, string, (view: ViewRow) => number | null][]}
- */
+/** Column, title, what it is sorted by (null: last). @type {[string, string, (view: ViewRow) => number | null][]} */
 const COLUMNS = [
   ["view", "View", (view) => view.index],
   ["angle", "Angle", (view) => view.angle_deg],
@@ -52,36 +60,32 @@ export class ReviewList {
   toggle() {
     this.section.hidden = !this.section.hidden;
     this.page.changed();
-    if (this.section.hidden) byId("timeline-tools").querySelector("button")?.focus();
-    else focusOn(this.section.querySelector("tbody button"));
+    if (this.section.hidden) find("button", byId("timeline-tools"))?.focus();
+    else focusOn(find("tbody button", this.section));
   }
 
   update(/** @type {State} */ state) {
     if (!state.review) this.section.hidden = true; // live mode and capture decide nothing
     if (this.section.hidden) return;
-    const key = [state.views, state.review.token, this.filter, this.sort, this.falling];
+    const key = [state.views, state.review?.token, this.filter, this.sort, this.falling];
     rebuild(this.section, key, () => this.build(state));
   }
 
   build(/** @type {State} */ state) {
-    const shown = this.sorted(state.views.filter(FILTERS.find(([name]) => name === this.filter)[2]));
+    const [, , keeps] = FILTERS.find(([name]) => name === this.filter) ?? FILTERS[0];
+    const shown = this.sorted(state.views.filter(keeps));
+    const filters = FILTERS.map(([name, title, keeps]) =>
+      smallButton(`${title} ${state.views.filter(keeps).length}`, () => this.set({ filter: name }), {
+        pressed: this.filter === name,
+        key: `filter-${name}`,
+      }),
+    );
     return [
       make(
         "div.review-head",
         make("h2#review-title", "Views"),
-        make(
-          "div.segmented",
-          { role: "group", label: "Filter" },
-          ...FILTERS.map(([name, title, keeps]) =>
-            make("button.button.small", {
-              pressed: this.filter === name,
-              key: `filter-${name}`,
-              click: () => this.set({ filter: name }),
-              text: `${title} ${state.views.filter(keeps).length}`,
-            }),
-          ),
-        ),
-        make("button.close", { label: "Close the list", key: "close-review", click: () => this.toggle() }, "×"),
+        make("div.segmented", { role: "group", label: "Filter" }, ...filters),
+        closeButton("Close the list", () => this.toggle(), { key: "close-review" }),
       ),
       make(
         "div.review-table",
@@ -128,6 +132,8 @@ export class ReviewList {
     const may = again || view.why_not === null;
     const decide = () => (again ? this.verdicts.reopen(view) : this.verdicts.propose(view));
     const goTo = () => this.page.send({ type: "turn_to", view_index: view.index });
+    const there = { label: `View ${view.index}: turn the item to it`, key: `row-${view.index}` };
+    const button = may && smallButton(again ? "Reopen" : "Propose", decide, { key: `again-${view.index}` });
     return make(
       "tr",
       {
@@ -135,14 +141,7 @@ export class ReviewList {
         click: (event) => event.target.closest("button") || goTo(),
       },
       make("td.pair", known && thumbsOf(view, state)),
-      make(
-        "td",
-        make(
-          "button.button.small",
-          { label: `View ${view.index}: turn the item to it`, key: `row-${view.index}`, click: goTo },
-          String(view.index),
-        ),
-      ),
+      make("td", smallButton(String(view.index), goTo, there)),
       make("td.figure", `${number(view.angle_deg, 0)}°`),
       make("td.figure", view.order === null ? "" : view.order === 0 ? "start" : String(view.order)),
       make("td", make("b", { class: `sign-of ${view.state}`, "aria-hidden": "true" }, sign), ` ${word}`),
@@ -150,16 +149,12 @@ export class ReviewList {
       make("td.figure", view.added_cm2 === null ? "" : `${added(view.added_cm2)} cm²`),
       make("td.flags", ...flags.map((text) => make("span.flag", text))),
       make("td.reason", view.detail),
-      make(
-        "td",
-        may &&
-          make("button.button.small", { key: `again-${view.index}`, click: decide }, again ? "Reopen" : "Propose"),
-      ),
+      make("td", button),
     );
   }
 
   sorted(/** @type {ViewRow[]} */ views) {
-    const of = COLUMNS.find(([name]) => name === this.sort)[2];
+    const [, , of] = COLUMNS.find(([name]) => name === this.sort) ?? COLUMNS[0];
     const sign = this.falling ? -1 : 1;
     return [...views].sort((a, b) => {
       const [x, y] = [of(a), of(b)];
@@ -177,22 +172,21 @@ export class ReviewList {
     if (event.key === "Escape") {
       this.toggle();
     } else if (["ArrowDown", "ArrowUp"].includes(event.key)) {
-      const rows = [...this.section.querySelectorAll("tbody tr")];
-      const at = rows.indexOf(/** @type {Element} */ (targetOf(event).closest("tr")));
-      const next = rows[Math.max(0, Math.min(rows.length - 1, at + (event.key === "ArrowDown" ? 1 : -1)))];
-      const button = next?.querySelector("button");
+      const rows = findAll("tbody tr", this.section);
+      const at = rows.findIndex((row) => row.contains(targetOf(event)));
+      const next = rows[within(at + (event.key === "ArrowDown" ? 1 : -1), 0, rows.length - 1)];
+      const button = next && find("button", next);
       if (!button) return;
       focusOn(button);
       button.click();
     } else {
       return;
     }
-    event.preventDefault();
-    event.stopPropagation();
+    taken(event);
   }
 
   get status() {
-    const rows = [...this.section.querySelectorAll("tbody [data-id^='row-']")];
+    const rows = findAll("tbody [data-id^='row-']", this.section);
     return { open: !this.section.hidden, rows: rows.map((row) => Number(row.textContent)) };
   }
 }

@@ -1,24 +1,12 @@
 // The result: how much cloth, how reliable, what is missing and why, what to review, and the data to take away.
 
-import { byId, make, rebuild, valueRow } from "/static/page/dom.js";
+import { ask } from "/static/page/connection.js";
+import { button, byId, closeButton, heading, make, rebuild, values } from "/static/page/dom.js";
 import { exportButton, showExports } from "/static/page/exports.js";
-import { count, floatingOf, number } from "/static/page/format.js";
+import { cm2, count, floatingOf, mm, number, percent } from "/static/page/format.js";
 import { doubtsOf, flagsOf } from "/static/review/timeline.js";
 
 const MOST = 4; // of each list
-
-/**
- * @typedef {{ view_index: number; reason: string; area_cm2: number }} Left
- *   cloth that a view shows and the result has not
- *
- * @typedef {object} Found what /review/result.json tells; `trouble` if it cannot
- * @property {number} revision
- * @property {string} [trouble]
- * @property {number | null} median_std_mm
- * @property {number} reliable_share
- * @property {Left[]} left_out
- * @property {{ expected: { view_index: number; area_cm2: number }[]; share: number | null; reason: string }} more
- */
 
 export class ResultPanel {
   name = "result";
@@ -28,10 +16,8 @@ export class ResultPanel {
     this.verdicts = verdicts;
     this.section = byId("result");
     this.asked = this.wanted = false; // open, though the integration has not ended
-    /** @type {string | null} */
-    this.closed = null; // the end for which it was closed
-    /** @type {Found | null} */
-    this.found = null; // the server's answer
+    this.closed = /** @type {string | null} */ (null); // the end for which it was closed
+    this.found = /** @type {Found | null} */ (null); // the server's answer
     this.loading = 0; // the revision that was asked for
     this.actions = { result: () => this.toggle() };
   }
@@ -55,68 +41,58 @@ export class ResultPanel {
   update(/** @type {State} */ state) {
     const ended = state.phase === "finished" && this.closed !== state.finished;
     if (state.phase !== "finished") this.closed = null;
-    this.section.hidden = !state.review || !state.layers || Boolean(state.pending) || !(ended || this.asked);
-    if (this.section.hidden) return;
-    const { revision } = state.layers;
-    if (this.loading !== revision) this.load(revision);
-    const found = this.found?.revision === revision ? this.found : null;
-    rebuild(this.section, [state.views, state.layers.area_cm2, state.layers.pieces, state.finished, found], () =>
-      this.build(state, found),
+    const { layers } = state;
+    this.section.hidden = !state.review || !layers || Boolean(state.pending) || !(ended || this.asked);
+    if (this.section.hidden || !layers) return;
+    if (this.loading !== layers.revision) this.load(layers.revision);
+    const found = this.found?.revision === layers.revision ? this.found : null;
+    rebuild(this.section, [state.views, layers.area_cm2, layers.pieces, state.finished, found], () =>
+      this.build(state, layers, found),
     );
   }
 
   async load(/** @type {number} */ revision) {
     this.loading = revision;
-    try {
-      const answer = await fetch("/review/result.json");
-      if (!answer.ok) throw new Error(await answer.text());
-      this.found = await answer.json();
-    } catch (error) {
-      this.found = /** @type {Found} */ ({ revision, trouble: /** @type {Error} */ (error).message });
-    }
+    const answer = await ask("/review/result.json");
+    const found = answer?.ok ? /** @type {Found} */ (await answer.json()) : null;
+    const trouble = (await (found ? "" : answer?.text())) ?? "There is no connection.";
+    this.found = found ?? { revision, trouble, median_std_mm: null, reliable_share: null, left_out: [], more: null };
     if (this.found.revision !== this.loading) this.loading = 0; // a newer picture is on its way
     this.page.changed();
   }
 
-  build(/** @type {State} */ state, /** @type {Found | null} */ found) {
-    const { layers, finished } = state;
+  /** @param {State} state @param {NonNullable<State["layers"]>} layers @param {Found | null} found */
+  build(state, layers, found) {
+    const { finished } = state;
     const { pieces, area_cm2: floating } = floatingOf(layers);
     const letters = pieces.map((piece) => piece.label).join(", ");
     return [
-      make(
-        "div.heading",
-        make("h2", finished ? "Finished" : "Result so far"),
-        make("button.close", { label: "Close the result", key: "close-result", click: () => this.toggle() }, "×"),
+      heading(
+        finished ? "Finished" : "Result so far",
+        closeButton("Close the result", () => this.toggle(), { key: "close-result" }),
       ),
       finished && make("p.note", finished.replaceAll("cm2", "cm²")),
-      make(
-        "dl.values",
-        ...valueRow("Shape", `${number(layers.area_cm2, 0)} cm² from ${count(state.step, "view")}`),
-        floating &&
-          valueRow(
-            "Floating",
-            `${number(floating, 0)} cm² (${letters})`,
-            "Cloth that no view connects to the shape yet",
-          ),
-        found && !found.trouble && this.certainty(found),
+      values(
+        ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
+        floating && ["Floating", `${cm2(floating)} (${letters})`, "Cloth that no view connects to the shape yet"],
+        found &&
+          found.reliable_share !== null && [
+            "Reliable",
+            percent(found.reliable_share),
+            "Share of the shape placed to 10 mm or better",
+          ],
+        found &&
+          found.median_std_mm !== null && [
+            "Uncertainty",
+            mm(found.median_std_mm),
+            "Median standard deviation of a pixel's place",
+          ],
       ),
       !found && make("p.note", { role: "status" }, "Looking for what was left out …"),
       found?.trouble && make("p.note", found.trouble),
-      found && !found.trouble && [...this.leftOut(found), ...this.more(found, state)],
-      ...this.toReview(state),
-      ...this.exports(state),
-    ];
-  }
-
-  certainty(/** @type {Found} */ found) {
-    if (found.median_std_mm === null || found.median_std_mm === undefined) return [];
-    return [
-      ...valueRow(
-        "Reliable",
-        `${number(100 * found.reliable_share, 0)} %`,
-        "Share of the shape placed to 10 mm or better",
-      ),
-      ...valueRow("Uncertainty", `${number(found.median_std_mm)} mm`, "Median standard deviation of a pixel's place"),
+      found && !found.trouble && [this.leftOut(found), found.more && this.more(found.more, state)],
+      this.toReview(state),
+      this.exports(state),
     ];
   }
 
@@ -124,7 +100,7 @@ export class ResultPanel {
     const total = found.left_out.reduce((sum, left) => sum + left.area_cm2, 0);
     const reasons = [...new Set(found.left_out.map((left) => left.reason))];
     return [
-      make("h3", "Seen but left out", make("span", `${number(total, 0)} cm²`)),
+      make("h3", "Seen but left out", make("span", cm2(total))),
       ...reasons.flatMap((reason) => this.leftFor(reason, found.left_out)),
       reasons.length ? null : make("p.note", "None: the result has all the cloth that its views show."),
     ];
@@ -135,7 +111,7 @@ export class ResultPanel {
     const these = every.filter((left) => left.reason === reason);
     const area = these.reduce((sum, left) => sum + left.area_cm2, 0);
     return [
-      make("p.note", `${number(area, 0)} cm²: ${reason}`),
+      make("p.note", `${cm2(area)}: ${reason}`),
       make(
         "div.chips",
         ...these
@@ -152,16 +128,15 @@ export class ResultPanel {
     ];
   }
 
-  more(/** @type {Found} */ found, /** @type {State} */ state) {
-    const { expected, share, reason } = found.more;
+  more(/** @type {NonNullable<Found["more"]>} */ { expected, share, reason }, /** @type {State} */ state) {
     const open = expected.filter(({ view_index }) => state.views[view_index].why_not === null);
-    const likely = (/** @type {number} */ cm2) => `${number(share === null ? cm2 : share * cm2, 0)} cm²`;
+    const likely = (/** @type {number} */ area) => cm2(share === null ? area : share * area);
     const best = open.slice(0, 3);
     const total = best.reduce((sum, one) => sum + one.area_cm2, 0);
     const told =
       share === null
         ? "by the planner's estimate"
-        : `of ${number(total, 0)} estimated: the last views added ${number(100 * share, 0)} % of their estimates`;
+        : `of ${number(total, 0)} estimated: the last views added ${percent(share)} of their estimates`;
     return [
       make("h3", "Another view"),
       best.length
@@ -183,7 +158,9 @@ export class ResultPanel {
       .filter((view) => view.order && view.score !== null)
       .sort(
         (a, b) =>
-          Number(b.flagged) - Number(a.flagged) || doubtsOf(b).length - doubtsOf(a).length || a.score - b.score,
+          Number(b.flagged) - Number(a.flagged) ||
+          doubtsOf(b).length - doubtsOf(a).length ||
+          (a.score ?? 0) - (b.score ?? 0),
       )
       .slice(0, 3);
     if (!weak.length) return [];
@@ -197,15 +174,13 @@ export class ResultPanel {
   }
 
   exports(/** @type {State} */ state) {
-    const { name } = state.recording;
-    const notify = (/** @type {Note["level"]} */ level, /** @type {string} */ text) => this.page.notify(level, text);
-    return [
-      make(
-        "div.group",
-        exportButton("data.zip", "Export data", notify, name, state.phase === "finished" ? "primary" : ""),
-        make("button.button", { key: "all-exports", click: () => showExports(notify, state) }, "All exports …"),
-      ),
-    ];
+    const { notify } = this.page;
+    const kind = state.phase === "finished" ? "primary" : "";
+    return make(
+      "div.group",
+      exportButton("data.zip", "Export data", notify, state.recording.name, kind),
+      button("All exports …", () => showExports(notify, state), { key: "all-exports" }),
+    );
   }
 
   /**

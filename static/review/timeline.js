@@ -1,7 +1,7 @@
 // The views of the recording in a row: what was decided, in which order, with which score; dragging along it
 // turns the item.
 
-import { byId, focusOn, make, rebuild } from "/static/page/dom.js";
+import { byId, focusOn, make, rebuild, setCurrent, taken, within } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
 export const STATES = {
@@ -27,12 +27,12 @@ export class Timeline {
     this.choose = choose;
     this.row = byId("timeline");
     this.tools = byId("timeline-tools");
-    /** @type {number | null} */
-    this.scrubbed = null; // view that the item was turned to
-    this.from = null; // where the pointer went down
+    this.scrubbed = /** @type {number | null} */ (null); // view that the item was turned to
+    this.from = /** @type {number | null} */ (null); // where the pointer went down
+    this.dragged = this.listed = false;
     this.row.addEventListener("pointerdown", (event) => (this.from = event.button === 0 ? event.clientX : null));
     this.row.addEventListener("pointermove", (event) => this.drag(event));
-    this.row.addEventListener("click", (event) => this.dragged && this.stop(event), true);
+    this.row.addEventListener("click", (event) => this.dragged && taken(event), true);
     this.row.addEventListener("keydown", (event) => this.key(event));
     for (const end of ["pointerup", "pointercancel"]) window.addEventListener(end, () => this.end());
   }
@@ -85,8 +85,7 @@ export class Timeline {
   pictures(view, state, labelled) {
     const [color, flat] = isFlattened(view) ? thumbsOf(view, state) : [];
     if (!labelled) return [color, flat];
-    const layers = labelled.map((src) => make("img", { src, alt: "", loading: "lazy", draggable: "false" }));
-    return [make("span.labelled", ...layers), ...(flat ? [flat] : [])];
+    return [make("span.labelled", ...labelled.map(picture)), flat];
   }
 
   // --- turning the item --------------------------------------------------------------------------
@@ -96,8 +95,12 @@ export class Timeline {
     if (!this.dragged && Math.abs(event.clientX - this.from) < DRAG_PX) return;
     this.dragged = true;
     const cell = document.elementFromPoint(event.clientX, this.row.getBoundingClientRect().top + 12);
-    const at = [...this.row.children].indexOf(cell?.closest(".view"));
+    const at = this.cells.findIndex((view) => view.contains(cell));
     if (at >= 0) this.turnTo(at);
+  }
+
+  get cells() {
+    return [...this.row.children];
   }
 
   end() {
@@ -105,23 +108,19 @@ export class Timeline {
     setTimeout(() => (this.dragged = false)); // after the click that ends a drag
   }
 
-  stop(/** @type {Event} */ event) {
-    event.preventDefault();
-    event.stopPropagation();
-  }
-
   /** Arrow keys go from view to view and turn the item, unless they move a proposal. */
   key(/** @type {KeyboardEvent} */ event) {
     const { state } = this.page;
     const by = { ArrowLeft: -1, ArrowRight: 1, Home: -1e9, End: 1e9 }[event.key];
     if (!by || state?.pending || state?.capture || this.page.isLive) return;
-    const cells = [...this.row.children];
-    const at = cells.indexOf(document.activeElement) + by;
-    const next = Math.max(0, Math.min(cells.length - 1, at));
-    event.preventDefault();
-    event.stopPropagation();
-    focusOn(cells[next]);
-    cells[next].scrollIntoView({ block: "nearest", inline: "nearest" });
+    const next = within(
+      this.cells.findIndex((cell) => cell === document.activeElement) + by,
+      0,
+      this.cells.length - 1,
+    );
+    taken(event);
+    focusOn(this.cells[next]);
+    this.cells[next].scrollIntoView({ block: "nearest", inline: "nearest" });
     this.turnTo(next);
   }
 
@@ -141,32 +140,33 @@ export class Timeline {
 /** Views with a decision have pictures: the others are not flattened yet. */
 export const isFlattened = (/** @type {ViewRow} */ view) => view.state !== "unused";
 
-/** The color image and the flattened view. */
-export function thumbsOf(/** @type {ViewRow} */ view, /** @type {State} */ state) {
-  const address = (/** @type {string} */ file) => `/review/${view.index}/${file}?v=${state.review.token}`;
-  /** @param {string} file */
-  const picture = (file) => make("img", { src: address(file), alt: "", loading: "lazy", draggable: "false" });
-  return [picture("color.jpg"), picture("flat.png")];
-}
+/** A small picture of a view. */
+export const picture = (/** @type {string} */ src) =>
+  make("img", { src, alt: "", loading: "lazy", draggable: "false" });
 
-export function scoreBar(/** @type {number | null} */ score, /** @type {boolean} */ low) {
-  const width = `${Math.round(100 * (score ?? 0))}%`;
-  return make(
+/** The color image and the flattened view. @param {ViewRow} view @param {State} state */
+export const thumbsOf = (view, state) =>
+  ["color.jpg", "flat.png"].map((file) => picture(`/review/${view.index}/${file}?v=${state.review?.token}`));
+
+export const scoreBar = (/** @type {number | null} */ score, /** @type {boolean} */ low) =>
+  make(
     "span.bar-of-score",
     { class: low ? "low" : "", "aria-hidden": "true" },
-    make("i", { style: { width } }),
+    make("i", { style: { width: `${Math.round(100 * (score ?? 0))}%` } }),
   );
-}
 
 export const added = (/** @type {number} */ cm2) => `${cm2 < 0 ? "" : "+"}${number(cm2, 0)}`;
 
+/** Flags in words. @param {string[]} flags @param {State} state */
+const inWords = (flags, state) => flags.map((flag) => state.review?.flags[flag] ?? flag);
+
 /** The flags of a view in words. @param {ViewRow} view @param {State} state */
-export const flagsOf = (view, state) => (view.flags ?? []).map((flag) => state.review.flags[flag]);
+export const flagsOf = (view, state) => inWords(view.flags ?? [], state);
 
 /** The flags that ask for a look: that a view was placed by hand is no doubt about it. */
 export const doubtsOf = (/** @type {ViewRow} */ view) => (view.flags ?? []).filter((flag) => flag !== "by_hand");
 /** @param {ViewRow} view @param {State} state */
-export const doubtsInWords = (view, state) => doubtsOf(view).map((flag) => state.review.flags[flag]);
+export const doubtsInWords = (view, state) => inWords(doubtsOf(view), state);
 
 /** A view in words, for its tooltip and for screen readers. */
 export function aboutView(/** @type {ViewRow} */ view, /** @type {State} */ state) {
@@ -193,12 +193,8 @@ function whatAPressDoes(/** @type {ViewRow} */ view, /** @type {State} */ state)
 
 /** Mark the view at whose rotation the item stands. */
 export function markPresent(/** @type {number | null} */ index) {
-  const views = byId("timeline").children;
-  for (const view of byId("timeline").querySelectorAll(".present")) {
-    if (view === views[index]) return;
-    view.classList.remove("present");
-    view.removeAttribute("aria-current");
-  }
-  views[index]?.classList.add("present");
-  views[index]?.setAttribute("aria-current", "true");
+  [...byId("timeline").children].forEach((view, i) => {
+    view.classList.toggle("present", i === index);
+    setCurrent(view, i === index);
+  });
 }

@@ -1,7 +1,7 @@
 // Deciding on the timeline: a card about each decided view, from which it is reopened, and jumps between views.
 
-import { byId, make } from "/static/page/dom.js";
-import { count, keyName, number } from "/static/page/format.js";
+import { button, byId, find, focusOn, make, placeBeside, staysIn, taken } from "/static/page/dom.js";
+import { cm2, count, keyName, number } from "/static/page/format.js";
 import { ACCEPTED, DECIDED, doubtsInWords } from "/static/review/timeline.js";
 
 const WAITING = ["pending", "later", "skipped"];
@@ -18,12 +18,11 @@ export class Verdicts {
       next_undecided: () => this.nextUndecided(page.state),
       lowest_score: () => this.lowestScore(page.state),
     };
-    /** @type {number | null} */
-    this.chosen = null; // index of the view that is chosen on the timeline
+    this.chosen = /** @type {number | null} */ (null); // index of the view that is chosen on the timeline
     this.card = byId("view-card");
     this.card.addEventListener("keydown", (event) => this.key(event));
     this.card.addEventListener("focusout", (event) => {
-      if (!this.card.contains(/** @type {Node | null} */ (event.relatedTarget))) this.close();
+      if (!staysIn(this.card, event)) this.close();
     });
   }
 
@@ -36,7 +35,7 @@ export class Verdicts {
 
   /** Decide again about the view that is chosen, or say how to choose one. */
   reopenChosen(/** @type {State} */ state) {
-    const view = state.views[this.chosen];
+    const view = state.views[this.chosen ?? -1];
     if (!view) return this.page.notify("info", "Choose a view on the timeline first.");
     this.close();
     if (view.why_not_reopen !== null) return this.page.notify("info", view.why_not_reopen);
@@ -66,14 +65,14 @@ export class Verdicts {
     const flagged = scored.filter((v) => v.flagged);
     // Flagged ones in turn, so that each can be looked at; without any, the lowest score.
     const next = flagged.find((v) => v.index > (this.chosen ?? -1)) ?? flagged[0];
-    this.goTo(next ?? scored.reduce((least, v) => (v.score < least.score ? v : least)));
+    this.goTo(next ?? scored.reduce((least, v) => ((v.score ?? 1) < (least.score ?? 1) ? v : least)));
   }
 
   goTo(/** @type {ViewRow} */ view) {
     this.chosen = view.index;
-    const button = buttonOf(view);
+    const button = cellOf(view);
     button.scrollIntoView({ block: "nearest", inline: "center" });
-    button.focus({ focusVisible: true });
+    focusOn(button);
     if (DECIDED.includes(view.state)) this.open(view);
   }
 
@@ -81,40 +80,31 @@ export class Verdicts {
     const reopen = this.page.action("reopen");
     const again = view.state === "skipped" ? "Propose it now" : view.state === "later" ? "Decide it now" : "Reopen";
     const why = view.why_not_reopen;
+    const main = button(
+      again,
+      () => (why === null ? (this.close(), this.reopen(view)) : this.page.notify("info", why)),
+      { class: "primary", "aria-disabled": why === null ? null : "true", key: "reopen", tip: why },
+    );
+    main.append(make("kbd", keyName(reopen.keys[0])));
+    const close = button("Close", () => this.close());
+    close.append(make("kbd", "Esc"));
     this.card.replaceChildren(
       make("h2#view-card-title", `View ${view.index}, ${number(view.angle_deg, 0)}°`),
       make("p", told(view)),
       ...this.flags(view),
       ...(view.follows && view.state !== "later" ? [make("p.note", followers(view.follows))] : []),
-      make(
-        "div.group",
-        make(
-          "button.button.primary",
-          {
-            "aria-disabled": why === null ? null : "true",
-            data: { id: "reopen", ...(why === null ? {} : { tip: why }) },
-            click: () => (why === null ? (this.close(), this.reopen(view)) : this.page.notify("info", why)),
-          },
-          again,
-          make("kbd", keyName(reopen.keys[0])),
-        ),
-        make("button.button", { click: () => this.close() }, "Close", make("kbd", "Esc")),
-      ),
+      make("div.group", main, close),
     );
     this.card.hidden = false;
-    const at = buttonOf(view).getBoundingClientRect();
-    const box = this.card.getBoundingClientRect();
-    const left = at.left + at.width / 2 - box.width / 2;
-    this.card.style.left = `${Math.max(8, Math.min(innerWidth - box.width - 8, left))}px`;
-    this.card.style.top = `${at.top - box.height - 8}px`;
-    this.card.querySelector("button").focus();
+    placeBeside(this.card, cellOf(view).getBoundingClientRect());
+    find("button", this.card).focus();
   }
 
   /** Why it is flagged, and what it really added. */
   flags(/** @type {ViewRow} */ view) {
     const flags = doubtsInWords(view, this.page.state);
     return [
-      ...(view.order && view.added_cm2 !== null ? [`It added ${number(view.added_cm2, 0)} cm².`] : []),
+      ...(view.order && view.added_cm2 !== null ? [`It added ${cm2(view.added_cm2)}.`] : []),
       ...(flags.length ? [`⚑ Flagged: ${flags.join(", ")}.`] : []),
     ].map((text) => make("p.note", text));
   }
@@ -123,19 +113,17 @@ export class Verdicts {
     if (this.card.hidden) return;
     const inside = this.card.contains(document.activeElement);
     this.card.hidden = true;
-    if (inside) buttonOf(this.page.state.views[this.chosen ?? 0])?.focus();
+    if (inside) cellOf(this.page.state.views[this.chosen ?? 0])?.focus();
   }
 
   key(/** @type {KeyboardEvent} */ event) {
     if (event.key !== "Escape") return;
-    event.preventDefault();
-    event.stopPropagation();
+    taken(event);
     this.close();
   }
 }
 
-/** @returns {any} */
-const buttonOf = (/** @type {ViewRow} */ view) => document.querySelector(`[data-id="view-${view.index}"]`);
+const cellOf = (/** @type {ViewRow} */ view) => find(`[data-id="view-${view.index}"]`);
 
 const followers = (/** @type {number} */ n) =>
   n === 1

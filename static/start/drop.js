@@ -1,6 +1,6 @@
 // A file that is dropped on the page is not sent anywhere: how to import it is told.
 
-import { make } from "/static/page/dom.js";
+import { make, sheet, showSheet } from "/static/page/dom.js";
 
 /** @type {Record<string, string>} */
 const KNOWN = { bag: "a camera's or ROS recording", db3: "a camera's or ROS 2 recording", mcap: "a ROS 2 recording" };
@@ -15,28 +15,19 @@ export function answerDrops() {
 }
 
 function tell(/** @type {string} */ name) {
-  const suffix = name.split(".").at(-1).toLowerCase();
-  const kind = KNOWN[suffix];
+  const kind = KNOWN[name.split(".").at(-1)?.toLowerCase() ?? ""];
   const out = name.replace(/\.[^.]*$/, "").replace(/[^\w.-]+/g, "-") || "recording";
   const quoted = /^[\w./-]+$/.test(name) ? name : `'${name.replaceAll("'", "'\\''")}'`;
-  const dialog = make(
-    "dialog.sheet.drop",
-    { "aria-labelledby": "drop-title" },
-    make("h2#drop-title", kind ? `Import ${name}` : `${name} cannot be dropped here`),
-    kind
-      ? [
-          make("p", `This is ${kind}. It is large, so the page does not take it; import it where it lies:`),
-          make("code", `flatcloth import ${quoted} --out ${out} --step 10`),
-          make(
-            "p",
-            "--step is the rotation from stop to stop in degrees; --turning-speed is for an item that turns evenly.",
-          ),
-          make("code", `flatcloth view ${out}`),
-        ]
-      : [make("p", "Open the folder of a recording or a session on the start screen (Shift+H).")],
-    make("form", { method: "dialog" }, make("button.button", { type: "submit", autofocus: true }, "Close")),
-  );
-  dialog.addEventListener("close", () => dialog.remove());
-  document.body.append(dialog);
-  dialog.showModal();
+  const parts = kind
+    ? [
+        make("p", `This is ${kind}. It is large, so the page does not take it; import it where it lies:`),
+        make("code", `flatcloth import ${quoted} --out ${out} --step 10`),
+        make(
+          "p",
+          "--step is the rotation from stop to stop in degrees; --turning-speed is for an item that turns evenly.",
+        ),
+        make("code", `flatcloth view ${out}`),
+      ]
+    : [make("p", "Open the folder of a recording or a session on the start screen (Shift+H).")];
+  showSheet(sheet(".sheet.drop", kind ? `Import ${name}` : `${name} cannot be dropped here`, ...parts));
 }

@@ -1,7 +1,7 @@
 // The start screen: examples, the last sessions, folders below the root, a camera. What is chosen opens for all tabs.
 
-import { ask } from "/static/page/connection.js";
-import { byId, make } from "/static/page/dom.js";
+import { ask, post } from "/static/page/connection.js";
+import { button, byId, find, make } from "/static/page/dom.js";
 import { count } from "/static/page/format.js";
 import { applyTheme } from "/static/page/theme.js";
 import { answerDrops } from "/static/start/drop.js";
@@ -18,35 +18,29 @@ const WORDS = { recording: "recording", session: "session", file: "file", folder
 
 const SLOW_MS = 6000;
 
-/** What the program answers; `error` if it cannot. @returns {Promise<any>} */
-async function request(/** @type {string} */ address, /** @type {RequestInit} */ options = {}) {
-  const answer = await ask(address, options);
-  if (!answer) return { error: "There is no connection to flatcloth; start it again." };
-  const told = await answer.json().catch(/** @returns {null} */ () => null);
-  return told ?? { error: `The program answered ${answer.status}.` };
+/**
+ * What the program answers; `error` if it cannot.
+ *
+ * @template T
+ * @param {Promise<Response | null>} asked
+ * @returns {Promise<T & { error?: string }>}
+ */
+async function answerTo(asked) {
+  const answer = await asked;
+  if (!answer) return /** @type {never} */ ({ error: "There is no connection to flatcloth; start it again." });
+  return answer.json().catch(() => ({ error: `The program answered ${answer.status}.` }));
 }
 
 /** @param {string} kind @param {string} name @param {string} title */
 async function open(kind, name, title) {
-  const main = document.querySelector("main");
+  const main = find("main");
   if (main.getAttribute("aria-busy") === "true") return;
   main.setAttribute("aria-busy", "true");
   show("trouble", "");
   show("opening", `Opening ${title} …`);
-  const slow = setTimeout(
-    () =>
-      show(
-        "opening",
-        `Opening ${title} … The first start after an installation takes longer, because code is compiled.`,
-      ),
-    SLOW_MS,
-  );
-  const body = JSON.stringify({ kind, name });
-  const told = await request("/start/open", {
-    method: "POST",
-    body,
-    headers: { "Content-Type": "application/json" },
-  });
+  const longer = "The first start after an installation takes longer, because code is compiled.";
+  const slow = setTimeout(() => show("opening", `Opening ${title} … ${longer}`), SLOW_MS);
+  const told = await answerTo(post("/start/open", { kind, name }));
   clearTimeout(slow);
   show("opening", "");
   main.removeAttribute("aria-busy");
@@ -111,7 +105,8 @@ function showPlaces(/** @type {Places} */ { examples, sessions, root, current })
 }
 
 async function showFolder(/** @type {string} */ path, /** @type {string} */ root) {
-  const told = await request(`/start/folder.json?path=${encodeURIComponent(path)}`);
+  /** @type {{ path: string; entries: { name: string; kind: string }[]; error?: string }} */
+  const told = await answerTo(ask(`/start/folder.json?path=${encodeURIComponent(path)}`));
   if (told.error) return show("trouble", told.error);
   show("trouble", "");
   const here = told.path;
@@ -135,9 +130,9 @@ async function showFolder(/** @type {string} */ path, /** @type {string} */ root
     make("span.soft", `${root} /`),
     input,
     make("button.button", { type: "submit" }, "Open"),
-    here && make("button.button", { click: () => showFolder(here.split("/").slice(0, -1).join("/"), root) }, "Up"),
+    here && button("Up", () => showFolder(here.split("/").slice(0, -1).join("/"), root)),
   );
-  const entries = told.entries.map((/** @type {{ name: string; kind: string }} */ { name, kind }) =>
+  const entries = told.entries.map(({ name, kind }) =>
     make(
       "li",
       make(
@@ -157,39 +152,27 @@ async function showFolder(/** @type {string} */ path, /** @type {string} */ root
   );
 }
 
+const CAMERA =
+  "Capture a new recording: the page shows the camera, asks for each rotation, and keeps sharp, still views.";
+const STEPS = [
+  "Plug a RealSense D400 camera into a USB 3 port (blue), with the cable it came with.",
+  "Close other programs that use it, such as the RealSense Viewer.",
+  "On Linux, let your account use it: install librealsense's udev rules, then plug it in again.",
+];
+
 function showCamera(/** @type {boolean} */ failed) {
+  const steps = make("ol.steps", ...STEPS.map((text) => make("li", text)));
   byId("camera").replaceChildren(
-    ...(failed
-      ? [
-          make("p", "No camera is ready. What to do:"),
-          make(
-            "ol.steps",
-            make("li", "Plug a RealSense D400 camera into a USB 3 port (blue), with the cable it came with."),
-            make("li", "Close other programs that use it, such as the RealSense Viewer."),
-            make(
-              "li",
-              "On Linux, let your account use it: install librealsense's udev rules, then plug it in again.",
-            ),
-          ),
-        ]
-      : [
-          make(
-            "p.soft",
-            "Capture a new recording: the page shows the camera, asks for each rotation, and keeps sharp, still views.",
-          ),
-        ]),
-    make(
-      "button#open-camera.button",
-      { click: () => open("camera", "", "the camera") },
-      failed ? "Try again" : "Show the camera",
-    ),
+    ...(failed ? [make("p", "No camera is ready. What to do:"), steps] : [make("p.soft", CAMERA)]),
+    button(failed ? "Try again" : "Show the camera", () => open("camera", "", "the camera"), { id: "open-camera" }),
   );
 }
 
 applyTheme();
 answerDrops();
 showCamera(false);
-const places = await request("/start/places.json");
+/** @type {Places & { error?: string }} */
+const places = await answerTo(ask("/start/places.json"));
 if (places.error) show("trouble", places.error);
 else showPlaces(places);
 Object.assign(window, { started: true });

@@ -2,6 +2,8 @@
 
 import { cm2, degrees, mm, number } from "/static/page/format.js";
 import { applied, boxOf, cornersOf, grown, union } from "/static/canvas/geometry.js";
+import { contextOf, within } from "/static/page/dom.js";
+import { lastOf } from "/static/teaching/lesson.js";
 import { boxOfPoints, columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
 import { imageBox } from "/static/teaching/detail.js";
 import { Plot, ticks } from "/static/teaching/plot.js";
@@ -14,32 +16,18 @@ const [KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH] = [1, 2, 3, 4]; // as flatcloth/teac
 /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts */
 export function drawNewView(sheet, rect, { flattening, alignment: lesson }) {
   const before = flattening?.picture.image;
-  const boxes = [before && imageBox(before), imageBox(lesson.picture.image), boxOf(lesson.new)].filter(Boolean);
-  const shares = boxes.map((b) => Math.min(0.6, Math.max(0.2, (b.right - b.left) / (b.bottom - b.top))));
+  /** @type {[key: string, title: string, detail: string, image: Drawable, box: Box][]} */
+  const views = [
+    ["after", `View ${lesson.view_index}`, "after the turn", lesson.picture.image, imageBox(lesson.picture.image)],
+    ["newflat", "Its flattened view", "", lesson.picture.new_color, boxOf(lesson.new)],
+  ];
+  if (before) views.unshift(["before", `View ${lesson.start_view}`, "before the turn", before, imageBox(before)]);
+  const shares = views.map(([, , , , b]) => within((b.right - b.left) / (b.bottom - b.top), 0.2, 0.6));
   const panes = columns(rect, shares);
-  /**
-   * @param {string} key @param {string} title @param {string} detail @param {Drawable} image @param {Box} box
-   * @param {Rect} pane @param {boolean} bar
-   */
-  const draw = (key, title, detail, image, box, pane, bar) => {
-    const map = sheet.pane(key, box, sheet.titled(pane, title, detail));
-    sheet.within(map.rect, () => {
-      sheet.picture(map, image, box);
-      if (bar) sheet.scaleBar(map);
-    });
-    sheet.frame(map.rect);
-  };
-  if (before) draw("before", `View ${lesson.start_view}`, "before the turn", before, boxes[0], panes[0], false);
-  draw(
-    "after",
-    `View ${lesson.view_index}`,
-    "after the turn",
-    lesson.picture.image,
-    boxes.at(-2),
-    panes.at(-2),
-    false,
-  );
-  draw("newflat", "Its flattened view", "", lesson.picture.new_color, boxes.at(-1), panes.at(-1), true);
+  views.forEach(([key, title, detail, image, box], i) => {
+    const inner = sheet.titled(panes[i], title, detail);
+    sheet.show(key, box, inner, (map) => sheet.picture(map, image, box), { bar: key === "newflat" });
+  });
 }
 
 // --- lines -----------------------------------------------------------------------------------------
@@ -78,19 +66,21 @@ export function drawLines(sheet, rect, { alignment: lesson }) {
       plot.curve(u, a, sheet.color.mean, { width: 2.5 });
     }
     if (lines) plot.horizontal(lines.a_m_deg, sheet.color.band, "A_m");
-    const map = sheet.pane(name, box, bottom, { margin: 8 });
-    sheet.within(bottom, () => {
-      sheet.picture(map, lesson.picture[`${name}_color`], box, 0.55);
-      if (lines) drawLine(sheet, map, lines[name], lesson.array[`${name}_pixels_uv`]);
-      sheet.scaleBar(map);
-    });
-    sheet.frame(bottom);
+    sheet.show(
+      name,
+      box,
+      bottom,
+      (map) => {
+        sheet.picture(map, lesson.picture[`${name}_color`], box, 0.55);
+        if (lines) drawLine(sheet, map, lines[name], lesson.array[`${name}_pixels_uv`]);
+      },
+      { margin: 8, bar: true },
+    );
   });
 }
 
 /** @param {Sheet} sheet @param {PaneMap} map @param {LessonLine} line @param {Numbers | undefined} pixels */
 function drawLine(sheet, map, line, pixels, /** @type {Motion | null} */ moved = null) {
-  /** @type {(at: UV) => UV} */
   /** @type {(at: UV) => UV} */
   const place = ([u, v]) => (moved ? applied(moved, u, v) : [u, v]);
   if (pixels) {
@@ -100,7 +90,7 @@ function drawLine(sheet, map, line, pixels, /** @type {Motion | null} */ moved =
   }
   const { center_uv_m: center, direction } = line;
   let [from, to] = [-0.05, 0.05];
-  for (let i = 0; i < (pixels?.length ?? 0); i += 2) {
+  for (let i = 0; pixels && i < pixels.length; i += 2) {
     const along = (pixels[i] - center[0]) * direction[0] + (pixels[i + 1] - center[1]) * direction[1];
     [from, to] = [Math.min(from, along), Math.max(to, along)];
   }
@@ -114,7 +104,7 @@ function drawLine(sheet, map, line, pixels, /** @type {Motion | null} */ moved =
 /** The outline of a picture's opaque part, one pixel wide. */
 function outline(/** @type {Drawable} */ image, /** @type {string} */ color) {
   const canvas = new OffscreenCanvas(image.width + 2, image.height + 2);
-  const context = canvas.getContext("2d");
+  const context = contextOf(canvas);
   for (const side of [0, 2]) {
     context.drawImage(image, side, 1);
     context.drawImage(image, 1, side);
@@ -139,28 +129,26 @@ const movedBox = (box, motion) => boxOfPoints(cornersOf(box).flatMap(([u, v]) =>
 export function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
   const [currentBox, newBox] = [boxOf(lesson.current), boxOf(lesson.new)];
   const ends = [lesson.initial, lesson.found, motion].map((m) => movedBox(newBox, m));
-  const map = sheet.pane(key, ends.reduce(union, currentBox), rect, { margin: 10 });
-  sheet.within(rect, () => {
-    sheet.picture(map, lesson.picture.current_color, currentBox, 0.75);
-    sheet.movedPicture(map, lesson.picture.new_color, newBox, motion, 0.6);
-    sheet.picture(
-      map,
-      outline(lesson.picture.current_color, sheet.color.kept),
-      grown(currentBox, lesson.current.pixel_size_m),
-    );
-    sheet.movedPicture(
-      map,
-      outline(lesson.picture.new_color, sheet.color.new),
-      grown(newBox, lesson.new.pixel_size_m),
-      motion,
-    );
-    if (withLines && lesson.lines) {
+  const { current_color, new_color } = lesson.picture;
+  const [currentRim, newRim] = [
+    grown(currentBox, lesson.current.pixel_size_m),
+    grown(newBox, lesson.new.pixel_size_m),
+  ];
+  sheet.show(
+    key,
+    ends.reduce(union, currentBox),
+    rect,
+    (map) => {
+      sheet.picture(map, current_color, currentBox, 0.75);
+      sheet.movedPicture(map, new_color, newBox, motion, 0.6);
+      sheet.picture(map, outline(current_color, sheet.color.kept), currentRim);
+      sheet.movedPicture(map, outline(new_color, sheet.color.new), newRim, motion);
+      if (!withLines || !lesson.lines) return;
       drawLine(sheet, map, lesson.lines.current, lesson.array.current_pixels_uv);
       drawLine(sheet, map, lesson.lines.new, lesson.array.new_pixels_uv, motion);
-    }
-    sheet.scaleBar(map);
-  });
-  sheet.frame(rect);
+    },
+    { margin: 10, bar: true },
+  );
 }
 
 /** @returns {Motion} */
@@ -201,11 +189,11 @@ export function drawSearch(sheet, rect, { alignment: lesson }, ui) {
     sheet,
     { ...inner, x: inner.x + (inner.w - size) / 2, w: size, h: size },
     {
-      x: [shifts[0], shifts.at(-1)],
-      y: [shifts[shifts.length - 1], shifts[0]],
+      x: [shifts[0], lastOf(shifts)],
+      y: [lastOf(shifts), shifts[0]],
       xLabel: "u (mm)",
       yLabel: "v (mm), strong color: low cost",
-      yTicks: ticks(shifts[0], shifts.at(-1), 4),
+      yTicks: ticks(shifts[0], lastOf(shifts), 4),
     },
   );
   const step = (shifts[1] - shifts[0]) / 2;
@@ -213,9 +201,9 @@ export function drawSearch(sheet, rect, { alignment: lesson }, ui) {
   sheet.within(plot.inner, () => {
     sheet.picture(map, costPicture(lesson, slice, sheet), {
       left: shifts[0] - step,
-      right: shifts.at(-1) + step,
+      right: lastOf(shifts) + step,
       top: shifts[0] - step,
-      bottom: shifts.at(-1) + step,
+      bottom: lastOf(shifts) + step,
     });
     for (let i = 0; i < lesson.array.starts.length; i += 3)
       sheet.ring(plot.at(lesson.array.starts[i + 1], lesson.array.starts[i + 2]), 3, sheet.color.text, 1.5);
@@ -235,7 +223,7 @@ export function drawSearch(sheet, rect, { alignment: lesson }, ui) {
   const span = [Math.min(...least), Math.max(...least)];
   const pad = 0.1 * (span[1] - span[0] || 1);
   const turnPlot = new Plot(sheet, bottom, {
-    x: [Math.min(turns[0], last[0]), Math.max(turns.at(-1), last[0])], // finer steps may end beyond the grid
+    x: [Math.min(turns[0], last[0]), Math.max(lastOf(turns), last[0])], // finer steps may end beyond the grid
     y: [span[0] - pad, span[1] + pad],
     xLabel: "turn (°)",
     yLabel: "lowest cost of each turn",
@@ -286,14 +274,8 @@ function originPicture(/** @type {AlignmentLesson} */ lesson, /** @type {Sheet} 
 export function drawRenewal(sheet, rect, { alignment: lesson }) {
   const box = boxOf(lesson.renewed);
   const [left, right] = columns(rect, [1, 1]);
-  const show = (/** @type {string} */ key, /** @type {Rect} */ inner, /** @type {Drawable} */ image) => {
-    const map = sheet.pane(key, box, inner, { margin: 10 });
-    sheet.within(map.rect, () => {
-      sheet.picture(map, image, box);
-      sheet.scaleBar(map);
-    });
-    sheet.frame(map.rect);
-  };
+  const show = (/** @type {string} */ key, /** @type {Rect} */ inner, /** @type {Drawable} */ image) =>
+    sheet.show(key, box, inner, (map) => sheet.picture(map, image, box), { margin: 10, bar: true });
   show("origin", sheet.titled(left, "Who shows each pixel"), originPicture(lesson, sheet));
   show("renewed", sheet.titled(right, "Renewed flattened view"), lesson.picture.renewed_color);
 }

@@ -1,7 +1,7 @@
 // The drawing sheet of the teaching mode: panes that can be zoomed, and what is drawn in them.
 
 import { strokeScale, traceCross } from "/static/canvas/marks.js";
-import { contextOf } from "/static/page/dom.js";
+import { contextOf, onWheel, sized, within } from "/static/page/dom.js";
 import { length, niceLength } from "/static/page/format.js";
 
 const COLORS =
@@ -35,7 +35,7 @@ export const inset = (rect, left, top = left, right = left, bottom = top) => ({
 });
 
 /** @param {Rect} rect @param {number} x @param {number} y */
-const inside = (rect, x, y) => x >= rect.x && y >= rect.y && x <= rect.x + rect.w && y <= rect.y + rect.h;
+export const inside = (rect, x, y) => x >= rect.x && y >= rect.y && x <= rect.x + rect.w && y <= rect.y + rect.h;
 
 export const rgbOf = (/** @type {string} */ color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
 
@@ -45,7 +45,7 @@ export const rgbOf = (/** @type {string} */ color) => [1, 3, 5].map((i) => parse
  */
 export function painted(rowsCount, cols, colorAt) {
   const canvas = new OffscreenCanvas(cols, rowsCount);
-  const context = canvas.getContext("2d");
+  const context = contextOf(canvas);
   const data = context.createImageData(cols, rowsCount);
   for (let i = 0; i < rowsCount * cols; i++) {
     const color = colorAt(i);
@@ -99,30 +99,23 @@ export class Sheet {
     this.canvas = canvas;
     this.context = contextOf(canvas);
     this.handlers = handlers;
-    /** @type {Map<string, { factor: number; x: number; y: number }>} */
-    this.zooms = new Map();
-    /** @type {Pane[]} */
-    this.panes = [];
-    /** @type {Record<string, string>} */
-    this.color = {};
+    this.zooms = /** @type {Map<string, { factor: number; x: number; y: number }>} */ (new Map());
+    this.panes = /** @type {Pane[]} */ ([]);
+    this.color = /** @type {Record<string, string>} */ ({});
     this.em = this.weight = 1;
     this.family = "";
     this.listen();
   }
 
   begin() {
-    const ratio = devicePixelRatio;
     const { clientWidth: w, clientHeight: h } = this.canvas;
-    const [width, height] = [Math.max(1, Math.round(w * ratio)), Math.max(1, Math.round(h * ratio))];
-    if (this.canvas.width !== width || this.canvas.height !== height) Object.assign(this.canvas, { width, height });
-    this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    this.context.clearRect(0, 0, w, h);
+    sized(this.canvas, w, h);
     const style = getComputedStyle(this.canvas);
     this.color = Object.fromEntries(
       COLORS.split(" ").map((name) => [name, style.getPropertyValue(`--${name}`).trim()]),
     );
     this.em = parseFloat(style.fontSize);
-    this.weight = Math.max(1, Math.min(2, h / 620)); // strokes and dots grow with the sheet
+    this.weight = within(h / 620, 1, 2); // strokes and dots grow with the sheet
     this.family = style.fontFamily;
     this.panes = [];
     return { x: 0, y: 0, w, h };
@@ -182,7 +175,7 @@ export class Sheet {
    * A pane that shows a box of its own units, y down; the learner may zoom it.
    * @param {string} key @param {Box} box @param {Rect} rect
    */
-  pane(key, box, rect, { margin = 6, stretch = false, zoom = true, aligned = 0.5 } = {}) {
+  pane(key, box, rect, { margin = 6, stretch = false, zoom = true } = {}) {
     const across = Math.max(1e-9, box.right - box.left);
     const down = Math.max(1e-9, box.bottom - box.top);
     let scaleX = (rect.w - 2 * margin) / across;
@@ -194,7 +187,7 @@ export class Sheet {
       rect,
       scaleX,
       scaleY,
-      rect.x + margin + aligned * spare - scaleX * box.left,
+      rect.x + margin + spare / 2 - scaleX * box.left,
       rect.y + rect.h / 2 - (scaleY * (box.top + box.bottom)) / 2,
     );
     const zoomed = zoom ? this.zooms.get(key) : null;
@@ -205,6 +198,21 @@ export class Sheet {
       map.y = rect.y + rect.h / 2 - map.scaleY * zoomed.y;
     }
     this.panes.push({ map, zoom });
+    return map;
+  }
+
+  /**
+   * Draw in a pane, which gets a frame. Returns its map.
+   * @param {string} key @param {Box} box @param {Rect} rect @param {(map: PaneMap) => void} draw
+   * @param {{ margin?: number; stretch?: boolean; zoom?: boolean; bar?: boolean }} options with a scale bar?
+   */
+  show(key, box, rect, draw, options = {}) {
+    const map = this.pane(key, box, rect, options);
+    this.within(rect, () => {
+      draw(map);
+      if (options.bar) this.scaleBar(map);
+    });
+    this.frame(rect);
     return map;
   }
 
@@ -376,7 +384,7 @@ export class Sheet {
     const { map } = pane;
     const [u, v] = map.from(x, y);
     const before = this.zooms.get(map.key)?.factor ?? 1;
-    const now = Math.min(30, Math.max(1, before * factor));
+    const now = within(before * factor, 1, 30);
     if (now === 1) {
       this.zooms.delete(map.key);
     } else {
@@ -391,7 +399,7 @@ export class Sheet {
 
   /** Zoom all panes about their middles, or show them whole again. */
   zoomAll(/** @type {number | null} */ factor) {
-    if (factor === null) this.zooms.clear();
+    if (!factor) this.zooms.clear();
     else
       for (const pane of this.panes.filter((p) => p.zoom))
         this.zoomBy(pane, factor, pane.map.rect.x + pane.map.rect.w / 2, pane.map.rect.y + pane.map.rect.h / 2);
@@ -400,19 +408,13 @@ export class Sheet {
 
   listen() {
     const canvas = this.canvas;
-    /** @type {{ pane: Pane; x: number; y: number } | null} */
-    let drag = null;
-    canvas.addEventListener(
-      "wheel",
-      (event) => {
-        const pane = this.paneAt(event);
-        if (!pane?.zoom) return;
-        event.preventDefault();
-        const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
-        this.zoomBy(pane, Math.exp(-event.deltaY * lines * 0.0016), pane.x, pane.y);
-      },
-      { passive: false },
-    );
+    let drag = /** @type {{ pane: Pane; x: number; y: number } | null} */ (null);
+    onWheel(canvas, (factor, event) => {
+      const pane = this.paneAt(event);
+      if (!pane?.zoom) return;
+      event.preventDefault();
+      this.zoomBy(pane, factor, pane.x, pane.y);
+    });
     canvas.addEventListener("pointerdown", (event) => {
       const pane = this.paneAt(event);
       if (!pane) return;
@@ -421,8 +423,8 @@ export class Sheet {
       if (!this.zooms.has(pane.map.key)) this.handlers.probe(pane.map.key, pane.map.from(pane.x, pane.y));
     });
     canvas.addEventListener("pointermove", (event) => {
-      if (drag && this.zooms.has(drag.pane.map.key)) {
-        const zoomed = this.zooms.get(drag.pane.map.key);
+      const zoomed = drag && this.zooms.get(drag.pane.map.key);
+      if (drag && zoomed) {
         zoomed.x -= (event.clientX - drag.x) / drag.pane.map.scaleX;
         zoomed.y -= (event.clientY - drag.y) / drag.pane.map.scaleY;
         [drag.x, drag.y] = [event.clientX, event.clientY];

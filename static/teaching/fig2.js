@@ -4,7 +4,7 @@ import { cm2, mm, number } from "/static/page/format.js";
 import { boxOf, pixelAt } from "/static/canvas/geometry.js";
 import { imageBox, middleOf, onImage, shareOf, withDetail } from "/static/teaching/detail.js";
 import { boxOfPoints, columns, rows } from "/static/teaching/draw.js";
-import { stagesOf, strains } from "/static/teaching/lesson.js";
+import { lastOf, stagesOf, strains } from "/static/teaching/lesson.js";
 import { equation, root, row, sub, sum, sup, words } from "/static/teaching/math.js";
 import {
   drawForeshortening,
@@ -28,8 +28,7 @@ const dotSize = (/** @type {number} */ size) => (size === 1 ? 1.7 : 4);
 function detailStart(/** @type {Lessons} */ { flattening }) {
   const level = flattening.levels[0];
   const { xy, unusedPairs } = level;
-  /** @type {UV[]} */
-  const middles = [];
+  const middles = /** @type {UV[]} */ ([]);
   for (let e = 0; e < unusedPairs.length; e += 2) {
     const [a, b] = [2 * unusedPairs[e], 2 * unusedPairs[e + 1]];
     middles.push([(xy[a] + xy[b]) / 2, (xy[a + 1] + xy[b + 1]) / 2]);
@@ -54,14 +53,17 @@ function drawFlattened(sheet, rect, { flattening: lesson }, ui) {
   const image = lesson.picture.image;
   const share = shareOf(imageBox(image), rect, 0.25, 0.45);
   const [left, right] = columns(rect, [share, 1 - share]);
-  const from = sheet.pane("image", imageBox(image), sheet.titled(left, `Image of view ${lesson.view_index}`));
-  const onto = sheet.pane("flat", boxOf(lesson.flat), sheet.titled(right, "Flattened view F(u, v)"));
-  sheet.within(from.rect, () => sheet.picture(from, image, imageBox(image)));
-  sheet.within(onto.rect, () => {
-    sheet.picture(onto, lesson.picture[ui.layer ?? "color"], boxOf(lesson.flat));
-    sheet.scaleBar(onto);
+  const titled = [
+    sheet.titled(left, `Image of view ${lesson.view_index}`),
+    sheet.titled(right, "Flattened view F(u, v)"),
+  ];
+  const draw = (/** @type {Drawable} */ picture, /** @type {Box} */ box) => (/** @type {PaneMap} */ map) =>
+    sheet.picture(map, picture, box);
+  const [imagesBox, flatBox] = [imageBox(image), boxOf(lesson.flat)];
+  const from = sheet.show("image", imagesBox, titled[0], draw(image, imagesBox));
+  const onto = sheet.show("flat", flatBox, titled[1], draw(lesson.picture[ui.layer ?? "color"], flatBox), {
+    bar: true,
   });
-  for (const map of [from, onto]) sheet.frame(map.rect);
   const at = probed(lesson, ui);
   if (at < 0) return;
   const [line, col] = lesson.array.source_rc.subarray(2 * at, 2 * at + 2);
@@ -100,8 +102,8 @@ const squared = (/** @type {string} */ name) => sup(row("(", sub(name, "n_1"), "
 
 /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
 function drawTriangles(sheet, rect, { flattening: lesson }, ui) {
-  const level = lesson.levels.at(-1);
-  const points = level.states.at(-1);
+  const level = lastOf(lesson.levels);
+  const points = lastOf(level.states);
   const sides = trianglePairs(lesson, level);
   withDetail(sheet, rect, "mesh", "The plane", boxOfPoints(points), ui, (map, size) => {
     fillTriangles(sheet, map, points, lesson, level);
@@ -111,12 +113,7 @@ function drawTriangles(sheet, rect, { flattening: lesson }, ui) {
   });
 }
 
-/** @type {LegendRow[]} */
-const STRAINS = [
-  ["short", "too short"],
-  ["even", "right"],
-  ["long", "too long"],
-];
+const STRAINS = { short: "too short", even: "right", long: "too long" };
 
 export const FLATTENING_STAGES = stagesOf(
   "flattening",
@@ -143,7 +140,7 @@ export const FLATTENING_STAGES = stagesOf(
         ["Cloth in the image", `${number(f.surface_px, 0)} px`],
         ["Distance", mm(f.depth_mm, 0)],
       ],
-      legend: [["sample", "sample"]],
+      legend: { sample: "sample" },
       /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
       draw(sheet, rect, { flattening: lesson }, ui) {
         onImage(sheet, rect, lesson, ui, (map, size) =>
@@ -182,11 +179,7 @@ export const FLATTENING_STAGES = stagesOf(
         ["Mean length E", f.levels[0].mean_length_mm === null ? "–" : mm(f.levels[0].mean_length_mm)],
         ["Connected", partsNote(f.levels[0])],
       ],
-      legend: [
-        ["pair", "pair used"],
-        ["unused", "pair not used"],
-        ["point", "sample"],
-      ],
+      legend: { pair: "pair used", unused: "pair not used", point: "sample" },
       /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
       draw(sheet, rect, { flattening: lesson }, ui) {
         const level = lesson.levels[0];
@@ -217,7 +210,7 @@ export const FLATTENING_STAGES = stagesOf(
           ["Connected", partsNote(level)],
         ];
       },
-      legend: [...STRAINS, ["text", "sample"]],
+      legend: { ...STRAINS, text: "sample" },
       draw(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @type {Lessons} */ { flattening: lesson }) {
         const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
         const [top, bottom] = rows(right, [1.1, 1]);
@@ -251,14 +244,14 @@ export const FLATTENING_STAGES = stagesOf(
         equation(sub("ℓ", PAIR), "=", root(squared("u"), "+", squared("v"))),
       ],
       facts: ({ flattening: f }, ui) => minimisationFacts(f.levels[0], ui),
-      legend: [...STRAINS, ["mark", "now"]],
+      legend: { ...STRAINS, mark: "now" },
       draw: (sheet, rect, { flattening: lesson }, ui) =>
         drawMinimisation(sheet, rect, lesson.levels[0], ui, "coarse"),
     },
     {
       name: "Finer level",
       figure: "Fig. 2e · section 3",
-      plays: ({ flattening: f }) => f.levels.at(-1).states.length - 1,
+      plays: ({ flattening: f }) => lastOf(f.levels).states.length - 1,
       text: [
         "Now with samples at half the interval. The coarse result carries each of them to its place, and the " +
           "same minimisation goes on from there.",
@@ -269,19 +262,19 @@ export const FLATTENING_STAGES = stagesOf(
         equation(sub("(u, v)", "n"), "=", words("as the result for d carries it")),
       ],
       facts: ({ flattening: f }, ui) => [
-        ["Samples", `${f.levels.at(-1).points} (before ${f.levels[0].points})`],
-        ...minimisationFacts(f.levels.at(-1), ui),
+        ["Samples", `${lastOf(f.levels).points} (before ${f.levels[0].points})`],
+        ...minimisationFacts(lastOf(f.levels), ui),
       ],
-      legend: [...STRAINS, ["mark", "now"]],
+      legend: { ...STRAINS, mark: "now" },
       draw: (sheet, rect, { flattening: lesson }, ui) =>
-        drawMinimisation(sheet, rect, lesson.levels.at(-1), ui, "fine"),
+        drawMinimisation(sheet, rect, lastOf(lesson.levels), ui, "fine"),
     },
     {
       name: "Triangulation",
       figure: "Fig. 2f · section 3",
       probe: "mesh",
       start: ({ flattening: f }) => {
-        const box = boxOfPoints(f.levels.at(-1).states.at(-1));
+        const box = boxOfPoints(lastOf(lastOf(f.levels).states));
         return [(box.left + box.right) / 2, box.top + 0.3 * (box.bottom - box.top)];
       },
       text: [
@@ -293,13 +286,10 @@ export const FLATTENING_STAGES = stagesOf(
       math: () => [equation("p = λ_1 p_1 + λ_2 p_2 + λ_3 p_3"), equation("λ_1 + λ_2 + λ_3 = 1")],
       facts: ({ flattening: f }) => [
         ["Triangles", String(f.triangles)],
-        ["Samples", String(f.levels.at(-1).main_points)],
+        ["Samples", String(lastOf(f.levels).main_points)],
         ["Area", cm2(f.area_cm2)],
       ],
-      legend: [
-        ["accent", "triangle"],
-        ["text", "sample"],
-      ],
+      legend: { accent: "triangle", text: "sample" },
       draw: drawTriangles,
     },
     {
@@ -315,7 +305,7 @@ export const FLATTENING_STAGES = stagesOf(
       ],
       math: () => [equation("F(u, v) = (r, g, b, x, y, z, n_x, n_y, n_z)")],
       facts: flattenedFacts,
-      legend: [["mark", "the same cloth"]],
+      legend: { mark: "the same cloth" },
       draw: drawFlattened,
     },
   ],

@@ -22,8 +22,7 @@ import {
   zAngleFacts,
 } from "/static/teaching/rotation.js";
 
-/** @type {ParameterName[]} */
-const ALL = ["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"];
+const ALL = /** @type {ParameterName[]} */ (["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"]);
 
 export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
   {
@@ -51,11 +50,7 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
       ),
     ],
     facts: zAngleFacts,
-    legend: [
-      ["limit", "limit A_w"],
-      ["soft", "does not count"],
-      ["mark", "at the pointer"],
-    ],
+    legend: { limit: "limit A_w", soft: "does not count", mark: "at the pointer" },
     draw: drawZAngle,
   },
   {
@@ -75,11 +70,7 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
       equation("A_z (u) =", fraction("1", "h(u)"), sum("v"), "a(u, v)"),
     ],
     facts: curvesFacts,
-    legend: [
-      ["count", "h(u)"],
-      ["mean", "A_z(u)"],
-      ["mark", "at the pointer"],
-    ],
+    legend: { count: "h(u)", mean: "A_z(u)", mark: "at the pointer" },
     draw: drawCurvesStage,
   },
   {
@@ -97,12 +88,7 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
       equation("A_0 = A_z (u_b)", words(",   "), `A = A_w ${p.side === "right" ? "+" : "−"} A_0`),
     ],
     facts: rotationFacts,
-    legend: [
-      ["count", "h(u)"],
-      ["mean", "A_z(u)"],
-      ["accent", "S_0, u_b, A"],
-      ["mark", "A_0, next view"],
-    ],
+    legend: { count: "h(u)", mean: "A_z(u)", accent: "S_0, u_b, A", mark: "A_0, next view" },
     draw: drawRotation,
   },
   {
@@ -150,14 +136,14 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
             ["Height of the points", mm(a.lines.height_mm, 0)],
           ]
         : [],
-    legend: [
-      ["mean", "A_z, A_z − A"],
-      ["before", "A_z after the turn"],
-      ["soft", "shared range", 0.4],
-      ["band", "pixels at A_m"],
-      ["text", "line"],
-      ["mark", "point"],
-    ],
+    legend: {
+      mean: "A_z, A_z − A",
+      before: "A_z after the turn",
+      "soft 0.4": "shared range",
+      band: "pixels at A_m",
+      text: "line",
+      mark: "point",
+    },
     draw: drawLines,
   },
   {
@@ -178,13 +164,7 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
       ["Shift t", `${mm(1000 * a.initial[1], 0)}, ${mm(1000 * a.initial[2], 0)}`],
       ["Score", number(a.initial_score, 2)],
     ],
-    legend: [
-      ["kept", "current view"],
-      ["new", "new view"],
-      ["band", "pixels at A_m"],
-      ["text", "lines"],
-      ["mark", "points"],
-    ],
+    legend: { kept: "current view", new: "new view", band: "pixels at A_m", text: "lines", mark: "points" },
     draw: (sheet, rect, { alignment: lesson }) =>
       drawOverlay(
         sheet,
@@ -212,12 +192,7 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
       equation("Δ I = I^0 (T p) − I^1 (p)"),
     ],
     facts: searchFacts,
-    legend: [
-      ["kept", "current view"],
-      ["new", "new view"],
-      ["text", "best of the grid"],
-      ["mark", "way to the result"],
-    ],
+    legend: { kept: "current view", new: "new view", text: "best of the grid", mark: "way to the result" },
     draw: drawSearch,
   },
   {
@@ -245,12 +220,12 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
       ["Other parts placed", String(a.placed_with)],
       ["Side", a.side ?? "–"],
     ],
-    legend: [
-      ["kept", "current view only", 1],
-      ["kept", "both: current taken", 0.55],
-      ["new", "new view only", 1],
-      ["new", "both: new taken", 0.55],
-    ],
+    legend: {
+      kept: "current view only",
+      "kept 0.55": "both: current taken",
+      new: "new view only",
+      "new 0.55": "both: new taken",
+    },
     draw: drawRenewal,
   },
 ]);

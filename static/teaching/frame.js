@@ -1,6 +1,14 @@
 // The elements of the teaching mode, made once: bar, stages, drawing, words, sliders, and the way on.
 
-import { byId, make, setAllowed } from "/static/page/dom.js";
+import {
+  button as textButton,
+  byId,
+  make,
+  setAllowed,
+  setPressed,
+  slider as rangeOf,
+  smallButton,
+} from "/static/page/dom.js";
 import { keyName, number } from "/static/page/format.js";
 import { FLATTENING_STAGES } from "/static/teaching/fig2.js";
 import { EXTENDING_STAGES } from "/static/teaching/fig4.js";
@@ -24,7 +32,7 @@ export const SLIDERS = {
 };
 
 /** An action of the page's table. @param {Teaching} mode @param {string} name */
-export const action = (mode, name) => mode.session.actions().find((a) => a.name === name);
+export const action = (mode, name) => /** @type {ActionRow} */ (mode.session.actions().find((a) => a.name === name));
 
 /** Make everything; `mode` is the teaching mode that the elements speak to. */
 export function makeFrame(/** @type {Teaching} */ mode) {
@@ -69,8 +77,8 @@ export function makeFrame(/** @type {Teaching} */ mode) {
           make("p#teaching-trouble-text"),
           make(
             "div.group",
-            make("button#teaching-again.button", { click: () => mode.again() }, "Try again"),
-            make("button#teaching-defaults.button", { click: () => mode.reset() }, "Reset"),
+            textButton("Try again", () => mode.again(), { id: "teaching-again" }),
+            textButton("Reset", () => mode.reset(), { id: "teaching-defaults" }),
           ),
         ),
       ),
@@ -78,14 +86,10 @@ export function makeFrame(/** @type {Teaching} */ mode) {
         "div#teaching-player.teaching-player",
         { hidden: true },
         button(mode, "teach_play", { id: "teaching-play" }),
-        make("input#teaching-time", {
-          type: "range",
-          min: 0,
-          max: 1,
-          step: 0.01,
-          value: 0,
+        rangeOf([0, 1, 0.01], 0, {
+          id: "teaching-time",
           label: "Place in the animation",
-          input: (event) => mode.scrub(Number(event.target.value)),
+          input: (event) => mode.scrub(event.target.valueAsNumber),
         }),
       ),
       make("div#teaching-layers.segmented.teaching-layers", { role: "group", label: "Layer", hidden: true }),
@@ -105,7 +109,7 @@ export function makeFrame(/** @type {Teaching} */ mode) {
       make(
         "fieldset#teaching-sliders.teaching-sliders",
         make("legend", "Try other values"),
-        make("button#teaching-reset.button.small", { click: () => mode.reset() }, "Reset"),
+        smallButton("Reset", () => mode.reset(), { id: "teaching-reset" }),
         ...Object.keys(SLIDERS).map((name) => slider(mode, name)),
       ),
     ),
@@ -195,17 +199,14 @@ export function showLayers(/** @type {Teaching} */ teaching, /** @type {Stage} *
   box.hidden = !stage.layers;
   box.replaceChildren(
     ...Object.entries(stage.layers ?? {}).map(([layer, title]) =>
-      make(
-        "button.button",
-        {
-          pressed: layer === teaching.ui.layer,
-          click: () => {
-            teaching.ui.layer = layer;
-            for (const other of box.children) other.setAttribute("aria-pressed", String(other.textContent === title));
-            teaching.update();
-          },
-        },
+      textButton(
         title,
+        () => {
+          teaching.ui.layer = layer;
+          for (const other of box.children) setPressed(other, other.textContent === title);
+          teaching.update();
+        },
+        { pressed: layer === teaching.ui.layer },
       ),
     ),
   );

@@ -4,7 +4,7 @@ import { boxOf } from "/static/canvas/geometry.js";
 import { words as asWords } from "/static/garment/marks.js";
 import { cm2, number, percent } from "/static/page/format.js";
 import { boxOfPoints, columns } from "/static/teaching/draw.js";
-import { stagesOf } from "/static/teaching/lesson.js";
+import { lastOf, stagesOf } from "/static/teaching/lesson.js";
 import { equation, fraction, row, sum, sup, words } from "/static/teaching/math.js";
 import { Plot } from "/static/teaching/plot.js";
 
@@ -19,22 +19,24 @@ const metres = (/** @type {number} */ value) => `${number(value, 2)} m`;
 const NONE = new Float32Array(0);
 
 /**
- * The shape with its evidence, in a pane; returns the pane's map.
+ * The shape with its evidence, in a pane.
  * @param {Sheet} sheet @param {Rect} rect @param {GarmentLesson} lesson @param {Numbers} more
  * @param {(map: PaneMap) => void} draw
  */
 function drawShape(sheet, rect, lesson, more, draw) {
   const { inside_uv: inside, edge_uv: edge } = lesson.array;
   const box = boxOfPoints(Float32Array.from([inside, edge, more].flatMap((uv) => Array.from(uv))));
-  const map = sheet.pane("garment", box, rect, { margin: 18 });
-  sheet.within(rect, () => {
-    if (lesson.flat) sheet.picture(map, lesson.picture.shape, boxOf(lesson.flat), 0.4);
-    else sheet.dots(map, inside, 1.4, sheet.color.line);
-    draw(map);
-    sheet.scaleBar(map);
-  });
-  sheet.frame(rect);
-  return map;
+  sheet.show(
+    "garment",
+    box,
+    rect,
+    (map) => {
+      if (lesson.flat) sheet.picture(map, lesson.picture.shape, boxOf(lesson.flat), 0.4);
+      else sheet.dots(map, inside, 1.4, sheet.color.line);
+      draw(map);
+    },
+    { margin: 18, bar: true },
+  );
 }
 
 /**
@@ -43,10 +45,7 @@ function drawShape(sheet, rect, lesson, more, draw) {
  */
 function drawEdges(sheet, map, { array }, radius) {
   const { edge_uv: uv, edge_trust: trust } = array;
-  /** @type {number[]} */
-  const well = [];
-  /** @type {number[]} */
-  const less = [];
+  const [well, less] = /** @type {number[][]} */ ([[], []]);
   for (let i = 0; i < trust.length; i++) (trust[i] >= TRUSTED ? well : less).push(uv[2 * i], uv[2 * i + 1]);
   sheet.dots(map, well, radius, sheet.color.pair);
   sheet.dots(map, less, radius, sheet.color.sample);
@@ -105,9 +104,7 @@ function outlinesAt(/** @type {GarmentLesson} */ lesson, /** @type {number} */ t
   return { step: Math.round(time), outlines };
 }
 
-const lastEnergies = (/** @type {GarmentLesson} */ lesson) => lesson.energy[lesson.energy.length - 1];
-const bestStart = (/** @type {GarmentLesson} */ lesson) =>
-  lastEnergies(lesson).indexOf(Math.min(...lastEnergies(lesson)));
+const bestStart = (/** @type {GarmentLesson} */ { energy }) => lastOf(energy).indexOf(Math.min(...lastOf(energy)));
 
 /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
 function drawFits(sheet, rect, { garment: lesson }, ui) {
@@ -200,11 +197,7 @@ function drawBars(sheet, rect, lesson) {
 
 // --- the stages ----------------------------------------------------------------------------------------
 
-/** @type {LegendRow[]} */
-const EDGE_LEGEND = [
-  ["pair", "true edge, well seen"],
-  ["sample", "true edge, seen once or twice"],
-];
+const EDGE_LEGEND = { pair: "true edge, well seen", sample: "true edge, seen once or twice" };
 
 export const GARMENT_STAGES = stagesOf(
   "garment",
@@ -235,7 +228,7 @@ export const GARMENT_STAGES = stagesOf(
         ["Mean trust t", lesson.trust === null ? "–" : number(lesson.trust, 2)],
         ["Cloth", cm2(lesson.area_cm2)],
       ],
-      legend: [...EDGE_LEGEND, ["even", "not seen further"]],
+      legend: { ...EDGE_LEGEND, even: "not seen further" },
       draw: drawTrueEdges,
     },
     {
@@ -262,7 +255,7 @@ export const GARMENT_STAGES = stagesOf(
         ),
       ],
       facts: fitFacts,
-      legend: [["mark", "the best start"], ["soft", "the others"], ...EDGE_LEGEND],
+      legend: { mark: "the best start", soft: "the others", ...EDGE_LEGEND },
       draw: drawFits,
     },
     {
@@ -284,7 +277,7 @@ export const GARMENT_STAGES = stagesOf(
         ["None of these", percent(lesson.none)],
         ["E per edge", `${number(lesson.misfit, 3)} (limit ${number(lesson.misfit_limit, 3)})`],
       ],
-      legend: [["mark", "the likeliest kind"], ["kept", "the second"], ["new", "the third"], ...EDGE_LEGEND],
+      legend: { mark: "the likeliest kind", kept: "the second", new: "the third", ...EDGE_LEGEND },
       draw: drawEvidence,
     },
   ],

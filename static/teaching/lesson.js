@@ -8,18 +8,21 @@ export class LessonError extends Error {}
 /**
  * Ask for a part (flattening, planning, alignment). `query` holds the parameters, `progress(share, text)` is told
  * how far it is; aborting `signal` gives the computation up.
- * @param {string} part @param {Record<string, any>} query @param {AbortSignal} signal
+ * @param {string} part @param {Record<string, number>} query @param {AbortSignal} signal
  * @param {(share: number, text: string) => void} progress
  */
 export async function fetchLesson(part, query, signal, progress) {
   let response;
   try {
-    response = await fetch(`/teaching/${part}?${new URLSearchParams(query)}`, { signal });
+    response = await fetch(
+      `/teaching/${part}?${new URLSearchParams(Object.entries(query).map(([name, value]) => [name, String(value)]))}`,
+      { signal },
+    );
   } catch (error) {
     if (signal.aborted) throw error;
     throw new LessonError("There is no connection to flatcloth; start it again and try once more.");
   }
-  if (!response.ok) throw new LessonError(await response.text());
+  if (!response.ok || !response.body) throw new LessonError(await response.text());
   for await (const [values, body] of records(response.body, signal)) {
     if (values.kind === "progress") progress(values.share, values.text);
     else if (values.kind === "error") throw new LessonError(values.text);
@@ -28,10 +31,7 @@ export async function fetchLesson(part, query, signal, progress) {
   throw new LessonError("The answer of flatcloth ended too early; try once more.");
 }
 
-async function* records(
-  /** @type {ReadableStream<Uint8Array<ArrayBuffer>>} */ stream,
-  /** @type {AbortSignal} */ signal,
-) {
+async function* records(/** @type {NonNullable<Response["body"]>} */ stream, /** @type {AbortSignal} */ signal) {
   const reader = stream.getReader();
   let waiting = new Uint8Array(0);
   const more = async (/** @type {number} */ length) => {
@@ -64,16 +64,16 @@ async function* records(
   }
 }
 
-async function unpack(/** @type {any} */ values, /** @type {Uint8Array<ArrayBuffer>} */ body) {
-  const lesson = { ...values, array: {}, picture: {} };
-  await Promise.all(
-    Object.entries(partsOf(values.parts, body)).map(async ([name, part]) => {
-      if (part instanceof Blob) lesson.picture[name] = await createImageBitmap(part);
-      else lesson.array[name] = part;
-    }),
-  );
-  for (const level of lesson.levels ?? []) Object.assign(level, prepared(lesson.array, level.name));
-  return lesson;
+/** @returns {Promise<Lesson>} */
+async function unpack(
+  /** @type {Lesson & { parts: Parameters<typeof partsOf>[0]; levels?: Level[] }} */ values,
+  /** @type {Uint8Array<ArrayBuffer>} */ body,
+) {
+  const { arrays, pictures } = partsOf(values.parts, body);
+  const bitmaps = Object.entries(pictures).map(async ([name, png]) => [name, await createImageBitmap(png)]);
+  const picture = Object.fromEntries(await Promise.all(bitmaps));
+  for (const level of values.levels ?? []) Object.assign(level, prepared(arrays, level.name));
+  return { ...values, array: /** @type {Lesson["array"]} */ (arrays), picture };
 }
 
 /**
@@ -118,6 +118,9 @@ function statesOf(/** @type {NumberArray} */ flat, /** @type {number} */ count) 
   const size = 2 * count;
   return Array.from({ length: size ? flat.length / size : 0 }, (_, i) => flat.subarray(i * size, (i + 1) * size));
 }
+
+/** The last of a list, which has one. @template T @param {T[]} list */
+export const lastOf = (list) => list[list.length - 1];
 
 /** The points of a level at a time between its recorded states (0 to their number less one). */
 export function stateAt(/** @type {Level} */ level, /** @type {number} */ time) {

@@ -7,7 +7,7 @@ import { inset } from "/static/teaching/draw.js";
 export function ticks(/** @type {number} */ low, /** @type {number} */ high, count = 5) {
   const rough = Math.max(1e-12, (high - low) / count);
   const power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= 0.999 * rough);
+  const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= 0.999 * rough) ?? rough;
   const found = [];
   for (let t = Math.ceil(low / step - 1e-9) * step; t <= high + 1e-9 * step; t += step)
     found.push(Math.abs(t) < 1e-9 * step ? 0 : t);
@@ -18,25 +18,8 @@ const decimals = (/** @type {number[]} */ values) => (values.length > 1 && value
 
 /** One plot: two axes, y up. `y2` is a second scale at the right. */
 export class Plot {
-  /** @param {Sheet} sheet @param {Rect} rect @param {PlotOptions} parts */
-  constructor(
-    sheet,
-    rect,
-    {
-      x,
-      y,
-      y2 = null,
-      log = false,
-      xLabel = "",
-      yLabel = "",
-      y2Label = "",
-      yColor = null,
-      y2Color = null,
-      xTicks = null,
-      yTicks = null,
-      xAxis = true,
-    },
-  ) {
+  constructor(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @type {PlotOptions} */ options) {
+    const { x, y, y2 = null, log = false, xAxis = true } = options;
     const em = sheet.em;
     this.sheet = sheet;
     this.log = log;
@@ -44,7 +27,7 @@ export class Plot {
     this.x = x;
     this.y = y;
     this.y2 = y2;
-    this.axes({ xLabel, yLabel, y2Label, yColor, y2Color, xTicks, yTicks, xAxis });
+    this.axes(options);
   }
 
   px(/** @type {number} */ value) {
@@ -52,72 +35,52 @@ export class Plot {
     return this.inner.x + (this.inner.w * (value - low)) / (high - low || 1);
   }
 
-  py(/** @type {number} */ value, scale = this.y) {
-    const [low, high] = this.log ? scale.map(Math.log10) : scale;
+  py(/** @type {number} */ value, /** @type {UV | null} */ scale = this.y) {
+    const ends = scale ?? this.y;
+    const [low, high] = this.log ? ends.map(Math.log10) : ends;
     const at = this.log ? Math.log10(Math.max(value, 1e-12)) : value;
     return this.inner.y + this.inner.h * (1 - (at - low) / (high - low || 1));
   }
 
-  /** @param {number} x @param {number} y @param {UV} [scale] @returns {UV} */
+  /** @param {number} x @param {number} y @param {UV | null} [scale] of the second axis @returns {UV} */
   at(x, y, scale) {
     return [this.px(x), this.py(y, scale)];
   }
 
-  axes(/** @type {Axes} */ { xLabel, yLabel, y2Label, yColor, y2Color, xTicks, yTicks, xAxis }) {
-    const { sheet, inner } = this;
+  axes(/** @type {PlotOptions} */ { xLabel = "", yLabel = "", y2Label = "", yColor, y2Color, yTicks, xAxis = true }) {
+    const { sheet, inner, y2 } = this;
     const { soft, line } = sheet.color;
     const em = sheet.em;
+    const [right, bottom] = [inner.x + inner.w, inner.y + inner.h];
     sheet.frame(inner);
-    const small = { color: soft, size: 0.85 };
+    /** @type {(text: string, x: number, y: number, look: TextLook) => void} */
+    const write = (text, x, y, look) => sheet.text(text, x, y, { color: soft, size: 0.85, ...look });
+    const left = /** @type {TextLook} */ ({ color: yColor ?? soft, align: "right", baseline: "middle" });
     const yt = yTicks ?? (this.log ? decades(this.y) : ticks(...this.y));
     for (const t of yt) {
       const y = this.py(t);
-      sheet.line([inner.x, y], [inner.x + inner.w, y], line, 1);
-      sheet.text(this.log ? power(t) : number(t, decimals(yt)), inner.x - 6, y, {
-        ...small,
-        color: yColor ?? soft,
-        align: "right",
-        baseline: "middle",
-      });
+      sheet.line([inner.x, y], [right, y], line, 1);
+      write(this.log ? power(t) : number(t, decimals(yt)), inner.x - 6, y, left);
     }
-    if (this.y2) {
-      const y2t = ticks(...this.y2);
-      for (const t of y2t)
-        sheet.text(number(t, decimals(y2t)), inner.x + inner.w + 6, this.py(t, this.y2), {
-          ...small,
-          color: y2Color ?? soft,
-          baseline: "middle",
-        });
-    }
+    const y2t = y2 ? ticks(...y2) : [];
+    for (const t of y2t)
+      write(number(t, decimals(y2t)), right + 6, this.py(t, y2), { color: y2Color ?? soft, baseline: "middle" });
     if (xAxis) {
-      const xt = xTicks ?? ticks(...this.x, Math.max(2, Math.round(inner.w / (7 * em))));
-      for (const t of xt)
-        sheet.text(number(t, decimals(xt)), this.px(t), inner.y + inner.h + 0.4 * em, {
-          ...small,
-          align: "center",
-          baseline: "top",
-        });
-      sheet.text(xLabel, inner.x + inner.w / 2, inner.y + inner.h + 1.75 * em, {
-        ...small,
-        align: "center",
-        baseline: "top",
-      });
+      const below = /** @type {TextLook} */ ({ align: "center", baseline: "top" });
+      const xt = ticks(...this.x, Math.max(2, Math.round(inner.w / (7 * em))));
+      for (const t of xt) write(number(t, decimals(xt)), this.px(t), bottom + 0.4 * em, below);
+      write(xLabel, inner.x + inner.w / 2, bottom + 1.75 * em, below);
     }
-    sheet.text(yLabel, inner.x, inner.y - 0.55 * em, { ...small, color: yColor ?? soft });
-    if (y2Label)
-      sheet.text(y2Label, inner.x + inner.w, inner.y - 0.55 * em, {
-        ...small,
-        color: y2Color ?? soft,
-        align: "right",
-      });
+    write(yLabel, inner.x, inner.y - 0.55 * em, { color: yColor ?? soft });
+    if (y2Label) write(y2Label, right, inner.y - 0.55 * em, { color: y2Color ?? soft, align: "right" });
   }
 
   /**
    * A curve over arrays; NaN makes a gap.
    * @param {Numbers} xs @param {Numbers} ys @param {string} color
-   * @param {{ width?: number; scale?: UV; dash?: number[] }} parts
+   * @param {{ width?: number; scale?: UV | null; dash?: number[] }} parts
    */
-  curve(xs, ys, color, { width = 2, scale = this.y, dash = [] } = {}) {
+  curve(xs, ys, color, { width = 2, scale, dash = [] } = {}) {
     const context = this.sheet.context;
     this.sheet.within(inset(this.inner, -1), () => {
       context.setLineDash(dash);
@@ -141,15 +104,16 @@ export class Plot {
   }
 
   /** The area under a curve, between two indices. @param {Numbers} xs @param {Numbers} ys @param {string} color */
-  area(xs, ys, color, from = 0, to = xs.length - 1, scale = this.y, alpha = 0.3) {
+  area(xs, ys, color, from = 0, to = xs.length - 1, /** @type {UV | null} */ scale = this.y, alpha = 0.3) {
+    const ground = this.py(Math.max(0, (scale ?? this.y)[0]), scale);
     const context = this.sheet.context;
     this.sheet.within(this.inner, () => {
       context.globalAlpha = alpha;
       context.fillStyle = color;
       context.beginPath();
-      context.moveTo(this.px(xs[from]), this.py(Math.max(0, scale[0]), scale));
+      context.moveTo(this.px(xs[from]), ground);
       for (let i = from; i <= to; i++) context.lineTo(...this.at(xs[i], Number.isFinite(ys[i]) ? ys[i] : 0, scale));
-      context.lineTo(this.px(xs[to]), this.py(Math.max(0, scale[0]), scale));
+      context.lineTo(this.px(xs[to]), ground);
       context.fill();
     });
   }

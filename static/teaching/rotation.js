@@ -147,13 +147,12 @@ export function drawZAngle(sheet, rect, lessons, ui) {
   const arrows = angle === null ? [] : [{ deg: angle, label: degrees(angle, 0), color: sheet.color.mark }];
   fromAbove(sheet, sheet.titled(dial, "Seen from above"), limit, arrows);
   zRamp(sheet, ramp, lesson, limit);
-  const map = sheet.pane("z", box, sheet.titled(right, "Flattened view", viewName(lesson, lesson.view_index)));
-  sheet.within(map.rect, () => {
+  const inner = sheet.titled(right, "Flattened view", viewName(lesson, lesson.view_index));
+  sheet.show("z", box, inner, (map) => {
     sheet.picture(map, zAnglePicture(lesson, limit, sheet), box);
     sheet.scaleBar(map);
     if (angle !== null) sheet.cross(map.at(...ui.at), sheet.color.mark);
   });
-  sheet.frame(map.rect);
 }
 
 /** @returns {Fact[]} */
@@ -260,38 +259,36 @@ export function drawRotation(sheet, rect, lessons, ui) {
   const [left, right] = columns(rect, [0.38, 0.62]);
   const [dial, below] = rows(left, [1, 0.42]);
   const sign = side.side === "left" ? 1 : -1;
-  const known = side.a_0_deg !== null && side.rotation_deg !== null;
-  const after = known ? side.a_0_deg + sign * side.rotation_deg : 0;
-  const arrows = known
-    ? [
-        { deg: side.a_0_deg, label: "A_0", color: sheet.color.mark },
-        { deg: after, label: "", color: sheet.color.mark, dash: [4, 4] },
-      ]
-    : [];
-  fromAbove(
-    sheet,
-    sheet.titled(dial, "Seen from above"),
-    ui.parameters.z_angle_limit_deg,
-    arrows,
-    known ? [side.a_0_deg, after] : null,
-  );
+  const { a_0_deg: before, rotation_deg: turn, u_b_mm } = side;
+  const after = before === null || turn === null ? null : before + sign * turn;
+  const color = sheet.color.mark;
+  /** @type {Arrow[]} */
+  const arrows =
+    before === null || after === null
+      ? []
+      : [
+          { deg: before, label: "A_0", color },
+          { deg: after, label: "", color, dash: [4, 4] },
+        ];
+  const way = /** @type {UV | null} */ (arrows.length ? [before, after] : null);
+  fromAbove(sheet, sheet.titled(dial, "Seen from above"), ui.parameters.z_angle_limit_deg, arrows, way);
   drawViews(sheet, sheet.titled(below, "Recorded views", "beyond this one"), lesson, side, sign);
   const { plot, strip } = drawCurves(sheet, right, lessons, ui);
-  if (side.u_b_mm === null) return;
+  if (u_b_mm === null) return;
   const { current_u_mm: u, current_h: h } = lesson.array;
-  const b = Math.round((side.u_b_mm - u[0]) / (1000 * lesson.flat.pixel_size_m));
-  plot.area(u, h, sheet.color.accent, sign > 0 ? 0 : b, sign > 0 ? b : u.length - 1, plot.y, 0.35);
-  const x = plot.px(side.u_b_mm);
-  plot.vertical(side.u_b_mm, sheet.color.accent, "u_b", 2);
-  sheet.line([x, strip.y], [x, strip.y + strip.h], sheet.color.accent, 2);
-  const middleOf = (plot.px(u[sign > 0 ? 0 : u.length - 1]) + x) / 2;
-  sheet.text("S_0", middleOf, plot.inner.y + plot.inner.h - 0.8 * sheet.em, { ...NAME, color: sheet.color.accent });
-  sheet.ring([x, plot.py(side.a_0_deg, plot.y2)], 7, sheet.color.mark, 3);
-  sheet.text("A_0", x + sign * 14, plot.py(side.a_0_deg, plot.y2) - 8, {
-    ...NAME,
-    color: sheet.color.mark,
-    align: sign > 0 ? "left" : "right",
-  });
+  const { color: colors } = sheet;
+  const b = Math.round((u_b_mm - u[0]) / (1000 * lesson.flat.pixel_size_m));
+  const end = sign > 0 ? 0 : u.length - 1;
+  plot.area(u, h, colors.accent, Math.min(b, end), Math.max(b, end), plot.y, 0.35);
+  const x = plot.px(u_b_mm);
+  plot.vertical(u_b_mm, colors.accent, "u_b", 2);
+  sheet.line([x, strip.y], [x, strip.y + strip.h], colors.accent, 2);
+  const low = plot.inner.y + plot.inner.h - 0.8 * sheet.em;
+  sheet.text("S_0", (plot.px(u[end]) + x) / 2, low, { ...NAME, color: colors.accent });
+  if (before === null) return;
+  const y = plot.py(before, plot.y2);
+  sheet.ring([x, y], 7, color, 3);
+  sheet.text("A_0", x + sign * 14, y - 8, { ...NAME, color, align: sign > 0 ? "left" : "right" });
 }
 
 /**
@@ -329,7 +326,8 @@ function drawViews(sheet, rect, lesson, side, sign) {
 /** @returns {Fact[]} */
 export function rotationFacts(/** @type {Lessons} */ { planning: lesson }, /** @type {Ui} */ ui) {
   const side = chosenSide(lesson);
-  const edge = (/** @type {string} */ name) => number(lesson.sides.find((s) => s.side === name).occluding_edge_mm, 0);
+  const edge = (/** @type {string} */ name) =>
+    number(lesson.sides.find((s) => s.side === name)?.occluding_edge_mm, 0);
   return [
     ["Edges, left and right", `${edge("left")}, ${edge("right")} mm`],
     ["Side taken", lesson.side ?? "none left"],

@@ -43,10 +43,9 @@ const boxOfGrid = (grid) => ({ left: -0.5, top: -0.5, right: grid.cols - 0.5, bo
  */
 function drawLabels(sheet, rect, key, lesson, name, grid, certain) {
   const box = boxOfGrid(grid);
-  const map = sheet.pane(key, box, rect);
-  sheet.within(rect, () => sheet.picture(map, labelPicture(sheet, lesson, name, grid, certain), box));
-  sheet.frame(rect);
-  return map;
+  return sheet.show(key, box, rect, (map) =>
+    sheet.picture(map, labelPicture(sheet, lesson, name, grid, certain), box),
+  );
 }
 
 // --- the slice seen from above ---------------------------------------------------------------------
@@ -97,26 +96,21 @@ function drawEvidence(sheet, rect, { sides: lesson }) {
   const box = imageBox(image);
   const share = shareOf(box, rect, 0.2, 0.4);
   const [left, right] = columns(rect, [share, 1 - share]);
-  const map = sheet.pane("image", box, sheet.titled(left, `View ${lesson.view_index}`, "with the slice"));
-  const { top, left: first } = { top: lesson.first.offset_rc[0], left: lesson.first.offset_rc[1] };
-  /** @type {number[]} */
-  const points = [];
+  const [top, first] = lesson.first.offset_rc;
   const rc = lesson.array.section_rc;
-  for (let i = 0; i < rc.length; i += 2) points.push(rc[i + 1] + first, rc[i] + top);
-  sheet.within(map.rect, () => {
+  const points = Float32Array.from(rc, (_, i) => (i % 2 ? rc[i - 1] + top : rc[i + 1] + first));
+  sheet.show("image", box, sheet.titled(left, `View ${lesson.view_index}`, "with the slice"), (map) => {
     sheet.picture(map, image, box, 0.8);
     sheet.dots(map, points, 0.8, sheet.color.mark);
   });
-  sheet.frame(map.rect);
   drawSection(sheet, sheet.titled(right, "The slice", "of all views, seen from above"), lesson, false);
 }
 
 function drawItem(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @type {Lessons} */ { sides: lesson }) {
   const image = lesson.picture.image;
   const box = imageBox(image);
-  const map = sheet.pane("image", box, sheet.titled(rect, `View ${lesson.view_index}`, "pale: no part of the item"));
-  sheet.within(map.rect, () => sheet.picture(map, image, box));
-  sheet.frame(map.rect);
+  const inner = sheet.titled(rect, `View ${lesson.view_index}`, "pale: no part of the item");
+  sheet.show("image", box, inner, (map) => sheet.picture(map, image, box));
 }
 
 /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
@@ -148,12 +142,7 @@ function drawStroke(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @t
 
 // --- the stages ------------------------------------------------------------------------------------
 
-/** @type {LegendRow[]} */
-const LEGEND = [
-  ["kept", "of interest"],
-  ["new", "the other side"],
-  ["even", "undecided (striped)"],
-];
+const LEGEND = { kept: "of interest", new: "the other side", even: "undecided (striped)" };
 
 /** @returns {Fact[]} */
 function itemFacts(/** @type {Lessons} */ { sides: lesson }) {
@@ -199,11 +188,7 @@ export const SIDE_STAGES = stagesOf(
         ["Pairs alike", String(lesson.n_alike)],
         ["Pairs opposite", String(lesson.n_opposite)],
       ],
-      legend: [
-        ["pair", "same side"],
-        ["unused", "opposite sides"],
-        ["mark", "the slice"],
-      ],
+      legend: { pair: "same side", unused: "opposite sides", mark: "the slice" },
       draw: drawEvidence,
     },
     {
@@ -249,7 +234,7 @@ export const SIDE_STAGES = stagesOf(
             : percent(lesson.certainty),
         ],
       ],
-      legend: [...LEGEND, ["mark", "the stroke"]],
+      legend: { ...LEGEND, mark: "the stroke" },
       draw: drawStroke,
     },
   ],

@@ -1,9 +1,10 @@
 // States of the minimisation: pairs colored by their error of length, energy, and shares of errors.
 
 import { count, hex, mm, number } from "/static/page/format.js";
+import { within } from "/static/page/dom.js";
 import { union } from "/static/canvas/geometry.js";
 import { boxOfPoints, columns, rgbOf, rows } from "/static/teaching/draw.js";
-import { energy, iterationAt, stateAt, strains } from "/static/teaching/lesson.js";
+import { energy, iterationAt, lastOf, stateAt, strains } from "/static/teaching/lesson.js";
 import { Plot } from "/static/teaching/plot.js";
 
 const STRAIN_SPAN = 0.2; // relative errors beyond have the last color
@@ -13,7 +14,7 @@ const BARS = 24;
 export const threeDigits = (/** @type {number} */ value) => number(value, value >= 100 ? 0 : value >= 10 ? 1 : 2);
 
 function strainColor(/** @type {Sheet} */ sheet, /** @type {number} */ strain) {
-  const share = Math.max(-1, Math.min(1, strain / STRAIN_SPAN));
+  const share = within(strain / STRAIN_SPAN, -1, 1);
   const even = rgbOf(sheet.color.even);
   const end = rgbOf(share < 0 ? sheet.color.short : sheet.color.long);
   return hex(even.map((c, i) => Math.round(c + Math.abs(share) * (end[i] - c))));
@@ -24,7 +25,7 @@ function strainColor(/** @type {Sheet} */ sheet, /** @type {number} */ strain) {
  * @param {Float32Array} strain
  */
 function drawPairsByStrain(sheet, map, level, points, strain) {
-  const width = Math.min(2.4, Math.max(1, (0.12 * level.interval_px * map.scaleX) / 1000));
+  const width = within((0.12 * level.interval_px * map.scaleX) / 1000, 1, 2.4);
   for (let c = 0; c < CLASSES; c++) {
     const low = c === 0 ? -Infinity : STRAIN_SPAN * ((2 * c) / CLASSES - 1);
     const high = c === CLASSES - 1 ? Infinity : STRAIN_SPAN * ((2 * (c + 1)) / CLASSES - 1);
@@ -45,7 +46,7 @@ export function histogram(sheet, rect, strain, most = 60) {
   const span = 1.25 * STRAIN_SPAN;
   const edges = Array.from({ length: BARS + 1 }, (_, i) => 100 * span * ((2 * i) / BARS - 1));
   const counts = new Array(BARS).fill(0);
-  for (const s of strain) counts[Math.max(0, Math.min(BARS - 1, Math.floor(((s / span + 1) / 2) * BARS)))] += 1;
+  for (const s of strain) counts[within(Math.floor(((s / span + 1) / 2) * BARS), 0, BARS - 1)] += 1;
   const shares = counts.map((n) => (100 * n) / Math.max(1, strain.length));
   const plot = new Plot(sheet, rect, {
     x: [-100 * span, 100 * span],
@@ -79,17 +80,20 @@ function energyPlot(sheet, rect, level, time, now) {
 /** @param {Sheet} sheet @param {Rect} rect @param {Level} level @param {number} time @param {string} key */
 export function statePane(sheet, rect, level, time, key) {
   // All states in one frame, so that nothing jumps while they are played.
-  const box = union(boxOfPoints(level.states[0]), boxOfPoints(level.states.at(-1)));
+  const box = union(boxOfPoints(level.states[0]), boxOfPoints(lastOf(level.states)));
   const points = stateAt(level, time);
   const strain = strains(level, points);
-  const map = sheet.pane(key, box, rect, { margin: 10 });
-  sheet.within(rect, () => {
-    drawPairsByStrain(sheet, map, level, points, strain);
-    const radius = Math.min(2.6, Math.max(0.6, (0.14 * level.interval_px * map.scaleX) / 1000));
-    sheet.dots(map, points, radius, sheet.color.text);
-    sheet.scaleBar(map);
-  });
-  sheet.frame(rect);
+  sheet.show(
+    key,
+    box,
+    rect,
+    (map) => {
+      drawPairsByStrain(sheet, map, level, points, strain);
+      const radius = within((0.14 * level.interval_px * map.scaleX) / 1000, 0.6, 2.6);
+      sheet.dots(map, points, radius, sheet.color.text);
+    },
+    { margin: 10, bar: true },
+  );
   return { strain, now: energy(level, strain) };
 }
 
@@ -153,7 +157,7 @@ export function drawMinimisation(sheet, rect, level, ui, key) {
 /** @returns {Fact[]} */
 export function minimisationFacts(/** @type {Level} */ level, /** @type {Ui} */ ui) {
   const now = energy(level, strains(level, stateAt(level, ui.time)));
-  const [first, last] = [level.energy_mm2[0], level.energy_mm2.at(-1)];
+  const [first, last] = [level.energy_mm2[0], lastOf(level.energy_mm2)];
   return [
     ["Iteration", `${number(iterationAt(level, ui.time), 0)} of ${level.energy_mm2.length - 1}`],
     ["H now", `${threeDigits(now)} mm²`],

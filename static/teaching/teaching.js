@@ -1,6 +1,6 @@
 // The teaching mode: the stages of the method on the current recording. It only asks; it decides nothing.
 
-import { byId, make, setAllowed, setText, swatch } from "/static/page/dom.js";
+import { byId, find, findAll, make, setAllowed, setCurrent, setText, swatch } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 import { Sheet, inset } from "/static/teaching/draw.js";
 import { action, makeFrame, showLayers, showMath, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
@@ -8,12 +8,9 @@ import { onKey } from "/static/teaching/keys.js";
 import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
 
-/** @type {PartName[]} */
-const AHEAD = ["flattening", "planning", "alignment"]; // asked for before they are wanted
-/** @type {PartName[]} */
-const PARTS = [...AHEAD, "sides", "garment"];
-/** @type {ParameterName[]} */
-const PARAMETERS = ["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"];
+const AHEAD = /** @type {PartName[]} */ (["flattening", "planning", "alignment"]); // asked for before they are wanted
+const PARTS = /** @type {PartName[]} */ ([...AHEAD, "sides", "garment"]);
+const PARAMETERS = /** @type {ParameterName[]} */ (["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"]);
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer
 const OURS = ["teach", "teach_next", "teach_back", "teach_play", "cancel", "fit", "zoom_in", "zoom_out"];
@@ -26,30 +23,30 @@ export class Teaching {
   constructor(/** @type {Session} */ session) {
     this.session = session;
     this.at = 0;
-    /** @type {Partial<Record<ParameterName, number>>} */
-    this.changed = {}; // the learner's parameters
-    /** @type {Partial<Record<PartName, Entry>>} */
-    this.lessons = {};
+    this.changed = /** @type {Partial<Record<ParameterName, number>>} */ ({}); // the learner's parameters
+    this.lessons = /** @type {Partial<Record<PartName, Entry>>} */ ({});
     /** @type {Ui} */
-    this.ui = { at: [0, 0], layer: "color", time: 0, parameters: /** @type {any} */ ({}) };
-    /** @type {{ at: UV; moved: boolean; lesson?: Lesson } | null} where the learner points */
-    this.probe = null;
+    this.ui = { at: [0, 0], layer: "color", time: 0, parameters: /** @type {Ui["parameters"]} */ ({}) };
+    this.probe = /** @type {{ at: UV; moved: boolean; lesson?: Lesson } | null} */ (null); // where the learner points
     this.drawn = 0;
-    /** @type {HTMLElement | null} */
-    this.root = null;
-    /** @type {number | null} the animation frame of the player, and of the next drawing */
-    this.playing = null;
-    /** @type {number | null} */
-    this.waiting = null;
+    this.canvas = make("canvas#teaching-canvas", { role: "img" });
+    this.sheet = new Sheet(this.canvas, {
+      redraw: () => this.redraw(),
+      probe: (key, at) => {
+        if (key !== STAGES[this.at].probe) return;
+        this.probe = { at, moved: true };
+        this.update();
+      },
+    });
+    this.root = /** @type {HTMLElement | null} */ (null); // made when it is opened first
+    this.playing = /** @type {number | null} */ (null); // the animation frame of the player, and of the next drawing
+    this.waiting = /** @type {number | null} */ (null);
     this.round = 0;
     this.autoplay = false;
     this.mathKey = "";
-    /** @type {{ stage: number; key: string | null; parameters: object } | null} for tests */
-    this.shown = null;
-    /** @type {HTMLElement[]} what lies behind it */
-    this.behind = [];
-    /** @type {HTMLElement | null} what had the focus */
-    this.opener = null;
+    this.shown = /** @type {{ stage: number; key: string | null; parameters: object } | null} */ (null); // for tests
+    this.behind = /** @type {HTMLElement[]} */ ([]); // what lies behind it
+    this.opener = /** @type {HTMLElement | null} */ (null); // what had the focus
   }
 
   get open() {
@@ -88,20 +85,20 @@ export class Teaching {
     else if (name === "teach_back") this.go(this.at - 1);
     else if (name === "teach_play") this.play(!this.playing);
     else if (name === "cancel") this.cancelOrLeave();
-    else this.sheet.zoomAll({ fit: null, zoom_in: 1.4, zoom_out: 1 / 1.4 }[name]);
+    else this.sheet.zoomAll({ zoom_in: 1.4, zoom_out: 1 / 1.4 }[name] ?? null);
     return true;
   }
 
   // --- in and out ------------------------------------------------------------------------------
 
   enter() {
-    if (!this.root) this.build();
+    const root = (this.root ??= this.build());
     this.opener = /** @type {HTMLElement | null} */ (document.activeElement);
     this.behind = /** @type {HTMLElement[]} */ ([...document.body.children]).filter(
-      (e) => e !== this.root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG",
+      (e) => e !== root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG",
     );
     for (const element of this.behind) element.inert = true;
-    this.root.hidden = false;
+    root.hidden = false;
     setText(byId("teaching-recording"), this.session.name());
     this.go(this.at);
     byId("teaching-next").focus();
@@ -110,7 +107,7 @@ export class Teaching {
   leave() {
     this.play(false);
     for (const part of PARTS) this.abort(part);
-    this.root.hidden = true;
+    if (this.root) this.root.hidden = true;
     for (const element of this.behind) element.inert = false;
     this.opener?.focus?.();
   }
@@ -125,12 +122,12 @@ export class Teaching {
     for (const part of PARTS) this.abort(part);
     this.round += 1;
     const part = STAGES[this.at].part;
-    const shown = this.lessons[part]?.lesson;
-    if (shown) {
-      this.changed = {};
-      for (const name of PARAMETERS)
-        if (shown.parameters[name] !== shown.defaults[name]) this.changed[name] = shown.parameters[name];
-      this.lessons[part].key = JSON.stringify(this.query(part));
+    const entry = this.lessons[part];
+    const shown = entry?.lesson;
+    if (entry && shown) {
+      const other = PARAMETERS.filter((name) => shown.parameters[name] !== shown.defaults[name]);
+      this.changed = Object.fromEntries(other.map((name) => [name, shown.parameters[name]]));
+      entry.key = JSON.stringify(this.query(part));
     } else {
       this.lessons[part] = { ...NOTHING, error: "Cancelled: this stage has not been computed." };
     }
@@ -235,7 +232,7 @@ export class Teaching {
   // --- playing ---------------------------------------------------------------------------------
 
   play(/** @type {boolean} */ on) {
-    cancelAnimationFrame(this.playing);
+    cancelAnimationFrame(this.playing ?? 0);
     this.playing = null;
     const last = this.lastTime();
     if (on && last > 0) {
@@ -266,30 +263,21 @@ export class Teaching {
   // --- the page --------------------------------------------------------------------------------
 
   build() {
-    this.canvas = make("canvas#teaching-canvas", { role: "img" });
-    this.sheet = new Sheet(this.canvas, {
-      redraw: () => this.redraw(),
-      probe: (key, at) => {
-        if (key !== STAGES[this.at].probe) return;
-        this.probe = { at, moved: true };
-        this.update();
-      },
-    });
-    this.root = makeFrame(this);
-    document.body.append(this.root);
-    this.root.addEventListener("keydown", (event) => onKey(this, event));
-    new ResizeObserver(() => this.open && this.draw()).observe(this.canvas.parentElement);
+    const root = makeFrame(this);
+    document.body.append(root);
+    root.addEventListener("keydown", (event) => onKey(this, event));
+    new ResizeObserver(() => this.open && this.draw()).observe(find(".teaching-sheet", root));
     onTheme(() => this.open && this.redraw());
+    return root;
   }
 
   /** What changes only with the stage. */
   showTexts() {
     const stage = STAGES[this.at];
-    for (const button of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll(".teaching-stage"))) {
+    for (const button of findAll(".teaching-stage")) {
       const here = Number(button.dataset.stage) === this.at;
       button.tabIndex = here ? 0 : -1; // one stop for Tab; the arrow keys go on from there
-      if (here) button.setAttribute("aria-current", "step");
-      else button.removeAttribute("aria-current");
+      setCurrent(button, here, "step");
       if (here) button.scrollIntoView({ block: "nearest" });
     }
     setText(byId("teaching-figure"), stage.figure);
@@ -297,13 +285,14 @@ export class Teaching {
     setText(byId("teaching-place"), `Stage ${this.at + 1} of ${STAGES.length}: ${stage.name}`);
     byId("teaching-words").replaceChildren(...stage.text.map((text) => make("p", ...symbols(text))));
     byId("teaching-legend").replaceChildren(
-      ...(stage.legend ?? []).map(([color, label, alpha = 1]) => {
-        const mixed = `color-mix(in srgb, var(--${color}) ${100 * alpha}%, transparent)`;
+      ...Object.entries(stage.legend ?? {}).map(([key, label]) => {
+        const [color, alpha = "1"] = key.split(" ");
+        const mixed = `color-mix(in srgb, var(--${color}) ${100 * Number(alpha)}%, transparent)`;
         return make("li", swatch(mixed), make("span", ...symbols(label)));
       }),
     );
     byId("teaching-legend").hidden = !stage.legend;
-    this.root.querySelector(".teaching-text").scrollTop = 0;
+    find(".teaching-text").scrollTop = 0;
     const ends = {
       "teaching-back": this.at === 0 ? "This is the first stage." : null,
       "teaching-next": this.at === STAGES.length - 1 ? "This is the last stage." : null,
@@ -361,12 +350,12 @@ export class Teaching {
     if (!this.open || !lessons[stage.part]) return;
     const lesson = lessons[stage.part];
     if (stage.probe && !this.probe?.moved && this.probe?.lesson !== lesson)
-      this.probe = { at: stage.start(lessons), moved: false, lesson };
+      this.probe = { at: stage.start?.(lessons) ?? [0, 0], moved: false, lesson };
     if (this.probe) this.ui.at = this.probe.at;
     const rect = this.sheet.begin();
     stage.draw(this.sheet, inset(rect, 14, 10, 14, 14), lessons, this.ui);
     this.showFacts(stage.facts(lessons, this.ui));
-    const { key } = this.lessons[stage.part];
+    const key = this.lessons[stage.part]?.key ?? null;
     this.shown = { stage: this.at + 1, key, parameters: lesson.parameters };
     this.drawn += 1;
   }
@@ -392,16 +381,17 @@ export class Teaching {
     byId("teaching-sliders").hidden = !lesson || !stage.parameters.length;
     if (!lesson) return;
     const values = this.parameters();
-    for (const label of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll(".teaching-slider"))) {
+    for (const label of findAll(".teaching-slider")) {
       const name = /** @type {ParameterName} */ (label.dataset.slider);
-      const { low, high, step } = lesson.sliders[name];
-      const input = label.querySelector("input");
+      const value = values[name] ?? lesson.defaults[name];
+      const { low: min, high: max, step } = lesson.sliders[name];
+      const input = /** @type {HTMLInputElement} */ (find("input", label));
       label.hidden = !stage.parameters.includes(name);
-      if (Number(input.min) !== low || Number(input.max) !== high || Number(input.step) !== step)
-        Object.assign(input, { min: low, max: high, step });
-      if (Number(input.value) !== values[name]) input.value = String(values[name]);
-      const text = SLIDERS[name][2](values[name]);
-      setText(label.querySelector("output"), text);
+      if (Number(input.min) !== min || Number(input.max) !== max || Number(input.step) !== step)
+        Object.assign(input, { min, max, step });
+      if (Number(input.value) !== value) input.value = String(value);
+      const text = SLIDERS[name][2](value);
+      setText(find("output", label), text);
       input.setAttribute("aria-valuetext", text);
     }
     const same = PARAMETERS.every((name) => (this.changed[name] ?? lesson.defaults[name]) === lesson.defaults[name]);
@@ -432,18 +422,18 @@ export class Teaching {
   showProgress() {
     if (!this.open) return;
     const entry = this.lessons[STAGES[this.at].part];
-    const busy = Boolean(entry?.abort) && performance.now() - entry.since >= QUIET_MS - 5;
+    const busy = Boolean(entry?.abort) && performance.now() - (entry?.since ?? 0) >= QUIET_MS - 5;
     byId("teaching-progress").hidden = !busy;
-    this.root.classList.toggle("busy", busy);
+    this.root?.classList.toggle("busy", busy);
     if (!busy) return;
-    const { share, text } = entry.progress ?? { share: 0, text: "Waiting" };
+    const { share, text } = entry?.progress ?? { share: 0, text: "Waiting" };
     setText(byId("teaching-progress-text"), `${text} · ${Math.round(100 * share)} %`);
     byId("teaching-progress-bar").value = share;
   }
 
   again() {
     const part = STAGES[this.at].part;
-    this.lessons[part] = { ...this.lessons[part], key: null, error: null };
+    this.lessons[part] = { ...NOTHING, ...this.lessons[part], key: null, error: null };
     this.load();
     this.update();
   }

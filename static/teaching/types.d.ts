@@ -8,7 +8,7 @@ declare global {
   type Sheet = SheetClass;
   type Plot = PlotClass;
   type Teaching = TeachingClass;
-  type NumberArray = Int8Array | Uint8Array | Int16Array | Int32Array | Float32Array;
+  type NumberArray = Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array;
   type PartName = "flattening" | "planning" | "alignment" | "sides" | "garment";
   type ParameterName = "sampling_interval_px" | "z_angle_limit_deg" | "overlap_cm2";
 
@@ -25,17 +25,20 @@ declare global {
     baseline?: CanvasTextBaseline;
     plate?: boolean;
   };
-  type Axes = {
+  type PlotOptions = {
+    x: UV;
+    y: UV;
+    /** A second scale at the right. */
+    y2?: UV | null;
+    log?: boolean;
     xLabel?: string;
     yLabel?: string;
     y2Label?: string;
-    yColor?: string | null;
-    y2Color?: string | null;
-    xTicks?: number[] | null;
-    yTicks?: number[] | null;
+    yColor?: string;
+    y2Color?: string;
+    yTicks?: number[];
     xAxis?: boolean;
   };
-  type PlotOptions = Axes & { x: UV; y: UV; y2?: UV | null; log?: boolean };
   /** An arrow at a Z-angle, seen from above. */
   type Arrow = { deg: number; label: string; color: string; dash?: number[] };
 
@@ -44,7 +47,9 @@ declare global {
   /** A string of terms such as "A_w = 2", or a node of MathML. */
   type Part = string | Element;
   type Fact = [name: string, value: string];
-  type LegendRow = [color: string, label: string, alpha?: number];
+  /** What a colour means; the colour may have its opacity behind it, as "kept 0.5". */
+  type Legends = Record<string, string>;
+  type StageDrawing = (sheet: Sheet, rect: Rect, lessons: Lessons, ui: Ui) => void;
   type Stage = {
     name: string;
     figure: string;
@@ -53,8 +58,8 @@ declare global {
     text: string[];
     math: (lessons: Lessons) => Element[];
     facts: (lessons: Lessons, ui: Ui) => Fact[];
-    draw: (sheet: Sheet, rect: Rect, lessons: Lessons, ui: Ui) => void;
-    legend?: LegendRow[];
+    draw: StageDrawing;
+    legend?: Legends;
     layers?: Record<string, string>;
     /** The key of the pane that is probed, and where the probe begins. */
     probe?: string;

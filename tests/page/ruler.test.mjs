@@ -38,10 +38,10 @@ test("a drag asks once, and again for where it has got to when the answer comes"
   ruler.drag(at(60, 80));
   assert.equal(sent.length, 1);
   assert.deepEqual([sent[0].to_u_m, sent[0].to_v_m], [0.03, 0.04]);
-  ruler.take(answer(sent[0].id, 50));
+  ruler.messages.measured(answer(sent[0].id, 50));
   assert.equal(ruler.measured, null); // it is about an end that was left
   assert.deepEqual([sent[1].to_u_m, sent[1].to_v_m], [0.06, 0.08]);
-  ruler.take(answer(sent[1].id, 100));
+  ruler.messages.measured(answer(sent[1].id, 100));
   assert.equal(ruler.measured.flat_mm, 100);
 });
 
@@ -51,7 +51,7 @@ test("another shape is measured anew, the same one is not", () => {
   ruler.update(state(1));
   ruler.press(at(0, 0));
   ruler.drag(at(30, 0));
-  ruler.take(answer(sent[0].id, 30));
+  ruler.messages.measured(answer(sent[0].id, 30));
   ruler.update(state(1));
   assert.equal(sent.length, 1);
   ruler.update(state(2));
