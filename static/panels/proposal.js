@@ -218,10 +218,7 @@ const CHECKS = {
   outline: "Share of the cloth seen in both that would lie outside the outline of the shape",
 };
 /** @type {Record<string, [short: string, long: string]>} */
-const SOURCES = {
-  place: ["Space", "Place in space"],
-  lines: ["Lines", "Z-angle lines"],
-};
+const SOURCES = { place: ["Space", "Place in space"], lines: ["Lines", "Z-angle lines"] };
 
 /** @type {Record<string, string>} what the parts of the score mean, by their names in both methods */
 const PARTS = {
