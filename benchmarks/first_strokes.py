@@ -18,8 +18,8 @@ from flatcloth.segmentation.observed import Observed
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
 
-HIGHEST = 1000.0
-PRECISION = 1.0
+HIGHEST = 100.0
+PRECISION = 0.1
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def told(strokes: list[FirstStroke], used: float) -> list[str]:
     best = learned_cost(strokes)
     with_best, with_used = (np.mean([s.wrong(most) for s in strokes]) for most in (best, used))
     lines = [
-        f"most_cost learned {best:.0f}, used {used:.0f}: after {len(strokes)} first strokes {with_best:.1%} "
+        f"most_cost learned {best:.1f}, used {used:.1f}: after {len(strokes)} first strokes {with_best:.1%} "
         f"and {with_used:.1%} of the cloth are wrong or undecided"
     ]
     for garment in sorted({stroke.garment for stroke in strokes}):
@@ -76,5 +76,5 @@ def told(strokes: list[FirstStroke], used: float) -> list[str]:
         if rest:
             cost = learned_cost(rest)
             wrong = np.mean([s.wrong(cost) for s in strokes if s.garment == garment])
-            lines.append(f"  without {garment}: learned {cost:.0f}, of it {wrong:.1%} are wrong")
+            lines.append(f"  without {garment}: learned {cost:.1f}, of it {wrong:.1%} are wrong")
     return lines

@@ -26,7 +26,7 @@ LEAST_POINTS = 60
 """Views with fewer points in common, counted both ways, are not compared. Set by hand."""
 _MOST_SURPRISE = 40.0
 """A motion less probable beforehand than this (chi-square of 6) is rejected. Set by hand."""
-_DISTANCE_STD_M = 0.0003
+DISTANCE_STD_M = 0.0003
 """Standard deviation of the distance of equal cloth in two views, without noise. Set by hand."""
 _SHADING_STD = 0.15
 """Relative deviation of the brightness between views, because folds are shaded by the lamp. Set by hand."""
@@ -172,7 +172,7 @@ def _rounds(before: PairFit | None, uncertainty_m: float) -> tuple[list[tuple[fl
 
 def _usual(found: Float64) -> Float64:
     """Return the typical differences (4,) from those found; 0 where there were none."""
-    least = np.array([_DISTANCE_STD_M, *[_LEAST_TEXTURE_SPREAD] * CHANNELS])
+    least = np.array([DISTANCE_STD_M, *[_LEAST_TEXTURE_SPREAD] * CHANNELS])
     usual: Float64 = np.where(np.isfinite(found), np.maximum(np.nan_to_num(found), least), 0.0)
     usual[1] = math.hypot(usual[1], _SHADING_STD) if usual[1] > 0 else 0.0
     return usual

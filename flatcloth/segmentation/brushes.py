@@ -12,12 +12,6 @@ from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.observed import Observed
-from flatcloth.segmentation.settings import ALIKE_COS
-
-_SAME_LAYER_M = 0.02
-"""Depth difference between painted pixels of two layers. Chosen: less cuts slopes, more joins layers."""
-_LEAST_PIXELS = 3
-"""Least number of painted pixels of a painted cluster. Chosen: fewer are the rim of the brush."""
 
 
 def under(observed: Observed, stroke: ImageStroke | SpaceStroke, name: str) -> Int64:
@@ -53,7 +47,7 @@ def _under_image(observed: Observed, stroke: ImageStroke, name: str) -> Int64:
     depths = np.array([view.depth_m[r, c] for r, c in at[inside] if view.item[r, c]])
     if not depths.size:
         raise SegmentationError(f"{name}: there is no cloth under it; draw on the item.")
-    radius_px = max(1.5, stroke.radius_m * view.intrinsics.fx / float(np.median(depths)))
+    radius_px = max(1.0, stroke.radius_m * view.intrinsics.fx / float(np.median(depths)))
     line = _densified(points, 1.0)
     low = np.maximum(np.floor(line.min(axis=0) - radius_px).astype(int), 0)
     high = np.minimum(np.ceil(line.max(axis=0) + radius_px).astype(int) + 1, (rows, cols))
@@ -66,11 +60,9 @@ def _under_image(observed: Observed, stroke: ImageStroke, name: str) -> Int64:
     # The brush paints only the layer under its line, not layers next to it or behind it.
     here = np.clip(np.rint(line[nearest]).astype(int), 0, (rows - 1, cols - 1))
     depth, own = view.depth_m[grid[:, 0], grid[:, 1]], view.depth_m[here[:, 0], here[:, 1]]
-    painted = (own > 0) & (np.abs(depth - own) <= _SAME_LAYER_M)
+    painted = (own > 0) & (np.abs(depth - own) <= observed.config.near_m)
     label = view.cluster[grid[painted, 0], grid[painted, 1]]
-    clusters, count = np.unique(label[label >= 0], return_counts=True)
-    kept = count >= _LEAST_PIXELS
-    return (clusters[kept] if kept.any() else clusters).astype(np.int64)
+    return np.unique(label[label >= 0]).astype(np.int64)
 
 
 def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
@@ -82,7 +74,7 @@ def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
         If the line does not divide the cloth, or nothing lies beyond it.
     """
     graph, clusters = observed.graph, observed.clusters
-    width_m = 1.5 * observed.config.cluster_m
+    width_m = 2.0 * observed.config.cluster_m
     wall = _near_line(observed, cut.points_m, cut.normals, width_m)
     begin = _nearest(observed, cut.beyond_m, cut.beyond_normal, of_interest & ~wall)
     if begin is None:
@@ -116,7 +108,9 @@ def _beside(observed: Observed, cut: Cut) -> Bool:
 
 
 def _nearest(observed: Observed, point: Sequence[float], normal: Sequence[float], among: Bool) -> int | None:
-    chosen = np.flatnonzero(among & (observed.clusters.normal @ np.asarray(normal) > ALIKE_COS))
+    chosen = np.flatnonzero(
+        among & (observed.clusters.normal @ np.asarray(normal) > observed.config.alike_cos)
+    )
     if not chosen.size:
         return None
     distance = np.linalg.norm(observed.clusters.place_m[chosen] - np.asarray(point), axis=1)
@@ -133,7 +127,7 @@ def _near_line(
     distance, at = cKDTree(line).query(observed.clusters.place_m, distance_upper_bound=farthest_m)
     near = np.isfinite(distance)
     alike = np.zeros(len(near), dtype=np.bool_)
-    alike[near] = (observed.clusters.normal[near] * turned[at[near]]).sum(axis=1) > ALIKE_COS
+    alike[near] = (observed.clusters.normal[near] * turned[at[near]]).sum(axis=1) > observed.config.alike_cos
     return alike
 
 

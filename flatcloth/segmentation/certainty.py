@@ -9,9 +9,9 @@ import numpy as np
 from flatcloth.core.types import Float32, Float64, Int64
 from flatcloth.segmentation.observed import Observed
 
-CALIBRATION = (-0.11, 0.84, 0.59, -0.21)
+CALIBRATION = (-0.53, 0.84, 0.59, -0.21)
 """Logistic regression of whether a side is right: constant, log odds of the agreement of the samples,
-logarithm of the pixels (base 10) and facing less 0.8. Learned by ``python -m benchmarks segmentation
+logarithm of the pixels (base 10) and facing. Learned by ``python -m benchmarks segmentation
 --learn``."""
 
 
@@ -51,7 +51,8 @@ def agreement(
         own = 0 if first else int(np.bincount(group[anchor]).argmax())
         says = np.sign((samples[:, anchor] * (unturned if first else side)[anchor]).sum(axis=1))
         # Regions that were turned over must agree with all anchors; few samples do.
-        weight = _CONTRADICTED ** ((turns * turns[n] < 0).sum(axis=0) if own else np.zeros(count))
+        contradicted = (turns * turns[n] < 0).sum(axis=0) if own else np.zeros(count)
+        weight = _CONTRADICTED**contradicted
         size = weight.sum() ** 2 / np.square(weight).sum()
         mean = (says * weight) @ samples / weight.sum()
         share = 0.5 + 0.5 * mean * (unturned if first else side) * size / (size + 1.0)
@@ -65,14 +66,13 @@ def agreement(
 
 def features(observed: Observed, agreed: Float64) -> Float64:
     """Return the features (M, 4) of the calibration."""
-    share = np.clip(agreed, 0.01, 0.99)
     clusters = observed.clusters
     return np.stack(
         [
             np.ones(clusters.count),
-            np.log(share / (1.0 - share)),
-            np.log10(np.maximum(clusters.pixels, 1)) - 1.0,
-            clusters.facing - 0.8,
+            np.log(agreed / (1.0 - agreed)),
+            np.log10(np.maximum(clusters.pixels, 1)),
+            clusters.facing,
         ],
         axis=1,
     )

@@ -21,8 +21,6 @@ from flatcloth.segmentation.settings import THREADS, SegmentationConfig
 _BUCKETS = 1 << 17
 """Size of the hash table. Chosen: several times the clusters of a garment (20 000); a smaller one
 collides."""
-_COARSE = 3
-"""Clusters are first moved to the mean of every third pixel. Chosen for speed: each has about 60."""
 _NEAREST_FIRST = np.array(sorted(np.ndindex(3, 3, 3), key=lambda cell: sum(abs(n - 1) for n in cell))) - 1
 """Offsets (27, 3) to a cell and its neighbours, the nearest first, by definition: a near cluster, found
 early, bounds the search in the other cells."""
@@ -75,18 +73,15 @@ def gather(
     """
     limits = _Limits(
         radius_m=config.cluster_m,
-        offset_m=max(config.cluster_offset_m, config.cluster_noise * noise_m),
-        least_cos=config.cluster_cos,
+        offset_m=max(config.cluster_m / 4.0, config.cluster_noise * noise_m),
+        least_cos=config.alike_cos,
     )
     place, normal = _seeded(points_m, normals, _falling(facing), limits)
     of_pixel = np.empty(len(points_m), dtype=np.int32)
-    pixels, best = np.zeros(len(place), dtype=np.int64), np.zeros(len(place))
-    for every in (_COARSE, 1):
-        cells = _cells(place, limits.radius_m)
-        some, turned, seen = (np.ascontiguousarray(of[::every]) for of in (points_m, normals, facing))
-        assigned_to = of_pixel[: len(some)]
-        _assign_together(some, turned, limits, cells, place, normal, assigned_to)
-        pixels, best = _averaged(some, turned, seen, assigned_to, place, normal)
+    _assign_together(points_m, normals, limits, place, normal, of_pixel)
+    _averaged(points_m, normals, facing, of_pixel, place, normal)
+    _assign_together(points_m, normals, limits, place, normal, of_pixel)
+    pixels, best = _averaged(points_m, normals, facing, of_pixel, place, normal)
     kept = pixels > 0
     number = np.where(kept, np.cumsum(kept) - 1, -1).astype(np.int32)
     assigned = of_pixel >= 0
@@ -192,12 +187,12 @@ def _assign_together(
     points: Float32,
     normals: Float32,
     limits: _Limits,
-    cells: tuple[Int32, Int32],
     place: Float64,
     normal: Float64,
     of_pixel: Int32,
 ) -> None:
     """Call :func:`_assign` on shares of the pixels, in parallel."""
+    cells = _cells(place, limits.radius_m)
     ends = np.linspace(0, len(points), THREADS + 1).astype(int)
     shares = [slice(*pair) for pair in itertools.pairwise(ends)]
 
@@ -221,8 +216,7 @@ def _assign(
     """Assign each pixel to the nearest cluster on its layer; distance along the normal counts twice."""
     radius, offset, least_cos = limits
     head, following = cells
-    farthest = 1.2 * radius * radius
-    reach = farthest + 2.25 * offset * offset
+    reach = radius * radius + offset * offset
     gap = np.zeros((3, 3))
     for i in range(len(points)):
         x, y, z = _cell(points[i, 0], radius), _cell(points[i, 1], radius), _cell(points[i, 2], radius)
@@ -238,7 +232,7 @@ def _assign(
             j = head[_bucket(x + dx, y + dy, z + dz)]
             while j >= 0:
                 turn, along, across = _relation(points, normals, i, place, normal, j)
-                if turn > least_cos and across < farthest and abs(along) < 1.5 * offset:
+                if turn > least_cos and across < radius * radius and abs(along) < offset:
                     distance = across + 4.0 * along * along + (1.0 - turn) * radius * radius
                     if distance < least:
                         best, least, bound = j, distance, min(distance, reach)

@@ -9,11 +9,6 @@ import numpy as np
 from flatcloth.core.types import Bool, Float64, Int64, RotationAxis
 from flatcloth.segmentation.observed import Observed
 
-_HALF_SLICE_M = 0.004
-"""Half the height of a slice. Chosen: less than a cluster's diameter, so that each is shown once."""
-_HEIGHTS = 40
-"""Number of slices that are compared. Chosen: one every 1 to 3 cm."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Slice:
@@ -37,9 +32,10 @@ def telling_slice(observed: Observed, axis: RotationAxis) -> Slice:
     offset = clusters.place_m - axis.point_m
     height = offset @ axis.direction
     middle = 0.5 * (height[g.first] + height[g.second])[g.weight < 0]
-    heights = np.linspace(height.min(), height.max(), _HEIGHTS)
-    pairs = (np.abs(middle[None] - heights[:, None]) <= _HALF_SLICE_M).sum(axis=1)
-    inside: Bool = np.abs(height - heights[int(pairs.argmax())]) <= _HALF_SLICE_M
+    # A slice is as high as a cluster's radius, so that each layer is shown about once.
+    slices = np.floor(height / observed.config.cluster_m)
+    fullest, pairs = np.unique(np.floor(middle / observed.config.cluster_m), return_counts=True)
+    inside: Bool = slices == fullest[pairs.argmax()] if fullest.size else slices == np.median(slices)
     number = np.where(inside, np.cumsum(inside) - 1, -1)
     both = inside[g.first] & inside[g.second]
     ends = np.stack([number[g.first], number[g.second]], axis=1)

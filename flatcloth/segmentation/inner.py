@@ -14,28 +14,25 @@ from scipy.sparse import csr_matrix
 
 from flatcloth.core.graphs import minimum_cut
 from flatcloth.core.types import Bool, Float64, Int64
+from flatcloth.registration.pairwise import DISTANCE_STD_M
 from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.relations import SignedGraph, back_to_back
 from flatcloth.segmentation.settings import SegmentationConfig
 
-_ENOUGH_PIXELS = 20.0
-"""Pixels at which a cluster's thickness has half of its full weight. Chosen."""
 _TWO_LAYERS = 30.0
 """Percentile of the measured thicknesses that is taken as that of two touching layers. Chosen: on recordings
 with ground truth at most 20 % of the measured clusters are one layer; most other layers do not touch."""
 _ONE_LAYER = 0.75
 """Cloth thinner than this share of two layers is one layer. By definition: half way from one to two."""
-_LEAST_THICK_M = 0.0002
-"""Below this thickness of two layers the item is one layer: a towel. Chosen: error of a thickness without
-noise."""
-_LEAST_FACE = 8
-"""Least number of clusters of a face. Chosen: smaller ones are errors of the thickness."""
-_THIN = 0.6
-"""Noisy cloth whose averaged thickness is below this share of two layers is doubtful. Chosen."""
 _AROUND = 12
 """Iterations of averaging the thickness with the neighbours. Chosen: this covers about 2 cm."""
+
+
 _LEAST_KNOWN = 0.02
 """Least weight of an averaged thickness. Chosen: measurements 2 cm away still count."""
+_LEAST_THIN = 0.2
+"""Noisy cloth whose averaged thinness (0 half way from one layer to two, 1 at no thickness) is above this is
+doubtful. Chosen."""
 
 
 def inner_faces(clusters: Clusters, graph: SignedGraph, config: SegmentationConfig) -> Bool:
@@ -60,20 +57,16 @@ def inner_faces(clusters: Clusters, graph: SignedGraph, config: SegmentationConf
     evidence, attracts = config.thickness_weight * thin * known, graph.weight > 0
     edges = np.stack([graph.first[attracts], graph.second[attracts]], axis=1)
     inner = minimum_cut(edges, graph.weight[attracts], np.maximum(evidence, 0.0), np.maximum(-evidence, 0.0))
-    return _faces(graph, inner) >= 0
+    return _faces(graph, inner, config) >= 0
 
 
-def doubtful_faces(
-    clusters: Clusters, graph: SignedGraph, noise_m: float, config: SegmentationConfig
-) -> Int64:
+def doubtful_faces(clusters: Clusters, graph: SignedGraph, config: SegmentationConfig) -> Int64:
     """Return for clusters (M,) that may lie on an inner face the number of the face; -1 elsewhere.
 
     With a noisy sensor the error of a single thickness is as large as the thickness, and the minimum cut
     finds nothing. Averaged along the surface, over more than the width of a hem, the thickness shows where
     the cloth is too thin for two layers, but not the exact border.
     """
-    if noise_m <= config.noisy_depth_m:
-        return np.full(graph.count, -1, dtype=np.int64)
     known, thin = _thin(clusters, config)
     attracts = np.maximum(graph.weight, 0.0)
     ends = np.concatenate([graph.first, graph.second]), np.concatenate([graph.second, graph.first])
@@ -82,8 +75,8 @@ def doubtful_faces(
     sums = np.stack([thin * known, known], axis=1)
     for _ in range(_AROUND):
         sums = 0.5 * (sums + (links @ sums) / degree[:, None])
-    thin_around = (sums[:, 1] > _LEAST_KNOWN) & (sums[:, 0] > (1.0 - _THIN / _ONE_LAYER) * sums[:, 1])
-    return _faces(graph, thin_around)
+    thin_around = (sums[:, 1] > _LEAST_KNOWN) & (sums[:, 0] > _LEAST_THIN * sums[:, 1])
+    return _faces(graph, thin_around, config)
 
 
 def _thin(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Float64]:
@@ -91,23 +84,21 @@ def _thin(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Floa
     thickness_m, weight = thicknesses(clusters, config)
     known = weight > 0.0
     two_layers_m = float(np.percentile(thickness_m[known], _TWO_LAYERS)) if known.any() else 0.0
-    if two_layers_m < _LEAST_THICK_M:
+    if two_layers_m < DISTANCE_STD_M:  # one layer: a towel
         return np.zeros(clusters.count), np.zeros(clusters.count)
     return weight / (weight + 1.0), np.clip(1.0 - thickness_m / (_ONE_LAYER * two_layers_m), -1.0, 1.0)
 
 
-def _faces(graph: SignedGraph, chosen: Bool) -> Int64:
+def _faces(graph: SignedGraph, chosen: Bool, config: SegmentationConfig) -> Int64:
     """Return the face number (M,) of each chosen cluster; -1 for other clusters and small faces."""
     face = graph.components((graph.weight > 0) & chosen[graph.first] & chosen[graph.second])
-    kept: Bool = chosen & (np.bincount(face)[face] >= _LEAST_FACE)
+    kept: Bool = chosen & (np.bincount(face)[face] >= config.least_region)
     return np.where(kept, face, -1).astype(np.int64)
 
 
 def thicknesses(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Float64]:
     """Return the distance (M,) of each cluster to the surface at its back, m, and its weight."""
-    a, b, depth = back_to_back(clusters, -config.opposite_m, config.thickest_m, config)
-    pixels = np.minimum(clusters.pixels[a], clusters.pixels[b])
-    sure = np.minimum(clusters.facing[a], clusters.facing[b]) ** 2 * pixels / (pixels + _ENOUGH_PIXELS)
+    a, b, depth, sure = back_to_back(clusters, config.near_m, config)
     ends = np.concatenate([a, b])
     weight = np.bincount(ends, np.tile(sure, 2), clusters.count).astype(np.float64)
     total = np.bincount(ends, np.tile(sure * depth, 2), clusters.count)

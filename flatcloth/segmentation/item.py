@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SegmentationError, SurfaceError
@@ -25,33 +26,21 @@ from flatcloth.segmentation.settings import THREADS
 _APART_M = 0.03
 """Regions farther than this from the largest are other objects. Nearer to the axis, the item hardly moves
 either. Set by hand."""
-_SECOND_SHARE = 0.4
-"""A separate region of at least this share of the largest is another item. Set by hand."""
-_ENOUGH_VIEWS = 8
-"""Least number of views that shows which regions stand still. Chosen; not measured."""
-_SWEEP_DEG = 60.0
-"""Least turn that shows it. Chosen; not measured."""
 _STILL_SHARE = 0.9
 """Least share of the views in which a pixel of the background has the same depth. Chosen: noise and dropouts
 affect the others."""
-_STILL_M = 0.004
-"""Same depth: this, or 0.5 % of it if that is more. Chosen: about 3 sigma of a D435 at 0.85 m (1.5 mm)."""
+_STILL_DEPTH = 0.005
+"""Same depth: at most this share of it apart. Chosen: about 3 sigma of a D435 at 0.85 m (1.5 mm)."""
 _ABOVE_M = 0.008
 """Regions this much above the held point are the gripper. Chosen: less cuts cloth if the point is off."""
-_LEAST_CUT_M2 = 2e-4
-"""Smaller regions are not cut off. Chosen: 14 x 14 mm are noise or a button."""
-_COLORS = 4
-"""Main colours of the item. Chosen: fewer miss prints, more describe the gripper too."""
+LEAST_AREA_M2 = 2e-4
+"""Smaller regions are not cut off, and smaller changes not reported. Chosen: 14 x 14 mm are noise or a
+button."""
 _UNLIKE = 14.0
-"""Distance in CIELAB from all main colours of the item beyond which a pixel has another colour. Set by
-hand."""
-_TOP_SHARE = 0.3
-"""The upper share of the item, where a gripper is looked for. Chosen."""
-_NECK_SHARE = 0.3
-"""A region at the top is a gripper if it touches the item along less than this share of its outline ...
-Chosen."""
-_MOST_GRIPPER_SHARE = 0.4
-"""... and is at most this share of what is seen. Chosen."""
+"""Distance in CIELAB from all colours of the item beyond which a pixel has another colour. Set by hand."""
+_SMALL_SHARE = 0.3
+"""A gripper is a small part: it lies in this upper share of the item, touches the item along at most this
+share of its outline, and is at most this share of what is seen. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +143,7 @@ def _foreground(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConf
     away = (
         frame.depth_m[measured].astype(np.float64) if axis is None else about_axis(frame, measured, axis)[1]
     )
-    most = float(np.quantile(away[large[measured]], 0.995)) + _APART_M
+    most = float(away[large[measured]].max()) + _APART_M
     item = measured.copy()
     item[measured] = away <= most
     return item
@@ -162,7 +151,7 @@ def _foreground(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConf
 
 def _note(cuts: list[CutOff], frame: RgbdFrame, off: Bool, kind: str, why: str) -> None:
     area = _area_m2(frame, off)
-    if area >= _LEAST_CUT_M2:
+    if area >= LEAST_AREA_M2:
         text = f"View {frame.view_index}: {1e4 * area:.0f} cm2 cut off as {kind}: it {why}."
         cuts.append(CutOff(view_index=frame.view_index, kind=kind, area_m2=area, text=text))
 
@@ -189,7 +178,7 @@ def _largest(frame: RgbdFrame, mask: Bool, cuts: list[CutOff]) -> tuple[Bool, bo
     np.minimum.at(nearest, label[mask].astype(np.intp), away[mask])
     apart = nearest * pitch_m > _APART_M
     apart[[0, largest]] = False
-    doubled = bool((weight[apart] >= _SECOND_SHARE * weight[largest]).any()) if apart.any() else False
+    doubled = bool((weight[apart] >= 0.5 * weight[largest]).any()) if apart.any() else False
     off: Bool = mask & apart[label]
     _note(cuts, frame, off, "another object", f"hangs more than {100 * _APART_M:.0f} cm away from the item")
     return mask & ~off, doubled
@@ -198,14 +187,14 @@ def _largest(frame: RgbdFrame, mask: Bool, cuts: list[CutOff]) -> tuple[Bool, bo
 def _still(frames: Sequence[RgbdFrame]) -> tuple[Bool, Float32] | None:
     """Pixels (H, W) whose depth stays while the item turns, and that depth; None for too few views."""
     angles = np.array([frame.angle_deg for frame in frames])
-    if len(frames) < _ENOUGH_VIEWS or np.ptp(angles) < _SWEEP_DEG:
+    if np.ptp(angles) < 90.0:  # less shows too little of what stands still
         return None
     if len({frame.depth_m.shape for frame in frames}) != 1:
         return None
     chosen = [frames[n] for n in np.unique(np.linspace(0, len(frames) - 1, 12).astype(int))]
     depth = np.stack([frame.depth_m for frame in chosen])
     middle = np.median(depth, axis=0).astype(np.float32)
-    close = np.abs(depth - middle) <= np.maximum(_STILL_M, 0.005 * middle)
+    close = np.abs(depth - middle) <= _STILL_DEPTH * middle
     still: Bool = (middle > 0) & (close.mean(axis=0) >= _STILL_SHARE)
     return still, middle
 
@@ -224,8 +213,8 @@ def _without_holder(
         height, radius = about_axis(frame, mask, axis)
         off = np.zeros_like(mask)
         if still is not None:
-            stays = still[0][mask] & (np.abs(frame.depth_m[mask] - still[1][mask]) <= _STILL_M)
-            off[mask] = stays & (radius > _APART_M)
+            off[mask] = radius > _APART_M
+            off &= still[0] & (np.abs(frame.depth_m - still[1]) <= _STILL_DEPTH * still[1])
             off = _large(frame, off)
             _note(cuts, frame, off, "a stand", "stays in place while the item turns")
         if held_point_m is not None:
@@ -251,7 +240,7 @@ def _large(frame: RgbdFrame, off: Bool, like: Bool | None = None) -> Bool:
     if not count:
         return off
     depth_m = float(np.median(frame.depth_m[off if like is None else like]))
-    least_px = _LEAST_CUT_M2 * frame.intrinsics.fx * frame.intrinsics.fy / depth_m**2
+    least_px = LEAST_AREA_M2 * frame.intrinsics.fx * frame.intrinsics.fy / depth_m**2
     kept = np.zeros_like(off)
     if count < least_px:
         return kept
@@ -278,15 +267,13 @@ def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:
     lab = cv2.cvtColor(frame.color, cv2.COLOR_RGB2LAB).astype(np.float32)
     lab[..., 0] *= 0.5  # lamps shade folds
     body = mask.copy()
-    body[: int(rows[0] + _TOP_SHARE * rows.size)] = False
+    body[: int(rows[0] + _SMALL_SHARE * rows.size)] = False
     if body.sum() < 50:
         return none
     sample = lab[body][:: max(1, int(body.sum()) // 4000)]
-    cv2.setRNGSeed(0)
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 20, 1.0)
-    _, _, centers = cv2.kmeans(sample, min(_COLORS, len(sample)), None, criteria, 2, cv2.KMEANS_PP_CENTERS)  # type: ignore[call-overload]
-    distance = np.min([np.linalg.norm(lab - center, axis=-1) for center in centers], axis=0)
-    unlike = (mask & (distance > _UNLIKE)).astype(np.uint8)
+    unlike = np.zeros(mask.shape, dtype=np.uint8)
+    top = mask & ~body
+    unlike[top] = np.isinf(cKDTree(sample).query(lab[top], distance_upper_bound=_UNLIKE)[0])
     unlike = cv2.morphologyEx(unlike, cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)) & mask.astype(np.uint8)
     opened = cv2.morphologyEx(unlike, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, label = cv2.connectedComponents(opened, connectivity=4)
@@ -296,8 +283,7 @@ def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:
         grown = cv2.dilate(region.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         rim = grown & ~region
         touching = (rim & mask & (opened == 0)).sum() / max(int(rim.sum()), 1)
-        at_top = np.argwhere(region)[:, 0].mean() < rows[0] + _TOP_SHARE * rows.size
-        if at_top and touching <= _NECK_SHARE and region.sum() <= _MOST_GRIPPER_SHARE * mask.sum():
+        if touching <= _SMALL_SHARE and region.sum() <= _SMALL_SHARE * mask.sum():
             off |= region
     if not off.any():
         return none

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numba import njit
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError, SurfaceError
@@ -36,12 +35,6 @@ from flatcloth.segmentation.partition import Int8, Partition, partition, sampled
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
 from flatcloth.segmentation.settings import THREADS, SegmentationConfig
 
-_PARTNERS = 3
-"""Number of preceding views that each view is compared with: enough to find the camera poses. Set by hand."""
-_WELL_SEEN = 0.6
-"""Least cosine of incidence of the surface where the side of interest starts. Chosen: up to 53 degrees."""
-_START_M = 0.02
-"""Radius of the patch from which the default side starts. Chosen: larger ones reach the rim of the sheet."""
 _LOOK = 2
 """The camera poses are first checked on every second view, each compared with one other view. Chosen: this
 finds the one recording with wrong poses, and no other, in a fifth of the time."""
@@ -151,7 +144,7 @@ def observe(
         facing = list(pool.map(_facing, surfaces))
         clusters, labels = _clustered(surfaces, poses, facing, noise_m, settings)
         links = list(pool.map(links_of_view, labels, facing, (surface.steps for surface in surfaces)))
-        graph = signed_graph(clusters, links, noise_m, settings)
+        graph = signed_graph(clusters, links, settings)
         progress(0.8, "sides")
         masks = (item.masks[at[surface.frame.view_index]] for surface in surfaces)
         views = {
@@ -160,7 +153,8 @@ def observe(
         }
         found = pool.submit(partition, graph)
         inner = inner_faces(clusters, graph, settings)
-        doubtful = doubtful_faces(clusters, graph, noise_m, settings)
+        noisy = bool(np.median([surface.noisy for surface in surfaces]))
+        doubtful = doubtful_faces(clusters, graph, settings) if noisy else np.full(clusters.count, -1)
     return Observed(
         views=views,
         view_numbers=frozenset(at),
@@ -218,7 +212,7 @@ def _poses(
         features |= zip(rest, pool.map(_features, [surfaces[n] for n in rest]), strict=True)
     registered = register_together(
         [features[n] for n in range(len(surfaces))], axis, held_point_m,
-        partners=_PARTNERS, fattening_px=look.fattening_px, threads=THREADS,
+        fattening_px=look.fattening_px, threads=THREADS,
     )  # fmt: skip
     return registered.held_from_camera if registered.is_loose else known
 
@@ -231,12 +225,12 @@ def _features(surface: Surface) -> ViewFeatures:
 
 
 def _facing(surface: Surface) -> Float32:
-    """Cosine (h, w) of the incidence; 0 off the surface."""
+    """Cosine (h, w) of the incidence; 0 off the surface, which is not seen at a grazing angle."""
     at = surface.usable
     xyz_m = surface.xyz_m[at]
     cos = -(xyz_m * surface.normal[at]).sum(axis=-1) / np.linalg.norm(xyz_m, axis=-1)
     facing: Float32 = np.zeros(at.shape, dtype=np.float32)
-    facing[at] = np.clip(cos, 0.1, 1.0)
+    facing[at] = cos
     return facing
 
 
@@ -279,7 +273,7 @@ def _view(
     k = frame.intrinsics
     area = np.zeros(label.shape, dtype=np.float32)
     known = label >= 0
-    area[known] = frame.depth_m[known] ** 2 / (k.fx * k.fy) / np.maximum(facing[known], 0.26)
+    area[known] = frame.depth_m[known] ** 2 / (k.fx * k.fy) / facing[known]
     near = filled(label, frame.depth_m, own, settings)
     return ObservedView(
         view_index=frame.view_index,
@@ -300,54 +294,33 @@ def filled(label: Int32, depth_m: Float32, item: Bool, settings: SegmentationCon
     """Assign pixels of the item without a cluster to that of a near pixel on the same layer.
 
     Pixels near rims and holes, and steep ones, form no clusters. They take the cluster of the nearest pixel
-    with one if its depth is similar; else of the nearest pixel of similar depth in their row or column.
+    with one if its depth is similar.
     """
     known = (label >= 0).astype(np.uint8)
     result = label.copy()
     if not known.any():
         return result
-    distance, nearest = cv2.distanceTransformWithLabels(
-        1 - known, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
+    _, nearest = cv2.distanceTransformWithLabels(1 - known, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
     at = np.zeros(int(nearest.max()) + 1, dtype=np.int64)
     at[nearest[label >= 0]] = np.flatnonzero(label >= 0)
     source = at[nearest]
-    near = item & (label < 0) & (distance <= settings.fill_px)
-    alike = np.abs(depth_m.ravel()[source] - depth_m) <= settings.thickest_m
-    taken = near & alike
+    alike = np.abs(depth_m.ravel()[source] - depth_m) <= settings.near_m
+    taken = item & (label < 0) & alike
     result[taken] = label.ravel()[source[taken]]
-    rest = np.argwhere(near & ~alike)
-    _fill_alike(rest, label, depth_m, settings.fill_px // 2, settings.thickest_m, result)
     return result
-
-
-@njit(cache=True, nogil=True)
-def _fill_alike(
-    rest: Int64, label: Int32, depth_m: Float32, half_px: int, most_m: float, result: Int32
-) -> None:
-    """Assign to the pixels (K, 2) of ``rest`` the nearest label of similar depth in a window."""
-    rows, cols = label.shape
-    for n in range(len(rest)):
-        r, c = rest[n, 0], rest[n, 1]
-        best, least = -1, 4 * half_px * half_px
-        for i in range(max(r - half_px, 0), min(r + half_px + 1, rows)):
-            for j in range(max(c - half_px, 0), min(c + half_px + 1, cols)):
-                if label[i, j] >= 0 and abs(depth_m[i, j] - depth_m[r, c]) <= most_m:
-                    away = (i - r) ** 2 + (j - c) ** 2
-                    if away < least:
-                        best, least = label[i, j], away
-        result[r, c] = best
 
 
 def start_sheet(observed: Observed) -> Int64:
     """Return the clusters in the middle of the largest well-seen sheet of the start view."""
     view = observed.views[observed.start_view]
-    side, facing = observed.partition.side, observed.clusters.facing
+    side = observed.partition.side
     shown = np.zeros(observed.clusters.count)
     at = view.surface
     np.add.at(shown, view.cluster[at], view.area_m2[at])
+    # Normals that differ from the direction of view by no more than those of one side may.
     toward = -(observed.clusters.normal @ view.object_from_camera.rotation[:, 2])
-    good = (shown > 0) & (toward > _WELL_SEEN) & (facing > _WELL_SEEN) & ~observed.inner
+    least_cos = observed.config.alike_cos
+    good = (shown > 0) & (toward > least_cos) & (observed.clusters.facing > least_cos) & ~observed.inner
     if not good.any():
         good = shown > 0
     if not good.any():
@@ -364,6 +337,5 @@ def start_sheet(observed: Observed) -> Int64:
     depth = cv2.distanceTransform(np.pad(inside, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
     row, col = np.unravel_index(int(depth.argmax()), depth.shape)
     rows, cols = np.nonzero(inside)
-    radius_px = _START_M * view.intrinsics.fx / float(view.depth_m[row, col])
-    near = np.hypot(rows - row, cols - col) <= radius_px
+    near = np.hypot(rows - row, cols - col) <= 0.5 * depth[row, col]
     return np.unique(view.cluster[rows[near], cols[near]]).astype(np.int64)

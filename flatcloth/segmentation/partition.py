@@ -22,8 +22,6 @@ from flatcloth.segmentation.settings import SegmentationConfig
 
 Int8 = NDArray[np.int8]
 
-_NOISES = 4096
-"""Different random factors in one disturbance of the evidence. Chosen: few distant edges share one."""
 CORE_NODES = 8
 """Nodes of a piece that no disturbance divides, 1 to 2 cm wide. Chosen: disturbances extend farther;
 ``python -m benchmarks segmentation`` measures the certainty."""
@@ -87,14 +85,14 @@ def sampled_sides(
     weight = (graph.weight * core.side[graph.first] * core.side[graph.second])[between]
     attracts = graph.weight[between] > 0
     shifts, factors = zip(
-        *((random.uniform(size=3), random.standard_normal(_NOISES)) for _ in range(config.samples)),
+        *((random.uniform(size=3), random.standard_normal(len(weight))) for _ in range(config.samples)),
         strict=True,
     )
 
     def sampled(shift: Float64, factor: Float64) -> Int8:
         cell = np.floor(middle / config.disturbance_m + shift).astype(np.int64)
-        spot = (cell @ np.array([73856093, 19349663, 83492791]) + attracts) % _NOISES
-        disturbed = weight * np.exp(config.disturbance * factor)[spot]
+        spot = (cell @ np.array([73856093, 19349663, 83492791]) + attracts) % len(weight)
+        disturbed = weight * np.exp(factor)[spot]
         side, part = _contracted(int(number.max()) + 1, first, second, disturbed, graph.count)
         largest = np.bincount(part[number]).argmax()
         return (np.where(part == largest, side, 0.0)[number] * core.side).astype(np.int8)

@@ -20,13 +20,6 @@ from flatcloth.core.types import Float64, Int64
 from flatcloth.segmentation.partition import CORE_NODES, partition
 from flatcloth.segmentation.relations import SignedGraph
 
-_WEAK = 0.05
-"""Evidence weaker than this share of the strongest does not join clusters to pieces. Chosen for speed."""
-_PRECISION = 1e-4
-"""Final residual, relative to the initial one. Chosen: only the order of potentials counts."""
-_MOST_STEPS = 200
-"""Largest number of steps; 5 to 40 are usual. Chosen."""
-
 
 class Rows(NamedTuple):
     """The graph by rows: node i has the entries ``begin[i]`` to ``begin[i + 1]``: neighbour and edge."""
@@ -50,8 +43,7 @@ class Potentials:
 
     def __init__(self, graph: SignedGraph) -> None:
         self.rows = rows_of(graph)
-        strong = np.maximum(graph.weight - _WEAK * graph.weight.max(initial=0.0), 0.0)
-        part = partition(replace(graph, weight=strong), CORE_NODES).part
+        part = partition(replace(graph, weight=np.maximum(graph.weight, 0.0)), CORE_NODES).part
         self._piece = np.unique(part, return_inverse=True)[1].ravel().astype(np.int64)
         every = np.arange(graph.count)
         self._of_piece = csr_matrix((np.ones(graph.count), (self._piece, every)))
@@ -86,10 +78,9 @@ class Potentials:
             _smoothed_again(rows, residual, self._piece, coarse.solve(left), smooth)
             return smooth
 
-        least = _PRECISION * float(np.linalg.norm(right - matrix @ start))
         smoothed = LinearOperator(matrix.shape, cycle, dtype=np.float64)
-        found, _ = cg(matrix, right, start, rtol=0.0, atol=least, maxiter=_MOST_STEPS, M=smoothed)
-        return np.asarray(found)
+        correction, _ = cg(matrix, right - matrix @ start, M=smoothed)
+        return np.asarray(start + correction)
 
 
 class _Rows(NamedTuple):

@@ -19,20 +19,13 @@ from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT
 from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.settings import SegmentationConfig
 
-_FULL = 10.0
-"""Largest weight of the evidence between two clusters; only ratios count. Set by hand."""
-_ENOUGH_PIXELS = 10.0
-"""Pixels at which the evidence between two clusters has half of its full weight. Chosen; not measured."""
-_LEAST_PIXELS = 4
-"""Clusters of fewer pixels give no evidence: their normals are noise. Chosen."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class SignedGraph:
     """Evidence between clusters.
 
     ``first``, ``second`` (E,) int64; ``weight`` (E,) float64, positive for the same side, negative
-    for opposite sides; ``count`` the number of clusters.
+    for opposite sides, and below 1; ``count`` the number of clusters.
     """
 
     count: int
@@ -76,9 +69,7 @@ def links_of_view(cluster: Int32, facing: Float32, steps: NDArray[np.uint8]) -> 
     return Links(first=first, second=second, facing=least)
 
 
-def signed_graph(
-    clusters: Clusters, links: list[Links], noise_m: float, config: SegmentationConfig
-) -> SignedGraph:
+def signed_graph(clusters: Clusters, links: list[Links], config: SegmentationConfig) -> SignedGraph:
     """Return the evidence from neighbours and from opposite layers.
 
     Parameters
@@ -87,13 +78,12 @@ def signed_graph(
         The clusters of all views.
     links : list of Links
         Of each view.
-    noise_m : float
-        Noise of the depth.
     config : SegmentationConfig
         Limits.
     """
     first, second, weight = _attraction(clusters, links, config)
-    one, other, against = _repulsion(clusters, noise_m, config)
+    one, other, depth, against = back_to_back(clusters, config.layers_m, config)
+    against *= 1.0 - np.abs(depth) / config.layers_m
     return SignedGraph(
         count=clusters.count,
         first=np.concatenate([first, one]),
@@ -116,37 +106,28 @@ def _attraction(
     chord /= np.maximum(np.linalg.norm(chord, axis=1), 1e-9)[:, None]
     turn = ((clusters.normal[first] - clusters.normal[second]) * chord).sum(axis=1)
     sharp = np.maximum(-turn - config.convex, 0.0) / config.convex
-    weight = np.maximum(np.exp(-(sharp**2)), config.least_link)
-    return first, second, _FULL * weight * seen / (seen + config.link_facing)
-
-
-def _repulsion(
-    clusters: Clusters, noise_m: float, config: SegmentationConfig
-) -> tuple[Int64, Int64, Float64]:
-    behind = config.cluster_m if noise_m > config.noisy_depth_m else config.opposite_m
-    a, b, depth = back_to_back(clusters, -config.opposite_behind_m, behind, config)
-    pixels = np.minimum(clusters.pixels[a], clusters.pixels[b])
-    facing = np.minimum(clusters.facing[a], clusters.facing[b])
-    thick = np.interp(depth / behind, (0.6, 1.0), (1.0, 0.4))
-    return a, b, _FULL * pixels / (pixels + _ENOUGH_PIXELS) * facing**4 * thick
+    return first, second, np.exp(-(sharp**2)) * seen / (seen + config.link_facing)
 
 
 def back_to_back(
-    clusters: Clusters, least_m: float, most_m: float, config: SegmentationConfig
-) -> tuple[Int64, Int64, Float64]:
-    """Return pairs of clusters (P,), (P,) that face away from each other, and how far apart they lie (P,).
+    clusters: Clusters, most_m: float, config: SegmentationConfig
+) -> tuple[Int64, Int64, Float64, Float64]:
+    """Return pairs of clusters (P,), (P,) that face away from each other, their distance and weight (P,).
 
-    The distance is along their normals, between ``least_m`` and ``most_m``; negative if they face each other.
+    The distance is along their normals, at most ``most_m``, and negative where errors put one in front of the
+    other. The weight is below 1.
     """
-    farthest_m = float(np.hypot(most_m, config.opposite_beside_m))
-    near = cKDTree(clusters.place_m).query_pairs(farthest_m, output_type="ndarray").astype(np.int64)
-    used = (clusters.pixels[near] >= _LEAST_PIXELS).all(axis=1)
-    used &= (clusters.normal[near[:, 0]] * clusters.normal[near[:, 1]]).sum(axis=1) < config.opposite_cos
-    a, b = near[used].T
+    farthest_m = float(np.hypot(most_m, config.cluster_m))
+    a, b = cKDTree(clusters.place_m).query_pairs(farthest_m, output_type="ndarray").astype(np.int64).T
+    turned = (clusters.normal[a] * clusters.normal[b]).sum(axis=1) < -config.alike_cos
+    a, b = a[turned], b[turned]
     offset = clusters.place_m[b] - clusters.place_m[a]
     axis = clusters.normal[a] - clusters.normal[b]
     axis /= np.linalg.norm(axis, axis=1)[:, None]
     depth: Float64 = -(offset * axis).sum(axis=1)
     across = np.sqrt(np.maximum((offset**2).sum(axis=1) - depth**2, 0.0))
-    kept = (depth < most_m) & (depth > least_m) & (across < config.opposite_beside_m)
-    return a[kept], b[kept], depth[kept]
+    kept = (depth < most_m) & (depth > -config.layers_m) & (across < config.cluster_m)
+    a, b = a[kept], b[kept]
+    pixels = np.minimum(clusters.pixels[a], clusters.pixels[b])
+    facing = np.minimum(clusters.facing[a], clusters.facing[b])
+    return a, b, depth[kept], facing**4 * pixels / (pixels + config.enough_pixels)

@@ -13,7 +13,6 @@ from flatcloth.core.types import Bool, Float32, Floats
 from flatcloth.segmentation.item import CutOff
 from flatcloth.segmentation.observed import Observed
 from flatcloth.segmentation.partition import Int8
-from flatcloth.segmentation.settings import ALIKE_COS
 
 OF_INTEREST, OTHER, UNDECIDED, NO_ITEM = 1, -1, 0, 2
 """Sides of pixels, numbers by definition; ``NO_ITEM``: not measured, or cut off."""
@@ -156,11 +155,13 @@ class Segmentation:
         """
         places, turned = np.asarray(points_m, dtype=np.float64), np.asarray(normals, dtype=np.float64)
         clusters = self.observed.clusters
-        radius_m = 2.0 * self.observed.config.cluster_m
+        radius_m = self.observed.config.near_m
         distance, near = cKDTree(clusters.place_m).query(places, k=8, distance_upper_bound=radius_m)
         found = np.isfinite(distance)
         near = np.where(found, near, 0)
-        alike = found & (np.einsum("nkc,nc->nk", clusters.normal[near], turned) > ALIKE_COS)
+        alike = found & (
+            np.einsum("nkc,nc->nk", clusters.normal[near], turned) > self.observed.config.alike_cos
+        )
         first = alike.argmax(axis=1)
         cluster = near[np.arange(len(places)), first]
         any_ = alike.any(axis=1)

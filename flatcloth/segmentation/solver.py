@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -13,6 +14,7 @@ from flatcloth.core.strokes import Cut, Decision
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.brushes import beyond, under
 from flatcloth.segmentation.certainty import agreement, calibrated
+from flatcloth.segmentation.item import LEAST_AREA_M2
 from flatcloth.segmentation.observed import Observed, start_sheet
 from flatcloth.segmentation.partition import Int8
 from flatcloth.segmentation.result import (
@@ -26,14 +28,10 @@ from flatcloth.segmentation.result import (
     best_view,
     views_showing,
 )
-from flatcloth.segmentation.spreading import Spreading, least_region
+from flatcloth.segmentation.spreading import Spreading
 
 _UNTESTED, _SETTLED = -1, -2  # by definition: no part has these numbers
 _EXCEPTION = -1.0  # by definition: below every cost
-_LEAST_M2 = 1e-4
-"""A smaller area is not reported. Chosen: 1 cm2."""
-_CANDIDATES = 64
-"""Places compared for the next suggestion. Chosen; more cost time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,14 +139,14 @@ class SideSolver:
         now, state = self.solve(decisions), self._state(tuple(decisions))
         clusters = self.observed.clusters
         unsure = np.where(state.excluded, 0.0, clusters.area_m2 * (1.0 - now.certainty))
-        if unsure.sum() < _LEAST_M2:
+        if unsure.sum() < LEAST_AREA_M2:
             return None
-        inner = self._off_borders(state) & (clusters.facing > 0.8) & (state.holder < 0)
-        weight = np.where(inner, unsure, 0.0)
+        inner = self._off_borders(state) & (state.holder < 0)
+        weight = np.where(inner, unsure * clusters.facing**4, 0.0)
         if not weight.any():
             return None
         random = np.random.default_rng(0)
-        count = min(_CANDIDATES, int((weight > 0).sum()))
+        count = min(self.observed.config.samples, int((weight > 0).sum()))
         chosen = random.choice(len(weight), count, replace=False, p=weight / weight.sum())
         samples = self.observed.samples.astype(np.float32)
         together = np.square(samples[:, chosen].T @ samples / len(samples))
@@ -340,21 +338,21 @@ class SideSolver:
         """
         g, spreading, none = self.observed.graph, self._spreading, np.empty(0, dtype=np.int64)
         most, divided = self.observed.config.most_cost, none
+        mark = max(len(wrong), self.observed.config.least_region)
         # Cloth at the back of an inner face is no evidence of that face's side.
         weight = np.where((g.weight < 0) & (state.inner[g.first] | state.inner[g.second]), 0.0, g.weight)
         region, cost = spreading.turned_over(side, keep, wrong, number, weight)
         if most <= cost < np.inf:
-            divided, price = spreading.partitioned_anew(side, keep, wrong, number, weight)
+            divided, price = spreading.repartitioned(side, keep, wrong, number, weight)
             cheap = price <= most and len(divided) < 0.5 * state.known.sum() if guessed else price < cost
-            if cheap and len(divided) >= least_region(wrong):
+            if cheap and len(divided) >= mark:
                 region, cost, divided = divided, price, none
         # Operators correct the largest error first, so a stroke is meant for more cloth than its mark.
-        marked = 2 * least_region(wrong)
-        farther = len(region) <= marked < len(divided) and not guessed
+        farther = len(region) <= 2 * mark < len(divided) and not guessed
         # A change that agrees with the evidence (cost below 0) needs no inner face as its explanation.
         if side[wrong[0]] > 0 and cost > 0:
             face, price = spreading.inner_face(side, keep, wrong, number)
-            if price < cost and (len(face) > marked or not farther):
+            if price < cost and (len(face) > 2 * mark or not farther):
                 return _Turn(none, face, price)
         if guessed and cost > most:  # no border separates it from the start sheet
             if self._always_together(wrong, state.side):
@@ -394,10 +392,9 @@ class SideSolver:
         certainty[shown & ~np.isin(faces, accepted)] = 0.5
         certainty[held | state.excluded] = 1.0
         side = np.where(state.shown > 0, OF_INTEREST, OTHER).astype(np.int8)
-        config, further = observed.config, len(state.strokes) - 1
-        least = config.least_certainty - config.certainty_per_stroke * max(further - 1, 0)
-        least = max(least, config.undecided_below)
-        turned = max(least, config.sure - config.turned_per_stroke * further)
+        # Operators correct the largest error first: with more strokes, less is left to doubt.
+        config, fewer = observed.config, 1.0 / math.sqrt(max(len(state.strokes), 1))
+        least, turned = (0.5 + fewer * (limit - 0.5) for limit in (config.least_certainty, config.sure))
         doubtful = certainty < np.where(state.group > 0, turned, least)
         side[doubtful | ~state.known] = UNDECIDED
         side[state.excluded] = OTHER
@@ -425,7 +422,7 @@ class SideSolver:
         sure_m2 = float(area[sure].sum())
         views = views_showing(self.observed, moved)
         text = f"The last decision changed {1e4 * float(area[moved].sum()):.0f} cm2 in {len(views)} views"
-        text += f", of which {1e4 * sure_m2:.0f} cm2 were sure before." if sure_m2 >= _LEAST_M2 else "."
+        text += f", of which {1e4 * sure_m2:.0f} cm2 were sure before." if sure_m2 >= LEAST_AREA_M2 else "."
         state, was = self._state(now.decisions), self._state(now.decisions[:-1])
         if state.alone == _EXCEPTION and was.alone != _EXCEPTION:
             text += (

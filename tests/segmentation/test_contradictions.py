@@ -13,6 +13,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.strokes import ImageStroke, SpaceStroke
 from flatcloth.segmentation.observed import observe
 from flatcloth.segmentation.result import OF_INTEREST, OTHER
+from flatcloth.segmentation.settings import SegmentationConfig
 from flatcloth.segmentation.solver import SideSolver
 
 MOST = 62.0
@@ -33,7 +34,7 @@ class Priced:
     def turned_over(self, _side, keep, turn, *_):
         return self._of(self.region, keep, turn), self.cost
 
-    def partitioned_anew(self, _side, keep, turn, *_):
+    def repartitioned(self, _side, keep, turn, *_):
         return self._of(self.anew, keep, turn), self.price
 
     def inner_face(self, _side, keep, turn, *_):
@@ -140,7 +141,7 @@ def test_a_stroke_that_agrees_with_the_first_confirms_it(observed, front):
 
 def test_a_stroke_over_an_earlier_one_turns_over_what_lies_around_it_too(observed, front):
     """The earlier stroke holds what the later one does not touch; it must not hold the mark of the later."""
-    solver = SideSolver(observed)
+    solver = SideSolver(replace(observed, config=SegmentationConfig()))
     earlier, later = on_front(119.0, 119.0, "this"), on_front(119.0, 119.0)
     found = solver.solve([earlier, later])
     assert len(found.conflicts) == 1

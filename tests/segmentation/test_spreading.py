@@ -44,13 +44,13 @@ def test_the_inner_face_of_a_flap_is_found_although_its_back_repels_it():
     assert cost < of_turning
 
 
-def test_a_partition_made_anew_turns_over_what_hangs_on_a_neck_and_nothing_that_a_stroke_holds():
+def test_a_partition_made_again_turns_over_what_hangs_on_a_neck_and_nothing_that_a_stroke_holds():
     one, two = sheet(0), sheet(ROWS * COLS, 60, COLS)
     neck = (one[0][-1, 18:22], two[0][0, 18:22], 5.0)
     graph, spreading = garment(one, two, pairs=(neck,))
     side = np.ones(graph.count)
     keep, turn = one[0][5, 5:9], two[0][30, 5:9]
-    region, cost = spreading.partitioned_anew(side, keep, turn, 2, graph.weight)
+    region, cost = spreading.repartitioned(side, keep, turn, 2, graph.weight)
     assert set(region) == set(two[0].ravel())
     size = region.size
     settings = SegmentationConfig()
