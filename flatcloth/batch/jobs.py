@@ -208,7 +208,7 @@ def _set_aside(folder: Path) -> None:
 def _begin(folder: Path, task: Task, row: Mapping[str, Any]) -> None:
     """Write what is begun, so that it is known if this process is killed."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         text = json.dumps({**task.to_dict(), "content": row["content"]}, indent=1) + "\n"
         replace_file(folder / TASK_FILE, text.encode())
         (folder / ERROR_FILE).unlink(missing_ok=True)

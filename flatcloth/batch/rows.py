@@ -140,7 +140,7 @@ def write_row(row: Mapping[str, Any], folder: Path) -> None:
     file = folder / ROW_FILE
     text = json.dumps({"format": FORMAT, **row}, indent=1, allow_nan=False) + "\n"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         replace_file(file, text.encode())
     except OSError as error:
         raise FlatclothError(

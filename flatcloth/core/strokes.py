@@ -73,6 +73,18 @@ Decision = ImageStroke | SpaceStroke | Cut
 _KINDS: dict[str, type[Decision]] = {"image": ImageStroke, "space": SpaceStroke, "cut": Cut}
 
 
+def why_off_image(decision: Decision, n_views: int, height: int, width: int) -> str | None:
+    """Return why a stroke touches none of a recording's images (``height``, ``width``), None if it does."""
+    if not isinstance(decision, ImageStroke):
+        return None
+    if decision.view_index >= n_views:
+        return f"view {decision.view_index} does not exist; the recording has {n_views}."
+    rows, cols = zip(*decision.points_rc, strict=True)
+    if max(rows) < 0 or min(rows) > height or max(cols) < 0 or min(cols) > width:
+        return f"the stroke lies outside the image of view {decision.view_index} ({width} x {height} pixels)."
+    return None
+
+
 def as_plain(decision: Decision) -> dict[str, Any]:
     """Return a decision as a table of plain values, ready for JSON."""
     kind = next(name for name, known in _KINDS.items() if isinstance(decision, known))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from flatcloth.core.errors import SegmentationError
-from flatcloth.core.strokes import Decision, ImageStroke
+from flatcloth.core.strokes import Decision, ImageStroke, why_off_image
 from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.engine.views import RecordedViews
 from flatcloth.recordings.base import Recording, check_index
@@ -140,12 +140,21 @@ def take_strokes(views: RecordedViews, session: Keeper, strokes: Sequence[Decisi
     SegmentationError
         If the recording has masks that contradict them; with masks that agree, strokes are not recorded.
     """
+    _check_on_images(views.recording, strokes, views.recording.location)
     if views.recording.has_masks:
         check_against_masks(views.recording, strokes, views.recording.location)
         return
     for stroke in strokes:
         if stroke not in session.state.document.strokes:
             session.record(paint(stroke))
+
+
+def _check_on_images(recording: Recording, decisions: Sequence[Decision], where: str) -> None:
+    camera = recording.intrinsics
+    for n, decision in enumerate(decisions):
+        why = why_off_image(decision, len(recording), camera.height, camera.width)
+        if why is not None:
+            raise SegmentationError(f"{where}: decision {n + 1}: {why}")
 
 
 def check_against_masks(recording: Recording, decisions: Sequence[Decision], where: str) -> None:
@@ -159,11 +168,6 @@ def check_against_masks(recording: Recording, decisions: Sequence[Decision], whe
     for n, decision in enumerate(decisions):
         if not isinstance(decision, ImageStroke) or not recording.has_masks:
             continue
-        if decision.view_index >= len(recording):
-            raise SegmentationError(
-                f"{where}: decision {n + 1}: view {decision.view_index} does not exist; "
-                f"the recording has {len(recording)}."
-            )
         mask = recording[decision.view_index].mask
         assert mask is not None
         at = np.rint(np.asarray(decision.points_rc)).astype(int)

@@ -77,7 +77,7 @@ class SessionFolder:
         lock_fd: int | None = None
         opened: SessionFolder | None = None
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             lock_fd = _lock(folder)
             header = settle_header(folder, recording, config, method)
             opened = cls(folder, header, lock_fd, JournalFile(folder / JOURNAL))
@@ -264,7 +264,7 @@ class SessionFolder:
     def _move(self) -> None:
         """Continue in a new folder, because another program removed, replaced or changed the journal."""
         was, fresh = self._folder, _unused(self._folder.with_name(f"{self._folder.name}-continued"))
-        fresh.mkdir(parents=True)
+        fresh.mkdir(parents=True, mode=0o700)
         lock_fd = _lock(fresh)
         try:
             write_header(fresh, self._header)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from typing import Any
 
@@ -12,6 +13,8 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.protocol.sent import encoded
 
+BODY_S = 10.0
+"""Time limit for the body of a request. Chosen: as for its headers."""
 DAY = "private, max-age=86400"
 """Cache-Control of pictures whose address changes when they do."""
 
@@ -56,14 +59,18 @@ async def read_body(request: Request, most_bytes: int) -> bytes:
     Raises
     ------
     ValueError
-        If it is longer than ``most_bytes``, also if its headers give no length, or the client leaves.
+        If it is longer than ``most_bytes``, also if its headers give no length; if it is not there within 10
+        seconds, or the client leaves.
     """
     body = b""
     try:
-        async for piece in request.stream():
-            body += piece
-            if len(body) > most_bytes:
-                raise ValueError(f"it is longer than {most_bytes} bytes")
+        async with asyncio.timeout(BODY_S):
+            async for piece in request.stream():
+                body += piece
+                if len(body) > most_bytes:
+                    raise ValueError(f"it is longer than {most_bytes} bytes")
+    except TimeoutError as error:
+        raise ValueError(f"it was not sent within {BODY_S:g} s") from error
     except ClientDisconnect as error:
         raise ValueError("it was cut short") from error
     return body

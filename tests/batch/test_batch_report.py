@@ -9,6 +9,9 @@ import math
 import os
 import re
 import shlex
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
@@ -16,8 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import psutil
 import pytest
 import uvicorn
+from exported_sessions import write_cylinder
 
 from flatcloth.batch.report import command_of, report_html, write_report
 from flatcloth.batch.review import decide, read_verdicts, reliability
@@ -296,7 +301,7 @@ def test_served_it_needs_the_token_of_the_printed_address(
         async def serve(self, sockets: Any = None) -> None:
             served.append(self.config.app)
 
-    monkeypatch.setattr(uvicorn, "Server", Server)
+    monkeypatch.setattr("flatcloth.viewer.server.limits.uvicorn.Server", Server)
     serve_review(out, 0)
     found = re.search(r"http://127\.0\.0\.1:\d+(/\?token=(\S+))", capsys.readouterr().out)
     assert found is not None
@@ -311,6 +316,35 @@ def test_served_it_needs_the_token_of_the_printed_address(
     cookie = entered.headers["set-cookie"].split(";")[0]
     for header in ({"Cookie": cookie}, {"Authorization": f"Bearer {found[2]}"}):
         assert client.get("/", headers=header).status_code == 200
+
+
+def test_a_review_that_is_terminated_ends_its_session_pages(out: Path, tmp_path: Path) -> None:
+    """And has the limits of the operator page: half a request is not waited for."""
+    write_cylinder(tmp_path / "data" / "a", "a")
+    assert main(["batch", str(tmp_path / "data" / "a"), "--out", str(tmp_path / "b")]) == 0
+    review = subprocess.Popen(
+        [sys.executable, "app.py", "batch", str(tmp_path / "b"), "--review", "--port", "0"],
+        cwd=Path(__file__).parents[2], stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert review.stdout is not None
+        found = re.search(
+            r"(http://127\.0\.0\.1:(\d+))/\?token=(\S+)", review.stdout.readline() + review.stdout.readline()
+        )
+        assert found is not None
+        bearer = {"Authorization": f"Bearer {found[3]}"}
+        assert (
+            httpx.post(f"{found[1]}/open", json={"name": "a"}, headers=bearer, timeout=120).status_code == 200
+        )
+        (page,) = psutil.Process(review.pid).children()
+        with socket.create_connection(("127.0.0.1", int(found[2])), timeout=30) as half:
+            half.sendall(b"GET / HTTP/1.1\r\n")
+            assert b"408" in half.recv(1000)
+    finally:
+        review.terminate()
+        review.wait(timeout=60)
+        review.stdout.close()
+    assert not page.is_running()
 
 
 def test_a_session_that_does_not_open_is_told() -> None:

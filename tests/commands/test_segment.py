@@ -72,6 +72,23 @@ def test_segment_copies_the_recording_with_masks_after_strokes(recording, tmp_pa
     assert not made[0].mask.any()
 
 
+@pytest.mark.parametrize(
+    ("view_index", "row", "cause"),
+    [(12, 119.0, "view 12 does not exist"), (6, -1e6, "outside the image of view 6"), (6, 1e300, "outside")],
+)
+def test_strokes_that_touch_no_image_are_refused_and_not_journaled(
+    recording, tmp_path, view_index, row, cause, capsys
+):
+    off = (ImageStroke(side="this", view_index=view_index, points_rc=((row, 119.0),)),)
+    out = tmp_path / "out"
+    assert main(["run", str(recording), "--out", str(out), "--strokes", str(_strokes(tmp_path, off))]) == 2
+    said = capsys.readouterr().err
+    assert f"decision 1: {cause}" in said or cause in said
+    assert said.count("\n") == 1
+    assert (out / "journal.jsonl").read_bytes() == b""
+    assert main(["run", str(recording), "--out", str(out), "--strokes", str(_strokes(tmp_path))]) == 0
+
+
 def test_run_segments_first_and_writes_the_certainty(recording, tmp_path):
     out = tmp_path / "result"
     assert main(["run", str(recording), "--out", str(out), "--strokes", str(_strokes(tmp_path))]) == 0

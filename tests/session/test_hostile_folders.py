@@ -188,6 +188,11 @@ def test_a_pipe_or_device_in_place_of_a_file_does_not_block(place: Path) -> None
         open_own(Path("/dev/null"), os.O_RDWR)
 
 
+def test_nobody_else_reads_a_session(place: Path) -> None:
+    SessionFolder.open(place, RECORDING, Config(), "paper").close()
+    assert place.stat().st_mode & 0o077 == 0
+
+
 def test_a_folder_of_another_user_is_told(
     place: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import os
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -95,6 +97,22 @@ def test_without_a_recording_the_page_is_the_start_screen(empty: PageServer) -> 
     offer = get(empty, "/start/places.json").json()
     assert [e["name"] for e in offer["examples"]] == list(sample_recordings())
     assert (offer["sessions"], offer["root"], offer["current"]) == ([], "root", None)
+
+
+def test_what_was_open_is_freed_at_the_switch_also_if_its_tab_stays(
+    empty: PageServer, opener: FakeOpener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gc.disable()  # what waits for the collector stays
+    try:
+        assert opened(empty, "folder", "a").status_code == 200
+        before = weakref.ref(empty._now)
+        with Tab(empty) as tab:
+            tab.ready()
+            assert opened(empty, "folder", "b").status_code == 200
+            assert tab.until(lambda m: m["type"] == "switched")
+            assert before() is None
+    finally:
+        gc.enable()
 
 
 def test_a_name_that_is_not_utf_8_is_shown_escaped_and_refused_in_words(

@@ -10,6 +10,8 @@ import os
 import signal
 import socket
 import stat
+import subprocess
+import tempfile
 import time
 from types import SimpleNamespace
 
@@ -25,7 +27,7 @@ from websockets.sync.client import connect
 
 from flatcloth.cli import main
 from flatcloth.core.errors import ServerError
-from flatcloth.viewer import PageServer
+from flatcloth.viewer import PageServer, http
 from flatcloth.viewer.server import limits
 from flatcloth.viewer.server.app import serve
 from flatcloth.viewer.server.guard import Guard, is_loopback, kept_token
@@ -118,6 +120,19 @@ def test_the_socket_file_goes_with_the_server(integration, folder):
         path = server._scene.path
         assert path.exists()
     assert not path.parent.exists()
+
+
+def test_socket_folders_of_programs_that_were_killed_are_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    ended = subprocess.Popen(["true"])
+    ended.wait()
+    left, running = (tmp_path / f"flatcloth-scene-{pid}-x" for pid in (ended.pid, os.getppid()))
+    for folder in (left, running):
+        folder.mkdir()
+        (folder / "viser").touch()
+    with PageServer(CylinderIntegration(), MemoryFolder(), port=0):
+        assert not left.exists()
+        assert running.exists()
 
 
 def test_a_server_that_is_terminated_leaves_no_files(monkeypatch, capsys, tmp_path):
@@ -292,10 +307,49 @@ def test_a_request_that_never_ends_is_closed(server, monkeypatch):
 
 
 def closed(connection: socket.socket) -> bool:
+    """Wait until the server closes, which it tells in words to who has asked for something."""
     try:
-        return connection.recv(1) == b""
+        while connection.recv(1000):
+            pass
+        return True
     except ConnectionResetError:
         return True
+
+
+def test_half_open_connections_do_not_shut_the_page_out(server):
+    with contextlib.ExitStack() as stack:
+
+        def half_open() -> socket.socket:
+            one = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S))
+            one.sendall(b"GET / HTTP/1.1\r\n")
+            return one
+
+        held = [half_open() for _ in range(2 * limits.MAX_WAITING)]
+        assert b"make room for others" in held[0].recv(1000)  # the oldest, in words
+        for _ in range(3):
+            assert get(server, "/").status_code == 200
+            held += [half_open() for _ in range(limits.MAX_WAITING)]
+        # One that asks without a token is answered, and not kept.
+        stranger = stack.enter_context(socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S))
+        stranger.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode())
+        assert closed(stranger)
+
+
+def test_a_body_that_is_never_sent_is_not_waited_for(server, monkeypatch):
+    monkeypatch.setattr(http, "BODY_S", 0.3)
+    head = f"POST /start/open HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nContent-Length: 10\r\n"
+    with socket.create_connection(("127.0.0.1", server.port), timeout=WAIT_S) as slow:
+        slow.sendall(f"{head}Authorization: Bearer {server.token}\r\n\r\n{{".encode())
+        assert b"not sent within 0.3 s" in received(slow, b"}")
+
+
+def received(connection: socket.socket, end: bytes) -> bytes:
+    data = b""
+    while not data.endswith(end):
+        piece = connection.recv(1000)
+        assert piece, data
+        data += piece
+    return data
 
 
 def test_more_connections_than_there_is_room_for_are_closed(server, monkeypatch):

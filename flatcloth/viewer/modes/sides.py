@@ -13,7 +13,7 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
+from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke, why_off_image
 from flatcloth.core.types import Float32, Floats, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import point_on_ray
@@ -117,7 +117,12 @@ class SideController:
             raise FlatclothError("This recording has masks, so strokes have no effect.")
         match message:
             case messages.StrokeImage(side=side, view_index=view, points_rc=points, radius_m=radius):
-                return ImageStroke(side=side, view_index=view, points_rc=points, radius_m=radius)
+                stroke = ImageStroke(side=side, view_index=view, points_rc=points, radius_m=radius)
+                recording = self._integration.recording
+                camera = recording.intrinsics
+                if (why := why_off_image(stroke, len(recording), camera.height, camera.width)) is not None:
+                    raise FlatclothError(f"Not recorded: {why}")
+                return stroke
             case messages.StrokeShape(side=side, points_uv_m=line, radius_m=radius):
                 places, normals = on_cloth(picture, line)
                 return SpaceStroke(side=side, points_m=places, normals=normals, radius_m=radius)

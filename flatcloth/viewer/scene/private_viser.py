@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import io
 import logging
+import os
 import shutil
 import tempfile
 import traceback
@@ -20,6 +21,8 @@ from viser import _messages, infra
 
 from flatcloth.core.errors import ServerError
 
+_PREFIX = "flatcloth-scene-"
+"""Of the folders of socket files; the number of the process follows."""
 _MAX_PATH_CHARS = 90
 """The system allows 107 bytes for the address of a socket file."""
 
@@ -84,6 +87,16 @@ class _SocketFileViser(viser.ViserServer):
         self._server: infra.WebsockServer = server
 
 
+def _sweep(place: Path) -> None:
+    """Remove the socket folders of this user's programs that were killed."""
+    for left in place.glob(f"{_PREFIX}*-*"):
+        with contextlib.suppress(OSError, ValueError):
+            pid = int(left.name.removeprefix(_PREFIX).split("-")[0])
+            is_own = left.lstat().st_uid == os.getuid()
+            if is_own and not Path(f"/proc/{pid}").exists() and Path("/proc/self").exists():
+                shutil.rmtree(left)
+
+
 class PrivateViser:
     """Owns a ``viser.ViserServer`` that listens at ``path``, a socket file of this user only.
 
@@ -94,10 +107,13 @@ class PrivateViser:
     """
 
     def __init__(self) -> None:
-        folder = tempfile.mkdtemp(prefix="flatcloth-")  # mode 0700
+        prefix = f"{_PREFIX}{os.getpid()}-"
+        folder = tempfile.mkdtemp(prefix=prefix)  # mode 0700
         if len(folder) > _MAX_PATH_CHARS:
             Path(folder).rmdir()
-            folder = tempfile.mkdtemp(prefix="flatcloth-", dir="/tmp")
+            folder = tempfile.mkdtemp(prefix=prefix, dir="/tmp")
+        for place in {Path(folder).parent, Path(tempfile.gettempdir())}:
+            _sweep(place)
         self._folder = Path(folder)
         self.path = self._folder / "viser"
         try:

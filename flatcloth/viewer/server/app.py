@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import logging
 import socket
 import threading
@@ -11,7 +12,6 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import uvicorn
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
@@ -21,13 +21,13 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
 from flatcloth.core.errors import ServerError
-from flatcloth.core.memory import return_freed_memory
+from flatcloth.core.memory import return_freed_memory, trim_freed_memory
 from flatcloth.core.resources import static_folder
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.protocol.answers import Switched
 from flatcloth.viewer.routes.start import StartRoutes
 from flatcloth.viewer.server.guard import Guard, is_loopback, kept_token, new_token, own_names
-from flatcloth.viewer.server.limits import MAX_MESSAGE_BYTES, MAX_REQUESTS, LimitedProtocol, limited_logs
+from flatcloth.viewer.server.limits import limited_logs, limited_server
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -113,20 +113,7 @@ class PageServer:
             self._now = _workspace(integration, folder, **more)
         self._start = StartRoutes(places or Places(own=is_loopback(host)), self._open, self._current)
         self._ready = threading.Event()
-        config = uvicorn.Config(
-            self._app(),
-            log_config=None,
-            access_log=False,
-            ws="websockets-sansio",
-            ws_max_size=MAX_MESSAGE_BYTES,
-            ws_per_message_deflate=False,
-            ws_ping_interval=20.0,
-            ws_ping_timeout=60.0,
-            timeout_graceful_shutdown=1,
-            http=LimitedProtocol,
-            limit_concurrency=MAX_REQUESTS,
-        )
-        self._uvicorn = uvicorn.Server(config)
+        self._uvicorn = limited_server(self._app())
         self._thread = threading.Thread(target=self._run, name="flatcloth-web", daemon=True)
 
     @property
@@ -233,11 +220,15 @@ class PageServer:
         except BaseException:
             opened.close()
             raise
-        workspace.start(self._loop)
         self._now = workspace
         if before is not None:
             before.hub.tell(None, Switched())
             before.stop()
+            del before
+            # A workspace is full of cycles, and the collector by itself comes after several switches.
+            gc.collect()
+            trim_freed_memory()
+        workspace.start(self._loop)
 
 
 def _token(host: str) -> str:

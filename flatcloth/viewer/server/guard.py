@@ -96,7 +96,9 @@ class Guard:
                 await receive()
                 await send({"type": "websocket.close", "code": 1008, "reason": refusal.reason})
             else:
-                answer = PlainTextResponse(refusal.reason, status_code=refusal.status)
+                # Closed, so that who has no token holds no connection.
+                closing = {"Connection": "close"}
+                answer = PlainTextResponse(refusal.reason, status_code=refusal.status, headers=closing)
                 await answer(scope, receive, send)
             return
         await self._app(scope, receive, send)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import threading
 from collections import deque
 from collections.abc import Awaitable, Callable
 
@@ -15,6 +16,10 @@ from flatcloth.viewer.protocol.state import PageState
 
 WAITING_LIMIT = 1000
 """A tab with more unsent messages is disconnected. Chosen: it bounds memory."""
+_SERVICE_RESTART = 1012
+"""Code of a WebSocket that the server closes, to be opened anew (IANA's registry of close codes)."""
+_CLOSING_S = 2.0
+"""Longest time to wait until the tabs have left. Chosen: a browser on this machine takes milliseconds."""
 
 
 class Tab:
@@ -22,6 +27,7 @@ class Tab:
 
     def __init__(self) -> None:
         self.news = asyncio.Event()
+        self.is_ended = False
         self._state: str | None = None
         self._frame: bytes | None = None
         self._messages: deque[str] = deque(maxlen=WAITING_LIMIT)
@@ -64,6 +70,8 @@ class Hub:
     def __init__(self) -> None:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._tabs: dict[int, Tab] = {}
+        self._is_closed = False
+        self._left = threading.Condition()
         self._ids = itertools.count(1)
         self.on_leave: Callable[[int], None] = lambda _client: None
 
@@ -101,6 +109,21 @@ class Hub:
 
         self._call(give)
 
+    def close(self) -> None:
+        """Send what waits, close the sockets, and wait until the tabs have left; not on the event loop."""
+
+        def end() -> None:
+            self._is_closed = True
+            for tab in self._tabs.values():
+                tab.is_ended = True
+                tab.news.set()
+
+        if self._loop is None or self._loop.is_closed():
+            return
+        self._call(end)
+        with self._left:
+            self._left.wait_for(lambda: not self._tabs, _CLOSING_S)
+
     def _call(self, job: Callable[[], None]) -> None:
         loop = self._loop
         if loop is not None and not loop.is_closed():
@@ -112,6 +135,7 @@ class Hub:
         """Serve one tab until it closes; ``receive(tab_id, tab, text)`` gets its messages, one by one."""
         await socket.accept()
         tab, key = Tab(), next(self._ids)
+        tab.is_ended = self._is_closed
         self._tabs[key] = tab
         if first is not None:
             tab.put_state(encoded(first).decode())
@@ -126,6 +150,8 @@ class Hub:
             self.on_leave(key)
             sender.cancel()
             await asyncio.gather(sender, return_exceptions=True)
+            with self._left:
+                self._left.notify_all()
 
 
 async def _next_text(socket: WebSocket) -> str:
@@ -137,10 +163,11 @@ async def _next_text(socket: WebSocket) -> str:
 
 
 async def _send(socket: WebSocket, tab: Tab) -> None:
-    while True:
+    while not tab.is_ended:
         await tab.news.wait()
         for item in tab.take():
             if isinstance(item, bytes):
                 await socket.send_bytes(item)
             else:
                 await socket.send_text(item)
+    await socket.close(_SERVICE_RESTART)

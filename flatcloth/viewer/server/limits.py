@@ -1,4 +1,4 @@
-"""Limits for clients: connections, time for a request's headers, lines in the log."""
+"""The web server of the page and of the review, with limits: connections, time of a request, log lines."""
 
 from __future__ import annotations
 
@@ -6,40 +6,74 @@ import asyncio
 import logging
 import re
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MAX_CONNECTIONS = 256
 """Further connections are closed; a tab needs up to eight."""
 MAX_REQUESTS = 128
 """With more connections than this, requests are answered with 503."""
+MAX_WAITING = 32
+"""Connections that have not yet sent a whole request. Further ones take the place of the oldest, of the
+address that has most of them: so nobody without a token can shut others out."""
 REQUEST_TIMEOUT_S = 10.0
 """Time limit for the headers of a request."""
+_FULL = "There are too many connections; close other tabs of this page, and load it again."
+_LATE = f"The request was not sent within {REQUEST_TIMEOUT_S:g} s, or had to make room for others; try again."
 MAX_MESSAGE_BYTES = 2**20
 """Largest message of a browser, to the page or to viser."""
 
 _NUMBER = re.compile(r"0x[0-9a-f]+|\d+")
 
 
+def limited_server(app: Any) -> uvicorn.Server:
+    """Return the web server of an application, with the limits of this module; both servers are made here."""
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,
+        ws="websockets-sansio",
+        ws_max_size=MAX_MESSAGE_BYTES,
+        ws_per_message_deflate=False,
+        ws_ping_interval=20.0,
+        ws_ping_timeout=60.0,
+        timeout_graceful_shutdown=1,
+        http=LimitedProtocol,
+        limit_concurrency=MAX_REQUESTS,
+    )
+    return uvicorn.Server(config)
+
+
 class LimitedProtocol(H11Protocol):
     """uvicorn's HTTP protocol with a limit of connections and of the time for a request."""
 
     _late: asyncio.TimerHandle | None = None
+    _made_s = 0.0
+    _is_waiting = True
 
     def connection_made(self, transport: Any) -> None:
-        """Accept a connection, or close it."""
+        """Accept a connection, or refuse it."""
         super().connection_made(transport)
+        self._made_s = self.loop.time()
+        self._await_request()
         if len(self.connections) > MAX_CONNECTIONS:
-            transport.abort()
-        else:
-            self._await_request()
+            self._refuse("503 Service Unavailable", _FULL)
+            return
+        waiting = [c for c in self.connections if isinstance(c, LimitedProtocol) and c._is_waiting]
+        if len(waiting) > MAX_WAITING:
+            count = Counter(c._address for c in waiting)
+            oldest = min(waiting, key=lambda c: (-count[c._address], c._made_s))
+            oldest._refuse("408 Request Timeout", _LATE)
 
     def data_received(self, data: bytes) -> None:
         """Process received data; the timer runs until a request's headers are complete."""
         super().data_received(data)
+        self._is_waiting = self._is_waiting and self.cycle is None and self.transport.get_protocol() is self
         if self.transport.get_protocol() is not self or self.transport.is_closing() or self._is_answering():
             self._stop_clock()
         elif self._late is None:
@@ -60,7 +94,20 @@ class LimitedProtocol(H11Protocol):
     def _give_up(self) -> None:
         self._late = None
         if self.transport.get_protocol() is self and not self._is_answering():
-            self.transport.abort()
+            self._refuse("408 Request Timeout", _LATE)
+
+    @property
+    def _address(self) -> str:
+        return self.client[0] if self.client else ""
+
+    def _refuse(self, status: str, words: str) -> None:
+        """Answer in words, and close."""
+        self._stop_clock()
+        self._is_waiting = False
+        body = words.encode()
+        head = f"HTTP/1.1 {status}\r\nContent-Type: text/plain\r\nContent-Length: {len(body)}\r\n"
+        self.transport.write(head.encode() + b"Connection: close\r\n\r\n" + body)
+        self.transport.close()
 
     def _stop_clock(self) -> None:
         if self._late is not None:

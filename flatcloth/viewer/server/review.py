@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated
 
 import msgspec
-import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -26,6 +25,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.http import read_body
 from flatcloth.viewer.server.app import bind
 from flatcloth.viewer.server.guard import Guard, kept_token, own_names
+from flatcloth.viewer.server.limits import limited_logs, limited_server
 
 HOST = "127.0.0.1"
 SESSIONS_OPEN = 2
@@ -190,7 +190,7 @@ async def _said(request: Request) -> _Said | None:
 
 
 def serve_review(out: Path, port: int) -> None:
-    """Serve the page of a batch on this machine until Ctrl-C; requests need the user's token.
+    """Serve the page of a batch on this machine until Ctrl-C or SIGTERM; requests need the user's token.
 
     Parameters
     ----------
@@ -210,11 +210,12 @@ def serve_review(out: Path, port: int) -> None:
     # Without a token, another user of this computer could open a session, and would get its address.
     token = kept_token()
     app = Guard(review_app(out, pages), own_names(HOST), token, number)
-    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="off"))
+    server = limited_server(app)
     sys.stdout.write(f"Review at http://{HOST}:{number}/?token={token} (Ctrl-C ends it)\n")
     sys.stdout.flush()
     try:
-        asyncio.run(server.serve([listener]))
+        with limited_logs():
+            asyncio.run(server.serve([listener]))
     except KeyboardInterrupt:
         _log.info("stopped by the operator")
     finally:

@@ -136,6 +136,7 @@ class Workspace:
     def stop(self) -> None:
         """Stop the threads; close the scene and the source."""
         self.application.stop()
+        self.hub.close()
         self._teaching.stop()
         self._exports.stop()
         self.scene.stop()
