@@ -353,6 +353,7 @@ export interface PageState {
   progress: Progress | null;
   pending: PendingInfo | null;
   drawing: boolean;
+  trouble: string;
   review: ReviewInfo | null;
   sides: SidesInfo | null;
   garment: GarmentInfo | null;
@@ -997,6 +998,14 @@ export interface SeenView {
   angle_deg: number;
   rc: [number, number];
   thumb: string;
+}
+
+/** The part of an image that shows the item, pixels, also where its side is not decided. */
+export interface ItemBox {
+  top: number;
+  left: number;
+  height: number;
+  width: number;
 }
 
 /** Every message that the server sends as text. */

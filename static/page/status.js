@@ -73,6 +73,7 @@ function hint(/** @type {State} */ state) {
   const angle = (/** @type {number | null} */ i, word = "view") =>
     `${word} ${i} (${number(state.views[i ?? 0].angle_deg, 0)}°)`;
   const { request, pending } = state;
+  if (state.trouble) return state.trouble;
   const area = state.layers ? shapeOf(state.step, state.layers) : "";
   const waiting = state.n_later
     ? ` Then ${count(state.n_later, "later view")} follow${state.n_later === 1 ? "s" : ""}.`

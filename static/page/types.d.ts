@@ -47,6 +47,7 @@ declare global {
   type Pairs = M.ClothPairs;
   type Seen = M.SeenView;
   type SeenViews = M.SeenViews;
+  type ItemBox = M.ItemBox;
   type PixelValues = M.PixelValues;
   type FrameInfo = M.FrameInfo;
   type Send = (message: ClientMessage) => boolean;

@@ -35,7 +35,6 @@ const HIDDEN = {
 };
 
 /**
- * @typedef {{ left: number; top: number; width: number; height: number }} ItemBox
  * @typedef {ImageBitmap & { box?: ItemBox }} SourcePicture
  *
  * @typedef {object} Drawn what is drawn, for tests
@@ -69,6 +68,7 @@ export class SourcePanel {
     this.seen = /** @type {SeenViews | null} */ (null); // the views of the pick
     this.at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
     this.images = /** @type {Map<string, SourcePicture | null>} */ (new Map()); // by address
+    this.itemBoxes = /** @type {Map<string, ItemBox | null>} */ (new Map()); // of recordings without masks
     this.canvas = make("canvas#source-canvas", { role: "img" });
     this.stroke = /** @type {UV[] | null} */ (null); // pixels (row, col) of the stroke that is being drawn
     this.drawn = /** @type {Drawn | null} */ (null);
@@ -301,6 +301,21 @@ export class SourcePanel {
     return null;
   }
 
+  /** Without masks the item is wider than the cloth that is known to be of interest. */
+  itemBox(/** @type {number} */ view) {
+    const { sides } = this.page.state;
+    if (!sides || sides.certainty === null) return null;
+    const address = `/sides/${view}/box.json?v=${sides.token}`;
+    const kept = this.itemBoxes.get(address);
+    if (kept !== undefined) return kept;
+    this.itemBoxes.set(address, null);
+    askJson(address).then((found) => {
+      this.itemBoxes.set(address, found);
+      this.draw();
+    });
+    return null;
+  }
+
   draw() {
     const { view } = this;
     if (this.panel.hidden || this.folded.on || view === null) return;
@@ -315,7 +330,8 @@ export class SourcePanel {
     this.canvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
     this.canvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
     if (!color || !mask?.box) return;
-    const { box } = mask;
+    const item = this.itemBox(view);
+    const box = item ? withMargin(item, color) : mask.box;
     const [mostWide, mostHigh] = [this.scene.clientWidth, this.scene.clientHeight].map((px) =>
       Math.max(this.scene.clientHeight < LOW_PX ? 0 : LEAST_PX, MOST_SHARE * px),
     );
@@ -352,6 +368,7 @@ export class SourcePanel {
   get status() {
     return {
       view: this.view,
+      aim: this.aim,
       folded: this.folded.on,
       drawn: this.drawn,
       seen: this.seen?.seen.map((one) => one.view_index) ?? null,
@@ -376,7 +393,13 @@ function boxOfItem(/** @type {ImageBitmap} */ image) {
     bottom = y;
   }
   if (right < 0) return { left: 0, top: 0, width, height };
-  const by = Math.round(MARGIN * Math.max(right - left, bottom - top, 20));
-  [left, top] = [Math.max(0, left - by), Math.max(0, top - by)];
-  return { left, top, width: Math.min(width, right + by) - left, height: Math.min(height, bottom + by) - top };
+  return withMargin({ left, top, width: right - left, height: bottom - top }, image);
+}
+
+/** A part of an image with a margin around it. @param {ItemBox} box @param {ImageBitmap} image @returns {ItemBox} */
+function withMargin({ left, top, width, height }, image) {
+  const by = Math.round(MARGIN * Math.max(width, height, 20));
+  const [x, y] = [Math.max(0, left - by), Math.max(0, top - by)];
+  const [right, bottom] = [Math.min(image.width, left + width + by), Math.min(image.height, top + height + by)];
+  return { left: x, top: y, width: right - x, height: bottom - y };
 }

@@ -108,3 +108,45 @@ def test_a_finger_paints_and_strokes_outlast_a_kill(open_tab, program) -> None:
         tab.until(f"{KNOWN} && flatcloth.state.sides.n_strokes === 1")
     finally:
         again.stop()
+
+
+def test_the_source_image_shows_all_of_the_item_also_what_is_undecided(open_tab) -> None:
+    tab = open_tab()
+    ready(tab)
+    tab.page.keyboard.press("Shift+W")
+    tab.until("flatcloth.sources.aim !== null")
+    view = tab.page.evaluate("flatcloth.sources.aim.view")
+    tab.until(f"flatcloth.sources.drawn.view === {view}")
+    item = tab.page.evaluate(f"fetch('/sides/{view}/box.json').then((answer) => answer.json())")
+    tab.until(f"flatcloth.sources.drawn.box.height > {item['height']}")
+    shown, (row, col) = tab.page.evaluate("[flatcloth.sources.drawn.box, flatcloth.sources.aim.rc]")
+    for start, size, at in (("top", "height", row), ("left", "width", col)):
+        assert shown[start] <= item[start]
+        assert shown[start] + shown[size] >= item[start] + item[size]
+        assert shown[start] <= at < shown[start] + shown[size]
+
+
+def test_another_start_view_is_chosen_when_strokes_leave_the_first_too_little(open_tab) -> None:
+    tab = open_tab()
+    ready(tab)
+    start = tab.state()["start_view"]
+    box = tab.page.evaluate(f"fetch('/sides/{start}/box.json').then((answer) => answer.json())")
+    rows, cols = ((box[a], box[a] + box[n]) for a, n in (("top", "height"), ("left", "width")))
+    step = max(1, round((box["height"] * box["width"] / 800) ** 0.5))
+    points = [[row, col] for row in range(*rows, step) for col in range(*cols, step)][:900]
+    tab.page.evaluate(
+        """([view, points]) => flatcloth.send({
+            type: 'stroke_image', side: 'other', view_index: view, points_rc: points, radius_m: 0.02 })""",
+        [start, points],
+    )
+    tab.until(f"flatcloth.state.start_view !== null && flatcloth.state.start_view !== {start} && {IDLE}")
+    tab.until("!flatcloth.state.drawing && flatcloth.state.layers && flatcloth.phase === 'ready'")
+    assert any("Another start view is chosen" in note["text"] for note in tab.state()["log"])
+    # Undo takes it back; then the page says what can be done, and computes nothing in vain.
+    tab.page.keyboard.press("u")
+    tab.until(f"flatcloth.state.start_view === {start} && flatcloth.state.trouble")
+    assert "Undo (U)" in tab.page.inner_text("#hint")
+    assert "Restart" in tab.page.inner_text("#hint")
+    assert tab.page.is_hidden("#stage .busy")
+    tab.page.keyboard.press("u")
+    tab.until("flatcloth.state.sides.n_strokes === 0 && !flatcloth.state.trouble && flatcloth.state.layers")

@@ -29,6 +29,7 @@ from flatcloth.session.machine import (
     Phase,
     Propose,
     Reject,
+    Restart,
     SessionState,
     Skip,
     Start,
@@ -51,6 +52,9 @@ from flatcloth.viewer.protocol.snapshot import center_uv_m
 from flatcloth.viewer.protocol.state import PageState
 
 _log = logging.getLogger(__name__)
+
+UNDRAWN = "Undo (U) takes back what was done last; Restart chooses another start view."
+"""What to do if the shape of a session cannot be drawn."""
 
 
 class Application(PageController):
@@ -187,6 +191,8 @@ class Application(PageController):
                 raise FlatclothError(NOT_LIVE)
 
     def _decide(self, client: int, do: messages.Do) -> None:
+        if do.action == "step" and self._page_status.trouble:
+            raise FlatclothError(self._page_status.trouble)
         given = {"view_index": do.view_index, "reason": do.reason, "score": self._score_now()}
         before = self._state
         command = command_of(do.action, before, {k: v for k, v in given.items() if v is not None})
@@ -303,6 +309,8 @@ class Application(PageController):
         # A decision takes effect only after it is on disk.
         self._folder.record(command)
         if self._state is not before:  # otherwise it is the answer to an outdated request
+            if self._state.document is not before.document:
+                self._page_status = replace(self._page_status, trouble="")
             self._settle()
 
     def _settle(self) -> None:
@@ -386,10 +394,23 @@ class Application(PageController):
 
     def _drawn(self, picture: Picture | str) -> None:
         if isinstance(picture, str):
-            self._end_auto("error", picture)
+            self._undrawn(picture)
         else:
             self._take_picture(picture)
             self._settle()
+
+    def _undrawn(self, trouble: str) -> None:
+        """Go on although the shape cannot be drawn, as when strokes leave its start view too little cloth."""
+        document = self._state.document
+        decided = document.accepted or document.later or document.pending
+        # After an undo the user goes back past it.
+        if document.strokes and not decided and not self._state.redo:
+            self._end_auto("warning", f"{trouble} Another start view is chosen; Undo takes it back.")
+            self._do(Restart())
+            return
+        self._page_status = replace(self._page_status, trouble=f"{trouble} {UNDRAWN}")
+        self._end_auto("error", self._page_status.trouble)
+        self._publish()
 
     def _take_picture(self, picture: Picture) -> None:
         self._picture = picture

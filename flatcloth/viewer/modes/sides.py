@@ -20,11 +20,11 @@ from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
 from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, small_shape
-from flatcloth.segmentation.result import Segmentation, ViewSegmentation
+from flatcloth.segmentation.result import NO_ITEM, Segmentation, ViewSegmentation
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.answers import StrokeAdvice
+from flatcloth.viewer.protocol.answers import ItemBox, StrokeAdvice
 from flatcloth.viewer.protocol.picture import Picture, place_in_view
 from flatcloth.viewer.protocol.state import SidesInfo
 from flatcloth.viewer.worker import Worker
@@ -240,7 +240,7 @@ class SideController:
         """Return the routes: images of the labels of a view or of the shape."""
 
         def answered(
-            make: Callable[[Request], bytes | None], **options: str
+            make: Callable[[Request], bytes | ItemBox | None], **options: str
         ) -> Callable[[Request], Awaitable[Response]]:
             async def answer(request: Request) -> Response:
                 return await http.made(lambda: make(request), gone="The sides are not known yet.", **options)
@@ -256,6 +256,7 @@ class SideController:
         return [
             Route("/sides/shape.png", answered(lambda _: self._shape_png(picture()))),
             Route("/sides/{view:int}.png", labels(self.view_png)),
+            Route("/sides/{view:int}/box.json", answered(lambda r: self.item_box(r.path_params["view"]))),
             Route("/sides/{view:int}/small.png", labels(self.small_png)),
             Route("/sides/{view:int}/color.jpg", answered(color, media_type="image/jpeg", kept=http.DAY)),
         ]
@@ -281,6 +282,18 @@ class SideController:
         (top, left), (rows, cols) = labels.offset_rc, labels.side.shape
         color = self._integration.recording[view].color[top : top + rows, left : left + cols]
         return jpeg_thumbnail(color)
+
+    def item_box(self, view: int) -> ItemBox | None:
+        """Return the part of a view that shows the item; None if it is not known, or the view shows none."""
+        labels = self._labels(view)
+        item = None if labels is None else np.argwhere(labels.side != NO_ITEM)
+        if labels is None or item is None or not len(item):
+            return None
+        (top, left), (bottom, right) = item.min(axis=0), item.max(axis=0) + 1
+        row, col = labels.offset_rc
+        return ItemBox(
+            top=int(top + row), left=int(left + col), height=int(bottom - top), width=int(right - left)
+        )
 
     def view_png(self, view: int, certain: bool = False) -> bytes | None:
         """Return the labels of a view, or their certainty, as PNG; None if they are not known."""

@@ -271,6 +271,15 @@ class FrameInfo(Sent, tag_field="type", tag="frame", frozen=True):
     pick_uv_m: UV | None = None
 
 
+class ItemBox(Sent, frozen=True):
+    """The part of an image that shows the item, pixels, also where its side is not decided."""
+
+    top: int
+    left: int
+    height: int
+    width: int
+
+
 ServerMessage = (
     PageState
     | Note

@@ -49,6 +49,7 @@ class PageStatus:
     edges: bool = False
     progress: Progress | None = None
     log: tuple[Note, ...] = ()
+    trouble: str = ""  # why the shape of the present document cannot be drawn
 
 
 def page_state(
@@ -108,7 +109,8 @@ def _of_session(
     """Return the fields of the state that only a session has."""
     document, request = state.document, state.request
     # The session is ahead of what is shown until its picture is computed.
-    drawing = document.start_view is not None and (picture is None or picture.document is not document)
+    behind = document.start_view is not None and (picture is None or picture.document is not document)
+    drawing = behind and not status.trouble
     compiling = drawing and is_compiling()
     text = "compiling, first start only; then the shape is drawn"
     return {
@@ -125,6 +127,7 @@ def _of_session(
         "progress": status.progress or (Progress(share=0.0, text=text) if compiling else None),
         "pending": _pending(document, picture),
         "drawing": drawing,
+        "trouble": status.trouble if behind else "",
     }
 
 

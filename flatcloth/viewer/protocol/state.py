@@ -425,6 +425,7 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     progress: Progress | None = None
     pending: PendingInfo | None = None
     drawing: bool = False
+    trouble: str = ""
     review: ReviewInfo | None = None
     sides: SidesInfo | None = None
     garment: GarmentInfo | None = None

@@ -13,10 +13,17 @@ from typing import Any, get_args
 from msgspec import NODEFAULT, inspect
 
 from flatcloth.core.resources import static_folder
-from flatcloth.viewer.protocol.answers import DiagnosticsInfo, FrameInfo, ResultInfo, SeenViews, ServerMessage
+from flatcloth.viewer.protocol.answers import (
+    DiagnosticsInfo,
+    FrameInfo,
+    ItemBox,
+    ResultInfo,
+    SeenViews,
+    ServerMessage,
+)
 from flatcloth.viewer.protocol.messages import KINDS
 
-_ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews)
+_ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews, ItemBox)
 """Sent as a binary message, or as the answer of a route."""
 _SCALARS: dict[type, str] = {
     inspect.IntType: "number",
@@ -34,10 +41,7 @@ def declarations() -> str:
     lines = ["// Made by flatcloth/viewer/protocol/typescript.py; not to be edited.", ""]
     lines += [_interface(kind, optional=True) for kind in sent]
     lines += ["/** Every message that the page sends. */", _union("ClientMessage", sent), ""]
-    lines += [
-        _interface(kind, optional=False)
-        for kind in _with_parts([*taken, FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews])
-    ]
+    lines += [_interface(kind, optional=False) for kind in _with_parts([*taken, *_ANSWERS])]
     lines += ["/** Every message that the server sends as text. */", _union("ServerMessage", taken), ""]
     return "\n".join(lines)
 
