@@ -23,16 +23,10 @@ from flatcloth.registration.pose_prior import (
     variances,
 )
 from flatcloth.registration.registered import Registered
-from flatcloth.registration.view_features import UNKNOWNS, ViewFeatures
+from flatcloth.registration.view_features import MOTION, UNKNOWNS, ViewFeatures
 
-_LEAST_CHANCE = 1e-3
-"""Grades less probable than this, against all, are left out of the next step. Chosen for speed."""
 _STEPS = 3
 """Gauss-Newton steps. Chosen for speed; the form is quadratic but for the robust weights."""
-_FREEDOM = 6.0
-"""Degrees of freedom of Student's t, which limits the weight of contradicting pairs. Set by hand."""
-_RIDGE = 1e-6 * np.eye(UNKNOWNS)
-"""Makes the form of a pair invertible where it leaves a motion free. Chosen: far below any information."""
 
 
 def solved(registered: Registered) -> Registered:
@@ -49,7 +43,7 @@ def solved(registered: Registered) -> Registered:
         matrix, right = _assembled(registered, pairs, trusting=step == 0)
         pull = root * (right + matrix @ x)
         own = np.exp(_log_evidence(root, matrix, pull) + np.log(chance[used]))
-        own[own < _LEAST_CHANCE * own.sum()] = 0.0
+        own[own < 1e-6 * own.sum()] = 0.0
         posterior = np.zeros(len(grid))
         posterior[used] = own / own.sum()
         likely = np.flatnonzero(own)
@@ -155,7 +149,8 @@ def _shares(features: tuple[ViewFeatures, ...], pairs: tuple[PairFit, ...]) -> F
 def _assembled(registered: Registered, pairs: _Linear | None, *, trusting: bool) -> tuple[Float64, Float64]:
     """Matrix (M, M) and right side (M,) of a step from the present state, from all pairs.
 
-    Unless ``trusting``, a pair that contradicts the others loses its weight (Student's t).
+    Unless ``trusting``, a pair that contradicts the others loses its weight (Student's t, with as many
+    degrees of freedom as a motion).
     """
     size = COMMON + OWN * len(registered.features)
     if pairs is None:
@@ -172,8 +167,9 @@ def _assembled(registered: Registered, pairs: _Linear | None, *, trusting: bool)
     off -= pairs.solution
     pull, shares = pairs.gradient + np.einsum("pij,pj->pi", pairs.form, off), pairs.share
     if not trusting:
-        surprise = shares * (pull * np.linalg.solve(pairs.form + _RIDGE, pull[..., None])[..., 0]).sum(axis=1)
-        shares = shares * np.minimum(1.0, (_FREEDOM + 6.0) / (_FREEDOM + surprise))
+        solution = np.linalg.solve(pairs.form + 1e-6 * np.eye(UNKNOWNS), pull[..., None])[..., 0]
+        surprise = shares * (pull * solution).sum(axis=1)
+        shares = shares * np.minimum(1.0, 2.0 * MOTION / (MOTION + surprise))
     weighed = shares[:, None, None] * pairs.rows.transpose(0, 2, 1)
     where = (size * pairs.at[:, :, None] + pairs.at[:, None, :]).ravel()
     matrix, right = np.zeros(size * size), np.zeros(size)

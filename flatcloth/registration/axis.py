@@ -21,7 +21,6 @@ from flatcloth.registration.axis_estimation import (
     choose_views,
     coarse_features,
     estimate_axis,
-    thinned,
 )
 from flatcloth.registration.view_features import ViewFeatures
 
@@ -30,16 +29,10 @@ T = TypeVar("T")
 TOP_M = 0.010
 """The held point is the mean of the item's uppermost part of this height. Set by hand."""
 
-_VIEWS_FOR_HELD_POINT = 6
-"""Views in which the top of the item is measured. Chosen: 60 degrees apart; more take longer to read."""
-_BLOCKS_FOR_HELD_POINT = 250_000
-"""Resolution of these views. Chosen: fine enough for the tip of a sleeve; finer costs time."""
-_THREADS = 2
+THREADS = 2
 """Views read at a time. Chosen for two cores; more need more memory."""
 _AROUND_M = np.array([(0.0, 0.0, 0.0), (0.0, 0.0, 0.08), (-0.08, 0.0, 0.04), (0.08, 0.0, 0.04)])
 """Start points of the axis: the visible surface lies in front of the axis. Set by hand."""
-_TOP_QUANTILE = 0.75
-"""Share of the views whose top is not above the item's. Chosen: a quarter may contain outliers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +123,7 @@ def _of_readable(views: Sequence[int], look: Callable[[int], T | None]) -> list[
             errors.append(error)
             return None
 
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(THREADS) as pool:
         seen = [found for found in pool.map(looked, views) if found is not None]
     if errors and not seen:
         raise errors[0]
@@ -165,7 +158,7 @@ def _found_held_point(
         points = _points(frame(view), config, axis)
         return None if points is None else held_from_camera(axis, recording.angles_deg[view]).apply(points)
 
-    return _top(_of_readable(choose_views(recording.angles_deg, _VIEWS_FOR_HELD_POINT), look), axis)
+    return _top(_of_readable(choose_views(recording.angles_deg), look), axis)
 
 
 def _points(frame: RgbdFrame, config: SurfaceConfig, axis: RotationAxis | None = None) -> Float64 | None:
@@ -173,25 +166,22 @@ def _points(frame: RgbdFrame, config: SurfaceConfig, axis: RotationAxis | None =
 
     The mask is ignored, because the held point need not be on the side of interest.
     """
-    # Fine enough for the tip of a sleeve; full resolution would take too long.
-    small = thinned(replace(frame, mask=None), _BLOCKS_FOR_HELD_POINT)
     try:
-        item = foreground_mask(small, axis, config)
+        item = foreground_mask(replace(frame, mask=None), axis, config)
     except SurfaceError:
         return None
-    return back_project(small.depth_m, small.intrinsics)[item].astype(np.float64)
+    return back_project(frame.depth_m, frame.intrinsics)[item].astype(np.float64)
 
 
 def _top(views: Sequence[Float64], axis: RotationAxis) -> Float64:
     """Return the mean of the uppermost 10 mm of the points (N, 3) of some views; zeros without views.
 
-    The top is the height that a quarter of the views exceed, because some views may not show it or
-    contain an outlier.
+    The top is the median of the views', because some may not show it or contain an outlier.
     """
     if not views:
         return np.zeros(3)
     heights = [points @ axis.direction for points in views]
-    top = float(np.quantile([height.max() for height in heights], _TOP_QUANTILE, method="higher"))
+    top = float(np.median([height.max() for height in heights]))
     upper = [
         p[h >= top - TOP_M].mean(axis=0)
         for p, h in zip(views, heights, strict=True)

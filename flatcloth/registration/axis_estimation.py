@@ -23,7 +23,15 @@ from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.types import Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import item_mask
-from flatcloth.registration.pose_prior import OWN, across, at_center, jacobian, moved_axis
+from flatcloth.registration.pose_prior import (
+    EXTENT_M,
+    OWN,
+    PosePrior,
+    across,
+    at_center,
+    jacobian,
+    moved_axis,
+)
 from flatcloth.registration.view_features import (
     CHANNELS,
     MOST_APART_DEG,
@@ -40,12 +48,6 @@ VIEWS_USED = 18
 time."""
 _GRID_PIXELS = 45_000
 """Resolution of a thinned view. Chosen: averaging lowers the noise; coarser loses folds, finer costs time."""
-_LEAST_FACING = 0.35
-"""Cosine of incidence below which surface does not count. Chosen: beyond 70 degrees few blocks are
-measured."""
-_JUMP_M = 0.04
-"""Depth difference over four blocks that is a jump. Chosen: 10 mm per block of about 6 mm, 60 degrees of
-incidence."""
 
 
 def choose_views(angles_deg: Sequence[float], most: int = VIEWS_USED) -> list[int]:
@@ -68,10 +70,10 @@ def coarse_features(frame: RgbdFrame, config: SurfaceConfig) -> ViewFeatures | N
     xyz = back_project(np.where(item, small.depth_m, 0).astype(np.float32), k)
     normals = _normals(xyz)
     with np.errstate(invalid="ignore"):
-        usable = -(normals * xyz).sum(axis=-1) > _LEAST_FACING * np.linalg.norm(xyz, axis=-1)
+        usable = -(normals * xyz).sum(axis=-1) > Gates().least_facing_cos * np.linalg.norm(xyz, axis=-1)
     if not usable.any():
         return None
-    pixel = grid_points(usable, _MOST_POINTS)
+    pixel = grid_points(usable)
     at = pixel[:, 0], pixel[:, 1]
     images = ComparedImages(np.zeros((CHANNELS, 1, 1), dtype=np.float32), normals)
     return ViewFeatures(
@@ -113,7 +115,7 @@ def thinned(frame: RgbdFrame, blocks: int = _GRID_PIXELS) -> RgbdFrame:
     count = block_sums(used)
     mean = block_sums(inverse) / np.maximum(count, 1.0)
     spread = np.sqrt(np.maximum(block_sums(inverse**2) / np.maximum(count, 1.0) - mean**2, 0.0))
-    known = (count >= 0.6 * size**2) & (spread < 0.02 * mean)
+    known = (count >= 0.5 * size**2) & (spread < 0.02 * mean)
     k = frame.intrinsics
     intrinsics = Intrinsics(
         width=cols, height=rows, fx=k.fx / size, fy=k.fy / size,
@@ -130,7 +132,7 @@ def thinned(frame: RgbdFrame, blocks: int = _GRID_PIXELS) -> RgbdFrame:
 
 
 def _normals(xyz: Float32, step: int = 2) -> Float32:
-    """Return normals (H, W, 3) towards the camera, from differences over a few blocks; NaN at jumps."""
+    """Return normals (H, W, 3) towards the camera, from differences over a few blocks; NaN at the rim."""
     normal = np.full_like(xyz, np.nan)
     inner = slice(step, -step)
     right = xyz[inner, 2 * step :] - xyz[inner, : -2 * step]
@@ -138,7 +140,6 @@ def _normals(xyz: Float32, step: int = 2) -> Float32:
     with np.errstate(invalid="ignore", divide="ignore"):
         found = np.cross(down, right)
         found /= np.linalg.norm(found, axis=-1, keepdims=True)
-        found[(np.abs(right[..., 2]) > _JUMP_M) | (np.abs(down[..., 2]) > _JUMP_M)] = np.nan
     normal[inner, inner] = found
     return normal
 
@@ -146,24 +147,12 @@ def _normals(xyz: Float32, step: int = 2) -> Float32:
 UP = np.array([0.0, -1.0, 0.0])
 """Up in the camera frame of a level camera. By definition."""
 
-_MOST_POINTS = 3000
-"""Compared points of a view. Chosen; with 1200 the axes are hardly less accurate: off by 2.48 mm instead of
-2.43 mm on the noisy recordings (``python -m benchmarks axis``)."""
-_FEW_POINTS_STEP = 8
-"""Step between the compared points of a view for the choice among the starts; afterwards all are used. Set by
-hand."""
-_LARGEST_TURN_DEG = 45.0
-"""Views farther apart are compared only where views have no nearer neighbour. Chosen: they share little."""
 _SCALES_M = (0.05, 0.02, 0.01, 0.005)
 """Scales of the robust weights, coarse to fine. Chosen: from the error of a start to a few times the noise of
 a D435."""
 _STEPS_PER_SCALE = 8
-"""Limit of Gauss-Newton steps at a scale. Chosen; ``_SETTLED`` normally ends them earlier."""
-_SETTLED = 1e-4
-"""Steps below this (m, and tilt) end a scale. Chosen: far below the accuracy of the estimate."""
-_LARGEST_SHIFT_M, _LARGEST_TILT = 0.05, 0.1
-"""Bounds of a step in position and tilt. Chosen: a larger step would leave the range of the
-correspondences."""
+"""Limit of Gauss-Newton steps at a scale. Chosen; a step below the error of the best recordings normally ends
+them earlier."""
 _USUAL_TILT = 0.17
 """Prior: cameras are level to about 10 degrees; it matters only where the views do not decide. Set by
 hand."""
@@ -171,17 +160,8 @@ _GATES = Gates(same_normal_cos=0.7, least_facing_cos=-2.0, full_facing_cos=-1.0)
 """Points correspond up to 45 degrees between their normals, because a start is centimetres off. All have the
 same weight at any incidence: with the registration's weights the axes of the noisy recordings are off
 by 2.92 mm on average instead of 2.43 mm (``python -m benchmarks axis``)."""
-_MOST_FATTENING_PX = 2.0
-"""Limit of the estimated fattening, in pixels of a thinned view. Chosen; more is not a sensor's error."""
 _LEAST_AGREEING = 0.2
 """Share of points that must agree. Chosen; tests/registration has views that agree with no axis."""
-_MOST_UNCERTAIN_M = 0.005
-"""Largest standard deviation of the position that counts as determined. Chosen; not measured."""
-_LEAST_VERTICAL = 0.7
-"""Cosine of the largest tilt against the camera's vertical, 45 degrees. Chosen: an item hangs from the
-axis."""
-_FARTHEST_FROM_ITEM_M = 0.15
-"""An axis farther than this from the item is rejected. Chosen: an item hangs from its axis."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,7 +191,7 @@ def estimate_axis(views: Sequence[ViewFeatures], starts_m: Sequence[Float64]) ->
 
     Notes
     -----
-    Views up to 45 degrees apart are compared, at first only neighbours: at 10 degrees their
+    Views up to 65 degrees apart are compared, at first only neighbours: at 10 degrees their
     surfaces move by a sixth of the axis' error, so that a start within 10 cm is near enough. It
     takes about 0.3 s for 18 views.
     """
@@ -219,16 +199,15 @@ def estimate_axis(views: Sequence[ViewFeatures], starts_m: Sequence[Float64]) ->
     if not pairs:
         return None
     neighbours = _neighbours(pairs)
-    few = _FEW_POINTS_STEP
     starts = [_State(RotationAxis(point_m=point_m, direction=UP)) for point_m in starts_m]
-    found = [_settled(views, start, neighbours, _SCALES_M[:2], every=few) for start in starts]
+    found = [_settled(views, start, neighbours, _SCALES_M[:2], every=2) for start in starts]
     best = max(
-        found, key=lambda state: _equations(views, state, neighbours, _SCALES_M[1], few).agreeing_share
+        found, key=lambda state: _equations(views, state, neighbours, _SCALES_M[1], every=2).agreeing_share
     )
     for scale in _SCALES_M[1:]:
         best = _settled(views, best, pairs, (scale,), with_fattening=scale == _SCALES_M[-1])
     final = _equations(views, best, pairs, _SCALES_M[-1])
-    determined = final.agreeing_share >= _LEAST_AGREEING and final.uncertainty_m <= _MOST_UNCERTAIN_M
+    determined = final.agreeing_share >= _LEAST_AGREEING and final.uncertainty_m <= _SCALES_M[-1]
     if not determined or not _plausible(best.axis, views):
         return None
     axis = replace(best.axis, estimated=True)
@@ -260,11 +239,7 @@ def _pairs(angles_deg: Sequence[float]) -> list[_Pair]:
         for i in range(len(angles_deg))
         for j in range(i)
     ]
-    for largest in (_LARGEST_TURN_DEG, MOST_APART_DEG):
-        pairs = [pair for pair in turns if 0.5 <= pair.turn_deg <= largest]
-        if len({view for pair in pairs for view in (pair.first, pair.second)}) == len(angles_deg):
-            break
-    return pairs
+    return [pair for pair in turns if 0.5 <= pair.turn_deg <= MOST_APART_DEG]
 
 
 def _neighbours(pairs: list[_Pair]) -> list[_Pair]:
@@ -278,12 +253,12 @@ def _neighbours(pairs: list[_Pair]) -> list[_Pair]:
 
 
 def _plausible(axis: RotationAxis, views: Sequence[ViewFeatures]) -> bool:
-    """Return whether the axis is about vertical and passes through or near the item."""
-    if axis.direction @ UP < _LEAST_VERTICAL:
+    """Return whether the axis is about vertical and passes the item within a quarter of a garment."""
+    if np.linalg.norm(axis.direction - UP) > 4.0 * _USUAL_TILT:
         return False
     offset = np.concatenate([view.xyz_m[view.usable] for view in views]) - axis.point_m
     across = offset - (offset @ axis.direction)[:, None] * axis.direction
-    return float(np.percentile(np.linalg.norm(across, axis=1), 5)) < _FARTHEST_FROM_ITEM_M
+    return float(np.percentile(np.linalg.norm(across, axis=1), 5)) < 0.5 * EXTENT_M
 
 
 @dataclass(frozen=True)
@@ -330,7 +305,7 @@ def _settled(
     for scale in scales_m:
         for _ in range(_STEPS_PER_SCALE):
             state, size = _stepped(state, _equations(views, state, pairs, scale, every), with_fattening)
-            if size < _SETTLED:
+            if size < PosePrior().axis_stds_m[0]:
                 break
     return state
 
@@ -375,7 +350,8 @@ def _stepped(state: _State, equations: _Equations, with_fattening: bool) -> tupl
     ridge = 1e-9 * np.trace(equations.matrix[:4, :4]) + 1e-15
     step = np.zeros(5)
     step[:n] = np.linalg.solve(equations.matrix[:n, :n] + ridge * np.eye(n), equations.right[:n])
-    step[:2] = np.clip(step[:2], -_LARGEST_SHIFT_M, _LARGEST_SHIFT_M)
-    step[2:4] = np.clip(step[2:4], -_LARGEST_TILT, _LARGEST_TILT)
-    fattening_px = float(np.clip(state.fattening_px + step[4], 0.0, _MOST_FATTENING_PX))
+    most_m = _SCALES_M[0]  # a larger step would leave the range of the correspondences
+    step[:2] = np.clip(step[:2], -most_m, most_m)
+    step[2:4] = np.clip(step[2:4], -most_m / EXTENT_M, most_m / EXTENT_M)
+    fattening_px = max(0.0, state.fattening_px + float(step[4]))
     return _State(moved_axis(state.axis, step), fattening_px), float(np.abs(step[:4]).max())

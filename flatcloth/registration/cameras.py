@@ -36,13 +36,10 @@ from flatcloth.registration.pose_prior import (
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import MOST_APART_DEG, ViewFeatures
 
-_MOST_PARTNERS, _FEW_PARTNERS, _CONFIRMING_VIEWS = 6, 3, 8
-"""Most views that a view is compared with: at first, and after the third number of views confirmed the
-recorded poses. Set by hand."""
-_REFITS = 3
-"""How often pairs are registered again after a view was added, ..."""
+_PARTNERS = 4
+"""Most views that a view is compared with. Set by hand."""
 _REFIT_FATTENING_PX = 0.15
-"""... if the fattening has changed by more than this. Set by hand."""
+"""Pairs are compared again if the fattening has changed by more than this. Set by hand."""
 
 
 def begin_registration(
@@ -89,7 +86,7 @@ def register_together(
     axis: RotationAxis,
     held_point_m: Float64,
     prior: PosePrior | None = None,
-    partners: int = _MOST_PARTNERS,
+    partners: int = _PARTNERS,
     fattening_px: float = 0.0,
     threads: int = 1,
 ) -> Registered:
@@ -97,7 +94,6 @@ def register_together(
 
     Pairs are compared from the recorded poses on, not from those refined before, and each view with
     ``partners`` before it only: that shows in a fraction of the time whether the recorded poses are right.
-    Near the value of ``fattening_px`` no pair is compared twice.
     """
     registered = begin_registration(axis, held_point_m, prior)
     registered = _with_views(
@@ -106,7 +102,7 @@ def register_together(
     pairs = [(n, m) for n in range(1, len(features)) for m in _partners(registered, n)[:partners]]
     with ThreadPoolExecutor(threads) as pool:
         fits = list(pool.map(lambda pair: _fitted(registered, *pair), pairs))
-    return _solved_until_settled(registered, fits, threads)
+    return _solved_again(registered, fits, threads)
 
 
 def extend_registration(registered: Registered, new: ViewFeatures) -> Registered:
@@ -131,7 +127,7 @@ def extend_registration(registered: Registered, new: ViewFeatures) -> Registered
     """
     n, grown = len(registered.features), _with_views(registered, [new])
     fits = [_fitted(grown, n, partner) for partner in _partners(grown, n)]
-    return _solved_until_settled(grown, [*grown.pairs, *fits])
+    return _solved_again(grown, [*grown.pairs, *fits])
 
 
 def _with_views(registered: Registered, features: Sequence[ViewFeatures]) -> Registered:
@@ -149,43 +145,38 @@ def _with_views(registered: Registered, features: Sequence[ViewFeatures]) -> Reg
     )
 
 
-def _solved_until_settled(
-    registered: Registered, fits: Sequence[PairFit | None], threads: int = 1
-) -> Registered:
-    """Solve for the unknowns; pairs that were compared at another fattening are compared again."""
+def _solved_again(registered: Registered, fits: Sequence[PairFit | None], threads: int = 1) -> Registered:
+    """Solve for the unknowns, and again after comparing the pairs of another fattening again."""
     registered = solved(replace(registered, pairs=tuple(fit for fit in fits if fit is not None)))
-    for _ in range(_REFITS):
-        now = registered
 
-        def is_outdated(pair: PairFit, now: Registered = now) -> bool:
-            return abs(now.fattening_px - pair.fattening_px) > _REFIT_FATTENING_PX
+    def is_outdated(pair: PairFit) -> bool:
+        return abs(registered.fattening_px - pair.fattening_px) > _REFIT_FATTENING_PX
 
-        def renewed(pair: PairFit, now: Registered = now) -> PairFit | None:
-            return _fitted(now, pair.first, pair.second, pair) if is_outdated(pair) else pair
-
-        if not any(map(is_outdated, now.pairs)):
-            break
-        with ThreadPoolExecutor(threads) as pool:
-            fits = list(pool.map(renewed, now.pairs))
-        registered = solved(replace(now, pairs=tuple(fit for fit in fits if fit is not None)))
-    return registered
+    if not any(map(is_outdated, registered.pairs)):
+        return registered
+    with ThreadPoolExecutor(threads) as pool:
+        again = list(
+            pool.map(
+                lambda pair: _fitted(registered, pair.first, pair.second) if is_outdated(pair) else pair,
+                registered.pairs,
+            )
+        )
+    return solved(replace(registered, pairs=tuple(fit for fit in again if fit is not None)))
 
 
 def _partners(registered: Registered, n: int) -> list[int]:
     """Return the views with near enough directions, nearest first."""
     looks = np.array([held.rotation[:, 2] for held in registered.known])
     cos = looks[:n] @ looks[n]
-    confirmed = n >= _CONFIRMING_VIEWS and not registered.is_loose
-    order = np.argsort(-cos, kind="stable")[: _FEW_PARTNERS if confirmed else _MOST_PARTNERS]
+    order = np.argsort(-cos, kind="stable")[:_PARTNERS]
     return [int(i) for i in order if cos[i] >= math.cos(math.radians(MOST_APART_DEG))]
 
 
-def _fitted(registered: Registered, first: int, second: int, before: PairFit | None = None) -> PairFit | None:
+def _fitted(registered: Registered, first: int, second: int) -> PairFit | None:
     """Compare two views, from their present poses on."""
     one, other = registered.features[first], registered.features[second]
     held = registered.known[first], registered.known[second]
-    middle: Float64 = 0.5 * (held[0].apply(one.middle_m) + held[1].apply(other.middle_m))
-    center = middle if before is None else before.center_m
+    center: Float64 = 0.5 * (held[0].apply(one.middle_m) + held[1].apply(other.middle_m))
     now = registered.held_from_camera[first], registered.held_from_camera[second]
     about = at_center(registered.jacobians[first], center), at_center(registered.jacobians[second], center)
     return fit_pair(
@@ -197,5 +188,4 @@ def _fitted(registered: Registered, first: int, second: int, before: PairFit | N
         uncertainty_m=expected_displacement_m(*about, registered.prior, registered.posterior),
         fattening_px=registered.fattening_px,
         twist=twist_of((now[1] @ held[1].inverse()).inverse() @ now[0] @ held[0].inverse(), center),
-        before=before,
     )

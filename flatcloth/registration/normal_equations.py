@@ -97,17 +97,13 @@ def _facing(x: float, y: float, z: float, n: _Vector, least: float, full: float)
     return weight
 
 
-_LEAST_FACING_M = 1e-3
-"""Least distance (m) of a plane from the camera, against division by zero. Set by hand."""
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fattening(x: float, y: float, z: float, n: _Vector, fx: float, fy: float) -> float:
     """Relative change of depth of a surface at (x, y, z) with normal ``n`` per pixel, up the slope.
 
     The plane n . X = d has the depth z = d / (n_x x + n_y y + n_z) at the ray (x, y, 1).
     """
-    distance = max(-(n[0] * x + n[1] * y + n[2] * z), _LEAST_FACING_M)
+    distance = max(-(n[0] * x + n[1] * y + n[2] * z), 1e-9)
     share: float = z / distance * np.sqrt((n[0] / fx) ** 2 + (n[1] / fy) ** 2)
     return share
 
@@ -264,9 +260,9 @@ def _read(texture: Float32, k: int, row: float, col: float) -> _Vector:
     for j in range(4):
         a, b = np.float64(texture[k, top + j, left]), np.float64(texture[k, top + j, left + 1])
         c, d = np.float64(texture[k, top + j, left + 2]), np.float64(texture[k, top + j, left + 3])
-        even = (1.0 - fc) * (a + 2.0 * b + c) + fc * (b + 2.0 * c + d)
-        step = (1.0 - fc) * (c - a) + fc * (d - b)
+        even = ((1.0 - fc) * (a + 2.0 * b + c) + fc * (b + 2.0 * c + d)) / 4.0
+        step = ((1.0 - fc) * (c - a) + fc * (d - b)) / 2.0
         value += (0.0, 1.0 - fr, fr, 0.0)[j] * ((1.0 - fc) * b + fc * c)
         right += (1.0 - fr, 2.0 - fr, 1.0 + fr, fr)[j] * step
         down += (fr - 1.0, -fr, 1.0 - fr, fr)[j] * even
-    return value, 0.125 * right, 0.125 * down
+    return value, right / 4.0, down / 2.0

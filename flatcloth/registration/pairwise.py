@@ -14,38 +14,26 @@ import numpy as np
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64
-from flatcloth.registration.pose_prior import motion
-from flatcloth.registration.view_features import CHANNELS, TERMS, Agreement, ViewFeatures, compare
+from flatcloth.registration.pose_prior import PosePrior, motion
+from flatcloth.registration.view_features import CHANNELS, MOTION, TERMS, Agreement, ViewFeatures, compare
 
 _SEARCH_RADII_M = tuple(max(0.005, 0.02 * 0.75**n) for n in range(6))
 """Points farther from the other surface than this are not paired, in the rounds with half of the points. Set
 by hand."""
 _FINE_ROUNDS = 3
-"""Rounds with all points and the last radius; only these to register a pair again. Set by hand."""
+"""Rounds with all points and the last radius. Set by hand."""
 LEAST_POINTS = 60
 """Views with fewer points in common, counted both ways, are not compared. Set by hand."""
-_MOST_SURPRISE = 40.0
-"""A motion less probable beforehand than this (chi-square of 6) is rejected. Set by hand."""
 DISTANCE_STD_M = 0.0003
 """Standard deviation of the distance of equal cloth in two views, without noise. Set by hand."""
 _SHADING_STD = 0.15
 """Relative deviation of the brightness between views, because folds are shaded by the lamp. Set by hand."""
-_NOISE_INFLATION = 2.0
-"""Factor on the estimated variance of the correlated errors. Set by hand."""
-_PART_STD_M = 0.0001
-"""Standard deviation of systematic errors of a block of the image, ..."""
 _PART_NOISE = 0.4
-"""... plus this share of the noise. Set by hand."""
+"""Systematic errors of a block of the image: those of the best recordings, and this share of the noise. Set
+by hand."""
 
 _STILL = 0.5
-"""A step of less than this many standard deviations of the motion counts as zero. Set by hand."""
-_SURE_M = 0.001
-"""If the surface is expected to be displaced by less than this, ..."""
-_SETTLED = 0.25
-"""... a step of less than this many standard deviations ends the rounds with half of the points. Set by
-hand."""
-_LEAST_TEXTURE_SPREAD = 1e-3
-"""Least typical difference of logarithmic texture, so that exact views keep finite weights. Chosen."""
+"""A step of less than this many standard deviations of the motion ends the rounds. Set by hand."""
 _SAME_SCALE = 1e-3
 """Directions with less than this share of the best one's information do not count for the weight. Set by
 hand."""
@@ -85,7 +73,6 @@ def fit_pair(
     fattening_px: float,
     twist: Float64,
     uncertainty_m: float = math.inf,
-    before: PairFit | None = None,
 ) -> PairFit | None:
     """Register two views.
 
@@ -107,19 +94,17 @@ def fit_pair(
         Initial motion.
     uncertainty_m : float
         Expected displacement of the surface by the motion that is sought: a small one needs fewer rounds.
-    before : PairFit, optional
-        The result at another fattening, which is close to the solution.
 
     Returns
     -------
     PairFit or None
-        None if the views have too little in common, or agree only at an impossible motion.
+        None if the views have too little in common.
     """
     precision = np.linalg.inv(covariance)
     noise_m = max(seen.noise_m for seen in features)
-    plan, spread = _rounds(before, uncertainty_m)
-    at_first = math.nan if before is None else before.distance_m[0]
-    twist, is_sure, is_settled = twist.copy(), uncertainty_m < _SURE_M, False
+    plan, spread = _rounds(uncertainty_m)
+    at_first = math.nan
+    twist, is_settled = twist.copy(), False
     for n, (search_radius_m, every) in enumerate(plan):
         if is_settled and every > 1:
             continue
@@ -129,7 +114,7 @@ def fit_pair(
         )  # fmt: skip
         if found.count * every < LEAST_POINTS:
             return None
-        if n == 0 and before is None:
+        if n == 0:
             at_first = float(found.spread[0])
         matrix, gradient = _weighed(found, spread, noise_m)
         spread = _usual(found.spread)
@@ -137,9 +122,7 @@ def fit_pair(
         gain = float(step @ (matrix[:6, :6] + precision) @ step)
         if n == len(plan) - 1 or (every == 1 and gain < _STILL**2):
             break
-        twist, is_settled = twist + step, is_sure and gain < _SETTLED**2
-    if float(twist @ precision @ twist) > _MOST_SURPRISE:
-        return None  # different cloth that fits by chance
+        twist, is_settled = twist + step, gain < _STILL**2
     return PairFit(
         first=numbers[0],
         second=numbers[1],
@@ -155,12 +138,10 @@ def fit_pair(
     )
 
 
-def _rounds(before: PairFit | None, uncertainty_m: float) -> tuple[list[tuple[float, int]], Float64]:
+def _rounds(uncertainty_m: float) -> tuple[list[tuple[float, int]], Float64]:
     """Return search radius and thinning of each round, and the initial typical differences (4,)."""
     least_m = _SEARCH_RADII_M[-1]
     fine = [(least_m, 1)] * _FINE_ROUNDS
-    if before is not None:
-        return fine, before.spread
     # The first radii that the motion cannot need are left out.
     needed_m = least_m + 3.0 * uncertainty_m
     enough = [n for n, radius_m in enumerate(_SEARCH_RADII_M[:-1]) if radius_m >= needed_m]
@@ -172,7 +153,7 @@ def _rounds(before: PairFit | None, uncertainty_m: float) -> tuple[list[tuple[fl
 
 def _usual(found: Float64) -> Float64:
     """Return the typical differences (4,) from those found; 0 where there were none."""
-    least = np.array([DISTANCE_STD_M, *[_LEAST_TEXTURE_SPREAD] * CHANNELS])
+    least = np.array([DISTANCE_STD_M, *[1e-6] * CHANNELS])
     usual: Float64 = np.where(np.isfinite(found), np.maximum(np.nan_to_num(found), least), 0.0)
     usual[1] = math.hypot(usual[1], _SHADING_STD) if usual[1] > 0 else 0.0
     return usual
@@ -191,10 +172,10 @@ def _weighed(found: Agreement, spread: Float64, noise_m: float) -> tuple[Float64
     precision = 1.0 / np.square(spread[used])
     inflation = _inflation(found.matrix[used, :6, :6], found.scores[used, :, :6], precision)
     # The scores of 6 unknowns fitted to few blocks scatter too little.
-    inflation *= _NOISE_INFLATION * parts / max(parts - 6.0, 1.0)
+    inflation *= parts / max(parts - MOTION, 1.0)
     matrix = np.einsum("t,tij->ij", share**2 * precision / inflation, found.matrix[used])
     gradient = share * precision / inflation @ found.gradient[used]
-    off_m = _PART_STD_M + _PART_NOISE * noise_m
+    off_m = PosePrior().axis_stds_m[0] + _PART_NOISE * noise_m
     limit = parts / found.count / off_m**2 * found.inertia
     # The motion may have an error of precision L: the form is minimised over it.
     gain = np.linalg.solve(matrix[:6, :6] + limit, np.concatenate([matrix[:6], gradient[:6, None]], axis=1))

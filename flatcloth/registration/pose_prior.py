@@ -21,8 +21,9 @@ COMMON, OWN = 5, 3
 """Unknowns: shift (2) and tilt (2) of the axis, and the fattening; turn and swing (2) of each view. By
 definition."""
 
-_EXTENT_M = 0.3
-"""Typical distance of cloth from the middle of a view: half of a garment. Set by hand."""
+EXTENT_M = 0.3
+"""Half a garment: typical distance of cloth from the middle of a view; over it, the tilt of the axis is its
+error of position. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,16 +41,8 @@ class PosePrior:
     """Possible standard deviations of the axis' position."""
     swing_stds_deg: tuple[float, ...] = (0.02, 0.15, 0.8)
     """Possible standard deviations of the item's swing about the held point, from view to view."""
-    axis_length_m: float = 0.35
-    """The tilt of the axis is its error of position over this length, about half a garment."""
-    exact_chance: float = 0.5
-    """Prior probability that all three are at their smallest level."""
     fattening_std_px: float = 1.0
     """Standard deviation of the edge fattening, by which a stereo sensor makes near surfaces larger."""
-    any_turn_std_deg: float = 0.02
-    """Rotation between two views that nothing above explains, because the cloth deforms slightly, ..."""
-    any_shift_std_m: float = 0.0001
-    """... and the corresponding shift."""
 
 
 def motion(twist: Float64, center_m: Float64) -> Rigid3:
@@ -155,15 +148,15 @@ def chances(prior: PosePrior) -> Float64:
     """Return the prior probability (G,) of each grade."""
     chance = np.ones(len(grades(prior)))
     if len(chance) > 1:
-        chance *= (1.0 - prior.exact_chance) / (len(chance) - 1)
-        chance[0] = prior.exact_chance
+        chance *= 0.5 / (len(chance) - 1)
+        chance[0] = 0.5  # exact recordings are as probable as all others together
     return chance
 
 
 def variances(n: int, grade: Float64, prior: PosePrior) -> Float64:
     """Return the prior variances (..., 5 + 3 n) of the unknowns at grades (..., 3)."""
     turn, axis, swing = np.moveaxis(np.square(grade), -1, 0)
-    tilt, fattening = axis / prior.axis_length_m**2, np.full_like(axis, prior.fattening_std_px**2)
+    tilt, fattening = axis / EXTENT_M**2, np.full_like(axis, prior.fattening_std_px**2)
     common = np.stack([axis, axis, tilt, tilt, fattening], axis=-1)
     own = np.stack([turn, swing, swing], axis=-1)
     return np.concatenate([common, *[own] * n], axis=-1)
@@ -178,7 +171,8 @@ def pair_covariance(one: Float64, other: Float64, prior: PosePrior, grade: Float
     own, axis = likely[COMMON:], one[:, OWN:] - other[:, OWN:]
     covariance = (one[:, :OWN] * own) @ one[:, :OWN].T + (other[:, :OWN] * own) @ other[:, :OWN].T
     covariance += (axis * likely[:4]) @ axis.T
-    rigid = np.repeat(np.square([math.radians(prior.any_turn_std_deg), prior.any_shift_std_m]), 3)
+    # The cloth deforms slightly: motions as small as the smallest errors are explained by nothing else.
+    rigid = np.repeat(np.square([math.radians(prior.swing_stds_deg[0]), prior.axis_stds_m[0]]), 3)
     return covariance + np.diag(rigid)
 
 
@@ -189,12 +183,12 @@ def expected_displacement_m(one: Float64, other: Float64, prior: PosePrior, post
     """
     grade = np.sqrt(posterior @ np.square(grades(prior)))
     variance = pair_covariance(one, other, prior, grade).diagonal()
-    return math.sqrt(variance[3:].sum() + _EXTENT_M**2 * variance[:3].sum())
+    return math.sqrt(variance[3:].sum() + EXTENT_M**2 * variance[:3].sum())
 
 
 def across(axis: RotationAxis) -> tuple[Float64, Float64]:
     """Return two unit vectors perpendicular to the axis: sideways, and (camera level) towards the camera."""
-    forward = np.array([0.0, 0.0, 1.0]) if abs(axis.direction[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    forward = np.array([0.0, 0.0, 1.0]) if axis.direction[2] ** 2 < 0.5 else np.array([0.0, 1.0, 0.0])
     side = _cross(axis.direction) @ forward
     side /= np.linalg.norm(side)
     return side, _cross(axis.direction) @ side

@@ -17,13 +17,6 @@ from flatcloth.registration.pairwise import PairFit
 from flatcloth.registration.pose_prior import COMMON, OWN, PosePrior, at_center, grades, moved_axis, poses
 from flatcloth.registration.view_features import ViewFeatures
 
-_LOOSE_TURN_DEG = 0.4
-"""The recorded rotation is kept unless the estimated errors of angles, ..."""
-_LOOSE_AXIS_M = 0.0025
-"""... axis, ..."""
-_LOOSE_SWING_DEG = 0.5
-"""... or swing exceed these limits. Set by hand."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Registration:
@@ -85,8 +78,13 @@ class Registered:
     @property
     def is_loose(self) -> bool:
         """Whether the views show that the recorded poses are wrong."""
-        turn_deg, axis_m, swing_deg = self.error_stds
-        return turn_deg > _LOOSE_TURN_DEG or axis_m > _LOOSE_AXIS_M or swing_deg > _LOOSE_SWING_DEG
+        levels = self.prior.turn_stds_deg, self.prior.axis_stds_m, self.prior.swing_stds_deg
+        # Errors between the second level and the third are as those of a careful recording.
+        return any(
+            std > math.sqrt(level[1] * level[2])
+            for std, level in zip(self.error_stds, levels, strict=True)
+            if len(level) > 2
+        )
 
     @property
     def fattening_px(self) -> float:

@@ -40,14 +40,14 @@ CHANNELS = 3
 definition."""
 TERMS = 1 + CHANNELS
 """Terms of the comparison: the distance, and the channels. By definition."""
-UNKNOWNS = 7
+MOTION = 6
+"""Degrees of freedom of a motion. By definition."""
+UNKNOWNS = 1 + MOTION
 """The motion of one view against the other (rotation about x, y, z; shift), and the fattening. By
 definition."""
-_DARKEST = 8
-"""Darker values count as this one, because their logarithm is noise. Chosen."""
-_IMAGES_KEPT, _IMAGES_BYTES = 64, 30 * 2**20
+_IMAGES_KEPT = 30
 """Views whose images for comparison are kept. Chosen: those of a view take 1 MB and are made in 5 ms;
-every new view is compared with up to six others."""
+every new view is compared with up to four others."""
 
 
 class ComparedImages(NamedTuple):
@@ -123,7 +123,7 @@ class ViewFeatures:
         )
 
 
-_images: Cache[ComparedImages] = Cache(_IMAGES_KEPT, _IMAGES_BYTES)
+_images: Cache[ComparedImages] = Cache(_IMAGES_KEPT, _IMAGES_KEPT << 20)
 """Of the views compared last, whichever shape they belong to; a key keeps no view in memory."""
 
 
@@ -139,8 +139,8 @@ class Gates:
     """Points correspond if their normals differ by at most the angle of this cosine."""
     least_facing_cos: float = 0.45
     """Surface at a smaller cosine of incidence for either camera does not count, ..."""
-    full_facing_cos: float = 0.8
-    """... at a larger one than this it counts fully."""
+    full_facing_cos: float = 1.0
+    """... and at this one it counts fully."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -230,7 +230,7 @@ def _smoothed(surface: Surface, sigma_px: float) -> Float32:
     return smoothed
 
 
-_LOG = np.log(np.maximum(np.arange(256), _DARKEST)).astype(np.float32)
+_LOG = np.log(np.maximum(np.arange(256), 1)).astype(np.float32)
 """Logarithm of each value of a colour. By definition."""
 
 
@@ -259,7 +259,7 @@ def _texture(surface: Surface, size_px: float) -> Float32:
 
 def _blurred_share(inside: Float32, sigma_px: float) -> Float32:
     """Factor that normalises a blurred image of which only a part is known."""
-    blurred = np.maximum(cv2.GaussianBlur(inside, (0, 0), sigma_px), np.float32(0.05))
+    blurred = np.maximum(cv2.GaussianBlur(inside, (0, 0), sigma_px), np.float32(1e-6))
     share: Float32 = np.reciprocal(blurred).astype(np.float32)
     return share
 

@@ -16,7 +16,8 @@ import numpy as np
 from numba import njit
 
 from flatcloth.core.types import Float32, Float64, Int32, Int64
-from flatcloth.segmentation.settings import THREADS, SegmentationConfig
+from flatcloth.registration.axis import THREADS
+from flatcloth.segmentation.settings import SegmentationConfig
 
 _BUCKETS = 1 << 17
 """Size of the hash table. Chosen: several times the clusters of a garment (20 000); a smaller one

@@ -21,7 +21,7 @@ from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SegmentationError, SurfaceError
 from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import about_axis, foreground_mask
-from flatcloth.segmentation.settings import THREADS
+from flatcloth.registration.axis import THREADS, TOP_M
 
 _APART_M = 0.03
 """Regions farther than this from the largest are other objects. Nearer to the axis, the item hardly moves
@@ -31,8 +31,6 @@ _STILL_SHARE = 0.9
 affect the others."""
 _STILL_DEPTH = 0.005
 """Same depth: at most this share of it apart. Chosen: about 3 sigma of a D435 at 0.85 m (1.5 mm)."""
-_ABOVE_M = 0.008
-"""Regions this much above the held point are the gripper. Chosen: less cuts cloth if the point is off."""
 LEAST_AREA_M2 = 2e-4
 """Smaller regions are not cut off, and smaller changes not reported. Chosen: 14 x 14 mm are noise or a
 button."""
@@ -219,7 +217,7 @@ def _without_holder(
             _note(cuts, frame, off, "a stand", "stays in place while the item turns")
         if held_point_m is not None:
             above = np.zeros_like(mask)
-            above[mask] = height > (held_point_m - axis.point_m) @ axis.direction + _ABOVE_M
+            above[mask] = height > (held_point_m - axis.point_m) @ axis.direction + TOP_M
             above = _large(frame, above & ~off)
             _note(cuts, frame, above, "gripper", "lies above the held point")
             off |= above

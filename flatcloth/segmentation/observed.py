@@ -26,6 +26,7 @@ from flatcloth.core.types import (
     no_progress,
 )
 from flatcloth.flattening.surface import Surface, crop_to_item, never, observe_surface
+from flatcloth.registration.axis import THREADS
 from flatcloth.registration.cameras import register_together
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
@@ -33,7 +34,7 @@ from flatcloth.segmentation.inner import doubtful_faces, inner_faces
 from flatcloth.segmentation.item import CutOff, Item, find_item
 from flatcloth.segmentation.partition import Int8, Partition, partition, sampled_sides
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
-from flatcloth.segmentation.settings import THREADS, SegmentationConfig
+from flatcloth.segmentation.settings import SegmentationConfig
 
 _LOOK = 2
 """The camera poses are first checked on every second view, each compared with one other view. Chosen: this

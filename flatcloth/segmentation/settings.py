@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-THREADS = 2
-"""Views, or samples, processed in parallel. Chosen for two cores; more need more memory."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentationConfig:

@@ -10,6 +10,7 @@ from flatcloth.core.geometry import Rigid3, held_from_camera
 from flatcloth.registration.axis_estimation import _neighbours, _pairs, choose_views
 from flatcloth.registration.pairwise import _FINE_ROUNDS, _SEARCH_RADII_M, _rounds
 from flatcloth.registration.pose_prior import (
+    EXTENT_M,
     PosePrior,
     across,
     at_center,
@@ -85,7 +86,7 @@ def test_exact_recordings_are_as_probable_as_all_others_together() -> None:
 def test_variances_are_the_squares_of_a_grade_for_each_view() -> None:
     prior = PosePrior()
     found = variances(2, np.array([0.1, 0.02, 0.3]), prior)
-    tilt = (0.02 / prior.axis_length_m) ** 2
+    tilt = (0.02 / EXTENT_M) ** 2
     np.testing.assert_allclose(found, [4e-4, 4e-4, tilt, tilt, 1.0, *(0.01, 0.09, 0.09) * 2])
 
 
@@ -101,25 +102,26 @@ def test_a_pair_moves_as_far_as_its_own_errors_and_those_of_the_axis_allow() -> 
     np.testing.assert_allclose(covariance, covariance.T, atol=1e-15)
     assert np.linalg.eigvalsh(covariance)[0] > 0
     # About the axis both views turn by their own errors.
-    turn = np.radians(prior.turn_stds_deg[-1]) ** 2 * 2 + np.radians(prior.any_turn_std_deg) ** 2
+    turn = np.radians(prior.turn_stds_deg[-1]) ** 2 * 2 + np.radians(prior.swing_stds_deg[0]) ** 2
     assert AXIS.direction @ covariance[:3, :3] @ AXIS.direction == pytest.approx(turn, rel=0.01)
 
 
 def test_a_pair_whose_motion_is_nearly_known_begins_with_a_small_search_radius() -> None:
-    wide, spread = _rounds(None, np.inf)
+    wide, spread = _rounds(np.inf)
     assert [radius for radius, every in wide if every == 2] == list(_SEARCH_RADII_M)
     assert [every for _, every in wide[-_FINE_ROUNDS:]] == [1] * _FINE_ROUNDS
     assert spread[0] == pytest.approx(_SEARCH_RADII_M[0] / 3)
-    middle, _ = _rounds(None, 0.002)
+    middle, _ = _rounds(0.002)
     assert middle[0][0] == min(r for r in _SEARCH_RADII_M if r >= 0.011)
-    sure, _ = _rounds(None, 0.0)
+    sure, _ = _rounds(0.0)
     assert [every for _, every in sure] == [2, 2, 1, 1, 1]
 
 
-def test_pairs_of_views_are_those_up_to_45_degrees_or_farther_for_lone_views() -> None:
+def test_pairs_of_views_are_those_up_to_65_degrees() -> None:
     turns = {(p.first, p.second): p.turn_deg for p in _pairs([0.0, 0.25, 30.0, 350.0])}
     assert turns == {(2, 0): 30.0, (2, 1): 29.75, (3, 0): 10.0, (3, 1): 10.25, (3, 2): 40.0}
     assert [p.turn_deg for p in _pairs([0.0, 60.0])] == [60.0]
+    assert _pairs([0.0, 70.0]) == []
     assert [p.turn_deg for p in _neighbours(_pairs([0.0, 10.0, 25.0, 60.0]))] == [10.0, 25.0, 15.0, 35.0]
 
 
