@@ -2,8 +2,7 @@
 
 The simulated sensor's noise is that of a D435, times 2 with its correlation, and times 3 with twice
 that. The flattened components, those without folds, are compared with the true coordinates, as it is
-and without the smoothing. Clean depth is also blurred over 15 px, as by stereo that matches large windows:
-where its ramps are cut at colour edges, the errors in depth before and after are compared.
+and without the smoothing.
 """
 
 from __future__ import annotations
@@ -19,12 +18,11 @@ from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Float64, RgbdFrame, RotationAxis
+from flatcloth.core.types import RgbdFrame, RotationAxis
 from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.flattening import noise
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.surface import crop_to_item, item_mask, observe_surface
-from flatcloth.flattening.wide_ramps import cut_wide_ramps
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import TrueView, read_truth
@@ -37,7 +35,6 @@ SENSORS = {
     "x2": DepthSensor(disparity_noise_px=0.114),
     "x3 wide": DepthSensor(disparity_noise_px=0.171, correlation_px=3.3),
 }
-BLUR_PX = 15
 EVERY = 7
 FAR_M = 0.010
 
@@ -99,33 +96,6 @@ def rims(recording: Recording, axis: RotationAxis, shown: range) -> dict[str, fl
     return {"flattened": round(float(np.mean(share)), 3), "lost_rim_px": round(float(np.median(band)), 1)}
 
 
-def blurred(recording: Recording, shown: range) -> dict[str, Any]:
-    """Blur the depth over 15 px, as some stereo does; return the errors before and after ramps are cut."""
-    errors: list[list[Float64]] = [[np.empty(0)], [np.empty(0)]]
-    sharp = total = 0
-    for n in shown:
-        frame = recording[n]
-        cropped, item = crop_to_item(frame, item_mask(replace(frame, mask=None), None, Config().surface))
-        depth = np.where(item, cropped.depth_m.astype(np.float64), np.inf)
-        size = (BLUR_PX, BLUR_PX)
-        share = np.maximum(cv2.blur(item.astype(np.float64), size), 1e-9)
-        wide = np.where(item, cv2.blur(1.0 / depth, size) / share, 0.0)
-        found, changed = cut_wide_ramps(wide, cropped.color, cropped.intrinsics)
-        for own, value in zip(errors, (wide, found), strict=True):
-            own.append(np.abs(1.0 / value[changed] - depth[changed]))
-        sharp += np.count_nonzero(cut_wide_ramps(1.0 / depth, cropped.color, cropped.intrinsics)[1])
-        total += np.count_nonzero(changed)
-    before, after = (1e3 * np.concatenate(own) for own in errors)
-    return {
-        "changed_px": int(total),
-        "changed_px_sharp": int(sharp),
-        **{
-            f"{name}_mm": [round(float(np.quantile(own, q)), 1) for q in (0.5, 0.9)] if total else []
-            for name, own in (("before", before), ("after", after))
-        },
-    }
-
-
 def measured(source: str, quick: bool) -> dict[str, Any]:
     """Measure one recording."""
     recording = open_recording(source)
@@ -141,7 +111,6 @@ def measured(source: str, quick: bool) -> dict[str, Any]:
             row["as recorded"]["as measured"] = rims(recording, axis, shown)
     if max(row["noise_px"]) > CLEAN_PX:
         return row
-    row["blurred"] = {"wide ramps": blurred(recording, shown)}
     truth = read_truth(source)
     for name, sensor in SENSORS.items():
         found: dict[str, list[dict[str, float]]] = {"smoothed": [], "as measured": []}
@@ -165,7 +134,7 @@ def run(options: Options) -> None:
     for source in sources(options.recordings):
         table.append(measured(source, options.quick))
         say(f"{table[-1]['recording']}: noise {max(table[-1]['noise_px'])} px at most")
-        for name in (*SENSORS, "as recorded", "blurred"):
+        for name in (*SENSORS, "as recorded"):
             for how, figures in table[-1].get(name, {}).items():
                 say(f"  {name}, {how}: " + ", ".join(f"{k} {v}" for k, v in figures.items()))
     if not options.quick:

@@ -121,14 +121,7 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
     """
     with ThreadPoolExecutor(_THREADS) as pool:
         frames = list(pool.map(views.recorded, range(len(views.recording))))
-    observed = observe(
-        frames,
-        views.axis,
-        views.held_point_m,
-        views.config,
-        progress=progress,
-        sensor_blurs=views.sensor_blurs,
-    )
+    observed = observe(frames, views.axis, views.held_point_m, views.config, progress=progress)
     return SideSolver(observed)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import threading
 from collections.abc import Callable, Iterable
@@ -32,13 +31,11 @@ from flatcloth.engine.sides import Masks, Sides
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.sampling import widened
 from flatcloth.flattening.surface import (
-    edge_widths_of,
     foreground_mask,
     item_mask,
     observe_item,
     observed_area_m2,
 )
-from flatcloth.flattening.wide_ramps import blurs_edges
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
 from flatcloth.registration.axis import axis_agreement, resolve_axis
@@ -49,8 +46,6 @@ _MIB = 1 << 20
 _FRAMES_BYTES, _ALL_FRAMES_BYTES = 16 * _MIB, 128 * _MIB
 """Most memory for frames that are kept: with an operator, who looks at a few, and unattended. Chosen: the
 latter holds a turn of 36 views of 480 x 848 pixels; each is read three times, and decoded in 4 ms."""
-_EDGES_IN_VIEWS = 2
-"""Number of views whose edge widths are counted. Chosen: both sides of the item; each takes 50 ms."""
 _NEAREST_M = 0.1
 """Least assumed distance of the axis. Chosen: few depth cameras measure nearer."""
 
@@ -151,7 +146,6 @@ class RecordedViews:
         self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 56 * _MIB)
         self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
         self._areas: Cache[Float64] = Cache(2)
-        self._blurs: Cache[bool] = Cache(1)
         self.masks: Masks | None = None
         segmenter = self._segmenter
         self.sides = (
@@ -208,17 +202,6 @@ class RecordedViews:
     def recorded(self, view_index: int) -> RgbdFrame:
         """Read a view as it was recorded, without a mask found by the program."""
         return self._frames.get(view_index, lambda: self.recording[view_index])
-
-    def sensor_blurs(self) -> bool:
-        """Return whether the sensor blurs edges between layers, judged from opposite views (cached)."""
-        return self._blurs.get(min(len(self.recording), _EDGES_IN_VIEWS), self._count_edges)
-
-    def _count_edges(self) -> bool:
-        found = []
-        for n in sorted({len(self.recording) * k // _EDGES_IN_VIEWS for k in range(_EDGES_IN_VIEWS)}):
-            with contextlib.suppress(SurfaceError):
-                found.append(edge_widths_of(self.recorded(n), self.axis, self.config.surface))
-        return blurs_edges(found)
 
     def cloud(self, view_index: int) -> ViewCloud:
         """Return the foreground points of a view, object frame."""
@@ -286,7 +269,7 @@ class RecordedViews:
     def _flatten(self, view_index: int) -> Flattening:
         config = self.config
         try:
-            surface = observe_item(self.frame(view_index), self.axis, config.surface, self.sensor_blurs)
+            surface = observe_item(self.frame(view_index), self.axis, config.surface)
             return flatten(
                 surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
             )

@@ -20,7 +20,13 @@ from flatcloth.core.geometry import camera_from_held, fit_rigid2, held_from_came
 from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
 from flatcloth.flattening.minimisation import Minimum, minimise
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
-from flatcloth.flattening.sampling import Samples, cut_necks, graph_components, sample_surface
+from flatcloth.flattening.sampling import (
+    LEAST_INTERVAL_M,
+    Samples,
+    cut_necks,
+    graph_components,
+    sample_surface,
+)
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier
 
@@ -48,7 +54,6 @@ class Level:
     energy: tuple[float, ...]
     state_members: Int32
     states: tuple[Float64, ...] = ()
-    state_iterations: tuple[int, ...] = ()
 
     @property
     def sampling_interval_px(self) -> int:
@@ -141,8 +146,7 @@ def flatten(
     record : bool
         Keep states of the minimisation for the teaching view.
     previous : Flattening, optional
-        A flattened view of the same item at a nearby angle. Where both views show the same cloth,
-        the first level starts from its result, and the plane keeps its orientation.
+        A flattened view of the same item at a nearby angle, of which the plane keeps the orientation.
 
     Returns
     -------
@@ -165,7 +169,8 @@ def flatten(
             start = _from_coarse(samples, levels[-1], surface)
             levels.append(_solve_level(samples, start, least, record))
         elif previous is not None:
-            levels.append(_continued(samples, previous, surface, axis, least, record))
+            start = _as_in_previous(samples, previous, surface, axis)
+            levels.append(_solve_level(samples, start, least, record))
         else:
             levels.append(_solve_level(samples, _pixel_start(samples, surface), least, record))
     if not levels:
@@ -175,10 +180,6 @@ def flatten(
     if not components:
         raise FlatteningError(_too_small(surface))
     return Flattening(levels=tuple(levels), components=tuple(components), surface=surface, carrier=carrier)
-
-
-_SAME_CLOTH_M = 0.008
-"""A point of another view, turned back, shows the same cloth if it lies within this distance. Set by hand."""
 
 
 def _too_small(surface: Surface) -> str:
@@ -213,7 +214,6 @@ def _solve_level(samples: Samples, initial: Float64, least_samples: int, record:
         energy=largest.energy,
         state_members=np.flatnonzero(component == 0).astype(np.int32),
         states=largest.states,
-        state_iterations=largest.state_iterations,
     )
 
 
@@ -242,35 +242,8 @@ def _from_coarse(samples: Samples, coarse: Level, surface: Surface) -> Float64:
     return uv
 
 
-def _continued(
-    samples: Samples,
-    previous: Flattening,
-    surface: Surface,
-    axis: RotationAxis,
-    least_samples: int,
-    record: bool,
-) -> Level:
-    """Solve from the previous view's result; if that ends in a bad minimum, solve from the pixels."""
-    warm, still = _from_previous(samples, previous, surface, axis)
-    level = _solve_level(samples, warm, least_samples, record)
-    if _residual_m(level) > 1.5 * _residual_m(previous.levels[-1]):
-        level = _solve_level(samples, still, least_samples, record)
-    return level
-
-
-def _residual_m(level: Level) -> float:
-    """Root of H per pair, i.e. the error of the largest component's lengths; at least 0.1 mm."""
-    pairs = int((level.component[level.edges[:, 0]] == 0).sum())
-    return max(float(np.sqrt(level.energy[-1] / max(pairs, 1))), 1e-4)
-
-
-def _from_previous(
-    samples: Samples, previous: Flattening, surface: Surface, axis: RotationAxis
-) -> tuple[Float64, Float64]:
-    """Start where another view placed the same cloth; all other points are moved rigidly from the pixels.
-
-    Also returns the pixel start alone, moved rigidly.
-    """
+def _as_in_previous(samples: Samples, previous: Flattening, surface: Surface, axis: RotationAxis) -> Float64:
+    """Return the pixel start, moved rigidly to where another view placed the same cloth."""
     start = _pixel_start(samples, surface)
     frame, seen = surface.frame, previous.surface
     turn = camera_from_held(axis, seen.frame.angle_deg) @ held_from_camera(axis, frame.angle_deg)
@@ -279,16 +252,11 @@ def _from_previous(
     inside = np.flatnonzero(((rc >= 0) & (rc < seen.usable.shape)).all(axis=1))
     depth = seen.xyz_m[rc[inside, 0], rc[inside, 1], 2]
     with np.errstate(invalid="ignore"):
-        same = inside[np.abs(depth - points[inside, 2]) < _SAME_CLOTH_M]
+        same = inside[np.abs(depth - points[inside, 2]) < LEAST_INTERVAL_M]
     placed = previous.carrier.place(rc[same])
     found = np.isfinite(placed[:, 0])
     known, placed = same[found], placed[found]
-    if known.size < 3:
-        return start, start
-    still = fit_rigid2(start[known], placed).apply(start)
-    uv = still.copy()
-    uv[known] = placed
-    return uv, still
+    return start if known.size < 3 else fit_rigid2(start[known], placed).apply(start)
 
 
 def _raster_components(

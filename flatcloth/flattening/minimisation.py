@@ -36,34 +36,27 @@ from flatcloth.flattening.banded import (
 
 MOST_STEPS = 60
 """Limit of Gauss-Newton steps. Chosen; the tolerance normally ends them earlier."""
-_ANDERSON_DEPTH = 6
-"""Past steps that Anderson acceleration combines (Walker and Ni, SINUM 2011). Chosen for speed."""
 _REPAIRS = 2
 """Majorisations after each Gauss-Newton step. Set by hand."""
-_WIDE_BAND = 24
-"""From this bandwidth on, conjugate gradients are tried before a factorisation. Set by hand."""
 _MOST_CG_STEPS = 9
 """Conjugate gradients that need more steps than this are given up for a factorisation. Chosen for speed."""
-_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e4
-"""Range of the damping (Levenberg-Marquardt), shares of the diagonal. Chosen: none to a gradient step."""
-_EXACT_M2 = 1e-14
-"""Below this H per pair the lengths count as met exactly. Set by hand."""
-_STATES = 20
-"""Recorded states that are kept at most. Chosen for the teaching view."""
+_FORCING = 0.05
+"""They end where further steps would gain less than this share. Chosen for speed."""
+_WIDE_BAND = 24
+"""From this bandwidth on, they are tried before a factorisation. Chosen for speed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Minimum:
     """Result: ``uv_m`` (N, 2) and ``energy``, i.e. H before the first and after each iteration.
 
-    ``states`` holds (N, 2) arrays at the iterations ``state_iterations``, for the teaching view; it
-    is empty unless requested.
+    ``states`` holds (N, 2) arrays at the same iterations, for the teaching view; it is empty unless
+    requested.
     """
 
     uv_m: Float64
     energy: tuple[float, ...]
     states: tuple[Float64, ...] = ()
-    state_iterations: tuple[int, ...] = ()
 
 
 class Terms(NamedTuple):
@@ -78,13 +71,12 @@ class Limits(NamedTuple):
     """How many majorisations come first, and what ends the Gauss-Newton steps after them.
 
     ``tolerance`` is the share of H, with its part ``constant_m2`` that no place changes, that a step must
-    promise to lower. ``damping`` is the largest.
+    promise to lower.
     """
 
     majorisations: int
     tolerance: float
     constant_m2: float
-    damping: float
     steps: int
 
 
@@ -99,7 +91,6 @@ def minimise(
     record: bool = False,
     narrow: Banding | None = None,
     least_energy_m2: float = 0.0,
-    is_near: bool = False,
     most_steps: int = MOST_STEPS,
 ) -> Minimum:
     """Minimise Eq. (2) for one connected graph.
@@ -119,13 +110,11 @@ def minimise(
     weight : (M,) float64, optional
         Weights of the pairs, positive, about 1; by default all 1, as in the paper.
     record : bool
-        Keep about twenty intermediate states.
+        Keep the intermediate states.
     narrow : Banding, optional
         The banding of the pairs, if it is already known.
     least_energy_m2 : float
         Part of H that is left out since no place changes it; the tolerance counts it.
-    is_near : bool
-        The start is near the minimum, which is reached where a step without damping does not lower H.
     most_steps : int
         Limit of Gauss-Newton steps.
 
@@ -143,16 +132,13 @@ def minimise(
         return Minimum(uv_m=initial_uv_m.copy(), energy=(0.0,))
     narrow = narrow or banding(len(initial_uv_m), edges)
     terms = Terms(narrow.pairs, edge_length_m, np.ones(len(edges)) if weight is None else weight)
-    damping = _LEAST_DAMPING if is_near else _MOST_DAMPING
-    limits = Limits(majorisations, energy_tolerance, least_energy_m2, damping, most_steps)
+    limits = Limits(majorisations, energy_tolerance, least_energy_m2, most_steps)
     start = np.ascontiguousarray(initial_uv_m[narrow.order].T)
     x, energy, states = _minimised(start, terms, limits, record)
-    shown = [round(i) for i in np.linspace(0, len(states) - 1, min(_STATES, len(states)))]
     return Minimum(
         uv_m=x.T[narrow.place],
         energy=tuple(energy.tolist()),
-        states=tuple(states[k].T[narrow.place] for k in shown),
-        state_iterations=tuple(shown),
+        states=tuple(state.T[narrow.place] for state in states),
     )
 
 
@@ -191,15 +177,15 @@ def _majorise(
     rhs, kept = np.empty_like(x), 0
     energy[0] = _majorise_rhs(x, terms, rhs)
     _copy(x, states, 0)
-    past_x, past_f = np.empty((_ANDERSON_DEPTH, *x.shape)), np.empty((_ANDERSON_DEPTH, *x.shape))
+    past_x, past_f = np.empty((iterations, *x.shape)), np.empty((iterations, *x.shape))
     for n in range(iterations):
         plain = substituted(laplacian, rhs)
         _center(plain)
         moved = plain - x
         candidate = _anderson_mixed(past_x[:kept], past_f[:kept], plain, moved)
-        _copy(plain, past_x, n % _ANDERSON_DEPTH)
-        _copy(moved, past_f, n % _ANDERSON_DEPTH)
-        kept = min(kept + 1, _ANDERSON_DEPTH)
+        _copy(plain, past_x, kept)
+        _copy(moved, past_f, kept)
+        kept += 1
         h = _majorise_rhs(candidate, terms, rhs)
         if h > energy[n]:
             candidate, kept = plain, 0
@@ -220,23 +206,19 @@ def _gauss_newton(
     count = limits.majorisations + 1
     h = energy[count - 1]
     tolerance = limits.tolerance * (1.0 + limits.constant_m2 / max(h, 1e-30))
-    is_wide = bandwidth_of(terms.pairs) > _WIDE_BAND
     gradient, unit, rhs = np.empty_like(x), np.empty((len(terms.pairs), 2)), np.empty_like(x)
-    damping, factor = _LEAST_DAMPING, laplacian
+    factor, tries_gradients = laplacian, bandwidth_of(terms.pairs) > _WIDE_BAND
     for _ in range(limits.steps):
-        if h <= _EXACT_M2 * len(terms.pairs):
-            break
         _write_gradient(x, terms, unit, gradient)
-        step, gain, is_found = np.zeros_like(x), 0.0, False
-        if is_wide and damping <= _LEAST_DAMPING:
-            step, gain, is_found = _conjugate_gradients(gradient, terms.pairs, unit, factor, tolerance * h)
-        if not is_found:
-            hessian = _hessian_band(x.shape[1], terms.pairs, unit, damping)
-            is_found = factor_in_place(hessian)
-            if is_found:
-                factor = hessian
-                step = _solved(factor, gradient)
-                gain = _product(gradient, step)
+        step, gain, is_rough = np.zeros_like(x), 0.0, False
+        if tries_gradients:
+            step, gain, is_rough = _conjugate_gradients(gradient, terms.pairs, unit, factor)
+        if not is_rough:
+            factor = _hessian_band(x.shape[1], terms.pairs, unit)
+            if not factor_in_place(factor):
+                break
+            step = _solved(factor, gradient)
+            gain = _product(gradient, step)
         candidate = x - step
         h_new = _majorise_rhs(candidate, terms, rhs)
         if gain > tolerance * h or h_new >= h:
@@ -244,14 +226,13 @@ def _gauss_newton(
                 candidate = substituted(laplacian, rhs)
                 h_new = _majorise_rhs(candidate, terms, rhs)
         if not h_new < h:
-            damping *= 10
-            if not is_found or damping > limits.damping:
+            if not is_rough:
                 break
+            tries_gradients = False
             continue
         x, h, energy[count] = candidate, h_new, h_new
         _copy(x, states, count)
         count += 1
-        damping = max(0.1 * damping, _LEAST_DAMPING)
         if gain <= tolerance * h:
             break
     return x, count
@@ -259,11 +240,12 @@ def _gauss_newton(
 
 @njit(cache=True, nogil=True)
 def _conjugate_gradients(
-    gradient: Float64, pairs: Int32, unit: Float64, factor: Float64, negligible: float
+    gradient: Float64, pairs: Int32, unit: Float64, factor: Float64
 ) -> tuple[Float64, float, bool]:
     """Solve the Gauss-Newton system roughly: the step, its predicted gain, and whether that was quick.
 
-    The iteration ends when the gain of further steps, predicted from the rate so far, is negligible.
+    The iteration ends when further steps, predicted from the rate so far, would gain little (inexact Newton
+    steps, Dembo et al. 1982).
     """
     step, curved, rest = np.zeros_like(gradient), np.empty_like(gradient), gradient.copy()
     toward = _solved(factor, rest)
@@ -277,9 +259,8 @@ def _conjugate_gradients(
         gain += added
         toward = _solved(factor, rest)
         new_power = _product(rest, toward)
-        rate = min(new_power / power, 0.95) if power > 0 else 0.0
-        forecast = added * rate / (1.0 - rate)
-        if iteration >= 2 and forecast <= max(0.05 * gain, 0.2 * negligible):
+        forecast = added * new_power / max(power - new_power, 1e-300)
+        if iteration >= 2 and new_power < power and forecast <= _FORCING * gain:
             return step, gain + forecast, True
         direction = toward + (new_power / max(power, 1e-300)) * direction
         power = new_power
@@ -368,10 +349,13 @@ def _write_gradient(x: Float64, terms: Terms, unit: Float64, gradient: Float64) 
 
 
 @njit(cache=True, nogil=True)
-def _hessian_band(n: int, pairs: Int32, unit: Float64, damping: float) -> Float64:
-    """Band (2 n, B) of the Gauss-Newton Hessian of H / 2, u and v interleaved."""
+def _hessian_band(n: int, pairs: Int32, unit: Float64) -> Float64:
+    """Band (2 n, B) of the Gauss-Newton Hessian of H / 2, u and v interleaved.
+
+    It is singular for rigid motions, but for a diagonal that is far below what any bending changes.
+    """
     band = np.zeros((2 * n, 2 * bandwidth_of(pairs) + 2))
-    band[:, 0] = damping
+    band[:, 0] = 1e-9
     for e in range(pairs.shape[0]):
         a, b = pairs[e, 0], pairs[e, 1]
         uu, uv, vv = unit[e, 0] ** 2, unit[e, 0] * unit[e, 1], unit[e, 1] ** 2

@@ -20,27 +20,20 @@ from flatcloth.flattening.patches import (
 )
 from flatcloth.flattening.ramps import find_ramps
 
-_LAG_PX = 6
-"""Distance over which depth is compared. Chosen: stereo noise is alike over 2 px, folds over more than 10."""
-_LEAST_SAMPLES = 500
-"""With fewer comparisons the noise is not estimated. Chosen."""
 _DESIGNED = 1.7
 """Noise, in widths of a pixel, up to which depth is used as measured: the simulated D435's is 0.9 in the
 median and 1.66 at most, that of two stereo views with harsher noise 2.0. Measured by
 ``python -m benchmarks noise``."""
-_SMOOTHED_PX = 5.5
-"""Half width of the smoothing fits at the designed noise; it grows with the noise, up to that of the samples'
-fits. Chosen: narrower leaves holes, wider joins layers (``python -m benchmarks noise``)."""
-_STEP_NOISE = 2.5
-"""Steps between pixels may exceed the steepest cloth by so many standard deviations of noise. Chosen."""
 
 
-def noise_in_pixels(inverse_depth: Float64, intrinsics: Intrinsics, lag_px: int = _LAG_PX) -> float:
+def noise_in_pixels(
+    inverse_depth: Float64, intrinsics: Intrinsics, lag_px: int = 2 * NORMAL_WINDOW_PX
+) -> float:
     """Return the standard deviation of the noise of the depth, in widths of a pixel.
 
     It is measured by second differences, which do not depend on slopes, in the direction in which they are
-    smaller, because folds bend cloth mainly in one direction. Only the smaller half of them counts, because
-    the other contains edges. 0 where too little is measured.
+    smaller, because folds bend cloth mainly in one direction; by their median, because some cross edges.
+    0 where too little is measured.
 
     Parameters
     ----------
@@ -49,19 +42,17 @@ def noise_in_pixels(inverse_depth: Float64, intrinsics: Intrinsics, lag_px: int 
     intrinsics : Intrinsics
         The camera.
     lag_px : int
-        Distance of the compared pixels.
+        Distance of the compared pixels; by default the width of the windows in which normals are fitted.
     """
     found = []
     for q in (inverse_depth[:, ::2].T, inverse_depth[::2]):
         before, here, after = q[:, : -2 * lag_px], q[:, lag_px:-lag_px], q[:, 2 * lag_px :]
         known = (before > 0) & (here > 0) & (after > 0)
-        if np.count_nonzero(known) < _LEAST_SAMPLES:
-            continue
-        here = here[known]
-        second = np.abs(before[known] + after[known] - 2.0 * here) / here
-        kept = second.size // 2
-        # Of a normal distribution, the mean of the smaller half is 0.325 standard deviations.
-        found.append(float(np.partition(second, kept)[:kept].mean()) / (0.325 * math.sqrt(6.0)))
+        if known.any():
+            here = here[known]
+            second = np.abs(before[known] + after[known] - 2.0 * here) / here
+            # The variance of a second difference is 1 + 4 + 1 times that of a value.
+            found.append(1.4826 * median(second) / math.sqrt(1 + 4 + 1))
     return min(found, default=0.0) * math.sqrt(intrinsics.fx * intrinsics.fy)
 
 
@@ -89,13 +80,16 @@ def smooth_noise(inverse_depth: Float64, intrinsics: Intrinsics, step_limit: flo
     if noise <= _DESIGNED:
         return inverse_depth, 0.0
     focal = math.sqrt(intrinsics.fx * intrinsics.fy)
-    lenient = step_limit + _STEP_NOISE * noise_in_pixels(inverse_depth, intrinsics, 1) / focal
+    # So that three standard deviations of noise are no jump on the steepest cloth.
+    lenient = step_limit + 3.0 * noise_in_pixels(inverse_depth, intrinsics, 1) / focal
     fitted = _planes(inverse_depth, lenient, NORMAL_WINDOW_PX, 1)
     known = fitted > 0
     deviation = np.abs(1.0 / inverse_depth[known] - 1.0 / fitted[known])
     rest = inverse_depth.copy()
     rest[find_ramps(fitted, intrinsics)] = 0.0
-    width = min(round(_SMOOTHED_PX * noise / _DESIGNED), NOISY_WINDOW_PX)
+    width = min(
+        round(NORMAL_WINDOW_PX * noise), NOISY_WINDOW_PX
+    )  # so that the slopes are as noisy as of less
     return _planes(rest, lenient, width, 2), median(deviation) if deviation.size else 0.0
 
 

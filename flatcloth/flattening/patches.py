@@ -111,7 +111,7 @@ def fit_planes(
         Median deviation of the measured depth from its planes.
     """
     offset = np.arange(-radius, radius + 1, dtype=np.float64)
-    weight = _weight(offset / radius)
+    weight = 1.0 - _WEIGHT_FALLS * np.square(offset / radius)
     mean, slope = weight / weight.sum(), weight * offset / (weight * offset**2).sum()
     planes = np.empty((3, *inverse_depth.shape))
     for plane, x, y in zip(planes, (mean, slope, mean), (mean, mean, slope), strict=True):
@@ -131,12 +131,6 @@ def fit_planes(
     fit = fit_patches(inverse_depth, steps, rows, cols, radius, 1, noise_m <= noisy_depth_m)
     planes.reshape(3, -1)[:, cut] = fit[:, :3].T
     return planes, noise_m
-
-
-def _weight(share: Float64) -> Float64:
-    """Weight of a row or column at this share of the radius; the fitting kernel uses the same formula."""
-    weight: Float64 = 1.0 - _WEIGHT_FALLS * share**2
-    return weight
 
 
 @njit(cache=True, nogil=True)

@@ -29,10 +29,10 @@ RAMP_HEIGHT_M = 0.010
 """A ramp rises by at least this more than the slopes on both sides of it explain. Set by hand."""
 _RAMP_SLOPE = 1.5
 """A ramp's middle is at least this steep (depth over width). Set by hand."""
-_RAMP_LENGTH_PX = 8
-"""A ramp is at least this long; shorter ones are noise. Set by hand."""
 _WEAK_RAMP_SHARE = 0.7
 """A ramp continues where its height and slope are at least this share of the least ones. Set by hand."""
+_CLEAN_JUMP = 0.8
+"""Largest share of a ramp's height within one step. Chosen: a jump as measured is all of it."""
 _LEAST_JUMP_M = 0.001
 """Least jump that separates layers. Measured once on the noiseless synthetic recordings, by no command of
 this repository: of steps between frontal pixels of cloth one in a thousand exceeds 0.7 to 0.9 mm, of steps
@@ -55,9 +55,9 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics) -> Bool:
     """
     focal = math.sqrt(intrinsics.fx * intrinsics.fy)
     strength = _strength(inverse_depth, focal)
-    # An edge between layers is long; a short one is noise. Where the layers come closer together,
-    # the edge continues as a weaker ramp, which could be a fold if it stood alone.
-    edge = long_ones(strength >= 1.0, _RAMP_LENGTH_PX)
+    # An edge between layers is at least as long as a ramp is wide; a shorter one is noise. Where the layers
+    # come closer together, the edge continues as a weaker ramp, which could be a fold if it stood alone.
+    edge = long_ones(strength >= 1.0, 2 * _RAMP_HALF_WIDTH_PX)
     if not edge.any():
         return edge
     return regions_with(edge, (strength >= _WEAK_RAMP_SHARE) | edge)
@@ -164,7 +164,7 @@ def _strength(inverse_depth: Float64, focal: float) -> Float32:
                 before, after = depth[p - 2 * step], depth[p + 2 * step]
                 if before <= 0 or after <= 0:
                     continue
-                steepness = abs(after - before) * q * (per_m / 1.4142 if k > 1 else per_m)
+                steepness = abs(after - before) * q * (per_m / math.sqrt(2.0) if k > 1 else per_m)
                 if steepness < _WEAK_RAMP_SHARE or steepness <= best:
                     continue
                 height = _excess(depth, p, step, half, max(_WEAK_RAMP_SHARE, float(best)) * RAMP_HEIGHT_M)
@@ -199,7 +199,7 @@ def _excess(depth: Float64, p: int, step: int, half: int, least: float) -> float
         return 0.0
     for k in range(-half, half):
         a, b = depth[p + k * step], depth[p + (k + 1) * step]
-        if a > 0 and b > 0 and abs(b - a) >= 0.8 * abs(height):
+        if a > 0 and b > 0 and abs(b - a) >= _CLEAN_JUMP * abs(height):
             return 0.0  # a clean jump within one step: the layers are apart as measured
     return excess
 
@@ -238,9 +238,10 @@ def cut_small_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> NDArray
 def extrapolated_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> tuple[Int32, Float64, Float64]:
     """Return the positions (K,) of steps, the jumps (K,) there, m, and the slopes (K,) beside them.
 
-    Each side's depth in the middle of the step comes from a line through its pixels, three at most; the
-    slopes are the absolute depths gained by a pixel, both sides together, m. Positions are those in a
-    flat array (2, H, W): steps to the right, then steps down. Steps with one pixel on a side are left out.
+    Each side's depth in the middle of the step comes from a line through its pixels, three at most (least
+    squares); the slopes are the absolute depths gained by a pixel, both sides together, m. Positions are
+    those in a flat array (2, H, W): steps to the right, then steps down. Steps with one pixel on a side are
+    left out.
     """
     rows, cols = inverse_depth.shape
     inverse, marked = inverse_depth.ravel(), steps.ravel()
@@ -262,13 +263,13 @@ def extrapolated_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> tupl
             z, near = depth[p], depth[p - stride] - depth[p]
             if p >= 2 * stride and marked[p - 2 * stride] & bit:
                 far = depth[p - 2 * stride] - z
-                behind, down = z + near / 3.0 - far * 5.0 / 12.0, 0.5 * far
+                behind, down = z + (4 * near - 5 * far) / 12, 0.5 * far
             else:
                 behind, down = z - 0.5 * near, near
             z, near = depth[q], depth[q + stride] - depth[q]
             if marked[q + stride] & bit:
                 far = depth[q + 2 * stride] - z
-                ahead, up = z + near / 3.0 - far * 5.0 / 12.0, 0.5 * far
+                ahead, up = z + (4 * near - 5 * far) / 12, 0.5 * far
             else:
                 ahead, up = z - 0.5 * near, near
             at[count] = way * rows * cols + p

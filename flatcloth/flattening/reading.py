@@ -229,7 +229,7 @@ def _read_cloth(
             cosines[count] = towards / math.sqrt(ray_x * ray_x + ray_y * ray_y + 1.0)
             count += 1
             # Image pixels per area: the solid angle of a pixel, spread by the incidence angle.
-            one[row, col, 0] = 1e-4 * fx * fy * towards / (depth * depth)
+            one[row, col, 0] = fx * fy * towards / (1e4 * depth * depth)  # of cm2
             if known > 0.0:
                 one[row, col, 2] = change / known
     return one, other, cosines[:count]

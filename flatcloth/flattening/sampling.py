@@ -23,15 +23,14 @@ from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.patches import NOISY_WINDOW_PX, fit_patches, normals_from_fit
 from flatcloth.flattening.surface import Surface, numbered, unite
 
-_FIT_RADIUS_PX = 6
-"""Radius of the local quadratic fit of depth at each sample. Set by hand."""
 LEAST_INTERVAL_M = 0.012
 """Samples are at least about this far apart. Set by hand: 6 px of a D435 at 0.85 m. Limits that count samples
 (necks, strips, evidence) were set there, and on a finer grid a narrow strip would pass for a wide one."""
 MAX_CHORD_SLOPE = 0.35
 """Pairs whose chord leaves the tangent plane at either end by a steeper slope are dropped. Set by hand."""
 _NEIGHBOURS = 8
-"""Neighbours of a sample inside the grid (paper, section 3: each sample is linked to the eight around it)."""
+"""Neighbours of a sample inside the grid (paper, section 3: each sample is linked to the eight around it). By
+definition."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +79,7 @@ def sample_surface(surface: Surface, sampling_interval_px: int) -> Samples:
     rc = (np.argwhere(surface.usable[d // 2 :: d, d // 2 :: d]) * d + d // 2).astype(np.int32)
     points, normal, ok = fit_samples(surface, rc.astype(np.float64))
     rc, points, normal = rc[ok], points[ok], normal[ok]
-    edges = pairs_on_surface(rc, 1.5 * d, surface)
+    edges = pairs_on_surface(rc, d, surface)
     edges, lengths = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
     return Samples(
         sampling_interval_px=d,
@@ -98,7 +97,7 @@ def fit_samples(surface: Surface, rc: Float64) -> tuple[Float64, Float64, Bool]:
     Each is the value at the position of a quadratic fit around the nearest pixel.
     """
     pixel = np.rint(rc).astype(np.int32)
-    radius, stride = (NOISY_WINDOW_PX, 2) if surface.noisy else (_FIT_RADIUS_PX, 1)
+    radius, stride = (NOISY_WINDOW_PX, 2) if surface.noisy else (NOISY_WINDOW_PX // 2, 1)
     fit = fit_patches(
         surface.inverse_depth, surface.steps, pixel[:, 0].copy(), pixel[:, 1].copy(), radius, stride, True
     )
@@ -122,11 +121,14 @@ def fit_samples(surface: Surface, rc: Float64) -> tuple[Float64, Float64, Bool]:
     return points, normal, known
 
 
-def pairs_on_surface(rc: Int32, reach_px: float, surface: Surface) -> Int32:
-    """Return the pairs (M, 2) of pixels within ``reach_px`` whose straight path stays on the surface."""
+def pairs_on_surface(rc: Int32, reach_px: int, surface: Surface) -> Int32:
+    """Return the pairs (M, 2) of pixels whose straight path stays on the surface.
+
+    Their rows, and their columns, differ by at most ``reach_px``.
+    """
     if len(rc) < 2:
         return np.zeros((0, 2), dtype=np.int32)
-    pairs = cKDTree(rc).query_pairs(reach_px, output_type="ndarray").astype(np.int32)
+    pairs = cKDTree(rc).query_pairs(reach_px, p=np.inf, output_type="ndarray").astype(np.int32)
     visible = path_on_surface(surface.usable, surface.steps, rc, pairs)
     kept: Int32 = pairs[visible]
     return kept

@@ -9,7 +9,6 @@ its centre without a depth jump, so layers are never mixed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +22,7 @@ from flatcloth.core.geometry import z_angle_deg
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, RgbdFrame, RotationAxis
 from flatcloth.flattening.noise import smooth_noise
 from flatcloth.flattening.patches import (
+    NOISY_WINDOW_PX,
     NORMAL_WINDOW_PX,
     STEP_DOWN,
     STEP_RIGHT,
@@ -31,17 +31,11 @@ from flatcloth.flattening.patches import (
     median,
 )
 from flatcloth.flattening.ramps import cut_small_jumps, fill_dropouts, find_ramps
-from flatcloth.flattening.wide_ramps import EdgeWidths, cut_wide_ramps, edge_widths
 
 _NOISY_DEPTH_M = 0.0003
 """Depth that scatters more than this about its local planes (median) is noisy. Set by hand."""
-_MAX_DROPOUT_PX = 150
-"""Holes of at most this many pixels inside the mask are bridged. Set by hand."""
 _MIN_ITEM_AREA_M2 = 0.01
 """Without masks: a region smaller than this is not taken for the item. Set by hand."""
-_SPECK_PX = 16
-"""Without masks: a region of fewer pixels is noise, whatever area it would have at the depth it was read at.
-Chosen: a wrong match of a stereo sensor, 60 m away, is 1 to 4 pixels; 10 cm2 of an item are 100 or more."""
 _ITEM_DEPTH_EXTENT_M = 0.25
 """Without masks: regions of the item lie within this distance of its nearest one. Set by hand."""
 
@@ -98,30 +92,10 @@ def item_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig
     return foreground_mask(frame, axis, config)
 
 
-def never() -> bool:
-    """Return that the sensor does not blur edges, as far as is known."""
-    return False
-
-
-def observe_item(
-    frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig, sensor_blurs: Callable[[], bool] = never
-) -> Surface:
+def observe_item(frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig) -> Surface:
     """Find the surface as :func:`observe_surface` does, only in the part of the frame around the item."""
     cropped, item = crop_to_item(frame, item_mask(frame, axis, config))
-    return observe_surface(cropped, axis, config, item, sensor_blurs)
-
-
-def edge_widths_of(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> EdgeWidths:
-    """Return how many wide and narrow edges a view of the whole item, both its sides, shows.
-
-    Raises
-    ------
-    SurfaceError
-        If no pixel belongs to the item.
-    """
-    cropped, item = crop_to_item(frame, foreground_mask(frame, axis, config))
-    inverse_depth = fill_dropouts(_inverse(cropped.depth_m, item), cropped.depth_m > 0, _MAX_DROPOUT_PX)
-    return edge_widths(inverse_depth, cropped.intrinsics)
+    return observe_surface(cropped, axis, config, item)
 
 
 def crop_to_item(frame: RgbdFrame, item: Bool, margin_px: int = 16) -> tuple[RgbdFrame, Bool]:
@@ -148,7 +122,6 @@ def observe_surface(
     axis: RotationAxis,
     config: SurfaceConfig,
     item: Bool | None = None,
-    sensor_blurs: Callable[[], bool] = never,
 ) -> Surface:
     """Find the surface of the side of interest in one frame.
 
@@ -162,8 +135,6 @@ def observe_surface(
         Limits.
     item : (H, W) bool, optional
         The measured pixels to use; by default those of :func:`item_mask`.
-    sensor_blurs : callable
-        Returns whether the sensor blurs edges between layers; then they are cut at edges of the colour.
 
     Returns
     -------
@@ -179,8 +150,7 @@ def observe_surface(
         item = item_mask(frame, axis, config)
     inverse_depth = _inverse(frame.depth_m, item)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
-    inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, _MAX_DROPOUT_PX, frame.mask)
-    inverse_depth, _ = cut_wide_ramps(inverse_depth, frame.color, k, sensor_blurs)
+    inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, NOISY_WINDOW_PX**2, frame.mask)
     inverse_depth, rough_m = smooth_noise(inverse_depth, k, step_limit)
     inverse_depth[find_ramps(inverse_depth, k)] = 0.0
     steps = cut_small_jumps(inverse_depth, find_steps(inverse_depth, step_limit))
@@ -247,10 +217,11 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
     label = labels[measured]
     depth = frame.depth_m[measured].astype(np.float64)
     pixels = np.bincount(label, None, count)
-    area = np.where(pixels < _SPECK_PX, 0.0, np.bincount(label, depth**2 / (k.fx * k.fy), count))
     distance = depth if axis is None else about_axis(frame, measured, axis)[1]
     mean_distance = np.bincount(label, distance, count) / np.maximum(pixels, 1)
-    large = area >= min(_MIN_ITEM_AREA_M2, area.max())
+    # Seen at the usual depth: a wrong match of a stereo sensor, 60 m away, would be large.
+    least_px = _MIN_ITEM_AREA_M2 * k.fx * k.fy / median(depth) ** 2
+    large = pixels >= min(least_px, pixels.max())
     nearest = mean_distance[large].min()
     # Overlapping layers of one item are separate regions within the item's depth extent.
     chosen = large & (mean_distance <= nearest + _ITEM_DEPTH_EXTENT_M)

@@ -217,9 +217,9 @@ def _blend(
             a = dx * of[3, k] + dy * of[4, k] + dz * of[5, k]
             b = dx * nx + dy * ny + dz * nz
             # Length of the cubic arc, chord (1 + longer / chord^2), over the straight line along the
-            # tangent; limited to 15 % more. On the sample itself both are 0.
-            longer = (2 * a * a - a * b + 2 * b * b) * (1.0 / 30.0)
-            scale = min((chord2 + longer) / math.sqrt(max(chord2 * flat2, 1e-300)), 1.15)
+            # tangent. On the sample itself both are 0.
+            longer = (2 * a * a - a * b + 2 * b * b) / 30
+            scale = (chord2 + longer) / math.sqrt(max(chord2 * flat2, 1e-300))
             u += w * (of[6, k] + scale * pu)
             v += w * (of[7, k] + scale * pv)
             s += w * of[14, k]

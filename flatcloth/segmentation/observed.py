@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -25,7 +25,7 @@ from flatcloth.core.types import (
     RotationAxis,
     no_progress,
 )
-from flatcloth.flattening.surface import Surface, crop_to_item, never, observe_surface
+from flatcloth.flattening.surface import Surface, crop_to_item, observe_surface
 from flatcloth.registration.axis import THREADS
 from flatcloth.registration.cameras import register_together
 from flatcloth.registration.view_features import ViewFeatures, extract_features
@@ -103,7 +103,6 @@ def observe(
     config: Config,
     settings: SegmentationConfig | None = None,
     progress: Progress = no_progress,
-    sensor_blurs: Callable[[], bool] = never,
 ) -> Observed:
     """Prepare the views of a recording; their masks, if they have any, are not used.
 
@@ -121,8 +120,6 @@ def observe(
         Of the segmentation.
     progress : callable
         Called with the share of the work that is done; may raise ``CancelledError``.
-    sensor_blurs : callable
-        Returns whether the sensor blurs edges between layers.
 
     Raises
     ------
@@ -136,7 +133,7 @@ def observe(
     progress(0.0, "looking for the item")
     item = find_item([replace(frame, mask=None) for frame in frames], axis, held_point_m, config.surface)
     progress(0.1, "surfaces of the views")
-    surfaces = _surfaces(frames, item, axis, config, sensor_blurs)
+    surfaces = _surfaces(frames, item, axis, config)
     progress(0.3, "where the cameras stand")
     poses = _poses(surfaces, axis, held_point_m, config)
     progress(0.6, "clusters of the surface")
@@ -173,25 +170,21 @@ def observe(
     )
 
 
-def _surfaces(
-    frames: Sequence[RgbdFrame], item: Item, axis: RotationAxis, config: Config, blurs: Callable[[], bool]
-) -> list[Surface]:
+def _surfaces(frames: Sequence[RgbdFrame], item: Item, axis: RotationAxis, config: Config) -> list[Surface]:
     with ThreadPoolExecutor(THREADS) as pool:
-        seen = pool.map(lambda n: _surface(frames[n], item, n, axis, config, blurs), range(len(frames)))
+        seen = pool.map(lambda n: _surface(frames[n], item, n, axis, config), range(len(frames)))
         surfaces = [surface for surface in seen if surface is not None]
     if not surfaces:
         raise SegmentationError("No view shows cloth that differs from its surroundings; check the depth.")
     return surfaces
 
 
-def _surface(
-    frame: RgbdFrame, item: Item, n: int, axis: RotationAxis, config: Config, blurs: Callable[[], bool]
-) -> Surface | None:
+def _surface(frame: RgbdFrame, item: Item, n: int, axis: RotationAxis, config: Config) -> Surface | None:
     if not item.masks[n].any():
         return None
     cropped, own = crop_to_item(replace(frame, mask=None), item.masks[n])
     try:
-        return observe_surface(cropped, axis, config.surface, own, blurs)
+        return observe_surface(cropped, axis, config.surface, own)
     except SurfaceError:
         return None
 

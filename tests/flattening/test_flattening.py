@@ -53,7 +53,7 @@ def test_energy_never_rises_and_states_lead_from_start_to_result() -> None:
     found = minimise(start, edges, lengths, majorisations=6, energy_tolerance=1e-7, record=True)
     assert (np.diff(found.energy) <= 1e-12 * found.energy[0]).all()
     assert found.energy[0] == pytest.approx(energy_of(start, edges, lengths))
-    assert len(found.states) == len(found.state_iterations) > 2
+    assert len(found.states) == len(found.energy) > 2
     np.testing.assert_allclose(found.states[-1], found.uv_m, atol=1e-12)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flatcloth.flattening.noise import noise_in_pixels
 from flatcloth.flattening.patches import (
     STEP_DOWN,
     STEP_RIGHT,
@@ -104,11 +103,3 @@ def test_holes_are_filled_up_to_a_number_of_pixels() -> None:
     background = known > 0
     background[3, 3] = True  # measured, but not the item
     assert (fill_dropouts(known, background, 4)[3, 3]) == 0.0
-
-
-def test_noise_of_few_pixels_is_not_estimated() -> None:
-    from scenes import CAMERA
-
-    few = np.zeros((240, 240))
-    few[:20, :20] = 1.0 + 0.01 * np.random.default_rng(0).standard_normal((20, 20))
-    assert noise_in_pixels(few, CAMERA) == 0.0

@@ -383,7 +383,6 @@ def _minimised(
         energy_tolerance=_PRECISE if precise else _TOLERANCE,
         narrow=narrow,
         least_energy_m2=spread,
-        is_near=precise,
         most_steps=MOST_STEPS if precise else ITERATIONS,
     ).uv_m
 

@@ -97,7 +97,7 @@ def _level(parcel: Parcel, name: str, level: Level, unused: Int32) -> dict[str, 
         "main_pairs": int(own.sum()),
         "parts": int(level.component.max()) + 1,
         "energy_mm2": [1e6 * h for h in level.energy],
-        "state_iterations": list(level.state_iterations) or [0],
+        "state_iterations": list(range(len(states))),
     }
 
 
