@@ -29,7 +29,7 @@ from flatcloth.garments.deciding import pixels_of_part
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.example import seen_outline
 from flatcloth.garments.fit import Pull
-from flatcloth.garments.links import SUSPECT_MISFIT, DoubtedLink, doubted_links, is_offered, is_wrong
+from flatcloth.garments.links import DoubtedLink, doubted_links, is_offered, is_wrong
 from flatcloth.session.document import Document
 from flatcloth.session.garment import GarmentDecisions
 
@@ -94,7 +94,7 @@ def _links_of(integration: Integration, document: Document, truth: Any, true_kin
     fits = recognition.fits_of(main)
     found = {}
     for name, known in (("links", fits), ("other", [fit for fit in fits if fit.kind.name != true_kind])):
-        suspect = recognition.misfit_of(known[0], main) > SUSPECT_MISFIT
+        suspect = recognition.is_suspect(known[0], main)
         found[name] = [
             (link, wrong_share(pixels_of_part(canonical.view, cloth, link.part), canonical.view, truth))
             for link in (doubted_links(known, main, cloth) if suspect else [])

@@ -15,13 +15,12 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, Rigid2
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.fit import Pull
+from flatcloth.garments.fit import APART_M, HELD_STD_M, Pull, thinned
 from flatcloth.garments.links import Cloth, DoubtedLink, side_of
 from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import (
-    FOLLOWED_M,
-    SEEN_M,
-    SEEN_STD_M,
+    KNOWN_STD_M,
+    POINT_STD_M,
     Recognition,
     dimensions_of,
     held_fit,
@@ -30,11 +29,7 @@ from flatcloth.garments.recognition import (
 )
 from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions, HeldPoint, PlacedPiece
 
-HELD_STD_M = 0.003
-"""Standard deviation of a point that was placed by hand: two pixels of the flattened view. Set by hand."""
 _LEAST_FOUND = 0.5  # by definition: most of the points of a decision, or its cloth is gone
-_TIED = 40
-"""Points of cloth that each decision is tied to. Chosen: more cost space in the journal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +95,7 @@ def with_placed_cloth(
     for name, point in found.points.items():
         for index, motion in pieces.shape_from_piece.items():
             pixel = pixel_near(motion.inverse().apply(point.uv_m), floating[index])
-            if points[name].pixel is None and pixel is not None and point.std_m <= SEEN_STD_M:
+            if points[name].pixel is None and pixel is not None and point.std_m <= KNOWN_STD_M:
                 points[name] = replace(point, pixel=pixel, piece=index)
     return replace(found, points=points)
 
@@ -110,7 +105,7 @@ def held_point(name: str, uv_m: Float64, shape: FlattenedView) -> HeldPoint:
     places = shape.uv_from_rc(np.argwhere(shape.valid))
     off = np.linalg.norm(places - uv_m, axis=1)
     # Cloth a little farther off, too: the decision outlives the loss of a view.
-    near = off <= off.min() + FOLLOWED_M
+    near = off <= off.min() + APART_M
     u_m, v_m = (float(x) for x in uv_m)
     return HeldPoint(name, (u_m, v_m), _tied(shape.xyz_m[shape.valid][near], places[near]))
 
@@ -153,7 +148,7 @@ def decided_pieces(
     trees = [cKDTree(piece.xyz_m[piece.valid]) for piece in floating] if decisions.pieces else []
     for decision in decisions.pieces:
         points = np.array(decision.piece.points_m)
-        shares = [float((tree.query(points)[0] <= SEEN_M).mean()) for tree in trees]
+        shares = [float((tree.query(points)[0] <= POINT_STD_M).mean()) for tree in trees]
         index = int(np.argmax(shares)) if shares else -1
         if index < 0 or shares[index] < _LEAST_FOUND:
             continue  # seen views join it to the shape by now
@@ -174,7 +169,7 @@ def _cloth_of(view: FlattenedView) -> ClothPlaces:
 
 def _tied(xyz_m: Floats, uv_m: Float64) -> ClothPlaces:
     """Return some of the places (N, 2) of the plane with their points (N, 3) in space."""
-    chosen = np.linspace(0, len(xyz_m) - 1, min(_TIED, len(xyz_m))).astype(int)
+    chosen = thinned(len(xyz_m))
     return ClothPlaces(
         points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[chosen]),
         uv_m=tuple((float(u), float(v)) for u, v in uv_m[chosen]),
@@ -187,14 +182,14 @@ def _now_from_then(cloth: ClothPlaces, view: FlattenedView) -> Rigid2 | None:
     if len(pixels) < 3:
         return None
     off, nearest = cKDTree(view.xyz_m[view.valid]).query(np.array(cloth.points_m))
-    kept = off <= SEEN_M
+    kept = off <= POINT_STD_M
     then, now = np.array(cloth.uv_m), view.uv_from_rc(pixels[nearest])
     for _ in range(3):
         if kept.sum() < 3:
             return None
         motion = fit_rigid2(then[kept], now[kept])
         residual = np.linalg.norm(motion.apply(then) - now, axis=1)
-        kept = (off <= SEEN_M) & (residual <= max(SEEN_M, 3.0 * float(np.median(residual[kept]))))
+        kept = (off <= POINT_STD_M) & (residual <= max(POINT_STD_M, 3.0 * float(np.median(residual[kept]))))
     return motion
 
 
@@ -219,9 +214,9 @@ def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
     ends = []
     for tied in (decision.part, decision.rest):
         off, nearest = tree.query(np.array(tied.points_m))
-        if (off <= SEEN_M).mean() < _LEAST_FOUND:
+        if (off <= POINT_STD_M).mean() < _LEAST_FOUND:
             return None
-        ends.append(placed[nearest[off <= SEEN_M]])
+        ends.append(placed[nearest[off <= POINT_STD_M]])
     own, others = np.setdiff1d(ends[0], ends[1]), np.setdiff1d(ends[1], ends[0])
     if not (own.size and others.size):
         return None

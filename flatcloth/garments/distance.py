@@ -10,10 +10,9 @@ from numba import njit
 
 from flatcloth.core.types import Bool, Float64, Int64
 
-_AGAINST_M2 = 0.05**2
-"""A side that faces away from the edge's normal is taken only if all others are 5 cm farther. Set by hand."""
-COARSE_STD_M = 0.040
-"""Standard deviation of edges and cloth from the outline in a coarse search. Chosen: half a step."""
+ALIKE_M = 0.040
+"""Errors of cloth and edges are alike over this distance, which is also their standard deviation in a coarse
+search. Chosen."""
 
 
 class Distances(NamedTuple):
@@ -36,7 +35,7 @@ def to_edges(q: Float64, normal: Float64, outline: Float64) -> Distances:
     side, share = np.empty(count, np.int64), np.empty(count)
     away, distance = np.empty((count, 2)), np.empty(count)
     for i in range(count):
-        rated, squared, a, t, _ = _nearest(q[i, 0], q[i, 1], normal[i, 0], normal[i, 1], _AGAINST_M2, outline)
+        rated, squared, a, t, _ = _nearest(q[i, 0], q[i, 1], normal[i, 0], normal[i, 1], ALIKE_M, outline)
         b = a + 1 if a + 1 < len(outline) else 0
         ex, ey = outline[b, 0] - outline[a, 0], outline[b, 1] - outline[a, 1]
         length = math.sqrt(ex * ex + ey * ey)
@@ -75,11 +74,11 @@ def outside(q: Float64, outline: Float64) -> Distances:
 
 @njit(cache=True, nogil=True, inline="always")
 def _nearest(
-    x: float, y: float, u: float, v: float, against_m2: float, outline: Float64
+    x: float, y: float, u: float, v: float, against_m: float, outline: Float64
 ) -> tuple[float, float, int, float, bool]:
     """Return the side of an outline that is nearest to a place.
 
-    Sides that do not face along (u, v) within 60 degrees count as farther, by ``against_m2`` squared metres.
+    Sides that do not face along (u, v) within 60 degrees count as farther, by the square of ``against_m``.
     The result is the squared distance with and without that, the side, the place along it, and whether the
     place lies inside.
     """
@@ -98,7 +97,7 @@ def _nearest(
         squared = dx * dx + dy * dy
         rated = squared
         if ey * u - ex * v < 0.5 * math.sqrt(length2):
-            rated += against_m2
+            rated += against_m * against_m
         if rated < best:
             best, nearest, side, share = rated, squared, a, t
     return best, nearest, side, share, inside
@@ -145,7 +144,7 @@ def cost_of_poses(
             y = sin * insides[i, 0] + cos * insides[i, 1] + poses[k, 2]
             squared, _, _, _, inside = _nearest(x, y, 0.0, 0.0, 0.0, outline)
             if not inside:
-                total += min(squared / COARSE_STD_M**2, 16.0) / m
+                total += _bounded(squared) / m
             if total > limit:
                 break
         for i in range(n):
@@ -155,15 +154,21 @@ def cost_of_poses(
             y = sin * edges[i, 0] + cos * edges[i, 1] + poses[k, 2]
             u = cos * normals[i, 0] - sin * normals[i, 1]
             v = sin * normals[i, 0] + cos * normals[i, 1]
-            rated, _, _, _, _ = _nearest(x, y, u, v, _AGAINST_M2, outline)
-            z2 = rated / COARSE_STD_M**2
-            total += 4.0 * z2 / (4.0 + z2) / n
+            rated, _, _, _, _ = _nearest(x, y, u, v, ALIKE_M, outline)
+            total += _bounded(rated) / n
         result[k] = total
         if total < limit:
             worst = int(best.argmax())
             best[worst] = total
             limit = best.max()
     return result
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _bounded(squared: float) -> float:
+    """Return the cost of a squared distance in a coarse search (Geman and McClure), 4 at most."""
+    z2 = squared / (ALIKE_M * ALIKE_M)
+    return 4.0 * z2 / (4.0 + z2)
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,6 @@ image. Only true edges say where the outline is.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,35 +22,23 @@ from scipy.special import ndtr
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import Rigid3, project
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsics
+from flatcloth.flattening.sampling import MAX_CHORD_SLOPE
+from flatcloth.garments.distance import ALIKE_M
 
-LEAST_AREA_M2 = 0.012
-"""Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart.
-Set by hand."""
+LEAST_AREA_M2 = 0.010
+"""Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart,
+and is not placed. Set by hand."""
 SPACING_M = 0.006
 """Spacing of the examined places along the outline. Chosen: closer ones cost time and tell nearly the
 same."""
 INSIDE_M = 3 * SPACING_M  # by definition: spacing of the places inside the piece
-ALIKE_M = 0.040
-"""Errors of cloth and edges are alike over this distance. Chosen."""
-_STEP_M = 0.001
-"""Step of the search across the outline. Chosen: half a pixel of a D435 at 0.85 m (2 mm)."""
 _FARTHEST_M = 0.020
 """The search across the outline ends this far outside. Chosen: farther, it meets other cloth."""
-_FACING_COS = math.cos(math.radians(62.0))
-"""At a steeper incidence a fold's silhouette looks like an edge. Set by hand; the surface ends at 75."""
+_FACING_COS = 0.5
+"""At a steeper incidence than 60 degrees a fold's silhouette looks like an edge, and cloth that is turned
+farther is another layer. Set by hand; the surface ends at 75."""
 _SAME_M = 0.006
-"""Depth that still counts as the same surface: D435 noise at 0.85 m (1.5 mm, 3 sigma) and its bend."""
-_PATCH_M = 0.014
-"""Radius of the patch that gives the cloth's local plane. Chosen: smaller it is noisy, larger it bends."""
-_NEARLY_ALL = 0.7
-"""Share of the places round a hole, or of a place's neighbours, that are edges where each is one. Chosen."""
-_LEVEL_STD_M = 0.0015
-"""Standard deviation of the mean depth difference between an edge and the other side's cloth beside it.
-Chosen: the noise of a D435 at 0.85 m; 1 and 2 mm lead to the same kinds."""
-_SAME_PLACE_M = 0.008
-"""Cloth of another piece this near is the same surface. Chosen: above ``_SAME_M``, below a fold's width."""
-_SAME_FACING_COS = math.cos(math.radians(60.0))
-"""... if it faces the same way. Chosen: the other layer of a fold faces away."""
+"""Depth that still counts as the same surface: four times the noise of a D435 at 0.85 m (1.5 mm)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +83,7 @@ class PieceEvidence:
     depth_origin_uv_m: Float64
     depth_pixel_m: float
     edge_weight: float = SPACING_M / ALIKE_M
-    inside_weight: float = (INSIDE_M / ALIKE_M) ** 2
+    inside_weight: float = (INSIDE_M / ALIKE_M) * (INSIDE_M / ALIKE_M)
 
     def depth_at(self, uv_m: Float64) -> Float64:
         """Return how far inside of the border places (N, 2) of the plane are, 0 off the cloth."""
@@ -202,11 +189,11 @@ def _depth_m(solid: Bool, pixel_m: float) -> Float32:
 
 
 def _hole_edge_m(hole: NDArray[np.int64], known: Bool) -> float:
-    """Return the length of the borders of holes that are true edges nearly all round."""
+    """Return the length of the borders of holes that are true edges at most places round them."""
     length = 0.0
     for n in range(1, int(hole.max(initial=0)) + 1):
         own = known[hole == n]
-        length += own.size * SPACING_M if own.mean() > _NEARLY_ALL else 0.0
+        length += own.size * SPACING_M if own.mean() > 0.5 else 0.0
     return length
 
 
@@ -288,7 +275,8 @@ def _ends(
     """
     count = len(border_rc)
     start, normal, along, fine = _tangents(piece, border_rc, outward)
-    steps = np.arange(-4 * _STEP_M, _FARTHEST_M, _STEP_M)
+    step = piece.pixel_size_m
+    steps = np.arange(-4 * step, _FARTHEST_M, step)
     ended, went_on = np.zeros(count), np.zeros(count)
     moved, level, deeper_m = np.zeros(count), np.zeros(count), np.zeros(count)
     for view in seen_from:
@@ -300,13 +288,13 @@ def _ends(
         moved += stops * np.nan_to_num(at)
         level += stops * np.isfinite(level_m)
         deeper_m += stops * np.nan_to_num(level_m)
-    stops_here = (ended > 0.15) & (ended > 1.2 * went_on) & ~_goes_on_in(others, start, normal, along)
+    stops_here = (ended > went_on) & ~_goes_on_in(others, start, normal, along)
     known = _in_runs(stops_here, border_rc * piece.pixel_size_m)
     with np.errstate(invalid="ignore", divide="ignore"):
         # One view that faces the edge counts half: it may show a fold's silhouette; six see a hem.
         trust = ended / (ended + 1.0)
         # Cloth of the other side beside it may lie on it, too, nearer by less than one view can tell.
-        trust *= np.where(level > 0.5 * ended, ndtr(deeper_m / level / _LEVEL_STD_M), 1.0)
+        trust *= np.where(level > 0.5 * ended, ndtr(4.0 * deeper_m / level / _SAME_M), 1.0)
         return moved / ended, trust, known
 
 
@@ -319,10 +307,10 @@ def _goes_on_in(others: Sequence[FlattenedView], start: Float64, normal: Float64
     tree = cKDTree(np.concatenate(points))
     found = np.zeros(len(start), dtype=np.bool_)
     for step_m in _FARTHEST_M * np.array([1, 3, 5]) / 5:
-        off, nearest = tree.query(start + step_m * along, distance_upper_bound=_SAME_PLACE_M)
+        off, nearest = tree.query(start + step_m * along, distance_upper_bound=_SAME_M)
         near = np.isfinite(off)
         facing = (normals[nearest[near]] * normal[near]).sum(axis=1)
-        found[near] |= facing > _SAME_FACING_COS
+        found[near] |= facing > _FACING_COS
     return found
 
 
@@ -333,7 +321,7 @@ def _in_runs(known: Bool, places_m: Float64) -> Bool:
         near = np.linalg.norm(np.roll(places_m, shift, axis=0) - places_m, axis=1) < 5 * SPACING_M
         votes += near & np.roll(known, shift)
         voters += near
-    kept: Bool = known & (votes >= _NEARLY_ALL * voters)
+    kept: Bool = known & (votes > 0.5 * voters)
     return kept
 
 
@@ -345,7 +333,7 @@ def _tangents(
     start, normal, along = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
     fine = np.zeros(count, dtype=np.bool_)
     size = piece.pixel_size_m
-    half_px = max(2, round(_PATCH_M / size))
+    half_px = max(2, round(_FARTHEST_M / size))
     rows, cols = piece.shape
     seen_normal = np.nan_to_num(piece.normal)
     found, grams, rights, means = [], [], [], []
@@ -360,7 +348,7 @@ def _tangents(
         xyz = piece.xyz_m[box][valid].astype(np.float64)
         ordered = np.sort(xyz, axis=0)
         middle = 0.5 * (ordered[(len(xyz) - 1) // 2] + ordered[len(xyz) // 2])
-        near = np.linalg.norm(xyz - middle, axis=1) < 2.5 * _PATCH_M
+        near = np.linalg.norm(xyz - middle, axis=1) < 2.0 * _FARTHEST_M
         if near.sum() < 12:
             continue
         offset = (rc[near] - border_rc[k])[:, ::-1] * size
@@ -375,10 +363,8 @@ def _tangents(
     fitted = np.linalg.solve(gram[regular], np.array(rights).reshape(-1, 3, 3)[regular])
     direction = (outward[at][:, None] @ fitted[:, 1:])[:, 0]
     length = np.linalg.norm(direction, axis=1)
-    plausible = (length > 0.6) & (length < 1.5)
-    at = at[plausible]
-    start[at], along[at], fine[at] = fitted[plausible, 0], (direction / length[:, None])[plausible], True
-    normal[at] = (mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-9)[:, None])[plausible]
+    start[at], along[at], fine[at] = fitted[:, 0], direction / np.maximum(length, 1e-9)[:, None], True
+    normal[at] = mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-9)[:, None]
     return start, normal, along, fine
 
 
@@ -411,7 +397,7 @@ def _ends_in(
     expected = camera[..., 2]
     ray = camera[:, 0] / np.maximum(np.linalg.norm(camera[:, 0], axis=1), 1e-9)[:, None]
     cos = -(view.camera_from_held.turn(normal) * ray).sum(axis=1)
-    slack = _SAME_M + 0.25 * np.maximum(steps, 0.0)[None, :]
+    slack = _SAME_M + MAX_CHORD_SLOPE * np.maximum(steps, 0.0)[None, :]
     has = measured > 0
     level = has & (np.abs(measured - expected) <= slack)
     front = has & (measured < expected - slack)
@@ -425,7 +411,7 @@ def _ends_in(
     goes_on = ~three.any(axis=1)
     window = np.minimum(first[:, None] + np.arange(6)[None, :], m - 1)
     pick = np.arange(count)[:, None]
-    hidden = front[pick, window].mean(axis=1) > 0.25
+    hidden = front[pick, window].mean(axis=1) >= 0.5
     outside = ~inside[pick, window].all(axis=1)
     weight = np.clip((cos - _FACING_COS) / (1.0 - _FACING_COS), 0.0, 1.0)
     weight = np.where(seen & ~(~goes_on & (hidden | outside)), weight, 0.0)
@@ -433,4 +419,4 @@ def _ends_in(
     deeper_m = np.where(other_side, (measured - expected)[pick, window], 0.0).mean(axis=1)
     share = other_side.mean(axis=1)
     level_m = np.where(share > 0.5, deeper_m / np.maximum(share, 0.5), np.nan)
-    return weight, steps[first] - 0.5 * _STEP_M, goes_on, level_m
+    return weight, steps[first] - 0.5 * (steps[1] - steps[0]), goes_on, level_m

@@ -13,8 +13,8 @@ from functools import partial
 import numpy as np
 
 from flatcloth.core.types import Float64, Int64, Rigid2
-from flatcloth.garments.distance import COARSE_STD_M, accumulate, cost_of_poses, outside, to_edges
-from flatcloth.garments.evidence import ALIKE_M, SPACING_M, PieceEvidence
+from flatcloth.garments.distance import ALIKE_M, accumulate, cost_of_poses, outside, to_edges
+from flatcloth.garments.evidence import SPACING_M, PieceEvidence
 from flatcloth.garments.model import Kind, with_slope
 
 OUTLINE_STD_M = 0.008
@@ -26,27 +26,23 @@ docs/garments.md."""
 SURE = 0.90
 """Probability from which an answer is given without reserve, and acted on without asking: a kind, the place
 of a floating piece, a link of the shape. Chosen; docs/garments.md has the measured reliability."""
-_CROSSING_SPACING_M = 0.010
-"""Spacing of the places of the outline that are tested for seen cloth. Chosen: finer costs time."""
-_EDGE_BOUND = 3.0
-"""Standard deviations at which an edge has half of its largest cost (Geman and McClure). Chosen: the usual
-3."""
-_INSIDE_BOUND = 5.0
-"""Standard deviations from which the cost of a point inside grows linearly (Huber). Chosen; not fitted."""
-_TURNS = 20
-"""Coarse orientations, 18 degrees apart. Chosen: fewer miss the right one, more cost time."""
-_SCALES = (0.75, 1.0, 1.3)
-"""Coarse sizes about the mean of the kind. Chosen: fewer miss small garments, more cost time."""
-_SHIFTS = 5
-"""Coarse positions in each direction. Chosen: more cost time in proportion."""
-COARSE_POINTS = 70
-"""Edges, and points inside, of the coarse search. Chosen: fewer rank the starts worse, more cost time."""
-_APART_M, _APART_SIN = 0.06, 0.15
-"""Poses that differ by less, in metres and in the sine of half the turn, lead to the same optimum. Chosen."""
-_ANNEALED = ((4.0, 6), (2.0, 6), (1.0, 14))
-"""Factors on the standard deviations and how many steps are taken with each. Set by hand."""
-_POSE_STD = (3.0, 1.0, 1.0)
-"""Prior standard deviations of a pose: turn (rad), and shift (m). Chosen to leave it free."""
+_BOUND = 3.0
+"""Standard deviations at which an edge has half of its largest cost (Geman and McClure), and from which the
+cost of a point inside grows linearly (Huber). Chosen: the usual 3."""
+_POINTS = 60
+"""Edges, and points inside, that stand for a piece in a coarse search. Chosen: fewer rank the starts worse,
+more cost time."""
+APART_M = 0.08
+"""Places nearer than this, about the width of a cuff or a strap, are the same place of a garment: poses that
+differ by less lead to one optimum, and true edges as near to a named point say where it is. Set by hand."""
+STARTS = 6
+"""Poses that are refined: of a kind, and of a loose piece. Chosen for speed."""
+_MOST_STEPS = 10
+"""Steps that are taken with each factor on the standard deviations. Chosen: gains are small before."""
+_TOLERANCE = 1e-3
+"""They end where a step lowers E by a smaller share. Chosen for speed."""
+HELD_STD_M = 0.001
+"""Standard deviation of a point that was placed by hand: a pixel of the flattened view. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,81 +73,66 @@ class Fit:
 
 @dataclass(frozen=True, kw_only=True)
 class Pull:
-    """A named point that is held at a place (2,) of the main piece's plane, within ``std_m``."""
+    """A named point that is held at a place (2,) of the main piece's plane."""
 
     name: str
     uv_m: Float64
-    std_m: float = 0.001
 
 
 def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, Rigid2]]:
     """Return initial parameters and poses, the lowest cost first, each far from the others."""
-    edges = thinned(len(piece.edge_uv_m), COARSE_POINTS)
-    insides = piece.inside_uv_m[thinned(len(piece.inside_uv_m), COARSE_POINTS)]
-    middle = (piece.inside_uv_m.min(axis=0) + piece.inside_uv_m.max(axis=0)) / 2
-    extents = _extents(piece.inside_uv_m - middle)
-    found: list[tuple[float, Float64, Float64]] = []
-    for scale in _SCALES:
-        parameters = kind.mean.copy()
-        lengths = np.array([p.unit == "m" for p in kind.parameters])
-        parameters[lengths] *= scale
-        parameters = np.clip(parameters, kind.low, kind.high)
+    found: list[tuple[float, Float64, Rigid2]] = []
+    lengths = np.array([p.unit == "m" for p in kind.parameters])
+    for size in (-1.0, 0.0, 1.0):  # standard deviations from the mean
+        parameters = np.clip(kind.mean + size * kind.std * lengths, kind.low, kind.high)
         outline = kind.outline(parameters[:, None])[:, :, 0]
-        poses = _poses(outline, extents)
-        wanted = 4 * count
-        places = piece.edge_uv_m[edges] - middle
-        normals = piece.edge_normal[edges]
-        cost = cost_of_poses(places, normals, insides - middle, outline, poses, wanted)
-        best = np.argsort(cost)[:wanted]
-        found += [(float(cost[k]), parameters, poses[k]) for k in best]
+        found += [(cost, parameters, pose) for cost, pose in coarse_poses(outline, piece, 4 * count)]
     found.sort(key=lambda each: each[0])
-    back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
     kept: list[tuple[Float64, Rigid2]] = []
     for _, parameters, pose in found:
-        motion = Rigid2(*pose.tolist()) @ back
-        if all(are_apart(motion, other, middle) for _, other in kept):
-            kept.append((parameters, motion))
+        if all(are_apart(pose, other, piece) for _, other in kept):
+            kept.append((parameters, pose))
         if len(kept) == count:
             break
     return kept
 
 
-def are_apart(one: Rigid2, other: Rigid2, middle: Float64) -> bool:
-    """Return whether two motions of a piece with this middle (2,) lead to different places."""
-    shift = float(np.linalg.norm(one.apply(middle) - other.apply(middle)))
-    return shift > _APART_M or abs(np.sin((one.theta_rad - other.theta_rad) / 2)) > _APART_SIN
+def coarse_poses(outline: Float64, piece: PieceEvidence, count: int) -> list[tuple[float, Rigid2]]:
+    """Return the cost and the motion of the best poses of a piece on an outline, the best first.
 
-
-def thinned(count: int, most: int) -> Int64:
-    """Return at most so many of the numbers from 0 to ``count - 1``, evenly spaced."""
-    return np.linspace(0, count - 1, min(count, most)).astype(np.int64)
-
-
-def _extents(insides: Float64) -> list[tuple[float, Float64, Float64]]:
-    """Return the turns (rad) that are tried, each with the least and greatest u and v of a turned piece."""
-    found = []
-    for turn in np.arange(_TURNS) * 2 * np.pi / _TURNS:
-        cos, sin = np.cos(turn), np.sin(turn)
-        turned = insides @ np.array([[cos, sin], [-sin, cos]])
-        found.append((float(turn), turned.min(axis=0), turned.max(axis=0)))
-    return found
-
-
-def _poses(outline: Float64, extents: list[tuple[float, Float64, Float64]]) -> Float64:
-    """Return poses (K, 3) that spread a piece, centred at 0, over an outline in all turns."""
+    They are twice ``ALIKE_M`` apart, in the turns at the farthest place of the piece.
+    """
+    middle = (piece.inside_uv_m.min(axis=0) + piece.inside_uv_m.max(axis=0)) / 2
+    insides = piece.inside_uv_m[thinned(len(piece.inside_uv_m))] - middle
+    edges = thinned(len(piece.edge_uv_m))
     low, high = outline.min(axis=0), outline.max(axis=0)
+    farthest_m = float(np.linalg.norm(insides, axis=1).max())
     rows = []
-    for turn, own_low, own_high in extents:
-        first, last = low - own_low, high - own_high
-        axes = [
-            np.linspace(min(a, b), max(a, b), _SHIFTS)
-            if abs(a - b) > COARSE_STD_M
-            else np.array([(a + b) / 2])
-            for a, b in zip(first, last, strict=True)
-        ]
-        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    for turn in np.arange(0.0, 2 * np.pi, min(2 * ALIKE_M / max(farthest_m, ALIKE_M), np.pi / 2)):
+        turned = insides @ _turn(turn).T
+        ends = np.sort([low - turned.min(axis=0), high - turned.max(axis=0)], axis=0)
+        counts = np.ceil((ends[1] - ends[0]) / (2 * ALIKE_M)).astype(int)
+        steps = [(np.arange(n) + 0.5) / n if n else np.full(1, 0.5) for n in counts]
+        grid = ends[0] + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2) * (
+            ends[1] - ends[0]
+        )
         rows.append(np.concatenate([np.full((len(grid), 1), turn), grid], axis=1))
-    return np.concatenate(rows)
+    poses = np.concatenate(rows)
+    places, normals = piece.edge_uv_m[edges] - middle, piece.edge_normal[edges]
+    cost = cost_of_poses(places, normals, insides, outline, poses, count)
+    back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
+    return [(float(cost[k]), Rigid2(*poses[k].tolist()) @ back) for k in np.argsort(cost)[:count]]
+
+
+def are_apart(one: Rigid2, other: Rigid2, piece: PieceEvidence) -> bool:
+    """Return whether two motions of a piece lead to different places."""
+    off = one.apply(piece.inside_uv_m) - other.apply(piece.inside_uv_m)
+    return float(np.linalg.norm(off, axis=1).mean()) > APART_M
+
+
+def thinned(count: int) -> Int64:
+    """Return some of the numbers from 0 to ``count - 1``, evenly spaced, that stand for all."""
+    return np.linspace(0, count - 1, min(count, _POINTS)).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -182,7 +163,7 @@ class _Problem:
             bounded = robust_weight(z)
             weight = piece.edge_weight * piece.edge_trust
             edge_cost += float((0.5 * weight * np.square(z) * bounded).sum())
-            most += 0.5 * _EDGE_BOUND**2 * float(weight.sum())
+            most += 0.5 * _BOUND**2 * float(weight.sum())
             accumulate(
                 edges, q - shift, slope, at, z / std, weight * np.square(bounded), std, gradient, matrix
             )
@@ -191,9 +172,9 @@ class _Problem:
             std = widened * np.hypot(OUTLINE_STD_M, piece.inside_std_m)
             z = cloth.distance / std
             # Huber's cost: cloth far outside keeps its influence.
-            near = np.minimum(z, _INSIDE_BOUND)
+            near = np.minimum(z, _BOUND)
             energy += float(piece.inside_weight * (near * (z - 0.5 * near)).sum())
-            weight = piece.inside_weight * _INSIDE_BOUND / np.maximum(z, _INSIDE_BOUND)
+            weight = piece.inside_weight * _BOUND / np.maximum(z, _BOUND)
             accumulate(cloth, q - shift, slope, at, z / std, weight, std, gradient, matrix)
         for pull in self.pulls:
             residual, slope_of_pull = with_slope(partial(self._off, pull), x)
@@ -208,12 +189,12 @@ class _Problem:
         cos, sin = np.cos(x[count]), np.sin(x[count])
         held = np.stack([cos * pull.uv_m[0] - sin * pull.uv_m[1], sin * pull.uv_m[0] + cos * pull.uv_m[1]])
         off: Float64 = self.kind.named(x[:count])[pull.name] - held - x[count + 1 : count + 3]
-        return off / pull.std_m
+        return off / HELD_STD_M
 
 
 def robust_weight(z: Float64) -> Float64:
     """Return the weight of squared distances (N,), in standard deviations, by Geman and McClure."""
-    weight: Float64 = _EDGE_BOUND**2 / (_EDGE_BOUND**2 + np.square(z))
+    weight: Float64 = _BOUND**2 / (_BOUND**2 + np.square(z))
     return weight
 
 
@@ -229,7 +210,8 @@ def refine(
     poses: tuple[Rigid2, ...],
     *,
     pulls: tuple[Pull, ...] = (),
-    annealed: tuple[tuple[float, int], ...] = _ANNEALED,
+    annealed: tuple[float, ...] = (4.0, 2.0, 1.0),
+    most_steps: int = _MOST_STEPS,
 ) -> Fit:
     """Fit parameters and poses from where they are.
 
@@ -243,22 +225,23 @@ def refine(
         Where to begin: (P,), and one motion ``garment_from_piece`` a piece.
     pulls : tuple of Pull
         Named points that are held.
-    annealed : tuple of (float, int)
-        Factors on the standard deviations, and the most steps with each.
+    annealed : tuple of float
+        Factors on the standard deviations, one after the other.
+    most_steps : int
+        The most steps with each.
     """
     problem = _Problem(kind, pieces, pulls)
     count = len(kind.parameters)
     x = np.concatenate([parameters, *([m.theta_rad, m.u_m, m.v_m] for m in poses)])
-    for widened, steps in annealed:
-        x = _descended(problem, x, widened, steps)
+    for widened in annealed:
+        x = _descended(problem, x, widened, most_steps)
     energy, _, matrix, edge_cost = problem.normal_equations(x, 1.0)
     energy += crossing_energy(kind.outline(x[:count, None])[:, :, 0], pieces, x[count:].reshape(-1, 3))
-    pose_precision = np.tile(1.0 / np.square(_POSE_STD), len(poses))
-    known = matrix + np.diag(np.concatenate([np.zeros(count), pose_precision]))
+    # The prior of a pose leaves it free: a standard deviation of 1 rad and 1 m.
+    known = matrix + np.diag((np.arange(len(x)) >= count).astype(np.float64))
     covariance: Float64 = np.linalg.inv(known).astype(np.float64)
     sign, logdet = np.linalg.slogdet(known)
-    prior = 2.0 * np.log(kind.std).sum() + len(poses) * 2.0 * np.log(_POSE_STD).sum()
-    evidence = -energy - 0.5 * (logdet + prior) if sign > 0 else -np.inf
+    evidence = -energy - 0.5 * logdet - np.log(kind.std).sum() if sign > 0 else -np.inf
     return Fit(
         kind=kind,
         parameters=x[:count],
@@ -275,36 +258,45 @@ def refine(
 def crossing_energy(outline: Float64, pieces: tuple[PieceEvidence, ...], poses: Float64) -> float:
     """Return what it costs that an outline runs through seen cloth, where cloth would have to end."""
     following = np.roll(outline, -1, axis=0)
-    counts = np.maximum(np.ceil(np.linalg.norm(following - outline, axis=1) / _CROSSING_SPACING_M), 1)
+    counts = np.maximum(np.ceil(np.linalg.norm(following - outline, axis=1) / SPACING_M), 1)
     side = np.repeat(np.arange(len(outline)), counts.astype(int))
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     share = (np.arange(len(side)) - first[side] + 0.5) / counts[side]
     places = outline[side] + share[:, None] * (following[side] - outline[side])
     energy = 0.0
     for piece, pose in zip(pieces, poses, strict=True):
-        depth = piece.depth_at((places - pose[1:]) @ _turn(pose[0]))
-        z = np.maximum(depth - SPACING_M, 0.0) / OUTLINE_STD_M
-        energy += float((0.5 * np.square(z) * robust_weight(z)).sum())
-    return _CROSSING_SPACING_M / ALIKE_M * energy
+        depth_m = piece.depth_at((places - pose[1:]) @ _turn(pose[0]))
+        energy += float(bounded_cost(depth_m - SPACING_M, OUTLINE_STD_M).sum())
+    return SPACING_M / ALIKE_M * energy
+
+
+def bounded_cost(off_m: Float64, std_m: float) -> Float64:
+    """Return what distances (N,) in a forbidden direction cost; none below 0."""
+    z = np.maximum(off_m, 0.0) / std_m
+    cost: Float64 = 0.5 * np.square(z) * robust_weight(z)
+    return cost
 
 
 def _descended(problem: _Problem, x: Float64, widened: float, steps: int) -> Float64:
+    """Take Levenberg-Marquardt steps, damped as by Nielsen (1999)."""
     kind, count = problem.kind, len(problem.kind.parameters)
-    damping = 1e-2
+    damping, growth = _TOLERANCE, 2.0
     energy, gradient, matrix, _ = problem.normal_equations(x, widened)
     for _ in range(steps):
         damped = matrix + damping * np.diag(np.diag(matrix)) + 1e-9 * np.eye(len(x))
         tried = x - np.linalg.solve(damped, gradient)
         tried[:count] = np.clip(tried[:count], kind.low, kind.high)
         answer = problem.normal_equations(tried, widened)
-        if answer[0] < energy:
-            gain = energy - answer[0]
+        gain = energy - answer[0]
+        if gain > 0.0:
+            promised = float(gradient @ (x - tried)) - 0.5 * float((x - tried) @ matrix @ (x - tried))
             x, (energy, gradient, matrix, _) = tried, answer
-            damping = max(1e-5, damping * 0.3)
-            if gain < 1e-3 * (1.0 + energy):
+            share = gain / max(promised, gain)
+            damping *= max(1.0 / 3.0, 1.0 - (2.0 * share - 1.0) ** 3)
+            growth = 2.0
+            if gain < _TOLERANCE * (1.0 + energy):
                 break
         else:
-            damping *= 6.0
-            if damping > 1e4:
-                break
+            damping *= growth
+            growth *= 2.0
     return x

@@ -20,32 +20,19 @@ from scipy.special import expit
 
 from flatcloth.core.graphs import minimum_cut
 from flatcloth.core.types import Bool, Float64, Int32, Int64
-from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.fit import SURE, TEMPERATURE, Fit, refine
-from flatcloth.garments.placing import LEAST_AREA_M2, contradiction, place_piece
+from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
+from flatcloth.garments.fit import APART_M, SURE, TEMPERATURE, Fit, refine
+from flatcloth.garments.placing import contradiction, place_piece
 
-SUSPECT_MISFIT = 0.08
-"""Below this misfit the shape is a garment as it is, and no link is doubted: all 26 right shapes of the
-development are below it (``python -m benchmarks garments``)."""
 WRONG_PROBABILITY = 0.5
 """A link less probable than this is taken for wrong without asking: it is more probably so. By definition;
 who looks at the shape sees the part beside it, and can undo that."""
 WEAK_EVIDENCE = 2.0
 """... and if less evidence joins it for each row of samples along the seam. Set by hand: wrong
 links have 0.2 to 1.8, right ones 0.2 and more, most of them more than this (docs/garments.md)."""
-_RIGHT_TO_WRONG = 3.0
-"""Links that are right for one that is wrong, on a shape that no garment fits. Set by hand: of seven links
-looked into on such shapes, most made for this, three are wrong (docs/garments.md). So few tell little."""
 _SADDLE = 0.8
 """Two areas are told apart if less than this share of the evidence within the smaller one joins them.
 Chosen: less than the unevenness of one area."""
-_SMOOTHED = 2
-"""Times that the evidence of a sample is averaged with its neighbours'. Chosen."""
-_TRIED_FITS = 3
-"""Kinds that are fitted without the part. Chosen for speed."""
-_ELSEWHERE_M = 0.08
-"""A part that the garment has a place for nearer than this belongs where it is joined: flattened sleeves and
-legs are turned by some degrees, which moves them 2 to 5 cm. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +131,7 @@ def doubted_links(fits: Sequence[Fit], main: PieceEvidence, cloth: Cloth) -> lis
         if own.area_m2 < LEAST_AREA_M2:
             continue
         apart, moved_m = _apart(fits, rest, own)
-        chance = float(expit((together - apart) / TEMPERATURE + math.log(_RIGHT_TO_WRONG)))
+        chance = float(expit((together - apart) / TEMPERATURE))
         found.append(
             DoubtedLink(
                 part=part,
@@ -170,9 +157,7 @@ def basins(cloth: Cloth) -> list[tuple[Int64, Int64]]:
     joined = coo_matrix((np.tile(cloth.evidence[kept], 2), (rows, columns)), shape=(n, n)).tocsr()
     counts = np.diff(joined.indptr)
     strength = np.asarray(joined.sum(axis=1)).ravel()
-    around = (joined > 0).astype(np.float64)
-    for _ in range(_SMOOTHED):
-        strength = (strength + around @ strength) / (1 + counts)
+    strength = (strength + (joined > 0).astype(np.float64) @ strength) / (1 + counts)
     least = LEAST_AREA_M2 / cloth.spacing_m**2
     area = np.full(n, -1)
     members: dict[int, list[int]] = {}
@@ -223,7 +208,7 @@ def split(main: PieceEvidence, cloth: Cloth, part: Bool) -> tuple[PieceEvidence,
 def _apart(fits: Sequence[Fit], rest: PieceEvidence, own: PieceEvidence) -> tuple[float, float]:
     """Return the evidence of the rest with the part where else it belongs (best kind), and how far off."""
     best, moved_m = -math.inf, 0.0
-    for fit in fits[:_TRIED_FITS]:
+    for fit in fits:
         begun = [fit, *(other for _, other in fit.others)]
         alone = max(
             (refine(fit.kind, (rest,), f.parameters, f.garment_from_piece[:1]) for f in begun),
@@ -233,10 +218,11 @@ def _apart(fits: Sequence[Fit], rest: PieceEvidence, own: PieceEvidence) -> tupl
         if placed is not None:
             both = refine(
                 fit.kind, (rest, own), placed.fit.parameters, placed.fit.garment_from_piece,
-                annealed=((1.0, 8),),
+                annealed=(1.0,),
             )  # fmt: skip
             off_m, evidence = _moved_m(both, own), both.log_evidence - contradiction(both, rest, own)
-            if off_m.mean() > _ELSEWHERE_M and evidence > best:
+            # Flattened sleeves and legs are turned by some degrees, which moves them 2 to 5 cm.
+            if off_m.mean() > APART_M and evidence > best:
                 best, moved_m = evidence, float(off_m.max())
     return best, moved_m
 

@@ -136,9 +136,10 @@ def with_slope(function: Callable[[Float64], Float64], x: Float64) -> tuple[Floa
 
     The function takes n arguments at once, (D, n), and returns (..., n).
     """
-    step = 1e-5 * np.eye(len(x))
-    values = function(x[:, None] + np.concatenate([np.zeros((len(x), 1)), step, -step], axis=1))
-    slope: Float64 = (values[..., 1 : len(x) + 1] - values[..., len(x) + 1 :]) / 2e-5
+    step = 1e-5  # far above rounding, far below any curvature
+    moved = step * np.eye(len(x))
+    values = function(x[:, None] + np.concatenate([np.zeros((len(x), 1)), moved, -moved], axis=1))
+    slope: Float64 = (values[..., 1 : len(x) + 1] - values[..., len(x) + 1 :]) / (2.0 * step)
     return values[..., 0], slope
 
 

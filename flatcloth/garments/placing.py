@@ -13,26 +13,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.garments.distance import cost_of_poses, inside_outline
-from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.fit import COARSE_POINTS, OUTLINE_STD_M, TEMPERATURE, Fit, are_apart, refine, thinned
+from flatcloth.garments.distance import ALIKE_M, inside_outline
+from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
+from flatcloth.garments.fit import (
+    OUTLINE_STD_M,
+    STARTS,
+    TEMPERATURE,
+    Fit,
+    are_apart,
+    bounded_cost,
+    coarse_poses,
+    refine,
+    thinned,
+)
 from flatcloth.garments.model import with_slope
-
-LEAST_AREA_M2 = 0.006
-"""Smaller pieces have too little border to be placed. Set by hand."""
-MOST_PLACED = 2
-"""Floating pieces that are placed, the largest. Chosen for speed."""
-_TURNS, _SHIFTS, _TRIED = 36, 11, 5
-"""Grid of poses of a loose piece: turns, shifts in each direction, and poses kept. Chosen for speed."""
-_NEARER_M = 0.03
-"""Cloth may look this much shorter on the plane than in space before it counts, and the scale beyond.
-Chosen."""
-_LAID_ON_M = OUTLINE_STD_M
-"""Depth inside other cloth at which a piece counts as laid on it. Chosen equal to ``fit.OUTLINE_STD_M``."""
-_ALONG = np.array([0.2, 0.35, 0.5, 0.65, 0.8])
-"""Shares of the line between two pieces at which it must run over the garment. Chosen."""
-_PAIR_WEIGHT, _LAID_WEIGHT = 8.0, 0.1
-"""Weights of contradicting distances, and of cloth laid on cloth, against the edges. Chosen; not fitted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +41,8 @@ class Placed:
 
 
 def place_pieces(fit: Fit, evidence: Sequence[PieceEvidence]) -> list[Placed]:
-    """Return where the largest floating pieces lie by a fit to the main one, the first of ``evidence``."""
-    main, *others = evidence[: 1 + MOST_PLACED]
+    """Return where the floating pieces lie by a fit to the main one, the first of ``evidence``."""
+    main, *others = evidence
     tried = [place_piece(fit, main, piece, index) for index, piece in enumerate(others)]
     return [each for each in tried if each is not None]
 
@@ -65,7 +59,7 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
     index : int
         The number of the piece, kept in the answer.
     """
-    if piece.area_m2 < LEAST_AREA_M2 or len(piece.edge_uv_m) < 10:
+    if piece.area_m2 < LEAST_AREA_M2 or not len(piece.edge_uv_m):
         return None
     tried = [_tried(fit, main, piece, pose) for pose in _begin(fit, main, piece)]
     tried = [each for each in tried if np.isfinite(each[0])]
@@ -74,10 +68,9 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
     tried.sort(key=lambda each: each[0])
     energy, best = tried[0]
     at = best.garment_from_piece[1]
-    middle = piece.inside_uv_m.mean(axis=0)
     total = 0.0
     for other_energy, other in tried:
-        if other_energy > energy and are_apart(other.garment_from_piece[1], at, middle):
+        if other_energy > energy and are_apart(other.garment_from_piece[1], at, piece):
             total += np.exp(-(other_energy - energy) / TEMPERATURE)
     own = max(float(piece.edge_weight * piece.edge_trust.sum()), 1.0)
     # A place whose edges do not fit is rejected, even if all others fit worse.
@@ -92,43 +85,23 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
 
 
 def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
-    outline = fit.outline
-    middle = piece.inside_uv_m.mean(axis=0)
-    low, high = outline.min(axis=0), outline.max(axis=0)
-    axes = [np.linspace(a, b, _SHIFTS) for a, b in zip(low, high, strict=True)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    poses = np.concatenate(
-        [
-            np.concatenate([np.full((len(grid), 1), 2 * np.pi * k / _TURNS), grid], axis=1)
-            for k in range(_TURNS)
-        ]
-    )
-    edges = thinned(len(piece.edge_uv_m), COARSE_POINTS)
-    insides = thinned(len(piece.inside_uv_m), COARSE_POINTS)
-    q_m, c_m = piece.edge_uv_m[edges] - middle, piece.inside_uv_m[insides] - middle
-    cost = cost_of_poses(q_m, piece.edge_normal[edges], c_m, outline, poses, 8 * _TRIED)
-    best = np.argsort(cost)[: 8 * _TRIED]
-    poses, cost = poses[best], cost[best]
-    back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
-    rated = []
-    for k in range(len(poses)):
-        pose = Rigid2(*poses[k].tolist()) @ back
-        extra = _contradiction(outline, fit.garment_from_piece[0], pose, main, piece)
-        rated.append((4.0 * float(cost[k]) + extra / max(1.0, 0.1 * len(insides)), pose))
+    own = float(piece.edge_weight * piece.edge_trust.sum())
+    rated = [
+        (own * cost + _contradiction(fit.outline, fit.garment_from_piece[0], pose, main, piece), pose)
+        for cost, pose in coarse_poses(fit.outline, piece, 8 * STARTS)
+    ]
     rated.sort(key=lambda each: each[0])
     kept: list[Rigid2] = []
     for _, pose in rated:
-        if all(are_apart(pose, other, middle) for other in kept):
+        if all(are_apart(pose, other, piece) for other in kept):
             kept.append(pose)
-        if len(kept) == _TRIED:
-            break
-    return kept
+    return kept[:STARTS]
 
 
 def _tried(fit: Fit, main: PieceEvidence, piece: PieceEvidence, pose: Rigid2) -> tuple[float, Fit]:
     pieces = (main.thinned(2), piece.thinned(2))
-    steps = ((3.0, 6), (1.0, 8))
-    refined = refine(fit.kind, pieces, fit.parameters, (fit.garment_from_piece[0], pose), annealed=steps)
+    begun = fit.garment_from_piece[0], pose
+    refined = refine(fit.kind, pieces, fit.parameters, begun, annealed=(4.0, 1.0))
     return refined.energy + contradiction(refined, main, piece), refined
 
 
@@ -142,20 +115,19 @@ def _contradiction(
 ) -> float:
     shape_from_piece = main_pose.inverse() @ pose
     there = shape_from_piece.apply(piece.inside_uv_m)
-    laid = main.depth_at(there) - _LAID_ON_M
-    energy = _LAID_WEIGHT * float(np.clip(laid / 0.01, 0.0, 3.0).sum())
-    own = thinned(len(there), 25)
-    others = thinned(len(main.inside_uv_m), 60)
+    laid_m = main.depth_at(there) - OUTLINE_STD_M
+    energy = piece.inside_weight * float(bounded_cost(laid_m, OUTLINE_STD_M).sum())
+    own, others = thinned(len(there)), thinned(len(main.inside_uv_m))
     flat = np.linalg.norm(there[own][:, None] - main.inside_uv_m[others][None], axis=-1)
     space = np.linalg.norm(piece.inside_xyz_m[own][:, None] - main.inside_xyz_m[others][None], axis=-1)
     first, last = pose.apply(piece.inside_uv_m[own]), main_pose.apply(main.inside_uv_m[others])
-    share = _ALONG[:, None, None, None]
+    share = np.array([1, 2, 3])[:, None, None, None] / 4
     between = (1 - share) * first[None, :, None] + share * last[None, None]
     joined = inside_outline(between.reshape(-1, 2), outline).reshape(between.shape[:3]).all(axis=0)
     if not joined.any():
         return energy
-    z = np.clip((space - flat - _NEARER_M) / _NEARER_M, 0.0, 5.0)[joined]
-    return energy + _PAIR_WEIGHT * float(np.square(z).mean())
+    nearer = bounded_cost((space - flat)[joined] - ALIKE_M, ALIKE_M)
+    return energy + piece.inside_weight * len(there) * float(nearer.mean())
 
 
 def _std_m(fit: Fit, piece: PieceEvidence) -> float:

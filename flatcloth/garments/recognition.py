@@ -19,7 +19,18 @@ from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.garments.distance import to_edges
 from flatcloth.garments.evidence import LEAST_AREA_M2, SPACING_M, PieceEvidence
-from flatcloth.garments.fit import OUTLINE_STD_M, SURE, TEMPERATURE, Fit, Pull, refine, robust_weight, starts
+from flatcloth.garments.fit import (
+    APART_M,
+    OUTLINE_STD_M,
+    STARTS,
+    SURE,
+    TEMPERATURE,
+    Fit,
+    Pull,
+    refine,
+    robust_weight,
+    starts,
+)
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.model import Kind, with_slope
 from flatcloth.garments.placing import Placed, place_pieces
@@ -32,25 +43,14 @@ HOLE_M = 0.03
 """Length of true edges round holes that makes an unknown garment e times as likely: no kind has an opening
 inside its outline. Chosen; in no recording of the development is an inner border a true edge all round
 (``python -m benchmarks garments``)."""
-LEAST_EDGES = 40
-"""With fewer true edges (24 cm) no kind is given. Set by hand."""
 POINT_STD_M = 0.012
-"""Error of a named point besides that of the fit: patterns and flattened cloth differ by 3 to 8 mm. Set by
-hand."""
-SEEN_M = 0.015
-"""A named point nearer than this to a pixel of the shape is seen there. Chosen: about ``POINT_STD_M``."""
-SEEN_STD_M = 2 * SEEN_M
-"""A named point whose place is known worse than this is predicted, whatever cloth lies there. Chosen."""
-FOLLOWED_M = 0.09
-"""True edges this near to a named point tell where it is: about the width of a cuff or a strap. Set by
-hand."""
-PLACED_STD_M = 0.022
-"""A loose piece above this probability, and below this standard deviation, is placed. Chosen: higher, fewer
-are."""
-OFFERED_PROBABILITY = 0.05
-"""A place less probable than this is not offered to the operator. Chosen: one in twenty would be right."""
-STARTS, _FINISHED, THINNED = 6, 2, 3
-"""Poses tried for a kind, those refined with all points, and the thinning before. Chosen for speed."""
+"""Error of a named point besides that of the fit: patterns and flattened cloth differ by 3 to 8 mm. Cloth as
+near to it shows it. Set by hand."""
+KNOWN_STD_M = 0.025
+"""A named point whose place is known worse than this is predicted, whatever cloth lies there, and a loose
+piece is not placed without asking. Chosen: twice ``POINT_STD_M``."""
+THINNED = 3
+"""Of so many edges and places inside, one counts in the first fits. Chosen for speed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,12 +122,12 @@ class Recognition:
 
 def is_sure(piece: Placed) -> bool:
     """Return whether a piece may be placed without asking the operator."""
-    return piece.probability >= SURE and piece.std_m <= PLACED_STD_M
+    return piece.probability >= SURE and piece.std_m <= KNOWN_STD_M
 
 
 def is_offered(piece: Placed) -> bool:
-    """Return whether an operator is asked about the place of a piece."""
-    return piece.probability >= OFFERED_PROBABILITY
+    """Return whether an operator is asked about the place of a piece: unless it is surely wrong."""
+    return piece.probability >= 1.0 - SURE
 
 
 def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recognition:
@@ -151,7 +151,7 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
             f"The shape has {1e4 * main.area_m2:.0f} cm2 of cloth; a garment is not recognised below "
             f"{1e4 * LEAST_AREA_M2:.0f} cm2. Add views."
         )
-    if len(main.edge_uv_m) < LEAST_EDGES:
+    if not has_enough_edges(main):
         raise GarmentError(
             f"Only {100 * SPACING_M * len(main.edge_uv_m):.0f} cm of the shape's border are true edges; "
             "a garment is not recognised by so few. Add views that face its edges."
@@ -185,10 +185,15 @@ def _with_witnesses(fits: list[Fit], others: Sequence[PieceEvidence]) -> list[Fi
     A piece that is large enough to be recognised by itself says of which kind it is, wherever it lies.
     """
     for piece in others:
-        if piece.area_m2 >= LEAST_AREA_M2 and len(piece.edge_uv_m) >= LEAST_EDGES:
+        if piece.area_m2 >= LEAST_AREA_M2 and has_enough_edges(piece):
             own = {kind.name: _rough_evidence(kind, piece) for kind in known_kinds()}
             fits = [replace(fit, log_evidence=fit.log_evidence + own[fit.kind.name]) for fit in fits]
     return sorted(fits, key=lambda f: -f.log_evidence)
+
+
+def has_enough_edges(piece: PieceEvidence) -> bool:
+    """Return whether the true edges are as long as two sides of a square of the least area: 20 cm."""
+    return len(piece.edge_uv_m) * SPACING_M >= 2.0 * math.sqrt(LEAST_AREA_M2)
 
 
 def fits_of(main: PieceEvidence) -> list[Fit]:
@@ -223,7 +228,7 @@ def _rough_evidence(kind: Kind, piece: PieceEvidence) -> float:
     """Return the evidence of a piece for a kind, by fewer starts and points."""
     coarse = piece.thinned(THINNED)
     return max(
-        refine(kind, (coarse,), parameters, (pose,), annealed=((4.0, 4), (1.0, 8))).log_evidence
+        refine(kind, (coarse,), parameters, (pose,), annealed=(4.0, 1.0)).log_evidence
         for parameters, pose in starts(kind, piece, STARTS // 2)
     )
 
@@ -232,24 +237,19 @@ def best_fit(kind: Kind, main: PieceEvidence) -> Fit:
     """Return the best fit of one kind to the main piece, from many starts."""
     coarse = main.thinned(THINNED)
     first = [
-        refine(kind, (coarse,), parameters, (pose,), annealed=((4.0, 5), (2.0, 6)))
+        refine(kind, (coarse,), parameters, (pose,), annealed=(4.0, 2.0))
         for parameters, pose in starts(kind, main, STARTS)
     ]
     first.sort(key=lambda f: -f.log_evidence)
-    last = [
-        refine(kind, (main,), f.parameters, f.garment_from_piece, annealed=((1.0, 12),))
-        for f in first[:_FINISHED]
-    ]
-    best = max(last, key=lambda f: f.log_evidence)
+    best = refine(kind, (main,), first[0].parameters, first[0].garment_from_piece, annealed=(1.0,))
     return replace(best, others=tuple((f.log_evidence - first[0].log_evidence, f) for f in first))
 
 
 def held_fit(fit: Fit, main: PieceEvidence, pulls: tuple[Pull, ...]) -> Fit:
     """Return the fit with named points held where they were put; the rest follows."""
     coarse = main.thinned(THINNED)
-    return refine(
-        fit.kind, (coarse,), fit.parameters, fit.garment_from_piece[:1], pulls=pulls, annealed=((1.0, 10),)
-    )
+    poses = fit.garment_from_piece[:1]
+    return refine(fit.kind, (coarse,), fit.parameters, poses, pulls=pulls, annealed=(1.0,))
 
 
 def _probabilities(
@@ -267,6 +267,11 @@ def _probabilities(
 def misfit_of(fit: Fit, main: PieceEvidence) -> float:
     """Return the energy of a fit per true edge that can be trusted."""
     return fit.energy / max(float(main.edge_trust.sum()), 1.0)
+
+
+def is_suspect(fit: Fit, main: PieceEvidence) -> bool:
+    """Return whether a shape may be no garment as it is, so that its links are looked into."""
+    return misfit_of(fit, main) > MISFIT - 3.0 * MISFIT_STD
 
 
 def dimensions_of(fit: Fit, points: Mapping[str, Point]) -> dict[str, Measure]:
@@ -340,7 +345,7 @@ def points_of(
         uv, std = held[name] if name in held else _followed(value[own], point_std, outline_uv, main)
         doubt_m = math.sqrt(doubt[n])
         std = math.hypot(std, doubt_m)  # the edges nearby do not tell which optimum is right
-        pixel = pixel_near(uv, shape) if std <= SEEN_STD_M else None
+        pixel = pixel_near(uv, shape) if std <= KNOWN_STD_M else None
         points[name] = Point(uv_m=uv, std_m=std, pixel=pixel, doubt_m=doubt_m)
     return points
 
@@ -359,7 +364,7 @@ def _doubt_of(fit: Fit, places: Float64) -> Float64:
         named = np.stack([place[:, 0] for place in other.kind.named(other.parameters[:, None]).values()])
         there = other.garment_from_piece[0].inverse().apply(named)
         # Several starts lead to the same optimum.
-        if all(np.abs(there - each).max() > FOLLOWED_M for each in known):
+        if all(np.abs(there - each).max() > APART_M for each in known):
             known.append(there)
             total += share
             variance += share * np.square(there - places).sum(axis=1) / 2
@@ -369,9 +374,9 @@ def _doubt_of(fit: Fit, places: Float64) -> Float64:
 
 
 def pixel_near(uv: Float64, shape: FlattenedView) -> tuple[int, int] | None:
-    """Return the pixel with cloth nearest to a place, None if none is within :data:`SEEN_M`."""
+    """Return the pixel with cloth nearest to a place, None if none is within :data:`POINT_STD_M`."""
     row, col = shape.rc_from_uv(uv).tolist()
-    radius_px = SEEN_M / shape.pixel_size_m
+    radius_px = POINT_STD_M / shape.pixel_size_m
     first_row, first_col = max(0, math.floor(row - radius_px)), max(0, math.floor(col - radius_px))
     window = shape.valid[
         first_row : math.ceil(row + radius_px) + 1, first_col : math.ceil(col + radius_px) + 1
@@ -390,7 +395,7 @@ def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidenc
     The corner of the outline is shifted so that its sides meet the edges on either side of it: linear
     least squares of the shift (2,), with the fit as the prior and robust weights.
     """
-    near = np.linalg.norm(main.edge_uv_m - uv, axis=1) <= FOLLOWED_M
+    near = np.linalg.norm(main.edge_uv_m - uv, axis=1) <= APART_M
     if near.sum() < 6:
         return uv, std_m
     q, normal, trust = main.edge_uv_m[near], main.edge_normal[near], main.edge_weight * main.edge_trust[near]

@@ -21,7 +21,6 @@ from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Fit
 from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.links import (
-    SUSPECT_MISFIT,
     Cloth,
     DoubtedLink,
     basins,
@@ -32,7 +31,7 @@ from flatcloth.garments.links import (
     side_of,
     split,
 )
-from flatcloth.garments.recognition import best_fit, misfit_of
+from flatcloth.garments.recognition import best_fit, is_suspect
 
 WEAK = 0.05
 
@@ -119,7 +118,7 @@ def test_a_sleeve_that_grows_from_the_hem_is_doubted() -> None:
     hem = Rigid2(np.pi / 2 - 0.7, 0.12, 0.42)  # down from the bottom hem
     shape, cloth, sleeve = joined_at(hem)
     fits = best_fits(shape)
-    assert misfit_of(fits[0], shape) > SUSPECT_MISFIT
+    assert is_suspect(fits[0], shape)
     links = doubted_links(fits, shape, cloth)
     assert is_offered(links[0])
     assert links[0].moved_m > 0.08
@@ -134,7 +133,7 @@ def test_a_sleeve_that_grows_from_the_hem_is_doubted() -> None:
 def test_a_sleeve_where_it_belongs_is_not_doubted_however_weakly_it_is_joined() -> None:
     shape, cloth, _ = joined_at(Rigid2())
     fits = best_fits(shape)
-    assert misfit_of(fits[0], shape) < SUSPECT_MISFIT
+    assert not is_suspect(fits[0], shape)
     links = doubted_links(fits, shape, cloth)
     assert links
     assert not any(is_offered(link) for link in links)

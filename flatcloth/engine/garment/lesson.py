@@ -10,8 +10,8 @@ from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.example import half_seen_tshirt
-from flatcloth.garments.fit import Fit, refine, starts
-from flatcloth.garments.recognition import NONE, STARTS, THINNED, fits_of, probabilities_by
+from flatcloth.garments.fit import STARTS, Fit, refine, starts
+from flatcloth.garments.recognition import NONE, THINNED, fits_of, probabilities_by
 
 _STEPS = ((4.0, 6), (2.0, 6), (1.0, 8))
 """Factors on the standard deviations, and number of steps with each. Chosen: a few more than in the fit."""
@@ -69,7 +69,9 @@ def _followed(best: Fit, evidence: PieceEvidence) -> tuple[Float64, Float64, Flo
     for widened, steps in _STEPS:
         for _ in range(steps):
             now = [
-                refine(kind, (coarse,), fit.parameters, fit.garment_from_piece, annealed=((widened, 1),))
+                refine(
+                    kind, (coarse,), fit.parameters, fit.garment_from_piece, annealed=(widened,), most_steps=1
+                )
                 for fit in now
             ]
             rows.append(now)

@@ -20,7 +20,7 @@ from flatcloth.garments.deciding import (
     with_placed_cloth,
 )
 from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
-from flatcloth.garments.links import SUSPECT_MISFIT, Cloth, DoubtedLink, doubted_links, is_offered, is_wrong
+from flatcloth.garments.links import Cloth, DoubtedLink, doubted_links, is_offered, is_wrong
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import (
     NONE,
@@ -28,7 +28,7 @@ from flatcloth.garments.recognition import (
     Recognition,
     fits_of,
     is_sure,
-    misfit_of,
+    is_suspect,
     recognise,
 )
 from flatcloth.methods.answers import Canonical
@@ -147,7 +147,7 @@ class GarmentService:
         evidence = evidence_of_shape(canonical, views)
         found = recognise(canonical.view, evidence)
         cloth, links = None, []
-        if misfit_of(found.fit, evidence[0]) > SUSPECT_MISFIT:
+        if is_suspect(found.fit, evidence[0]):
             cloth = self.integration.cloth(document)
         if cloth is not None:
             links = doubted_links(fits_of(evidence[0]), evidence[0], cloth)
