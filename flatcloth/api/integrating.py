@@ -7,13 +7,16 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from flatcloth.api.shape import Shape
 from flatcloth.core.config import Config
 from flatcloth.core.errors import CancelledError
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Progress, no_progress
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService, place_sure_pieces
 from flatcloth.engine.headless import Run, ViewDecision
 from flatcloth.engine.integration import Integration
@@ -32,6 +35,7 @@ from flatcloth.session.machine import MemorySession, SessionState
 from flatcloth.session.store import SessionFolder
 
 PathLike = str | os.PathLike[str]
+Sides = Literal["one", "both"]
 
 
 def integration_of(
@@ -101,6 +105,7 @@ def integrate(
     cancel: Callable[[], bool] | None = None,
     on_view: Callable[[ViewDecision, Shape], None] | None = None,
     cores: int | None = None,
+    sides: Sides = "one",
 ) -> Shape:
     """Integrate the views of a recording without an operator.
 
@@ -126,6 +131,9 @@ def integrate(
         shape so far; its arrays are computed when they are first read.
     cores : int, optional
         Cores to use, by default all that this process may use; the result does not depend on it.
+    sides : str
+        ``one`` (default), or ``both``: the other side is integrated too and joined to this one along the
+        seams (:attr:`Shape.other`), with the method ``robust``.
 
     Raises
     ------
@@ -151,8 +159,7 @@ def integrate(
             take_strokes(integration.views, keeper, strokes)
         service = GarmentService(integration)
         run = Run(integration, keeper)
-        if on_view is not None:
-            show = on_view
+        if (show := on_view) is not None:
             run.on_view = lambda decision: show(decision, Shape(_data(service, keeper, {})))
         with _timed(seconds, "integrating"):
             document = run.finish(watched, cores or len(os.sched_getaffinity(0))).document
@@ -160,8 +167,12 @@ def integrate(
         with _timed(seconds, "garment"):
             watched(1.0, "recognising the garment")
             place_sure_pieces(service, keeper)
-        earlier = {} if folder is None else earlier_scores(folder)
-        data = _data(service, keeper, {**earlier, **_scores_of(run)})
+        both = BothSides(integration) if sides == "both" and integration.algorithm.joins_sides else None
+        if both is not None:
+            with _timed(seconds, "other side"):
+                both.of(keeper.state.document, watched, cores or len(os.sched_getaffinity(0)))
+        scores = {**(earlier_scores(folder) if folder else {}), **_scores_of(run)}
+        data = replace(_data(service, keeper, scores), both=both)
     return Shape(data, tuple(run.decisions), seconds)
 
 

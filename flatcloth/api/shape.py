@@ -13,9 +13,11 @@ from numpy.typing import ArrayLike
 
 from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Bool, FlattenedView, Float32, RotationAxis, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, RotationAxis, Uint8
 from flatcloth.engine.headless import ViewDecision
 from flatcloth.engine.outcome import lines_of as outcome_lines
+from flatcloth.engine.outcome import other_side_lines
+from flatcloth.export.data import this_from_other
 from flatcloth.export.garment import garment_points
 from flatcloth.export.garment import lines_of as garment_lines
 from flatcloth.export.session_data import SessionData
@@ -24,6 +26,7 @@ from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel
 from flatcloth.grasping.grips import check_opening_m
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
 from flatcloth.grasping.hand_eye import HandEyeError, rigid_from_matrix
+from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.session.journal import Pick
 
 _WRITERS = 2
@@ -91,6 +94,35 @@ class Shape:
     def pieces(self) -> tuple[FlattenedView, ...]:
         """Floating pieces: cloth that no view connects to the shape, each on a plane of its own."""
         return self.data.canonical.floating
+
+    @property
+    def other(self) -> FlattenedView | None:
+        """The other side, as seen from its own outside; None unless both sides were integrated."""
+        return None if self._sides is None else self._sides.other.view
+
+    @property
+    def other_pieces(self) -> tuple[FlattenedView, ...]:
+        """Floating pieces of the other side."""
+        return () if self._sides is None else self._sides.other.floating
+
+    @property
+    def seams(self) -> tuple[Seam, ...]:
+        """Where the rims of both sides meet, and whether that joins their pieces."""
+        return () if self._sides is None else self._sides.seams
+
+    @property
+    def this_from_other(self) -> Float64 | None:
+        """(3, 3) mirror motion from :attr:`other` to this side: (column, row) times the pixel size, and 1.
+
+        None if no seam relates both sides.
+        """
+        if self._sides is None or not self._sides.is_related:
+            return None
+        return this_from_other(self._sides.other.view, self.view)
+
+    @property
+    def _sides(self) -> JoinedSides | None:
+        return self.data.sides if isinstance(self.data.sides, JoinedSides) else None
 
     @property
     def views(self) -> tuple[int, ...]:
@@ -209,7 +241,8 @@ class Shape:
 
     def lines(self) -> list[str]:
         """Return a summary in a few lines of text: views, areas, uncertainty and garment."""
-        return [*outcome_lines(self.report), *garment_lines(self.data.garment)]
+        other = other_side_lines(self.report["other_side"]) if "other_side" in self.report else []
+        return [*outcome_lines(self.report), *other, *garment_lines(self.data.garment)]
 
     def __str__(self) -> str:
         return "\n".join(self.lines())

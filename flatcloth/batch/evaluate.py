@@ -6,18 +6,24 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from flatcloth.api.integrating import integrate
+from flatcloth.api.integrating import Sides, integrate
+from flatcloth.api.shape import Shape
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.evaluation import Comparison, compare, picture
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.garment.truth import compare_garment, read_true_points
+from flatcloth.engine.results.sides_truth import compare_sides
 from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.truth import Truth, read_truth
 
 
 def evaluate_one(
-    source: str, method: str, pictures: Path | None = None, progress: Progress = no_progress
+    source: str,
+    method: str,
+    pictures: Path | None = None,
+    progress: Progress = no_progress,
+    sides: Sides = "one",
 ) -> dict[str, Any]:
     """Return the figures of a recording, by name.
 
@@ -31,6 +37,8 @@ def evaluate_one(
         Folder for a picture of the result next to its ground truth.
     progress : callable
         Called with the progress.
+    sides : str
+        ``both``: the other side, and its relation to this one, are compared too.
 
     Raises
     ------
@@ -39,7 +47,7 @@ def evaluate_one(
     """
     recording = open_recording(source)
     truth = read_truth(recording.location)
-    shape = integrate(recording, method=method, progress=progress, cores=1)
+    shape = integrate(recording, method=method, progress=progress, cores=1, sides=sides)
     comparison = compare(shape.view, truth, recording)
     if pictures is not None:
         _write_picture(pictures, recording.name, comparison)
@@ -49,8 +57,19 @@ def evaluate_one(
         **dataclasses.asdict(comparison.evaluation),
         "views": list(shape.views),
         "seconds": round(shape.seconds["integrating"], 2),
+        **_sides(shape, recording, truth),
         **_garment(shape.data.garment, recording, truth),
     }
+
+
+def _sides(shape: Shape, recording: Recording, truth: Truth) -> dict[str, Any]:
+    """Return the other side and its relation to this one compared with the truth; nothing without it."""
+    sides = shape.data.sides
+    if sides is None:
+        return {}
+    if isinstance(sides, str):
+        return {"sides": {"reason": sides}}
+    return {"sides": dataclasses.asdict(compare_sides(shape.view, sides, truth, recording))}
 
 
 def _garment(known: KnownGarment | str, recording: Recording, truth: Truth) -> dict[str, Any]:

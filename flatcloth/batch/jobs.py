@@ -49,7 +49,11 @@ def answer(question: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     if question["job"] == "evaluate":
         pictures = question["pictures"]
         return evaluate_one(
-            question["source"], question["method"], None if pictures is None else Path(pictures), progress
+            question["source"],
+            question["method"],
+            None if pictures is None else Path(pictures),
+            progress,
+            question["sides"],
         )
     task, out = Task.from_dict(question["task"]), Path(question["out"])
     return _to_row(task, out / task.name, question, progress)

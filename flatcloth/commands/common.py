@@ -30,6 +30,17 @@ def add_method(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_sides(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--sides``."""
+    parser.add_argument(
+        "--sides",
+        choices=("both", "one"),
+        default="both",
+        help="integrate the other side too and join it along the seams, or the side of interest only "
+        "(default: %(default)s; the method paper has one)",
+    )
+
+
 def add_source(parser: argparse.ArgumentParser, without: str | None = None) -> None:
     """Declare SOURCE, and the angles of sources that have none: ``--angles`` and ``--step``.
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import statistics
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from flatcloth.commands.common import ProgressBar, add_engine, add_method, limits_of
+from flatcloth.commands.common import ProgressBar, add_engine, add_method, add_sides, limits_of
 from flatcloth.core.errors import FlatclothError
 
 NAME = "evaluate"
@@ -25,6 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "sources", nargs="+", metavar="SOURCE", help="synthetic recording folders, or bundled names"
     )
     add_method(parser)
+    add_sides(parser)
     add_engine(parser, jobs=1)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
     parser.add_argument(
@@ -39,6 +41,8 @@ def run(options: argparse.Namespace) -> None:
     for row in _one_by_one(options) if options.jobs == 1 and not options.scheduler else _together(options):
         rows.append(row)
         print(_table_row(row), flush=True)
+        if "sides" in row:
+            print(_sides_line(row["sides"]), flush=True)
         if "garment" in row:
             print(_garment_line(row["garment"]), flush=True)
     if options.json is not None:
@@ -49,6 +53,20 @@ def run(options: argparse.Namespace) -> None:
             raise FlatclothError(
                 f"{options.json}: cannot be written ({error}); choose another file."
             ) from error
+
+
+def _sides_line(sides: dict[str, Any]) -> str:
+    """Return the other side and its relation to this one as a line of text."""
+    if "reason" in sides:
+        return f"  other side: {sides['reason']}"
+    other = sides["other"]
+    seen, median_mm, share = sides["other_seen"], other["absolute_median_mm"], other["within_3_std_share"]
+    text = f"  other side: {seen:.0%} of its cloth, median {median_mm:.1f} mm, {share:.1%} in 3 std; "
+    if math.isnan(sides["related_median_mm"]):
+        return text + "no seam joins it to this side's shape"
+    median_mm, p95_mm = sides["related_median_mm"], sides["related_p95_mm"]
+    text += f"beside this side: median {median_mm:.1f}, 95 % {p95_mm:.1f} mm, "
+    return text + f"{sides['related_within_3_std_share']:.1%} in 3 std"
 
 
 def _garment_line(garment: dict[str, Any]) -> str:
@@ -71,7 +89,7 @@ def _one_by_one(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
     for source in options.sources:
         with ProgressBar(Path(source).name) as bar:
-            row = evaluate_one(source, options.method, options.pictures, bar.show)
+            row = evaluate_one(source, options.method, options.pictures, bar.show, options.sides)
         yield row
 
 
@@ -84,6 +102,7 @@ def _together(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
             "job": "evaluate",
             "source": str(Path(source).absolute()) if Path(source).exists() else source,
             "method": options.method,
+            "sides": options.sides,
             "pictures": None if options.pictures is None else str(options.pictures.absolute()),
         }
         for source in options.sources

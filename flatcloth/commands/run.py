@@ -8,6 +8,7 @@ from pathlib import Path
 from flatcloth.commands.common import (
     ProgressBar,
     add_method,
+    add_sides,
     add_source,
     loading,
     source_options_of,
@@ -29,6 +30,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, required=True, metavar="DIR", help="session folder to write; resumed if it exists"
     )
     add_method(parser)
+    add_sides(parser)
     add_hand_eye(parser)
     add_strokes(parser)
 
@@ -43,7 +45,12 @@ def run(options: argparse.Namespace) -> None:
     recording = open_recording(options.source, source_options_of(options))
     with ProgressBar(recording.name) as bar:
         shape = integrate(
-            recording, method=options.method, session=options.out, strokes=strokes, progress=bar.show
+            recording,
+            method=options.method,
+            session=options.out,
+            strokes=strokes,
+            progress=bar.show,
+            sides=options.sides,
         )
         bar.show(1.0, "writing")
         files = shape.write(options.out, base_from_camera=base_from_camera)

@@ -64,6 +64,7 @@ class RgbdFrame:
 
     ``color`` (H, W, 3) uint8 RGB; ``depth_m`` (H, W) float32, 0 where nothing was measured;
     ``mask`` (H, W) bool, True on the side of interest, or None if the recording has no masks;
+    ``other_mask`` (H, W) bool, True on the other side, or None if the recording does not name it;
     ``angle_deg`` is the rotation about the axis since view 0; ``offset_rc`` the position of its pixel
     (0, 0) in the recorded image, if it was cropped.
     """
@@ -75,6 +76,7 @@ class RgbdFrame:
     mask: Bool | None
     intrinsics: Intrinsics
     offset_rc: tuple[int, int] = (0, 0)
+    other_mask: Bool | None = None
 
     def cropped(self, rows: slice, cols: slice) -> RgbdFrame:
         """Return a part of the image as a copy, so that the memory of the whole one can be freed."""
@@ -86,6 +88,7 @@ class RgbdFrame:
             color=self.color[rows, cols].copy(),
             depth_m=depth,
             mask=None if self.mask is None else self.mask[rows, cols].copy(),
+            other_mask=None if self.other_mask is None else self.other_mask[rows, cols].copy(),
             intrinsics=replace(k, width=depth.shape[1], height=depth.shape[0], cx=k.cx - left, cy=k.cy - top),
             offset_rc=(self.offset_rc[0] + top, self.offset_rc[1] + left),
         )

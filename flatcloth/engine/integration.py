@@ -215,6 +215,11 @@ class Integration:
             return None
         return self._by_garment(document, self.algorithm.canonical(document)).taken_off
 
+    def parts_taken_off(self, document: Document) -> list[Bool]:
+        """Return the parts (N,) of the shape's samples that were removed, because no garment allows them."""
+        cloth = _cloth_of(self.algorithm.surface_edges(document)) if document.garment.parts else None
+        return [] if cloth is None else parts_taken_off(cloth, document.garment.parts)
+
     def _by_garment(self, document: Document, whole: Canonical) -> _ByGarment:
         """Return a shape and its cloth after the decisions about links that no garment allows (cached).
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
@@ -16,7 +17,8 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.segmenting import summary
-from flatcloth.engine.sheet import SheetPiece, sheet_of
+from flatcloth.engine.sheet import OTHER_FILE, SheetPiece, other_floating_file, sheet_of
+from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.registration.registered import describe
 from flatcloth.session.document import Accepted, Document
 
@@ -151,6 +153,54 @@ def lines_of(outcome: dict[str, Any]) -> list[str]:
     return lines
 
 
+def sides_entry(sides: JoinedSides | str) -> dict[str, Any]:
+    """Return the report on the other side and its seams: areas in cm2, lengths in mm."""
+    if isinstance(sides, str):
+        return {"reason": sides}
+    view, floating = sides.other.view, sides.other.floating
+    return {
+        "file": OTHER_FILE,
+        "is_related": sides.is_related,
+        "area_cm2": round(1e4 * view.area_m2, 1),
+        "floating": [
+            {"file": other_floating_file(n), "area_cm2": round(1e4 * piece.area_m2, 1)}
+            for n, piece in enumerate(floating, start=1)
+        ],
+        **uncertainty(view),
+        "seams": [_seam(seam) for seam in sides.seams],
+    }
+
+
+def _seam(seam: Seam) -> dict[str, Any]:
+    views, counts = np.unique(seam.views[seam.views >= 0], return_counts=True)
+    return {
+        "this_piece": seam.this_piece,
+        "other_piece": seam.other_piece,
+        "joins": not seam.why,
+        "reason": seam.why,
+        "length_mm": round(1e3 * seam.length_m),
+        "matches": len(seam.residual_m),
+        "residual_mm": round(1e3 * float(np.median(seam.residual_m)), 1),
+        "views": views[np.argsort(-counts)].tolist(),
+    }
+
+
+def other_side_lines(entry: dict[str, Any]) -> list[str]:
+    """Return the report on the other side as a few lines of text."""
+    if "reason" in entry:
+        return [entry["reason"]]
+    joined = [seam for seam in entry["seams"] if seam["joins"]]
+    length_cm = sum(seam["length_mm"] for seam in joined) / 10
+    relation = f"joined along {length_cm:.0f} cm of seams" if entry["is_related"] else "joined by no seam"
+    line = f"Other side: {entry['area_cm2']:.0f} cm2, {relation}"
+    if "firm_share" in entry:
+        line += f"; {entry['firm_share']:.0%} reliable"
+    if entry["floating"]:
+        areas = ", ".join(f"{piece['area_cm2']:.0f}" for piece in entry["floating"])
+        line += f"; floating pieces: {areas} cm2"
+    return [f"{line}."]
+
+
 class _Accepted(msgspec.Struct, frozen=True):
     view_index: int
     score: Finite | None
@@ -158,15 +208,26 @@ class _Accepted(msgspec.Struct, frozen=True):
 
 class _Kept(msgspec.Struct, frozen=True):
     accepted: tuple[_Accepted, ...]
+    other_side: dict[str, Any] | None = None
 
 
 def earlier_scores(folder: Path) -> dict[int, float]:
     """Return the scores of the report in a folder, by view; empty without a report."""
+    kept = _kept(folder)
+    return {} if kept is None else {a.view_index: a.score for a in kept.accepted if a.score is not None}
+
+
+def has_other_side(folder: Path) -> bool:
+    """Return whether the report in a folder has the other side of the item."""
+    kept = _kept(folder)
+    return kept is not None and kept.other_side is not None
+
+
+def _kept(folder: Path) -> _Kept | None:
     try:
-        kept = decoded(read_plain(folder / FILE), _Kept)
+        return decoded(read_plain(folder / FILE), _Kept)
     except (OSError, ValueError):
-        return {}
-    return {a.view_index: a.score for a in kept.accepted if a.score is not None}
+        return None
 
 
 def outcome_text(outcome: dict[str, Any]) -> str:

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
@@ -29,24 +29,22 @@ _THREADS = 2
 """Number of views read in parallel. Chosen for two cores."""
 
 
-class MaskedRecording:
-    """A recording whose views have the masks of a segmentation.
+class WithMasks:
+    """A recording whose views have other masks.
+
+    Its attributes are those of the recording, ``has_masks`` included, so that a session folder takes it
+    for the same recording.
 
     Parameters
     ----------
     recording : Recording
-        The views; masks of its own are not used.
-    segmentation : Segmentation
-        Of these views.
-
-    Notes
-    -----
-    Its attributes are those of the recording, ``has_masks`` included, so that a session folder takes it
-    for the same recording; ``segmentation`` distinguishes them.
+        The views.
+    read : callable
+        Returns a view with its mask.
     """
 
-    def __init__(self, recording: Recording, segmentation: Segmentation) -> None:
-        self._recording, self.segmentation = recording, segmentation
+    def __init__(self, recording: Recording, read: Callable[[int], RgbdFrame]) -> None:
+        self._recording, self._read = recording, read
 
     @property
     def name(self) -> str:
@@ -60,12 +58,8 @@ class MaskedRecording:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the operator: the sides found, regions cut off, and conflicts."""
-        found = self.segmentation
-        kinds = sorted({cut.kind for cut in found.cut_off})
-        cut = (f"Cut off as no part of the item: {', '.join(kinds)}.",) if kinds else ()
-        own = tuple(getattr(self._recording, "notes", ()))
-        return (*own, found.text, *cut, *(conflict.text for conflict in found.conflicts))
+        """Notes for the operator on the recording."""
+        return tuple(getattr(self._recording, "notes", ()))
 
     @property
     def location(self) -> str:
@@ -102,11 +96,30 @@ class MaskedRecording:
         return len(self._recording)
 
     def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Read one view, with the mask of the side of interest."""
+        """Read one view, with its mask."""
         check_index(self, view_index)
+        return self._read(view_index)
+
+
+class MaskedRecording(WithMasks):
+    """A recording whose views have the masks of a segmentation; masks of its own are not used."""
+
+    def __init__(self, recording: Recording, segmentation: Segmentation) -> None:
+        super().__init__(recording, self._masked)
+        self.segmentation = segmentation
+
+    def _masked(self, view_index: int) -> RgbdFrame:
         frame = self._recording[view_index]
         mask = self.segmentation.mask(view_index)
         return replace(frame, mask=np.zeros(frame.depth_m.shape, dtype=np.bool_) if mask is None else mask)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes for the operator: the sides found, regions cut off, and conflicts."""
+        found = self.segmentation
+        kinds = sorted({cut.kind for cut in found.cut_off})
+        cut = (f"Cut off as no part of the item: {', '.join(kinds)}.",) if kinds else ()
+        return (*super().notes, found.text, *cut, *(conflict.text for conflict in found.conflicts))
 
 
 def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolver:

@@ -74,6 +74,15 @@ def floating_file(number: int) -> str:
     return f"floating-{number}.npz"
 
 
+OTHER_FILE = "flattened-other.npz"
+"""The file of the other side."""
+
+
+def other_floating_file(number: int) -> str:
+    """Return the file of a floating piece of the other side, counted from 1."""
+    return f"floating-other-{number}.npz"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
     """The shape and its floating pieces on one plane.

@@ -22,16 +22,18 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import open_plain, replacing
-from flatcloth.core.types import FlattenedView, Floats, RotationAxis
-from flatcloth.engine.sheet import floating_file
+from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
+from flatcloth.engine.sheet import OTHER_FILE, floating_file, other_floating_file
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel, quaternion_wxyz
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
+from flatcloth.methods.answers import JoinedSides
 from flatcloth.recordings.files.text import shortened
 from flatcloth.session.journal import Pick
 
 GARMENT, GRASPS = "garment.json", "grasps.json"
 FORMAT = "flatcloth-flattened/1"
 GRASPS_FORMAT = "flatcloth-grasps/1"
+_OF_OTHER_SIDE = (OTHER_FILE, "flattened-other.png", "cloud-other.ply")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,14 +68,47 @@ def shape_files(
     ``grasps.json`` is written.
     """
     files: dict[str, Callable[[BinaryIO], object]] = {
-        "flattened.npz": lambda file: _write_npz(view, file),
+        "flattened.npz": lambda file: write_npz(view, file),
         "flattened.png": lambda file: file.write(png_bytes(view)),
         "cloud.ply": lambda file: file.write(ply_bytes(view)),
         GRASPS: lambda file: file.write(grasps_text(view, picks, frames, named(), floating).encode()),
     }
     for n, piece in enumerate(floating, start=1):
-        files[floating_file(n)] = functools.partial(_write_npz, piece)
+        files[floating_file(n)] = functools.partial(write_npz, piece)
     return files
+
+
+def other_files(sides: JoinedSides, this: FlattenedView) -> dict[str, Callable[[BinaryIO], object]]:
+    """Return the files of the other side, as seen from its own outside, each with what writes it.
+
+    ``flattened-other.npz`` has the keys of ``flattened.npz`` and, if seams relate both sides,
+    ``this_from_other`` (:func:`this_from_other`); so has each ``floating-other-1.npz``.
+    """
+    other = sides.other.view
+    files: dict[str, Callable[[BinaryIO], object]] = {
+        _OF_OTHER_SIDE[0]: functools.partial(_write_other, sides, other, this),
+        _OF_OTHER_SIDE[1]: lambda file: file.write(png_bytes(other)),
+        _OF_OTHER_SIDE[2]: lambda file: file.write(ply_bytes(other)),
+    }
+    for n, piece in enumerate(sides.other.floating, start=1):
+        files[other_floating_file(n)] = functools.partial(_write_other, sides, piece, this)
+    return files
+
+
+def _write_other(sides: JoinedSides, view: FlattenedView, this: FlattenedView, file: BinaryIO) -> None:
+    more = {"this_from_other": this_from_other(view, this)} if sides.is_related else {}
+    write_npz(view, file, **more)
+
+
+def this_from_other(other: FlattenedView, this: FlattenedView) -> Float64:
+    """Return the mirror motion (3, 3) from the raster of the other side to that of this one, metres.
+
+    It maps (column, row, 1), each times its pixel size, to the same of this side's raster.
+    """
+    motion = np.diag([-1.0, 1.0, 1.0])
+    own, its = np.array(this.origin_uv_m), np.array(other.origin_uv_m)
+    motion[:2, 2] = its * (-1.0, 1.0) - own
+    return motion
 
 
 def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
@@ -105,12 +140,13 @@ def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
 
 
 def remove_stale(written: Collection[str], folder: Path) -> None:
-    """Remove floating pieces and ``garment.json`` of an earlier export that this one has not."""
-    stale = [] if GARMENT in written else [GARMENT]
-    number = 1
-    while (folder / (name := floating_file(number))).exists() or name in written:
-        stale += [] if name in written else [name]
-        number += 1
+    """Remove floating pieces, the other side and garment of an earlier export, unless written now."""
+    stale = [name for name in (GARMENT, *_OF_OTHER_SIDE) if name not in written]
+    for begin in ("floating-", "floating-other-"):
+        number = 1
+        while (folder / (name := f"{begin}{number}.npz")).exists() or name in written:
+            stale += [] if name in written else [name]
+            number += 1
     for name in stale:
         with contextlib.suppress(OSError):
             (folder / name).unlink()
@@ -175,8 +211,9 @@ def _shape_of(data: Any) -> FlattenedView:
     )
 
 
-def _write_npz(view: FlattenedView, file: BinaryIO) -> None:
-    arrays: dict[str, Any] = {}
+def write_npz(view: FlattenedView, file: BinaryIO, **more: Any) -> None:
+    """Write a flattened view as ``flattened.npz`` is, with ``more`` arrays by name."""
+    arrays: dict[str, Any] = dict(more)
     if view.placement_std_m is not None:
         arrays["placement_std_m"] = view.placement_std_m
     np.savez_compressed(

@@ -13,8 +13,9 @@ import numpy as np
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
-from flatcloth.engine.outcome import earlier_scores
+from flatcloth.engine.outcome import earlier_scores, has_other_side
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
@@ -129,6 +130,7 @@ class OpenedSession:
             self.frames(base_from_camera, rotation_deg),
             earlier_scores(self.history.folder),
             self.garments,
+            BothSides(self.integration) if has_other_side(self.history.folder) else None,
         )
 
 

@@ -12,18 +12,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.outcome import FILE as OUTCOME
-from flatcloth.engine.outcome import outcome_of, outcome_text
+from flatcloth.engine.outcome import outcome_of, outcome_text, sides_entry
 from flatcloth.export.data import (
     GARMENT,
     GraspFrames,
+    other_files,
     remove_stale,
     shape_files,
     write_files,
 )
 from flatcloth.export.garment import garment_document, garment_points, outcome_entry
-from flatcloth.methods.answers import Canonical
+from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.session.journal import Pick
 from flatcloth.session.machine import Document
 
@@ -40,7 +42,7 @@ class SessionData:
     """What a session leaves behind as data; each part is computed on first use.
 
     ``scores`` are those of views whose acceptance keeps none, by view; ``garments`` recognises the garment, a
-    new service by default.
+    new service by default. ``both`` is the other side, if it belongs to what is left behind.
     """
 
     integration: Integration
@@ -49,6 +51,7 @@ class SessionData:
     frames: GraspFrames
     scores: Mapping[int, float] = field(default_factory=dict)
     garments: GarmentService | None = None
+    both: BothSides | None = None
 
     @cached_property
     def canonical(self) -> Canonical:
@@ -62,6 +65,11 @@ class SessionData:
         return self.integration.canonical(self.document)
 
     @cached_property
+    def sides(self) -> JoinedSides | str | None:
+        """The other side, joined to the shape, or why there is none; None if it was not asked for."""
+        return None if self.both is None else self.both.of(self.document)
+
+    @cached_property
     def garment(self) -> KnownGarment | str:
         """What is known of the garment, or why nothing can be said of it."""
         return (self.garments or GarmentService(self.integration)).known(self.document)
@@ -71,6 +79,8 @@ class SessionData:
         """The content of ``outcome.json``."""
         outcome = outcome_of(self.integration, self.document, self.scores)
         outcome["garment"] = outcome_entry(self.garment)
+        if self.sides is not None:
+            outcome["other_side"] = sides_entry(self.sides)
         return outcome
 
     def _shape_files(self) -> dict[str, Writer]:
@@ -79,7 +89,10 @@ class SessionData:
         def named() -> list[Pick]:
             return garment_points(self.garment)
 
-        return shape_files(shape.view, self.picks, self.frames, shape.floating, named)
+        files = shape_files(shape.view, self.picks, self.frames, shape.floating, named)
+        if isinstance(self.sides, JoinedSides):
+            files |= other_files(self.sides, shape.view)
+        return files
 
     def _reports(self) -> dict[str, Writer]:
         reports: dict[str, Writer] = {}

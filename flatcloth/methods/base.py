@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 import numpy as np
 
 from flatcloth.core.config import Config
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import (
     Bool,
     FlattenedView,
@@ -29,6 +30,7 @@ from flatcloth.methods.answers import (
     Canonical,
     ClothPairs,
     JoinedPiece,
+    JoinedSides,
     Placement,
     Plan,
     SurfaceEdges,
@@ -77,6 +79,8 @@ class Method(Protocol):
     name: ClassVar[str]
     """The registered name."""
     angles_deg: Sequence[float]
+    joins_sides: ClassVar[bool] = False
+    """Whether it joins the other side of an item to the shape: :meth:`with_other_side`."""
     is_unattended: bool = False
     """Set by a run without an operator: what a further view would add decides, not a number of views."""
 
@@ -147,6 +151,24 @@ class Method(Protocol):
         None if the method's edges have no evidence.
         """
         return None
+
+    def with_other_side(
+        self, document: Document, parts: Sequence[Bool], canonical: Canonical, other: Method, its: Document
+    ) -> JoinedSides:
+        """Join the other side of the item to the shape along the seams.
+
+        Parameters
+        ----------
+        document : Document
+            The decisions about this side.
+        parts : sequence of (N,) bool
+            Samples of the shape that were taken off it, as in :meth:`apart`.
+        canonical : Canonical
+            This side without them.
+        other, its
+            The same method, made for the masks of the other side, and the decisions about it.
+        """
+        raise FlatclothError(f"the method {self.name} integrates one side.")
 
     def is_contradicted(self, document: Document) -> bool:
         """Return whether the other views contradict the view accepted last; False if not checked."""

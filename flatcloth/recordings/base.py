@@ -65,11 +65,15 @@ class Recording(Protocol):
 
 
 class ViewImages(NamedTuple):
-    """The images of a view: ``color`` (H, W, 3) RGB, ``depth_m`` (H, W), ``mask`` (H, W) or None."""
+    """The images of a view: ``color`` (H, W, 3) RGB, ``depth_m`` (H, W), ``mask`` (H, W) or None.
+
+    ``other_mask`` (H, W) is that of the other side, None if it is not known.
+    """
 
     color: Uint8
     depth_m: Float32
     mask: Bool | None = None
+    other_mask: Bool | None = None
 
 
 @dataclass(kw_only=True, eq=False)
@@ -106,13 +110,14 @@ class LazyRecording:
             If the view is damaged, has changed since opening, or has no depth.
         """
         check_index(self, view_index)
-        color, depth_m, mask = self.read(view_index)
+        color, depth_m, mask, other_mask = self.read(view_index)
         return RgbdFrame(
             view_index=view_index,
             angle_deg=self.angles_deg[view_index],
             color=color,
             depth_m=depth_m,
             mask=mask,
+            other_mask=other_mask,
             intrinsics=self.intrinsics,
         )
 

@@ -75,6 +75,10 @@ def image_recording(manifest: Manifest) -> LazyRecording:
     )
 
 
+OTHER_SIDE = 128
+"""Value of the other side in a mask that names both sides. By definition."""
+
+
 class _ImageFiles:
     """The image files of a recording: checked when it is opened, and again when a view is read."""
 
@@ -90,7 +94,7 @@ class _ImageFiles:
         view = self._manifest.views[view_index]
         images.read_checked(view.color, "color", self._camera)
         color = self._undistort(images.decode_color(view.color), blend=True)
-        return ViewImages(color, self._depth(view.depth), self._mask(view.mask))
+        return ViewImages(color, self._depth(view.depth), *self._masks(view.mask))
 
     def _depth(self, path: Path) -> Float32:
         header = self._depth_header(path)
@@ -100,18 +104,21 @@ class _ImageFiles:
             raise RecordingError(f"{path}: no depth, every pixel is 0. Record the view again.")
         return depth_m
 
-    def _mask(self, path: Path | None) -> Bool | None:
+    def _masks(self, path: Path | None) -> tuple[Bool | None, Bool | None]:
+        """Return the masks of this side and of the other; the second is None unless the file names both."""
         if path is None:
-            return None
+            return None, None
         images.read_checked(path, "mask", self._camera)
         values = self._undistort(images.decode_raw(path, np.uint8), blend=False)
-        mask: Bool = values > 127
-        if values.any() and not mask.any():
+        names_both = np.isin(values, (0, OTHER_SIDE, 255)).all() and (values == OTHER_SIDE).any()
+        mask: Bool = values > (OTHER_SIDE if names_both else 127)
+        if values.any() and not (mask.any() or names_both):
             raise RecordingError(
                 f"{path}: no pixel exceeds 127, the largest value is {values.max()}. "
                 "Mark the side of interest with 255."
             )
-        return mask  # all False if the side of interest is not visible in this view
+        # All False if the side of interest is not visible in this view.
+        return mask, values == OTHER_SIDE if names_both else None
 
     def _depth_header(self, path: Path) -> images.ImageHeader:
         if not self._manifest.any_depth:

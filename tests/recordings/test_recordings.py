@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import subprocess
 import sys
@@ -285,3 +286,23 @@ def test_a_black_mask_means_that_the_view_shows_nothing_of_the_side(tmp_path: Pa
     mask = open_recording(folder)[1].mask
     assert mask is not None
     assert not mask.any()
+
+
+def test_a_mask_may_name_both_sides(folder: Path) -> None:
+    file = folder / json.loads((folder / "recording.json").read_text())["views"][0]["mask"]
+    values = np.zeros_like(cv2.imread(str(file), cv2.IMREAD_UNCHANGED))
+    values[2:4], values[4:] = 255, 128
+    cv2.imwrite(str(file), values)
+    frame = open_recording(folder)[0]
+    np.testing.assert_array_equal(frame.mask, values == 255)
+    np.testing.assert_array_equal(frame.other_mask, values == 128)
+
+
+def test_a_mask_with_grey_levels_names_one_side_as_ever(folder: Path) -> None:
+    file = folder / json.loads((folder / "recording.json").read_text())["views"][0]["mask"]
+    values = np.zeros_like(cv2.imread(str(file), cv2.IMREAD_UNCHANGED))
+    values[2], values[3], values[4:] = 100, 128, 255
+    cv2.imwrite(str(file), values)
+    frame = open_recording(folder)[0]
+    np.testing.assert_array_equal(frame.mask, values > 127)
+    assert frame.other_mask is None

@@ -28,6 +28,9 @@ from flatcloth.methods.robust.joint_shape import LEAST_PIECE, JointShape
 from flatcloth.methods.robust.observations import FRONTAL_NOISE, INCIDENCE_LIMIT_DEG, Observation
 from flatcloth.methods.robust.uncertainty import with_placement_std
 
+_WIDEST_PX = 12.0
+"""A wider triangle joins parts of the cloth that lie apart. Chosen: neighbouring pixels are two pixels of the
+plane apart, four times that at the largest incidence angle."""
 _RIM_NOISE = 3.0
 """Additional cost of a pixel at the outline of the surface, decreasing over a few pixels. Set by hand."""
 
@@ -305,6 +308,8 @@ def _fill(
     u2, v2 = points[r2, c2, 0], points[r2, c2, 1]
     area = (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0)
     if not area > 0.0 or not math.isfinite(area):
+        return
+    if max(max(u0, u1, u2) - min(u0, u1, u2), max(v0, v1, v2) - min(v0, v1, v2)) > _WIDEST_PX:
         return
     own = (pixel_cost[r0, c0] + pixel_cost[r1, c1] + pixel_cost[r2, c2]) / 3.0
     row_low, row_high = math.ceil(min(v0, v1, v2)), math.floor(max(v0, v1, v2))

@@ -136,7 +136,7 @@ def extend_joint(
 
 
 def flatten_jointly(
-    shape: JointShape, *, most_cut: float = MOST_CUT_EVIDENCE, precise: bool = False
+    shape: JointShape, *, most_cut: float | None = MOST_CUT_EVIDENCE, precise: bool = False
 ) -> JointShape:
     """Flatten all views together: find the pieces of cloth, initialise and minimise each of them.
 
@@ -146,6 +146,7 @@ def flatten_jointly(
         All views, with the positions of the nodes that have one.
     most_cut : float
         A part whose overlap cannot be resolved otherwise is cut off if at most this much evidence joins it.
+        None: cloth that overlaps is left as it lies.
     precise : bool
         The shape has been minimised before, and its minimum is to be reached.
     """
@@ -277,7 +278,7 @@ def _known(members: Bool, before: Int32) -> Bool:
 
 
 def _flattened(
-    shape: JointShape, piece: _Piece, weight: Float64, is_whole: bool, most_cut: float, precise: bool
+    shape: JointShape, piece: _Piece, weight: Float64, is_whole: bool, most_cut: float | None, precise: bool
 ) -> tuple[Float64, list[Hinge], Int64]:
     """Flatten one piece; return its positions (N, 2), its hinges, and the pairs that are to be cut.
 
@@ -300,6 +301,8 @@ def _flattened(
     # Minimisation: as rigid as possible (Sorkine and Alexa, 2007), then Eq. (2) with robust weights, then
     # strips and necks by lengths and directions (articulated.py).
     uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside], precise=precise)
+    if most_cut is None:
+        return uv, [], none
     # Contradictions: cloth that overlaps is laid out again, turned about a hinge, or cut (consistency.py).
     return without_overlap(shape, uv, piece.members, within, weight, most_cut)
 

@@ -20,6 +20,7 @@ from flatcloth.methods.answers import (
     Canonical,
     ClothPairs,
     JoinedPiece,
+    JoinedSides,
     Placement,
     Plan,
     SurfaceEdges,
@@ -34,6 +35,7 @@ from flatcloth.methods.robust.layout import CONTRADICTED_WEIGHT
 from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
+from flatcloth.methods.robust.seams.joining import join_sides, seams_of
 from flatcloth.methods.robust.shapes import Certainty, JointShapes, RegisteredViews, prefix
 from flatcloth.methods.starting import start_by_view
 from flatcloth.registration.registered import Registered, describe
@@ -55,6 +57,7 @@ class RobustMethod(Method):
     """The algorithm of ``docs/robust.md``; see :class:`flatcloth.methods.base.Method`."""
 
     name = "robust"
+    joins_sides = True
 
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
         self.angles_deg = angles_deg
@@ -199,6 +202,22 @@ class RobustMethod(Method):
         shape = taken_apart(self.shapes.settled(document), parts)
         canonical = self._draw(document, shape, self.shapes.certainty_of(shape), np.any(parts, axis=0))
         return canonical, _edges_of(shape)
+
+    # ------------------------------------------------- the other side
+
+    def with_other_side(
+        self, document: Document, parts: Sequence[Bool], canonical: Canonical, other: Method, its: Document
+    ) -> JoinedSides:
+        """Join the other side, integrated by itself, along the seams (``docs/robust.md``, "Both sides")."""
+        assert isinstance(other, RobustMethod)
+        this = self.shapes.settled(document)
+        if parts:
+            this = taken_apart(this, parts)
+        alone = other.canonical(its)
+        pieces = (canonical.view, *canonical.floating), (alone.view, *alone.floating)
+        joined = join_sides(this, other.shapes.settled(its), pieces, self._views.held_point_m)
+        drawn = other._draw(its, joined.shape, (joined.std_m, joined.unreliable))
+        return JoinedSides(other=drawn, seams=seams_of(joined), is_related=joined.is_related)
 
     # ------------------------------------------------- 4. acceptance without an operator
 

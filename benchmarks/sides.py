@@ -1,0 +1,111 @@
+"""How right both sides of the garments are, each by itself and in relation, unattended, against the truth.
+
+The worst relation comes first. Seconds are of one core: of this side by itself, and what the other adds.
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.inputs import sources
+from benchmarks.output import Options, recordings_of, save, save_page, say
+from benchmarks.unattended import unattended
+from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.evaluation import compare
+from flatcloth.engine.results.sides_truth import compare_sides
+
+_COLUMNS = {
+    "this_seen": "this side: share of seen cloth",
+    "this_firm_median_mm": "reliable median mm",
+    "this_firm_far_share": "> 20 mm",
+    "this_within_3_std_share": "within 3 std",
+    "other_seen": "other side: share of seen cloth",
+    "other_firm_share": "reliable",
+    "other_firm_median_mm": "their median mm",
+    "other_firm_far_share": "> 20 mm",
+    "other_within_3_std_share": "within 3 std",
+    "other_wrong_side_share": "wrong side",
+    "related_median_mm": "in relation: median mm",
+    "related_p95_mm": "95 % mm",
+    "related_far_share": "> 30 mm",
+    "related_within_3_std_share": "within 3 std",
+    "seconds_this": "s this side",
+    "seconds_other": "s more for both",
+}
+
+
+def run(options: Options) -> None:
+    """Measure and print; write ``results/sides.json`` and ``.md`` unless ``quick``."""
+    rows: list[dict[str, Any]] = []
+    for source in sources(options.recordings):
+        file = Path(options.keep) / f"{Path(source).name}.json" if options.keep else None
+        if file is not None and file.exists():
+            rows.append(json.loads(file.read_text()))
+        else:
+            rows.append(row_of(source))
+            gc.collect()
+            if file is not None:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(json.dumps(rows[-1]))
+        say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
+        if not options.quick:
+            ordered = worst_first(rows)
+            save("sides", ordered, recordings_of(ordered))
+            save_page("sides", page(ordered))
+
+
+def row_of(source: str) -> dict[str, Any]:
+    """Return the figures of one recording."""
+    began_s = time.process_time()
+    integration, document, truth = unattended(source)
+    this = integration.canonical(document).view
+    between_s = time.process_time()
+    sides = BothSides(integration).of(document)
+    ended_s = time.process_time()
+    row: dict[str, Any] = {"recording": integration.recording.name}
+    own = compare(this, truth, integration.recording).evaluation
+    figures: dict[str, float] = {"seconds_this": between_s - began_s, "seconds_other": ended_s - between_s}
+    figures |= {f"this_{key}": getattr(own, key) for key in _EVALUATED}
+    if not isinstance(sides, str):
+        compared = compare_sides(this, sides, truth, integration.recording)
+        figures |= {f"other_{key}": getattr(compared.other, key) for key in _EVALUATED}
+        figures |= {key: getattr(compared, key) for key in _COLUMNS if hasattr(compared, key)}
+    for key in _COLUMNS:
+        value = figures.get(key, float("nan"))
+        digits = 1 if key.startswith("seconds") else 2 if key.endswith("_mm") else 4
+        row[key] = round(value, digits) if value == value else None
+    return row
+
+
+_EVALUATED = (*("firm_share", "firm_median_mm", "firm_far_share", "within_3_std_share", "wrong_side_share"),)
+
+
+def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows by the error of the relation, those without one first."""
+    return sorted(rows, key=lambda row: -(row["related_p95_mm"] or 1e9))
+
+
+def _cell(value: float | None) -> str:
+    return "" if value is None else str(value)
+
+
+def page(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the Markdown page."""
+    lines = "\n".join(
+        "| " + " | ".join([row["recording"], *(_cell(row[key]) for key in _COLUMNS)]) + " |" for row in rows
+    )
+    return f"""# Both sides against the truth
+
+Method `robust`, unattended, masks of one side as recorded; the worst relation first. Shares of seen cloth are
+of all cloth of a side that any view shows. In relation: the other side in the frame of this one; empty if no
+seam joins the other side's shape to this one's.
+
+| recording | {" | ".join(_COLUMNS.values())} |
+|{"---|" * (len(_COLUMNS) + 1)}
+{lines}
+"""

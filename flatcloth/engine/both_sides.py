@@ -1,0 +1,117 @@
+"""Both sides of an item: the other side is integrated by itself, and joined to this one along the seams."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from flatcloth.core.cache import Cache
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Bool, Float64, Progress, RgbdFrame, RotationAxis, no_progress
+from flatcloth.engine.headless import Run
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import WithMasks, prepare
+from flatcloth.engine.views import RecordedViews
+from flatcloth.methods.answers import JoinedSides
+from flatcloth.segmentation.other_side import other_side
+from flatcloth.session.document import Document
+from flatcloth.session.machine import MemorySession, SessionState
+
+
+class BothSides:
+    """The other side of an integration's item, and how it is joined to the shape. Safe for several threads.
+
+    Parameters
+    ----------
+    integration : Integration
+        Of this side. Frames are read through it, and the other side has its axis and settings.
+    """
+
+    def __init__(self, integration: Integration) -> None:
+        self.integration = integration
+        self._lock = threading.Lock()
+        self._others: Cache[tuple[Integration, Document]] = Cache(1)
+        self._joined: Cache[JoinedSides] = Cache(2)
+
+    def of(self, document: Document, progress: Progress = no_progress, cores: int = 1) -> JoinedSides | str:
+        """Return the other side joined to a document's shape, or the reason why there is none (cached).
+
+        The first call integrates the other side, which takes about as long as this one did.
+
+        Raises
+        ------
+        CancelledError
+            If ``progress`` raised it.
+        """
+        try:
+            with self._lock:
+                key = document.shape_key
+                return self._joined.get(key, lambda: self._made(document, progress, cores))
+        except FlatclothError as error:
+            return f"Only one side is in the shape: {error}"
+
+    def _made(self, document: Document, progress: Progress, cores: int) -> JoinedSides:
+        this = self.integration
+        if not this.algorithm.joins_sides:
+            raise FlatclothError(f"the method {this.method} integrates one.")
+        key = (*document.strokes, tuple(this.axis.point_m), tuple(this.axis.direction))
+        other, its = self._others.get(key, lambda: self._integrated(document, progress, cores))
+        parts = this.parts_taken_off(document)
+        return this.algorithm.with_other_side(document, parts, this.canonical(document), other.algorithm, its)
+
+    def _integrated(self, document: Document, progress: Progress, cores: int) -> tuple[Integration, Document]:
+        this = self.integration
+        recording = _OtherSide(this.views, self._masks(document, progress))
+        other = Integration(recording, this.config, this.method)
+        session = MemorySession(SessionState(len(recording)))
+        return other, Run(other, session).finish(progress, cores).document
+
+    def _masks(self, document: Document, progress: Progress) -> Callable[[RgbdFrame], Bool]:
+        """Return what gives the mask (H, W) of the other side in a frame with the mask of this one."""
+        views = self.integration.views
+        views.segment(document.strokes, progress)
+        if any(views.recorded(n).other_mask is not None for n in range(len(views.recording))):
+            return lambda frame: _or_empty(frame.other_mask, frame)
+        solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
+        found = other_side(solver.observed, lambda n: _or_empty((frame := views.frame(n)).mask, frame))
+        return lambda frame: _without_rim(_or_empty(found.mask(frame.view_index), frame), frame)
+
+
+class _OtherSide(WithMasks):
+    """The views of a recording with the masks of the other side, about the axis that this side has."""
+
+    def __init__(self, views: RecordedViews, mask_of: Callable[[RgbdFrame], Bool]) -> None:
+        def read(view_index: int) -> RgbdFrame:
+            frame = views.frame(view_index)
+            return replace(frame, mask=mask_of(frame), other_mask=None)
+
+        super().__init__(views.recording, read)
+        self._axis, self._held_point_m = views.axis, views.held_point_m
+
+    @property
+    def rotation_axis(self) -> RotationAxis:
+        """The turning axis of the integration of this side."""
+        return self._axis
+
+    @property
+    def held_point_m(self) -> Float64:
+        """Where the item is held."""
+        return self._held_point_m
+
+
+def _or_empty(mask: Bool | None, frame: RgbdFrame) -> Bool:
+    return np.zeros(frame.depth_m.shape, dtype=np.bool_) if mask is None else mask
+
+
+def _without_rim(mask: Bool, frame: RgbdFrame) -> Bool:
+    """Return a mask that was found, without cloth of this side and without the item's outermost pixel.
+
+    There a sensor shows the background, or both; masks that are given leave it out.
+    """
+    shown = (mask | _or_empty(frame.mask, frame)).astype(np.uint8)
+    inside: Bool = cv2.erode(shown, np.ones((3, 3), dtype=np.uint8)) > 0
+    return mask & inside & ~_or_empty(frame.mask, frame)

@@ -1,0 +1,269 @@
+"""Seam links: sets of places where rims meet that agree on one motion, and what they say of the cloth.
+
+Each set fixes how a piece of the other side lies to one of this side. Two sets that fix it differently
+contradict the cloth between them: some of it is joined falsely, as where two parts of a fold touch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.graphs import minimum_cut
+from flatcloth.core.types import Bool, FlattenedView, Float64, Int16, Int64, Rigid2
+from flatcloth.methods.robust.joint import taken_apart
+from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, JointShape
+from flatcloth.methods.robust.seams.rims import meeting, rim_of
+
+MIRROR = np.array([-1.0, 1.0])
+"""From the plane of the other side, seen from its own outside, to that of this side. By definition."""
+LEAST_MATCHES = 30
+"""Fewest matches of a set that joins pieces. Measured by ``python -m benchmarks sides``: sets of contacts
+that look like a seam have up to 26."""
+DOUBTED_EVIDENCE = 60.0
+"""Cloth of the other side that less evidence joins is not believed unless seams confirm it. Measured by
+``python -m benchmarks sides``: of the joints between two sets that are false none has more than 56."""
+_AGREE_M = 0.012
+"""Matches of one set fit its motion to this. Chosen: four times their median residual."""
+_CONTRADICT_M = 0.030
+"""Two sets whose motions differ by more contradict each other. Chosen: drift of a sheet is 5 to 20 mm."""
+_TRIES = 300
+"""Motions tried for a set. Chosen: a set with a seventh of the matches is found in 99 of 100 cases."""
+_SEED_M = (0.03, 0.2)
+"""Distances of the two matches that give a motion to try. Chosen: nearer ones fix no angle, between farther
+ones the cloth may be bent."""
+_AROUND_M = 0.04
+"""Nodes that take a place on a seam along when their piece is laid out again. Chosen: two rows of nodes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Matches:
+    """Places where the rims of both sides meet.
+
+    ``this_uv_m``, ``other_uv_m`` (K, 2) on the plane of this side and on the other's own plane; ``xyz_m``
+    (K, 3) object frame; ``views`` (K, 2) the views that show the one and the other rim, ``pieces`` (K, 2) the
+    pieces that they bound. ``this_std_m`` (K,) is the standard deviation of the place on this side.
+    """
+
+    this_uv_m: Float64
+    other_uv_m: Float64
+    xyz_m: Float64
+    views: Int16
+    pieces: Int16
+    this_std_m: Float64
+
+    def __len__(self) -> int:
+        """Return the number of places."""
+        return len(self.this_uv_m)
+
+    def chosen(self, which: Bool | Int64) -> Matches:
+        """Return some of the places."""
+        return Matches(
+            this_uv_m=self.this_uv_m[which],
+            other_uv_m=self.other_uv_m[which],
+            xyz_m=self.xyz_m[which],
+            views=self.views[which],
+            pieces=self.pieces[which],
+            this_std_m=self.this_std_m[which],
+        )
+
+    def motion(self, members: Int64) -> Rigid2:
+        """Return the motion from the mirrored plane of the other side on which some places agree."""
+        return fit_rigid2(self.other_uv_m[members] * MIRROR, self.this_uv_m[members])
+
+    def misfit_m(self, members: Int64, motion: Rigid2) -> Float64:
+        """Return how far from their places on this side a motion brings those of the other."""
+        off = motion.apply(self.other_uv_m[members] * MIRROR) - self.this_uv_m[members]
+        misfit: Float64 = np.linalg.norm(off, axis=1)
+        return misfit
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeamLink:
+    """A set of matches: ``members`` (K,) of all matches, between a piece of each side.
+
+    ``why`` says why it does not join them; it is empty if it does.
+    """
+
+    this_piece: int
+    other_piece: int
+    members: Int64
+    why: str = ""
+
+
+def matches_of(this: Sequence[FlattenedView], other: Sequence[FlattenedView]) -> Matches:
+    """Return where the pieces of this side meet those of the other side."""
+    own, its = rim_of(this), rim_of(other)
+    a, b = meeting(own, its)
+    return Matches(
+        this_uv_m=own.uv_m[a],
+        other_uv_m=its.uv_m[b],
+        xyz_m=0.5 * (own.xyz_m[a] + its.xyz_m[b]),
+        views=np.stack([own.view_index[a], its.view_index[b]], axis=1),
+        pieces=np.stack([own.piece[a], its.piece[b]], axis=1),
+        this_std_m=own.std_m[a],
+    )
+
+
+def linked(
+    this: JointShape, other: JointShape, matches: Matches
+) -> tuple[JointShape, Matches, list[SeamLink]]:
+    """Decide which sets of matches join the sides; take the other side apart where they contradict it.
+
+    The other side is seen less well, in what this side's folds leave open, and its false joints are many:
+    where two of its sets contradict each other, or where it alone would join two pieces of this side, its
+    cloth between them must be strong to be believed.
+
+    Returns
+    -------
+    JointShape
+        The other side, taken apart.
+    Matches
+        At their places on its new plane.
+    list of SeamLink
+        All sets, the largest first.
+    """
+    at_this, at_other = _node_at(this, matches.this_uv_m), _node_at(other, matches.other_uv_m)
+    ends = np.stack([this.piece[at_this], other.piece[at_other]], axis=1).astype(np.int64)
+    links = _sets(matches, ends)
+    side = np.zeros(len(other.nodes), dtype=np.int64)  # the part of each node
+    for n, link in enumerate(links):
+        size = len(link.members)
+        earlier = [each for each in links[:n] if not each.why and each.other_piece == link.other_piece]
+        against = [each for each in earlier if not _agree(matches, each, link)]
+        if size < LEAST_MATCHES and len(against) == len(earlier):
+            links[n] = replace(link, why="too few places meet")
+        if size < LEAST_MATCHES // 2:
+            continue
+        for before in against:
+            if len(before.members) < LEAST_MATCHES:
+                continue
+            one, two = (np.unique(at_other[each.members]) for each in (before, link))
+            part, evidence = _weakest_cut(other, one, two)
+            if evidence < DOUBTED_EVIDENCE:
+                part &= other.piece == link.other_piece
+                side = np.unique(2 * side + part, return_inverse=True)[1].ravel()
+            elif before.this_piece == link.this_piece:
+                links[n] = replace(link, why="it contradicts a longer seam")
+    apart, matches = _taken_apart(other, side, matches, at_other)
+    # Pieces have other numbers now.
+    return apart, matches, [replace(k, other_piece=_piece_of(apart, at_other[k.members])) for k in links]
+
+
+def _piece_of(shape: JointShape, nodes: Int64) -> int:
+    """Return the piece of most of some nodes; -1 if they have none any more."""
+    return int(np.bincount(shape.piece[nodes] + 1).argmax()) - 1
+
+
+def _sets(matches: Matches, ends: Int64) -> list[SeamLink]:
+    """Return the sets of matches that agree on one motion, for each pair of pieces; the largest first."""
+    links = []
+    for this_piece, other_piece in np.unique(ends, axis=0).tolist():
+        rest = np.flatnonzero((ends == (this_piece, other_piece)).all(axis=1))
+        while (members := _largest_set(matches, rest)).size:
+            links.append(SeamLink(this_piece=this_piece, other_piece=other_piece, members=members))
+            rest = np.setdiff1d(rest, members)
+    return sorted(links, key=lambda link: -len(link.members))
+
+
+def _largest_set(matches: Matches, among: Int64) -> Int64:
+    """Return the largest set of matches found that one motion fits (RANSAC; Fischler and Bolles, 1981)."""
+    none = among[:0]
+    if not among.size:
+        return none
+    to_complex = np.array([1.0, 1j])
+    u, w = matches.this_uv_m[among] @ to_complex, (matches.other_uv_m[among] * MIRROR) @ to_complex
+    a, b = np.random.default_rng(0).integers(0, among.size, (2, _TRIES))
+    here, there = u[b] - u[a], w[b] - w[a]
+    good = (np.abs(here) > _SEED_M[0]) & (np.abs(here) < _SEED_M[1])
+    good &= np.abs(np.abs(here) - np.abs(there)) < _AGREE_M
+    if not good.any():
+        return none
+    a, turn = a[good], (here * np.conj(there))[good]
+    turn /= np.abs(turn)
+    moved = turn[:, None] * (w[None] - w[a][:, None]) + u[a][:, None]
+    fits = np.abs(moved - u[None]) < _AGREE_M
+    members = among[fits[fits.sum(axis=1).argmax()]]
+    for _ in range(5):
+        if members.size < 3:
+            return none
+        members = among[matches.misfit_m(among, matches.motion(members)) < _AGREE_M]
+    return members if members.size >= LEAST_PIECE else none
+
+
+def _agree(matches: Matches, one: SeamLink, other: SeamLink) -> bool:
+    """Return whether two sets of the same piece of the other side place it alike."""
+    if one.this_piece != other.this_piece:
+        return False
+    off_m = min(
+        float(np.median(matches.misfit_m(a.members, matches.motion(b.members))))
+        for a, b in ((one, other), (other, one))
+    )
+    return off_m <= _CONTRADICT_M
+
+
+def _weakest_cut(shape: JointShape, one: Int64, other: Int64) -> tuple[Bool, float]:
+    """Return which nodes (N,) the weakest cut between some nodes and others leaves with the former.
+
+    The second is the evidence that the cut takes away.
+    """
+    both = np.intersect1d(one, other)
+    ends = np.zeros((2, len(shape.nodes)))
+    for row, own in zip(ends, (one, other), strict=True):
+        row[np.setdiff1d(own, both)] = np.inf
+    edges, evidence = shape.links.edges, shape.evidence
+    side = minimum_cut(edges, evidence, *ends)
+    return side, float(evidence[side[edges[:, 0]] != side[edges[:, 1]]].sum())
+
+
+def _taken_apart(shape: JointShape, side: Int64, matches: Matches, node: Int64) -> tuple[JointShape, Matches]:
+    """Return the other side as parts, numbered by ``side`` (N,), and the matches at their new places.
+
+    ``node`` (K,) is the node of each match.
+    """
+    if not side.any():
+        return shape, matches
+    code = np.where(shape.piece >= 0, side * (int(shape.piece.max()) + 1) + shape.piece, -1)
+    parts = [part for number in np.unique(code[code >= 0]) if (part := code == number).sum() >= LEAST_PIECE]
+    laid = taken_apart(shape, parts)
+    piece, uv_m = np.full_like(shape.piece, -1), shape.all_uv_m.copy()
+    for number, part in enumerate(parts):
+        is_divided = part.sum() < (shape.piece == shape.piece[part][0]).sum()
+        found = part & laid.has_place & (laid.piece >= 0)
+        if is_divided and found.sum() > 0.5 * part.sum():
+            piece[found], uv_m[part] = number, laid.all_uv_m[part]
+        else:  # it lies as it did
+            piece[part] = number
+        uv_m[piece == number] += (
+            PIECES_APART_M
+            * (number - np.rint(uv_m[piece == number].mean(axis=0) / PIECES_APART_M))
+            * (1.0, 0.0)
+        )
+    inside = laid.links.both_ends(np.isin(piece, np.unique(piece[piece >= 0])))
+    apart = replace(
+        laid,
+        piece=piece,
+        all_uv_m=np.where((piece >= 0)[:, None], uv_m, np.nan),
+        weight=np.where(inside, laid.weight, shape.weight),
+    )
+    kept = np.flatnonzero(shape.has_place & (shape.piece >= 0) & apart.has_place & (apart.piece >= 0))
+    tree = cKDTree(shape.all_uv_m[kept])
+    uv = np.full_like(matches.other_uv_m, np.nan)
+    for k, around in enumerate(tree.query_ball_point(matches.other_uv_m, _AROUND_M)):
+        near = kept[around]
+        near = near[code[near] == code[node[k]]]
+        if near.size > 2:
+            motion = fit_rigid2(shape.all_uv_m[near], apart.all_uv_m[near])
+            uv[k] = motion.apply(matches.other_uv_m[k])
+    return apart, replace(matches, other_uv_m=uv)
+
+
+def _node_at(shape: JointShape, uv_m: Float64) -> Int64:
+    """Return the node (K,) of a shape nearest to each place (K, 2) of its plane."""
+    placed = np.flatnonzero(shape.has_place & (shape.piece >= 0))
+    nearest: Int64 = placed[cKDTree(shape.all_uv_m[placed]).query(uv_m)[1]]
+    return nearest

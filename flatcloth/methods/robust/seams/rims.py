@@ -1,0 +1,143 @@
+"""Rims of flattened pieces, and where the rims of two sides meet in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from flatcloth.core.types import FlattenedView, Float32, Float64, Int16, Int64
+from flatcloth.methods.answers import SEAM_SPACING_M
+
+FARTHEST_M = 0.025
+"""Rims this far apart may be one seam. Chosen: a D435 loses up to 10 mm of each rim."""
+_ALONG_COS = 0.7
+"""Least cosine of the angle between the directions of two rims on one seam. Chosen: 45 degrees."""
+_NEAREST = 8
+"""Places of the other rim that are compared with each place. Chosen: those within a seam's width."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rim:
+    """Places along the border of flattened cloth.
+
+    ``uv_m`` (K, 2) on its plane, ``outward`` (K, 2) unit directions off the cloth; ``xyz_m`` (K, 3) object
+    frame, ``along`` (K, 3) the direction of the rim there, with the cloth at its left as seen from outside;
+    ``view_index`` (K,) the view that shows the place, ``piece`` (K,) which of the pieces it belongs to;
+    ``std_m`` (K,) standard deviation of the place, NaN on floating pieces.
+    """
+
+    uv_m: Float64
+    outward: Float64
+    xyz_m: Float64
+    along: Float64
+    view_index: Int16
+    piece: Int16
+    std_m: Float64
+
+    def __len__(self) -> int:
+        """Return the number of places."""
+        return len(self.uv_m)
+
+
+def rim_of(pieces: Sequence[FlattenedView]) -> Rim:
+    """Return the rim of the pieces of one side, each at its place on the plane."""
+    rims = [_rim_of_piece(piece, number) for number, piece in enumerate(pieces)]
+    return Rim(**{f.name: np.concatenate([getattr(rim, f.name) for rim in rims]) for f in fields(Rim)})
+
+
+def meeting(this: Rim, other: Rim) -> tuple[Int64, Int64]:
+    """Return the places of both rims (K,), (K,) that meet in space.
+
+    They are each other's nearest, and the rims run along one seam: over it the cloth goes on from one side
+    onto the other, so that the two rims, each with its cloth at the left, run in opposite directions. Contact
+    of other parts of the garment hardly ever fulfils both.
+    """
+    if not (len(this) and len(other)):
+        none = np.zeros(0, dtype=np.int64)
+        return none, none
+    forth = _nearest(this.xyz_m, this.along, other.xyz_m, -other.along)
+    back = _nearest(other.xyz_m, -other.along, this.xyz_m, this.along)
+    own = np.flatnonzero(forth >= 0)
+    own = own[back[forth[own]] == own]
+    return own, forth[own]
+
+
+def _nearest(xyz_m: Float64, along: Float64, to_xyz_m: Float64, to_along: Float64) -> Int64:
+    """Return for each place (K,) the nearest of others that runs along it, -1 if there is none."""
+    count = min(_NEAREST, len(to_xyz_m))
+    away, there = cKDTree(to_xyz_m).query(xyz_m, k=np.arange(1, count + 1), distance_upper_bound=FARTHEST_M)
+    found = np.isfinite(away)
+    there = np.where(found, there, 0)
+    found &= np.einsum("ik,ijk->ij", along, to_along[there]) > _ALONG_COS
+    first, every = found.argmax(axis=1), np.arange(len(xyz_m))
+    nearest: Int64 = np.where(found[every, first], there[every, first], -1).astype(np.int64)
+    return nearest
+
+
+def _rim_of_piece(piece: FlattenedView, number: int) -> Rim:
+    size, pad = piece.pixel_size_m, 8
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    cloth = np.pad(piece.valid.astype(np.uint8), pad)
+    solid = cv2.morphologyEx(cv2.morphologyEx(cloth, cv2.MORPH_CLOSE, kernel), cv2.MORPH_OPEN, kernel)
+    rc = _places(solid.astype(np.uint8), SEAM_SPACING_M / size)
+    slope = np.gradient(cv2.GaussianBlur(solid.astype(np.float32), (0, 0), SEAM_SPACING_M / size))
+    inward_rc = _unit(np.stack([_at(s, rc) for s in slope], axis=1))
+    std = np.full(piece.shape, np.nan) if piece.placement_std_m is None else piece.placement_std_m
+    # Points at the rim and two spacings inside it, each the mean over a few pixels, because rims are noisy.
+    xyz = np.pad(np.nan_to_num(piece.xyz_m), ((pad, pad), (pad, pad), (0, 0)))
+    normals = np.pad(np.nan_to_num(piece.normal), ((pad, pad), (pad, pad), (0, 0)))
+    width = 2 * round(0.5 * SEAM_SPACING_M / size) + 1
+    count = cv2.boxFilter(cloth.astype(np.float32), -1, (width, width))
+    mean_xyz = cv2.boxFilter(xyz, -1, (width, width)) / np.maximum(count, np.float32(1e-6))[..., None]
+    step_px = SEAM_SPACING_M / size * inward_rc
+    at_rim, inside = _at(mean_xyz, rc + 0.5 * step_px), _at(mean_xyz, rc + 2.5 * step_px)
+    normal = _unit(_at(cv2.boxFilter(normals, -1, (width, width)), rc + step_px))
+    outward = at_rim - inside
+    length = np.linalg.norm(outward, axis=1) / (2.0 * SEAM_SPACING_M)
+    outward = _unit(outward)
+    # Elsewhere a fold or another layer lies between the two points.
+    known = (length > 0.5) & (length < 1.5) & (_at(count, rc + 0.5 * step_px) > 0) & (normal != 0).any(axis=1)
+    return Rim(
+        uv_m=piece.uv_from_rc(rc - pad)[known],
+        outward=-inward_rc[known, ::-1],
+        xyz_m=(at_rim + 0.5 * SEAM_SPACING_M * outward)[known],
+        along=np.cross(normal, outward)[known],
+        view_index=_at(np.pad(piece.view_index, pad, constant_values=-1), rc + step_px)[known].astype(
+            np.int16
+        ),
+        piece=np.full(int(known.sum()), number, dtype=np.int16),
+        std_m=_at(np.pad(std, pad, constant_values=np.nan), rc + step_px)[known],
+    )
+
+
+def _places(solid: NDArray[np.uint8], spacing_px: float) -> Float64:
+    """Return places (K, 2) (row, column), evenly spaced along the borders of the cloth."""
+    contours, _ = cv2.findContours(solid, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    places = [np.zeros((0, 2))]
+    for contour in contours:
+        line = contour[:, 0, ::-1].astype(np.float64)
+        closed = np.concatenate([line, line[:1]])
+        arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+        wanted = np.arange(0.5 * spacing_px, arc[-1], spacing_px)
+        smooth = ndimage.gaussian_filter1d(closed, 0.5 * spacing_px, axis=0, mode="wrap")
+        places.append(np.stack([np.interp(wanted, arc, smooth[:, k]) for k in (0, 1)], axis=1))
+    return np.concatenate(places)
+
+
+def _at(image: NDArray[np.generic], rc: Float64) -> Float64:
+    """Return an image (H, W, ...) at the nearest pixels to places (K, 2)."""
+    row, col = np.clip(np.rint(rc).astype(int), 0, np.array(image.shape[:2]) - 1).T
+    read: Float64 = image[row, col].astype(np.float64)
+    return read
+
+
+def _unit(vectors: Float64 | Float32) -> Float64:
+    """Return vectors (K, n) of length 1; 0 stays 0."""
+    unit: Float64 = vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-9)[:, None]
+    return unit

@@ -1,0 +1,81 @@
+"""The other side of an item, where masks name one side: the segmentation with those masks as given.
+
+What is not of interest is the other side, an inner face seen through an opening, or a rim of the side of
+interest that its masks leave out. Neighbours lie on one side and layers back to back on opposite ones, so the
+outer face of the other side and the inner face behind this side are opposite to this side, and the rest is
+like it. What the thickness shows to be an inner face is left out, as is what disturbed evidence places either
+way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from flatcloth.core.types import Bool, Float32, Float64
+from flatcloth.registration.axis import THREADS
+from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.partition import sampled_sides
+from flatcloth.segmentation.relations import SignedGraph
+from flatcloth.segmentation.result import OF_INTEREST, OTHER, Segmentation
+
+_GIVEN = 1e3
+"""Evidence of a mask that is given. By definition: far above any other evidence, at most 10."""
+_LEAST_CERTAINTY = 0.6
+"""Share of the disturbed partitions that must place cloth opposite to this side. Chosen: it may be in doubt
+in two of five; ``python -m benchmarks sides`` measures what is mixed in."""
+
+
+def other_side(observed: Observed, mask_of: Callable[[int], Bool]) -> Segmentation:
+    """Return the segmentation in which the other side is the one of interest.
+
+    Parameters
+    ----------
+    observed : Observed
+        The prepared views.
+    mask_of : callable
+        Returns the mask (H, W) of this side in a view, by its number in the recording.
+    """
+    given = _share_in_masks(observed, mask_of) > 0.5
+    certainty = _opposite_share(observed, given)
+    is_other = ~given & ~observed.inner & (certainty > _LEAST_CERTAINTY)
+    return Segmentation(
+        observed=observed,
+        decisions=(),
+        side=np.where(is_other, OF_INTEREST, OTHER).astype(np.int8),
+        certainty=np.where(is_other, certainty, 1.0 - certainty).astype(np.float32),
+        conflicts=(),
+        changed=None,
+    )
+
+
+def _share_in_masks(observed: Observed, mask_of: Callable[[int], Bool]) -> Float64:
+    """Return which share of the pixels of each cluster (M,) is in the masks."""
+    count = observed.clusters.count
+    inside, total = np.zeros(count), np.zeros(count)
+    for number, view in observed.views.items():
+        top, left = view.offset_rc
+        rows, cols = view.cluster.shape
+        mask = mask_of(number)[top : top + rows, left : left + cols]
+        cluster = view.cluster[view.surface]
+        total += np.bincount(cluster, minlength=count)
+        inside += np.bincount(cluster, mask[view.surface], minlength=count)
+    share: Float64 = inside / np.maximum(total, 1.0)
+    return share
+
+
+def _opposite_share(observed: Observed, given: Bool) -> Float32:
+    """Return how often disturbed evidence places each cluster (M,) opposite to this side."""
+    graph, count = observed.graph, observed.clusters.count
+    held = np.flatnonzero(given)
+    clamped = SignedGraph(  # with one more node, that of this side
+        count=count + 1,
+        first=np.concatenate([graph.first, np.full(held.size, count)]),
+        second=np.concatenate([graph.second, held]),
+        weight=np.concatenate([graph.weight, np.full(held.size, _GIVEN)]),
+    )
+    place_m = np.concatenate([observed.clusters.place_m, observed.clusters.place_m.mean(axis=0)[None]])
+    samples = sampled_sides(clamped, place_m, observed.config, threads=THREADS).astype(np.float32)
+    share: Float32 = 0.5 - 0.5 * (samples[:, :count] * samples[:, count:]).mean(axis=0)
+    return share

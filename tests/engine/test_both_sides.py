@@ -1,0 +1,99 @@
+"""Both sides of a bundled garment: the other side is found, joined, scored and written."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flatcloth
+from flatcloth.api.integrating import integrate
+from flatcloth.core.resources import sample_recordings
+from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
+from flatcloth.engine.segmenting import WithMasks
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.truth import read_truth
+from flatcloth.session.document import Document
+
+NAME = "trousers-waist-d435"
+
+
+def place() -> str:
+    return str(sample_recordings()[NAME])
+
+
+@pytest.fixture(scope="module")
+def shape():
+    return integrate(open_recording(place()), sides="both", cores=1)
+
+
+def test_the_other_side_lies_where_the_pattern_has_it(shape):
+    truth = read_truth(place())
+    sides = shape.data.sides
+    found = compare_sides(shape.view, sides, truth, open_recording(place()))
+    assert sides.is_related
+    assert found.other_seen > 0.25
+    assert found.related_median_mm < 8.0
+    assert found.related_far_share < 0.02
+    assert found.related_within_3_std_share > 0.97
+    assert found.other.wrong_side_share < 0.05
+
+
+def test_a_place_on_a_seam_is_one_place_of_both_planes(shape):
+    motion = shape.this_from_other
+    assert np.linalg.det(motion[:2, :2]) == pytest.approx(-1.0)  # a mirror
+    own, its = np.array(shape.view.origin_uv_m), np.array(shape.other.origin_uv_m)
+    for seam in shape.seams:
+        if seam.why or seam.this_piece or seam.other_piece:
+            continue
+        at = (seam.other_uv_m - its) @ motion[:2, :2].T + motion[:2, 2]
+        off = np.linalg.norm(at - (seam.this_uv_m - own), axis=1)
+        assert np.median(off) < 0.012
+
+
+def test_what_run_writes_is_read_back(shape, tmp_path: Path):
+    names = {file.name for file in shape.write(tmp_path)}
+    assert {"flattened-other.npz", "flattened-other.png", "cloud-other.ply"} <= names
+    other = flatcloth.read_shape(tmp_path / "flattened-other.npz")
+    assert np.array_equal(other.valid, shape.other.valid)
+    with np.load(tmp_path / "flattened-other.npz") as arrays:
+        assert np.array_equal(arrays["this_from_other"], shape.this_from_other)
+    report = json.loads((tmp_path / "outcome.json").read_text())["other_side"]
+    assert report["is_related"]
+    assert any(seam["joins"] and seam["length_mm"] > 150 for seam in report["seams"])
+    assert any("Other side" in line for line in shape.lines())
+
+
+def test_with_one_side_nothing_of_the_other_is_left(shape, tmp_path: Path):
+    shape.write(tmp_path)
+    one = replace(shape, data=replace(shape.data, both=None))
+    one.write(tmp_path)
+    assert one.other is None
+    assert not any("Other side" in line for line in one.lines())
+    assert not list(tmp_path.glob("*other*"))
+    assert "other_side" not in json.loads((tmp_path / "outcome.json").read_text())
+
+
+def test_the_papers_method_has_one_side():
+    integration = Integration(open_recording(place()), method="paper")
+    assert BothSides(integration).of(Document(start_view=0)) == (
+        "Only one side is in the shape: the method paper integrates one."
+    )
+
+
+def test_masks_that_name_both_sides_are_taken_as_they_are():
+    recording, truth = open_recording(place()), read_truth(place())
+    its = OtherTruth(truth, len(recording))
+
+    def named(view: int):
+        return replace(recording[view], other_mask=its[view].outer_face)
+
+    integration = Integration(WithMasks(recording, named))
+    mask_of = BothSides(integration)._masks(Document(), lambda share, text: None)
+    for view in (0, 18):
+        assert np.array_equal(mask_of(integration.views.frame(view)), its[view].outer_face)

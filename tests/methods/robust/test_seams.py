@@ -1,0 +1,180 @@
+"""Seams of a flat tube: two sheets back to back, whose places on one pattern are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_sheets import STEP_M, grid, observed, shape_of
+from scipy.spatial import cKDTree
+
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import FlattenedView, Float64
+from flatcloth.methods.robust.joint import flatten_jointly
+from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
+from flatcloth.methods.robust.observations import Nodes
+from flatcloth.methods.robust.seams.joining import join_sides, seams_of
+from flatcloth.methods.robust.seams.links import LEAST_MATCHES, MIRROR
+from flatcloth.methods.robust.seams.rims import meeting, rim_of
+
+ROWS, COLUMNS = 25, 30
+UV = grid(ROWS, COLUMNS)  # the pattern: 0.23 m wide and 0.19 m high
+COLUMN = np.rint(UV[:, 0] / STEP_M).astype(int)
+SIZE_M = 0.002
+THICK_M = 0.003
+
+
+def in_space(pattern: Float64, *, is_other: bool) -> tuple[Float64, Float64]:
+    """Points and normals (N, 3): this side faces the camera, the other side lies behind it, facing away."""
+    depth = np.full(len(pattern), 0.8 + (THICK_M if is_other else 0.0))
+    normal = np.array([0.0, 0.0, 1.0 if is_other else -1.0])
+    return np.column_stack([pattern, depth]), np.tile(normal, (len(pattern), 1))
+
+
+def side(which: np.ndarray, *, is_other: bool, strength: float = 1.0) -> JointShape:
+    """A laid out side of which nodes ``which`` (N,) of the pattern are seen, on its own plane."""
+    pattern = UV[which]
+    own = pattern * MIRROR if is_other else pattern
+    everything = np.ones(len(own), dtype=bool)
+    shape = shape_of(own, [observed(own, everything, 0, evidence=strength)], everything)
+    xyz, normal = in_space(pattern, is_other=is_other)
+    return replace(flatten_jointly(shape), nodes=Nodes(xyz_m=xyz, normal=normal, weight=np.ones(len(own))))
+
+
+def raster(shape: JointShape, pattern: Float64, piece: int = 0, *, is_other: bool) -> FlattenedView:
+    """Rasterise a piece of a side whose nodes lie at ``pattern`` (N, 2)."""
+    own = shape.piece == piece
+    uv = shape.all_uv_m[own]
+    pattern_from_own = fit_rigid2(uv, pattern[own] * (MIRROR if is_other else 1.0))
+    low = np.floor(uv.min(axis=0) / SIZE_M) - 4
+    cols, rows = (np.ceil(uv.max(axis=0) / SIZE_M) + 5 - low).astype(int)
+    v, u = np.mgrid[:rows, :cols]
+    at = (np.stack([u.ravel(), v.ravel()], axis=1) + low) * SIZE_M
+    valid = cKDTree(uv).query(at, p=np.inf)[0] <= 0.5 * STEP_M + 1e-9
+    place = pattern_from_own.apply(at) * (MIRROR if is_other else 1.0)
+    xyz, normal = in_space(place, is_other=is_other)
+    shaped = (rows, cols)
+    return FlattenedView(
+        rgb=np.zeros((*shaped, 3), dtype=np.uint8),
+        xyz_m=np.where(valid[:, None], xyz, np.nan).reshape(*shaped, 3).astype(np.float32),
+        normal=np.where(valid[:, None], normal, np.nan).reshape(*shaped, 3).astype(np.float32),
+        z_angle_deg=np.zeros(shaped, dtype=np.float32),
+        valid=valid.reshape(shaped),
+        view_index=np.where(valid, 3 if is_other else 1, -1).reshape(shaped).astype(np.int16),
+        source_rc=np.zeros((*shaped, 2), dtype=np.float32),
+        pixel_size_m=SIZE_M,
+        origin_uv_m=(float(low[0] * SIZE_M), float(low[1] * SIZE_M)),
+        placement_std_m=np.full(shaped, 0.001, dtype=np.float32),
+    )
+
+
+EVERYTHING = np.ones(len(UV), dtype=bool)
+THIS = side(EVERYTHING, is_other=False)
+OTHER = side(EVERYTHING, is_other=True)
+HELD_M = np.array([0.1, -0.3, 0.8])
+
+
+def test_rims_of_both_sides_meet_along_the_whole_seam_at_equal_places() -> None:
+    own = rim_of([raster(THIS, UV, is_other=False)])
+    its = rim_of([raster(OTHER, UV, is_other=True)])
+    a, b = meeting(own, its)
+    assert a.size > 0.9 * len(own)
+    assert np.linalg.norm(own.xyz_m[a, :2] - its.xyz_m[b, :2], axis=1).max() < 0.009
+    assert set(own.view_index) == {1}
+
+
+def test_cloth_that_lies_on_other_cloth_and_faces_the_same_way_has_no_seam_with_it() -> None:
+    own = rim_of([raster(THIS, UV, is_other=False)])
+    a, b = meeting(own, own)  # a copy of this side: the same rims, run in the same direction
+    assert a.size == b.size == 0
+
+
+def test_a_side_without_cloth_meets_nothing() -> None:
+    view = raster(THIS, UV, is_other=False)
+    empty = replace(view, valid=np.zeros_like(view.valid))
+    a, _ = meeting(rim_of([view]), rim_of([empty]))
+    assert a.size == 0
+
+
+def joined(this: JointShape, other: JointShape, this_at: Float64 = UV, other_at: Float64 = UV):
+    pieces = tuple(
+        [
+            raster(shape, at, n, is_other=is_other)
+            for n in range(int(shape.piece.max()) + 1)
+            if (shape.piece == n).any()
+        ]
+        for shape, at, is_other in ((this, this_at, False), (other, other_at, True))
+    )
+    return join_sides(this, other, pieces, HELD_M)
+
+
+def test_both_sides_lie_on_each_other_wherever_the_other_one_lay_before() -> None:
+    shift = np.array([0.7, -0.2])
+    moved = replace(OTHER, all_uv_m=OTHER.all_uv_m + shift, anchor_uv_m=OTHER.anchor_uv_m + shift)
+    found = joined(THIS, moved)
+    assert found.is_related
+    assert np.linalg.norm(found.shape.all_uv_m * MIRROR - UV, axis=1).max() < 0.004
+    assert (found.std_m < 0.02).all()
+    assert not found.unreliable.any()
+    (seam,) = seams_of(found)
+    assert seam.why == ""
+    assert seam.length_m == pytest.approx(2 * (0.24 + 0.20), rel=0.1)
+    assert set(seam.views[:, 0]) == {1}
+    assert set(seam.views[:, 1]) == {3}
+
+
+def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say() -> None:
+    """The two halves of the other side are joined 64 mm too near, where a fold hides the cloth between."""
+    left, right = COLUMN < 11, COLUMN > 18
+    seen = left | right
+    pattern = UV[seen]
+    false = pattern - np.outer(right[seen] * 8 * STEP_M, [1.0, 0.0])
+    own = false * MIRROR
+    everything = np.ones(len(own), dtype=bool)
+    shape = flatten_jointly(shape_of(own, [observed(own, everything, 0, evidence=0.5)], everything))
+    xyz, normal = in_space(pattern, is_other=True)
+    shape = replace(shape, nodes=Nodes(xyz_m=xyz, normal=normal, weight=np.ones(len(own))))
+    flat = raster(shape, false, is_other=True)  # where the cloth is in space is set apart again
+    to_right = (flat.uv_from_rc(np.argwhere(np.ones(flat.shape, dtype=bool))) * MIRROR)[:, 0] > 10.5 * STEP_M
+    xyz_m = flat.xyz_m + to_right.reshape(*flat.shape, 1) * np.float32([8 * STEP_M, 0.0, 0.0])
+    flat = replace(flat, xyz_m=xyz_m)
+    found = join_sides(THIS, shape, ([raster(THIS, UV, is_other=False)], [flat]), HELD_M)
+    placed = found.shape.placed
+    assert placed.mean() > 0.9
+    assert np.linalg.norm(found.shape.all_uv_m[placed] * MIRROR - pattern[placed], axis=1).max() < 0.006
+
+
+def test_few_places_join_nothing_and_the_other_side_keeps_its_largest_piece() -> None:
+    small = UV[:, 0] < 4 * STEP_M
+    small &= UV[:, 1] < 4 * STEP_M
+    found = joined(THIS, side(small, is_other=True), other_at=UV[small])
+    assert not found.is_related
+    assert (found.shape.piece == 0).any()
+    for seam in seams_of(found):
+        assert len(seam.residual_m) < LEAST_MATCHES
+        assert "too few" in seam.why
+
+
+def test_a_floating_piece_of_this_side_and_its_back_are_one_piece() -> None:
+    """Two halves that nothing joins: the back of each lies on its half, and only one is the shape."""
+    left, right = COLUMN < 13, COLUMN > 19
+    seen = left | right
+    pattern, is_right = UV[seen], right[seen]
+    shift = np.outer(np.where(is_right, PIECES_APART_M, 0.0), [1.0, 0.0])
+
+    def halves(*, is_other: bool) -> JointShape:
+        whole = side(seen, is_other=is_other)
+        return replace(
+            whole,
+            all_uv_m=(pattern * MIRROR if is_other else pattern) + shift,
+            piece=is_right.astype(np.int32),
+        )
+
+    found = joined(halves(is_other=False), halves(is_other=True), pattern, pattern)
+    assert found.is_related
+    assert (found.shape.piece[~is_right] == 0).all()
+    assert (found.shape.piece[is_right] > 0).all()
+    off = found.shape.all_uv_m[is_right] * MIRROR - pattern[is_right]
+    assert np.ptp(off, axis=0).max() < 0.004  # rigidly beside its half, on the plane of both
+    assert off[:, 0].mean() > 0.5 * PIECES_APART_M
