@@ -25,6 +25,11 @@ from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import Keeper
 
+MOST_VIEWS = 600
+"""Views in which sides are found. They are registered together: time and memory grow with the square (1,000
+views of 160 x 120 pixels took 1.7 GB and 144 s)."""
+MOST_PIXELS = 200_000_000
+"""Pixels of all of them, which are in memory at the same time: 7 bytes each."""
 _THREADS = 2
 """Number of views read in parallel. Chosen for two cores."""
 
@@ -132,8 +137,15 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
     RecordingError
         If a view cannot be read.
     """
+    n, camera = len(views.recording), views.recording.intrinsics
+    if n > MOST_VIEWS or n * camera.width * camera.height > MOST_PIXELS:
+        raise SegmentationError(
+            f"{views.recording.location}: {n} views of {camera.width} x {camera.height} pixels without "
+            f"masks; the side of interest is found in at most {MOST_VIEWS} views, "
+            f"{MOST_PIXELS / 1e6:.0f} million pixels. Keep fewer views, or give masks."
+        )
     with ThreadPoolExecutor(_THREADS) as pool:
-        frames = list(pool.map(views.recorded, range(len(views.recording))))
+        frames = list(pool.map(views.recorded, range(n)))
     observed = observe(frames, views.axis, views.held_point_m, views.config, progress=progress)
     return SideSolver(observed)
 

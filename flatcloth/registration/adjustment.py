@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
 
 from flatcloth.core.types import Float64, Int64
 from flatcloth.registration.pairwise import PairFit
@@ -36,54 +37,47 @@ def solved(registered: Registered) -> Registered:
     pairs = _linear(registered)
     posterior = registered.posterior
     for step in range(_STEPS):  # Gauss-Newton; all grades are averaged only in the last step
-        last = step == _STEPS - 1
-        used = np.arange(len(grid)) if last else np.flatnonzero(posterior)
-        root = np.sqrt(variances(n, grid[used], prior))
+        used = np.arange(len(grid)) if step == _STEPS - 1 else np.flatnonzero(posterior)
+        roots = np.sqrt(variances(n, grid[used], prior))
         x = np.concatenate([registered.common, registered.own.ravel()])
         matrix, right = _assembled(registered, pairs, trusting=step == 0)
-        pull = root * (right + matrix @ x)
-        own = np.exp(_log_evidence(root, matrix, pull) + np.log(chance[used]))
+        pull = right + matrix @ x
+        # One grade after the other: the matrix of many views is large.
+        log = np.array([_log_evidence(root, matrix, pull) for root in roots])
+        own = np.exp(log - log.max() + np.log(chance[used]))
         own[own < 1e-6 * own.sum()] = 0.0
         posterior = np.zeros(len(grid))
         posterior[used] = own / own.sum()
-        likely = np.flatnonzero(own)
-        root = root[likely]
-        inverse = np.linalg.inv(_scaled(root, matrix))
-        means = root * (inverse @ pull[likely, :, None])[..., 0]
-        chance_of = posterior[used[likely]]
+        means, covariance = [], np.zeros_like(matrix)
+        for share, root in zip(posterior[used[own > 0.0]], roots[own > 0.0], strict=True):
+            inverse = np.linalg.inv(_scaled(root, matrix))
+            means.append(root * (inverse @ (root * pull)))
+            covariance += share * root[:, None] * inverse * root
+        chance_of = posterior[used[own > 0.0]]
         x = chance_of @ means
         registered = replace(
             registered, common=x[:COMMON], own=x[COMMON:].reshape(n, OWN), posterior=posterior
         )
     off = means - x
-    covariance = (chance_of[:, None] * off).T @ off
-    for share, wide, inside in zip(chance_of, root, inverse, strict=True):
-        covariance += share * wide[:, None] * inside * wide
-    return replace(registered, covariance=covariance)
+    return replace(registered, covariance=covariance + (chance_of[:, None] * off).T @ off)
 
 
 def _scaled(root: Float64, matrix: Float64) -> Float64:
-    """Return M = 1 + D^1/2 A D^1/2 (G, M, M) for the roots (G, M) of the prior's variances D."""
-    scaled = root[:, :, None] * matrix * root[:, None, :]
-    np.einsum("gii->gi", scaled)[:] += 1.0
+    """Return M = 1 + D^1/2 A D^1/2 (M, M) for the root (M,) of the prior's variances D."""
+    scaled = root[:, None] * matrix * root
+    np.einsum("ii->i", scaled)[:] += 1.0
     return scaled
 
 
-def _log_evidence(root: Float64, matrix: Float64, pull: Float64) -> Float64:
-    """Return the logarithm (G,) of how well each grade explains the pairs, the largest as 0.
+def _log_evidence(root: Float64, matrix: Float64, pull: Float64) -> float:
+    """Return the logarithm of how well a grade explains the pairs, but for a constant.
 
-    The model is linear and Gaussian: with M of :func:`_scaled` and ``pull`` = D^1/2 b, it is
-    (b' D^1/2 M^-1 D^1/2 b - log det M) / 2. Both follow from Cholesky's factor of M, bordered by ``pull``.
+    The model is linear and Gaussian: with M of :func:`_scaled` and ``pull`` b, it is
+    (b' D^1/2 M^-1 D^1/2 b - log det M) / 2.
     """
-    n = root.shape[1]
-    bordered = np.empty((len(root), n + 1, n + 1))
-    bordered[:, :n, :n] = _scaled(root, matrix)
-    bordered[:, n, :n] = pull
-    bordered[:, n, n] = 1.0 + 2.0 * np.square(pull).sum(axis=1)  # any value that leaves it definite
-    factor = np.linalg.cholesky(bordered)
-    log = 0.5 * np.square(factor[:, n, :n]).sum(axis=1)
-    log -= np.log(np.einsum("gii->gi", factor)[:, :n]).sum(axis=1)
-    return np.asarray(log - log.max())
+    factor = cholesky(_scaled(root, matrix), lower=True, overwrite_a=True, check_finite=False)
+    whitened = solve_triangular(factor, root * pull, lower=True, check_finite=False)
+    return float(0.5 * whitened @ whitened - np.log(np.diag(factor)).sum())
 
 
 @dataclass(frozen=True, kw_only=True)

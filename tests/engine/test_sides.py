@@ -13,6 +13,7 @@ from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Bool
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import MOST_VIEWS, prepare
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.machine import Document
@@ -84,3 +85,10 @@ def test_without_a_segmenter_all_of_the_item_is_of_interest() -> None:
     bare = Integration(Cylinder(angles_deg=ANGLES, masks=False))
     assert bare.views.segment(()) is None
     assert bare.views.frame(0).mask is None
+
+
+def test_more_views_than_fit_into_the_memory_are_refused() -> None:
+    angles = tuple(0.5 * n for n in range(MOST_VIEWS + 1))
+    views = Integration(Cylinder(angles_deg=angles, masks=False)).views
+    with pytest.raises(SegmentationError, match=r"601 views of .* without masks; .*Keep fewer"):
+        prepare(views)

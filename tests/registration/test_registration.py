@@ -1,13 +1,18 @@
 from __future__ import annotations
 
+import tracemalloc
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import Cylinder
 
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod
+from flatcloth.registration.adjustment import solved
 from flatcloth.registration.cameras import register_all
 from flatcloth.registration.pairwise import LEAST_POINTS
+from flatcloth.registration.pose_prior import COMMON, OWN, grades
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 
@@ -64,3 +69,25 @@ def test_registering_in_steps_is_registering_at_once(exact: Integration) -> None
     for a, b in zip(stepwise.held_from_camera, once.held_from_camera, strict=True):
         np.testing.assert_array_equal(a.rotation, b.rotation)
         np.testing.assert_array_equal(a.translation_m, b.translation_m)
+
+
+def test_many_views_need_the_memory_of_a_few_matrices_not_of_one_for_each_grade(exact: Integration) -> None:
+    few = registered(exact)
+    n = 200
+    many = replace(
+        few,
+        features=few.features[:1] * n,
+        known=few.known[:1] * n,
+        jacobians=few.jacobians[:1] * n,
+        pairs=(),
+        own=np.zeros((n, OWN)),
+    )
+    tracemalloc.start()
+    try:
+        found = solved(many)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert found.covariance.shape == (COMMON + OWN * n,) * 2
+    assert len(grades(many.prior)) > 20
+    assert peak < 12 * found.covariance.nbytes
