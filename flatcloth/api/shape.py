@@ -18,7 +18,7 @@ from flatcloth.engine.headless import ViewDecision
 from flatcloth.engine.outcome import lines_of as outcome_lines
 from flatcloth.engine.outcome import other_side_lines
 from flatcloth.export.data import this_from_other
-from flatcloth.export.garment import garment_points
+from flatcloth.export.garment import garment_points, other_points
 from flatcloth.export.garment import lines_of as garment_lines
 from flatcloth.export.session_data import SessionData
 from flatcloth.garments.recognition import Recognition
@@ -153,11 +153,12 @@ class Shape:
         return known.found
 
     def named_points(self) -> dict[str, Pick]:
-        """Return the named points of the garment whose cloth was seen, with position and normal in space.
+        """Return the named points of the garment that either side shows, with position and normal in space.
 
         Empty if no known kind was recognised.
         """
-        return {point.name: point for point in garment_points(self.data.garment)}
+        points = *garment_points(self.data.garment), *other_points(self.data.garment, self.data.sides)
+        return {point.name: point for point in points}
 
     def grasp(
         self, row: int, col: int, *, piece: int | None = None, opening_m: float | None = None
@@ -203,7 +204,8 @@ class Shape:
         if point is None:
             seen = ", ".join(self.named_points()) or "none"
             raise GarmentError(f"{name}: no named point of this garment that was seen; seen are {seen}.")
-        views = (self.view, *self.pieces)
+        on_this = {each.name for each in garment_points(self.data.garment)}
+        views = [self.view, *self.pieces] if name in on_this or self.other is None else [self.other]
         found = nearest_pixel(views, point.position_held_m)
         assert found is not None, "the cloth of the point was seen"
         return self._pose(views[found[0]], found[1], opening_m)

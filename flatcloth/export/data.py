@@ -51,6 +51,8 @@ class GraspFrames:
     base_from_camera: Rigid3 | None = None
 
 
+Beyond = Sequence[tuple[Pick, FlattenedView]]
+"""Points on the other side, each with the view that it lies in."""
 Files = Mapping[str, Callable[[BinaryIO], object]]
 """Files to be written: each name with the function that writes it."""
 
@@ -61,17 +63,20 @@ def shape_files(
     frames: GraspFrames,
     floating: Sequence[FlattenedView] = (),
     named: Callable[[], Sequence[Pick]] = tuple,
+    beyond: Callable[[], Beyond] = tuple,
 ) -> dict[str, Callable[[BinaryIO], object]]:
     """Return ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
 
-    Each floating piece is in ``floating-1.npz`` and so on, on a plane of its own. ``named`` is called when
-    ``grasps.json`` is written.
+    Each floating piece is in ``floating-1.npz`` and so on, on a plane of its own. ``named``, ``beyond`` are
+    called when ``grasps.json`` is written.
     """
     files: dict[str, Callable[[BinaryIO], object]] = {
         "flattened.npz": lambda file: write_npz(view, file),
         "flattened.png": lambda file: file.write(png_bytes(view)),
         "cloud.ply": lambda file: file.write(ply_bytes(view)),
-        GRASPS: lambda file: file.write(grasps_text(view, picks, frames, named(), floating).encode()),
+        GRASPS: lambda file: file.write(
+            grasps_text(view, picks, frames, named(), floating, beyond()).encode()
+        ),
     }
     for n, piece in enumerate(floating, start=1):
         files[floating_file(n)] = functools.partial(write_npz, piece)
@@ -267,9 +272,10 @@ def grasps_text(
     frames: GraspFrames,
     named: Sequence[Pick] = (),
     floating: Sequence[FlattenedView] = (),
+    beyond: Beyond = (),
 ) -> str:
     """Return the content of ``grasps.json``."""
-    document = grasps_document(view, picks, frames, named, floating)
+    document = grasps_document(view, picks, frames, named, floating, beyond)
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
@@ -279,13 +285,17 @@ def grasps_document(
     frames: GraspFrames,
     named: Sequence[Pick] = (),
     floating: Sequence[FlattenedView] = (),
+    beyond: Beyond = (),
 ) -> dict[str, Any]:
     """Return the picks for ``grasps.json`` (docs/grasps.md): points, and poses in each frame.
 
     A pick on a floating piece has its pixel and its pose there; ``file`` of its pixel names the piece.
+    ``beyond`` are named points on the other side.
     """
     axis, base = frames.axis, frames.base_from_camera
-    views = (view, *floating)
+    files = ["flattened.npz", *map(floating_file, range(1, len(floating) + 1))]
+    views = list(zip(files, (view, *floating), strict=True))
+    on_other = [{**_grasp([(OTHER_FILE, other)], pick, frames), "side": "other"} for pick, other in beyond]
     return {
         "format": GRASPS_FORMAT,
         "frame": "held",
@@ -294,16 +304,18 @@ def grasps_document(
         "rotation_axis": {"point_m": numbers(axis.point_m), "direction": numbers(axis.direction)},
         BASE_FROM_CAMERA: None if base is None else _matrix(base),
         "grasps": [_grasp(views, pick, frames) for pick in picks],
-        "garment_points": [_grasp(views, point, frames) for point in named],
+        "garment_points": [*(_grasp(views, point, frames) for point in named), *on_other],
     }
 
 
-def _grasp(views: Sequence[FlattenedView], pick: Pick, frames: GraspFrames) -> dict[str, Any]:
-    """Return a pick; ``views`` are the shape and its floating pieces."""
+def _grasp(files: Sequence[tuple[str, FlattenedView]], pick: Pick, frames: GraspFrames) -> dict[str, Any]:
+    """Return a pick; ``files`` are the shape and its floating pieces, each with its file."""
+    views = [view for _, view in files]
     position, normal = pick.position_held_m, pick.normal_held
     grasp: dict[str, Any] = {
         "id": pick.id,
         "name": pick.name,
+        "side": "this",
         "position_m": numbers(position),
         "normal": numbers(normal),
         "view_index": pick.view_index,
@@ -315,7 +327,7 @@ def _grasp(views: Sequence[FlattenedView], pick: Pick, frames: GraspFrames) -> d
         number, (row, col), distance_m = found
         view, pixel = views[number], ((row, col), distance_m)
         grasp["flattened"] = {
-            "file": floating_file(number) if number else "flattened.npz",
+            "file": files[number][0],
             "row": row,
             "col": col,
             "uv_m": numbers(view.uv_from_rc(np.array([row, col]))),

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from flatcloth.core.types import FlattenedView, Rigid2, finite
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment.recognition import KnownGarment, points_on_other_side
 from flatcloth.engine.sheet import floating_file
 from flatcloth.export.data import numbers
 from flatcloth.garments.recognition import NONE, Recognition
+from flatcloth.methods.answers import JoinedSides
 from flatcloth.session.journal import Pick
 
 FORMAT = "flatcloth-garment/1"
@@ -25,22 +26,38 @@ def garment_points(known: KnownGarment | str) -> list[Pick]:
         shape = known.cloth_of(point)
         if point.pixel is None:
             continue
-        row, col = shape.source_rc[point.pixel].tolist()
-        points.append(
-            Pick(
-                id=len(points) + 1,
-                name=name,
-                position_held_m=shape.xyz_m[point.pixel].astype(np.float64),
-                normal_held=shape.normal[point.pixel].astype(np.float64),
-                view_index=int(shape.view_index[point.pixel]),
-                source_rc=(row, col),
-            )
-        )
+        points.append(_pick(len(points) + 1, name, shape, point.pixel))
     return points
 
 
-def garment_document(garment: KnownGarment) -> dict[str, Any]:
-    """Return the document for ``garment.json``; places are (column, row) times ``pixel_size_m``."""
+def other_points(known: KnownGarment | str, sides: JoinedSides | str | None) -> list[Pick]:
+    """Return the named points that only the other side shows, as :func:`garment_points`."""
+    if isinstance(known, str) or not isinstance(sides, JoinedSides):
+        return []
+    found = points_on_other_side(known, sides)
+    first = len(garment_points(known)) + 1
+    return [_pick(n, name, sides.other.view, pixel) for n, (name, pixel) in enumerate(found.items(), first)]
+
+
+def _pick(number: int, name: str, cloth: FlattenedView, pixel: tuple[int, int]) -> Pick:
+    row, col = cloth.source_rc[pixel].tolist()
+    return Pick(
+        id=number,
+        name=name,
+        position_held_m=cloth.xyz_m[pixel].astype(np.float64),
+        normal_held=cloth.normal[pixel].astype(np.float64),
+        view_index=int(cloth.view_index[pixel]),
+        source_rc=(row, col),
+    )
+
+
+def garment_document(garment: KnownGarment, sides: JoinedSides | str | None = None) -> dict[str, Any]:
+    """Return the document for ``garment.json``; places are (column, row) times ``pixel_size_m``.
+
+    A point that only the other side shows is seen there.
+    """
+    beyond = points_on_other_side(garment, sides) if isinstance(sides, JoinedSides) else {}
+    other = sides.other.view if isinstance(sides, JoinedSides) else None
     found, shape = garment.found, garment.canonical.view
     known = found.kind != NONE
     return {
@@ -52,7 +69,9 @@ def garment_document(garment: KnownGarment) -> dict[str, Any]:
             name: {"value": round(1e3 * d.value_m, 1), "std": round(1e3 * d.std_m, 1)}
             for name, d in (found.dimensions.items() if known else ())
         },
-        "points": {name: _point(garment, name) for name in (found.points if known else ())},
+        "points": {
+            name: _point(garment, name, beyond.get(name), other) for name in (found.points if known else ())
+        },
         "outline_uv_m": np.round(found.outline_uv_m - shape.origin_uv_m, 5).tolist() if known else [],
         "pieces": _pieces(garment) if known else {},
     }
@@ -62,21 +81,27 @@ def _sorted(probabilities: dict[str, float]) -> list[tuple[str, float]]:
     return sorted(probabilities.items(), key=lambda each: -each[1])
 
 
-def _point(garment: KnownGarment, name: str) -> dict[str, Any]:
+def _point(
+    garment: KnownGarment, name: str, beyond: tuple[int, int] | None, other: FlattenedView | None
+) -> dict[str, Any]:
+    """Return a named point; ``beyond`` is its pixel of the other side, if only that shows it."""
     point = garment.found.points[name]
+    pixel, cloth = point.pixel, garment.cloth_of(point)
+    if beyond is not None and other is not None:
+        pixel, cloth = beyond, other
     known: dict[str, Any] = {
         "uv_m": np.round(point.uv_m - garment.canonical.view.origin_uv_m, 5).tolist(),
         "std_m": round(point.std_m, 5),
-        "seen": point.pixel is not None,
+        "seen": pixel is not None,
         "held": name in garment.found.held,
     }
-    if point.pixel is not None:
-        cloth = garment.cloth_of(point)
+    if pixel is not None:
         known |= {
-            "xyz_m": numbers(cloth.xyz_m[point.pixel]),
-            "normal": numbers(cloth.normal[point.pixel]),
-            "view_index": int(cloth.view_index[point.pixel]),
-            "source_rc": numbers(cloth.source_rc[point.pixel], 3),
+            "side": "this" if beyond is None else "other",
+            "xyz_m": numbers(cloth.xyz_m[pixel]),
+            "normal": numbers(cloth.normal[pixel]),
+            "view_index": int(cloth.view_index[pixel]),
+            "source_rc": numbers(cloth.source_rc[pixel], 3),
         }
     return known
 

@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from flatcloth.core.types import FlattenedView
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.outcome import FILE as OUTCOME
@@ -24,7 +25,7 @@ from flatcloth.export.data import (
     shape_files,
     write_files,
 )
-from flatcloth.export.garment import garment_document, garment_points, outcome_entry
+from flatcloth.export.garment import garment_document, garment_points, other_points, outcome_entry
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.session.journal import Pick
 from flatcloth.session.machine import Document
@@ -89,7 +90,13 @@ class SessionData:
         def named() -> list[Pick]:
             return garment_points(self.garment)
 
-        files = shape_files(shape.view, self.picks, self.frames, shape.floating, named)
+        def beyond() -> list[tuple[Pick, FlattenedView]]:
+            sides = self.sides
+            if not isinstance(sides, JoinedSides):
+                return []
+            return [(point, sides.other.view) for point in other_points(self.garment, sides)]
+
+        files = shape_files(shape.view, self.picks, self.frames, shape.floating, named, beyond)
         if isinstance(self.sides, JoinedSides):
             files |= other_files(self.sides, shape.view)
         return files
@@ -97,7 +104,7 @@ class SessionData:
     def _reports(self) -> dict[str, Writer]:
         reports: dict[str, Writer] = {}
         if not isinstance(self.garment, str):
-            text = json.dumps(garment_document(self.garment), indent=1, allow_nan=False) + "\n"
+            text = json.dumps(garment_document(self.garment, self.sides), indent=1, allow_nan=False) + "\n"
             reports[GARMENT] = lambda file: file.write(text.encode())
         reports[OUTCOME] = lambda file: file.write(outcome_text(self.outcome).encode())
         return reports

@@ -16,6 +16,7 @@ from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
 from flatcloth.engine.segmenting import WithMasks
+from flatcloth.export.garment import garment_document, other_points
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
 from flatcloth.session.document import Document
@@ -97,3 +98,21 @@ def test_masks_that_name_both_sides_are_taken_as_they_are():
     mask_of = BothSides(integration)._masks(Document(), lambda share, text: None)
     for view in (0, 18):
         assert np.array_equal(mask_of(integration.views.frame(view)), its[view].outer_face)
+
+
+def test_a_named_point_that_only_the_other_side_shows_is_seen_there(shape):
+    known, sides = shape.data.garment, shape.data.sides
+    recognised = known.found
+    hidden = {name: replace(point, pixel=None) for name, point in recognised.points.items()}
+    fits = [replace(fit, points=hidden) if hasattr(fit, "points") else fit for fit in recognised.fits]
+    blind = replace(known, found=replace(recognised, points=hidden, fits=tuple(fits)))
+    points = {point.name: point for point in other_points(blind, sides)}
+    assert len(points) >= 2
+    document = garment_document(blind, sides)["points"]
+    for name, point in points.items():
+        assert document[name]["side"] == "other"
+        seen = recognised.points[name]
+        if seen.pixel is not None:  # a corner is one place in space, whichever side shows it
+            xyz_m = known.cloth_of(seen).xyz_m[seen.pixel]
+            assert np.linalg.norm(point.position_held_m - xyz_m) < 0.04
+    assert not other_points(known, "no other side")

@@ -23,15 +23,17 @@ from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
 from flatcloth.garments.links import Cloth, DoubtedLink, doubted_links, is_offered, is_wrong
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import (
+    KNOWN_STD_M,
     NONE,
     Point,
     Recognition,
     fits_of,
     is_sure,
     is_suspect,
+    pixel_near,
     recognise,
 )
-from flatcloth.methods.answers import Canonical
+from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
     DecideLink,
@@ -175,6 +177,21 @@ class GarmentService:
             pieces=pieces,
             links=tuple(links),
         )
+
+
+def points_on_other_side(known: KnownGarment, sides: JoinedSides) -> dict[str, tuple[int, int]]:
+    """Return the pixels (row, col) of the other side's shape at the named points that only it shows.
+
+    Seams coincide on the plane of both, so a point of the outline has one place there.
+    """
+    if known.found.kind == NONE or not sides.is_related:
+        return {}
+    found = {}
+    for name, point in known.found.points.items():
+        pixel = pixel_near(point.uv_m * (-1.0, 1.0), sides.other.view)
+        if point.pixel is None and point.std_m <= KNOWN_STD_M and pixel is not None:
+            found[name] = pixel
+    return found
 
 
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
