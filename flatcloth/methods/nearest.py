@@ -9,9 +9,6 @@ from numba import njit
 
 from flatcloth.core.types import Float64, Int32
 
-_CELLS_PER_POINT = 2
-"""Cells of the table for each point. Chosen: few cells then hold points of several places."""
-
 
 class NearPoints:
     """Points of the plane, found by place.
@@ -37,7 +34,7 @@ class NearPoints:
 
     def __init__(self, uv_m: Float64, within_m: float) -> None:
         self.within_m = within_m
-        bits = max(4, math.ceil(math.log2(_CELLS_PER_POINT * max(len(uv_m), 1))))
+        bits = max(4, math.ceil(math.log2(max(len(uv_m), 1))))
         self.first, self.by_cell = _table(np.ascontiguousarray(uv_m), within_m, 1 << bits)
         self.cell_uv_m = np.take(uv_m, self.by_cell, axis=0)  # those of a cell lie together in memory
 

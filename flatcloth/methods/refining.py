@@ -11,14 +11,8 @@ from numba import njit
 from flatcloth.core.types import Float64, Int32, Rigid2
 from flatcloth.methods.nearest import cell_of
 
-_RIDGE = 1e-9
-"""Added to the diagonal, so that a step is found for samples at one place. Chosen: far below any weight."""
-_LEAST_COVERED, _LEAST_WEIGHT = 6, 3.0
-"""Fewer covered samples, or a smaller sum of their weights, determine no motion. Set by hand."""
-_STILL_RAD, _STILL_M = 1e-4, 1e-5
-"""The rounds end after a smaller step than this. Chosen: far below the errors of a placement."""
-_SHRINKS = 0.6
-"""Factor on the radius of the robust weights each round. Set by hand."""
+_STILL = 1e-5
+"""The rounds end after a smaller step than this (rad, m). Chosen: far below the errors of a placement."""
 
 
 class Samples(NamedTuple):
@@ -107,11 +101,12 @@ def _fitted(
         middle = (middle_u / max(covered, 1), middle_v / max(covered, 1))
         sums, right = _summed(nodes, samples, place, under, middle, radius)
         total, arm_u, arm_v, square = sums
-        if covered < _LEAST_COVERED or total < _LEAST_WEIGHT:
+        if total < 3.0:
+            # A motion has three unknowns.
             return motion, (0.0, 0.0, 0.0, 0.0)
-        each = total + _RIDGE
+        each = total + 1e-9  # so that a step is found for samples at one place
         turn = right[0] + (arm_v * right[1] - arm_u * right[2]) / each
-        turn /= square + _RIDGE - (arm_u * arm_u + arm_v * arm_v) / each
+        turn /= square + 1e-9 - (arm_u * arm_u + arm_v * arm_v) / each
         shift_u, shift_v = (right[1] + arm_v * turn) / each, (right[2] - arm_u * turn) / each
         cos, sin = math.cos(turn), math.sin(turn)
         off_u, off_v = motion[1] - middle[0], motion[2] - middle[1]
@@ -120,8 +115,8 @@ def _fitted(
             cos * off_u - sin * off_v + middle[0] + shift_u,
             sin * off_u + cos * off_v + middle[1] + shift_v,
         )
-        radius = max(_SHRINKS * radius, radii[1])
-        if abs(turn) < _STILL_RAD and math.hypot(shift_u, shift_v) < _STILL_M:
+        radius = max(0.5 * radius, radii[1])
+        if max(abs(turn), math.hypot(shift_u, shift_v)) < _STILL:
             break
     return motion, sums
 

@@ -18,10 +18,11 @@ Complex128 = NDArray[np.complex128]
 Int64 = NDArray[np.int64]
 
 _HELD = 1e-6
-"""Weight that holds every node at its position, because lengths do not fix the sheet as a whole. Set by
-hand."""
-_FIXED = 1e6
-"""Weight that keeps a node where it is. Chosen: far above the weights of pairs, which are about 1."""
+"""Weight that holds every node at its position, because lengths do not fix the sheet as a whole; its inverse
+keeps a node where it is. Chosen: far from the weights of pairs, which are about 1."""
+ITERATIONS = 8
+"""Limit of the steps of relaxations and minimisations, and of the rounds of robust weights. Chosen for
+speed."""
 
 
 @njit(cache=True, nogil=True)
@@ -104,7 +105,7 @@ def relax_rigidly(
     pair = np.arange(len(edges)) if narrow.pair is None else narrow.pair
     held = np.full((len(z), 1), _HELD)
     if is_held is not None:
-        held[is_held] = _FIXED
+        held[is_held] = 1.0 / _HELD
     laplacian = BandedLaplacian(narrow, np.bincount(pair, weight).astype(np.float64), held[:, 0])
     alike = np.ones(len(edges))
     center = z.mean()

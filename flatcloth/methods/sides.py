@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from flatcloth.session.document import Document, Side
 
 LEAST_COMPONENT_SHARE = 0.2
-"""Of a view's components, those with at least this share of the largest one's area are placed. Set by
-hand."""
+"""Of a view's components, those with at least this share of the largest one's area are placed; components
+that overlap by less, or are known but for less, are different cloth, or nothing new. Set by hand."""
 
 
 def fronts(document: Document, angles_deg: Sequence[float]) -> dict[Side, tuple[int, float]]:

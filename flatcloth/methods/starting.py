@@ -7,13 +7,15 @@ import numpy as np
 from flatcloth.core.errors import FlatteningError, SurfaceError
 from flatcloth.core.types import Float64, Progress, no_progress
 from flatcloth.methods.base import Views
+from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
 
-OVERLAP_SHARE = 0.2
+OVERLAP_SHARE = LEAST_COMPONENT_SHARE
 """S_0 as a share of the largest area seen in one view, where it is not set.
 
 The paper sets it by the expected size of the item and gives no number. A fifth is 0.025 to 0.04 m2 for the
 shirts and trousers of the shared recordings, and 0.011 m2 for shorts and a skirt.
 """
+
 
 _FILLED = 1.3
 """A flattened view is at most so much larger than its observed area. Chosen: it was 1.25 times as large on a

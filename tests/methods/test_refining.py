@@ -66,7 +66,7 @@ def test_the_rounds_are_those_of_a_search_in_each_round(initial: Rigid2) -> None
         np.testing.assert_allclose(found.apply(corners), motion.apply(corners), atol=1e-9)
         assert information is not None
         np.testing.assert_allclose(information, hessian, atol=1e-6 * hessian.max())
-        radius_m, settled = max(0.6 * radius_m, 0.004), found
+        radius_m, settled = max(0.5 * radius_m, 0.004), found
     assert rounds > 1
 
 

@@ -33,11 +33,11 @@ _SEARCH_FINEST_M = 0.0004
 """The detailed search ends at this step. Set by hand."""
 _SEARCH_CANDIDATES = 12
 """Best placements of the coarse search that are searched in detail. Set by hand."""
-_SEARCH_POINTS = 700
+SEARCH_POINTS = 700
 """Pixels compared in the coarse search. Set by hand."""
-_COARSE_SMOOTHING_M = 0.006
+COARSE_SMOOTHING_M = 0.006
 """Smoothing of the texture in the coarse search and in the score. Set by hand."""
-Z_ANGLE_SMOOTHING_M = _COARSE_SMOOTHING_M
+Z_ANGLE_SMOOTHING_M = COARSE_SMOOTHING_M
 """Z-angles are compared as coarsely as the texture."""
 FINE_SMOOTHING_M = 0.002
 """Smoothing of the texture in the detailed search. Set by hand."""
@@ -95,7 +95,7 @@ class Matcher:
     tolerates its larger steps, and so do the agreements that the score does not use.
     """
 
-    score_smoothing_m = _COARSE_SMOOTHING_M
+    score_smoothing_m = COARSE_SMOOTHING_M
     z_angle_smoothing_m = Z_ANGLE_SMOOTHING_M
     z_angle_weight = 1.0
     """Weight of the Z-angle in the search; intensity and height have 1 each."""
@@ -108,7 +108,7 @@ class Matcher:
         self._uv = new.uv_from_rc(rc)
         self._fields: dict[float, Float32] = {}
         self._values: dict[float, Float32] = {}
-        for smoothing_m in (_COARSE_SMOOTHING_M, FINE_SMOOTHING_M):
+        for smoothing_m in (COARSE_SMOOTHING_M, FINE_SMOOTHING_M):
             texture, new_texture = _texture(current, smoothing_m), _texture(new, smoothing_m)
             spread = max(_spread(texture), _spread(new_texture), _INTENSITY_FLOOR)
             self._fields[smoothing_m] = self._attributes(current, axis, texture / spread)
@@ -174,7 +174,7 @@ class Matcher:
         turns = np.radians(_symmetric(_SEARCH_ROTATION_DEG, _SEARCH_STEP_DEG))
         offsets = np.array([(t, u, v) for t in turns for u in shifts for v in shifts])
         motions = [_disturbed(initial, offset, center) for offset in offsets]
-        cost = self._cost(motions, offsets, _SEARCH_POINTS, _COARSE_SMOOTHING_M, share)
+        cost = self._cost(motions, offsets, SEARCH_POINTS, COARSE_SMOOTHING_M, share)
         starts = _distinct(offsets, cost, _SEARCH_CANDIDATES, 2.5 * _SEARCH_STEP_M)
         found = []
         for n, start in enumerate(starts):
@@ -279,8 +279,8 @@ class Matcher:
         step, best, lowest = first_step, start, math.inf
         while step[1] > _SEARCH_FINEST_M:
             fine = step[1] <= FINE_SMOOTHING_M
-            smoothing = FINE_SMOOTHING_M if fine else _COARSE_SMOOTHING_M
-            points = 4 * _SEARCH_POINTS if fine else _SEARCH_POINTS
+            smoothing = FINE_SMOOTHING_M if fine else COARSE_SMOOTHING_M
+            points = 4 * SEARCH_POINTS if fine else SEARCH_POINTS
             lowest = math.inf
             for _ in range(8):
                 offsets = best + neighbours * step

@@ -15,18 +15,15 @@ from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Float64, Int64, Rigid2
 from flatcloth.methods.paper.matching import LEAST_AREA_M2, PLACE_SCALE_M
+from flatcloth.methods.relaxation import ITERATIONS
 
 _SPACING_M = 0.004
 """Distance of the compared pixels. Chosen: a finer one gives the same estimate, in more time."""
 _SAME_FACING = 0.8
 """Pixels show the same place if their normals differ by less than 37 degrees. Chosen: as in the score."""
-_TRIALS = 64
+TRIALS = 64
 """Random pairs of correspondences that are tried. Chosen: if 30 % of them are right, 64 trials miss a right
 pair once in 400 times."""
-TURNING_M = 0.020
-"""A pair that is nearer together does not determine the rotation. Set by hand."""
-_FITS = 10
-"""Repetitions of the robust fit. Chosen: it changes by less than 0.1 mm from then on."""
 
 
 def from_places(current: FlattenedView, new: FlattenedView) -> Rigid2:
@@ -53,14 +50,16 @@ def from_places(current: FlattenedView, new: FlattenedView) -> Rigid2:
     random = np.random.default_rng(0)
     best = fit_rigid2(uv, target)
     most = float(_agreement(best, uv, target).sum())
-    for i, j in random.integers(0, len(uv), (_TRIALS, 2)):
-        if math.dist(uv[i], uv[j]) < TURNING_M:
+    for i, j in random.integers(0, len(uv), (TRIALS, 2)):
+        if (
+            math.dist(uv[i], uv[j]) < 2.0 * PLACE_SCALE_M
+        ):  # nearer together it does not determine the rotation
             continue
         trial = fit_rigid2(uv[[i, j]], target[[i, j]])
         agreed = float(_agreement(trial, uv, target).sum())
         if agreed > most:
             best, most = trial, agreed
-    for _ in range(_FITS):
+    for _ in range(ITERATIONS):
         best = fit_rigid2(uv, target, np.square(_agreement(best, uv, target)))
     return best
 

@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.banded import cuthill_mckee
-from flatcloth.methods.relaxation import BorderedBand, add_products
+from flatcloth.methods.relaxation import ITERATIONS, BorderedBand, add_products
 from flatcloth.methods.robust.connectivity import renumbered
 
 LEAST_RIGID_PART_NODES = 40
@@ -31,21 +31,14 @@ _STRIP_WIDTH = 3.0
 STRIP_NOISE_M = 0.0017
 """Additional error of each pair in a strip; strips are folded and seen at large incidence angles. Set by
 hand."""
-DIRECTION_WEIGHT = 0.5
-"""Weight of a pair's direction in a strip, relative to its length. Set by hand."""
 
 Complex128 = NDArray[np.complex128]
 Int64 = NDArray[np.int64]
 
-_RIM_RAD = 2.2
-"""A node without a neighbour within an angle of this width lies at the outline of the sheet. Set by hand."""
-ITERATIONS = 8
-"""Limit of the steps of relaxations and minimisations, and of the rounds of robust weights. Chosen for
-speed."""
-_SETTLED_M = 2e-4
-"""Steps that move no node farther end the minimisation. Chosen: a tenth of a pixel of a D435 at 0.85 m."""
-_DAMPING = 1e-9
-"""Share of the diagonal that makes the system regular. Chosen: far below any stiffness."""
+STILL_M = 1e-4
+"""Steps that move no node farther end a minimisation. Chosen: a twentieth of a pixel of a D435 at 0.85 m."""
+_DAMPING = np.sqrt(np.finfo(np.float64).eps)
+"""Share of the diagonal that makes the system regular: the root of the rounding error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,7 +192,7 @@ def _is_at_rim(angle: Float64) -> bool:
     widest = angle[0] + 2.0 * math.pi - angle[-1]
     for k in range(angle.size - 1):
         widest = max(widest, angle[k + 1] - angle[k])
-    is_wide: bool = widest > _RIM_RAD
+    is_wide: bool = widest > 0.75 * math.pi  # between the gap inside a grid and that at its straight outline
     return is_wide
 
 
@@ -231,7 +224,7 @@ def settle_flexible(uv_m: Float64, sheet: FlexibleSheet) -> Float64:
     with contextlib.suppress(np.linalg.LinAlgError):  # the pairs do not hold every node: it stays
         for _ in range(ITERATIONS):
             place, farthest_m = system.step(place)
-            if farthest_m < _SETTLED_M:
+            if farthest_m < STILL_M:
                 break
     return place
 
@@ -273,7 +266,7 @@ class _System:
             offset=sheet.offset[near],
             length_m=sheet.length_m[near],
             of_length=weight * is_flexible,
-            of_direction=DIRECTION_WEIGHT * weight,
+            of_direction=weight,
             star=star,
             first=first,
         )

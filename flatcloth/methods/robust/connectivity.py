@@ -64,54 +64,6 @@ def both_ends(flags: Bool, edges: Int32 | Int64) -> Bool:
 
 
 @njit(cache=True, nogil=True)
-def near_and_apart(uv: Float64, xyz: Float64, near_m: float, far_m: float) -> Int64:
-    """Return the pairs (K, 2) of points at most ``near_m`` apart on the plane and over ``far_m`` in space.
-
-    Parameters
-    ----------
-    uv, xyz : (N, 2) and (N, 3) float64
-        Where the points lie on the plane and in space.
-    near_m, far_m : float
-        Distances, metres.
-    """
-    n, wide = len(uv), 0
-    cell, first = np.empty((n, 2), dtype=np.int64), np.zeros(_MOST_CELLS * (_MOST_CELLS + 1), dtype=np.int64)
-    for k in range(2):  # cells as wide as pairs may be; what lies far off shares the last
-        low = uv[:, k].min() if n else 0.0
-        for i in range(n):
-            cell[i, k] = 1 + int(min((uv[i, k] - low) / near_m, _MOST_CELLS - 3.0))
-    for i in range(n):
-        wide = max(wide, cell[i, 0] + 2)
-    for i in range(n):
-        first[cell[i, 1] * wide + cell[i, 0] + 1] += 1
-    first = np.cumsum(first)
-    filled, point, of = first.copy(), np.empty(n, dtype=np.int64), np.empty((5, n))
-    for i in range(n):
-        at = cell[i, 1] * wide + cell[i, 0]
-        s, filled[at] = filled[at], filled[at] + 1
-        point[s] = i
-        of[0, s], of[1, s] = uv[i, 0], uv[i, 1]
-        of[2, s], of[3, s], of[4, s] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
-    pairs, count = np.empty((16, 2), dtype=np.int64), 0
-    for s in range(n):
-        u, v, x, y, z = of[:, s]
-        at = cell[point[s], 1] * wide + cell[point[s], 0]
-        for begin, end in ((s + 1, first[at + 2]), (first[at + wide - 1], first[at + wide + 2])):
-            for t in range(begin, end):
-                du, dv, dx, dy, dz = u - of[0, t], v - of[1, t], x - of[2, t], y - of[3, t], z - of[4, t]
-                if dx * dx + dy * dy + dz * dz > far_m * far_m and du * du + dv * dv <= near_m * near_m:
-                    if count == len(pairs):
-                        pairs = np.concatenate((pairs, pairs))
-                    pairs[count, 0], pairs[count, 1] = point[s], point[t]
-                    count += 1
-    return pairs[:count]
-
-
-_MOST_CELLS = 256
-"""Rows and columns of cells at most. Chosen: cloth of nearly four metres."""
-
-
-@njit(cache=True, nogil=True)
 def pairs_once(n: int, edges: Int32) -> tuple[Int32, Int32]:
     """Find the different pairs among those that several views contribute.
 
@@ -324,10 +276,7 @@ def _neighbours_in_common(n: int, low: Int32, high: Int32) -> Int32:
 
 
 def _grown(label: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
-    """Give each node without a label (-1) that of the neighbours with the most evidence, layer by layer.
-
-    Afterwards nodes change sides where this makes the cut between two parts smaller.
-    """
+    """Give each node without a label (-1) that of the neighbours with the most evidence, layer by layer."""
     names, compact = np.unique(label, return_inverse=True)
     own = (compact - 1 if names[0] < 0 else compact).astype(np.int64)
     count = int(own.max()) + 1
@@ -337,22 +286,17 @@ def _grown(label: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
     ends, others = np.concatenate([i[from_i], j[from_j]]), np.concatenate([j[from_i], i[from_j]])
     weight = evidence[np.concatenate([from_i, from_j])]
     voters, voter = np.unique(ends, return_inverse=True)
-    sweeps = 0
-    while sweeps <= _SWEEPS:
+    while (own[voters] < 0).any():
         says = own[others] >= 0
         votes = np.bincount(voter[says] * count + own[others[says]], weight[says], voters.size * count)
         votes = votes.reshape(voters.size, count)
-        best = np.where(votes.any(axis=1), votes.argmax(axis=1), own[voters])
+        is_open = (own[voters] < 0) & votes.any(axis=1)
+        best = np.where(is_open, votes.argmax(axis=1), own[voters])
         if (best == own[voters]).all():
             break
-        sweeps += not (own[voters] < 0)[best >= 0].any()
         own[voters] = best
     grown: Int32 = np.where(own >= 0, names[names >= 0][own], -1).astype(np.int32)
     return grown
-
-
-_SWEEPS = 4
-"""Passes over all nodes after each has a label. Chosen for speed."""
 
 
 def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64, least_evidence: float) -> Int32:

@@ -22,7 +22,6 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.articulated import STRIP_NOISE_M
-from flatcloth.methods.robust.connectivity import near_and_apart
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, TWICE_M, Hinge, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
 
@@ -53,7 +52,10 @@ def overlapping_pairs(uv_m: Float64, xyz_m: Float64) -> Int64:
         Their points in space.
     """
     own = np.flatnonzero(np.isfinite(uv_m[:, 0]))
-    return own.take(near_and_apart(uv_m[own], xyz_m[own], TWICE_M, 3.0 * TWICE_M))
+    pairs = own[cKDTree(uv_m[own]).query_pairs(TWICE_M, output_type="ndarray")]
+    apart = np.linalg.norm(xyz_m[pairs[:, 0]] - xyz_m[pairs[:, 1]], axis=1)
+    found: Int64 = pairs[apart > 3.0 * TWICE_M]
+    return found
 
 
 def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -> tuple[Bool, float, Bool]:

@@ -49,10 +49,9 @@ from flatcloth.methods.robust.layout import (
 )
 from flatcloth.methods.robust.observations import Association, Complex128, no_nodes, observe
 
-_MOST_NEW = 0.2
-"""... as is a piece of which the last view adds more than this share of nodes ..."""
-_MOST_STRAINED = 0.03
-"""... or contradicts more than this share of pairs, as they lie. Set by hand."""
+MOST_CONTRADICTION = 0.05
+"""A piece of whose pairs the last view contradicts a larger share, as they lie, is relaxed as a whole.
+Without an operator, a view is rejected if the others contradict a larger share of its pairs. Set by hand."""
 Int64 = NDArray[np.int64]
 
 
@@ -336,11 +335,11 @@ def _relaxed_around(
     about a hinge (whose angle depends on all nodes), or cloth overlaps.
     """
     new = np.isfinite(z.real) & ~piece.known
-    if new.sum() > _MOST_NEW * piece.known.sum() or hinges_within(shape, piece.members):
+    if new.sum() > piece.known.sum() or hinges_within(shape, piece.members):
         return None
     uv, weight = relax_around(z, shape.links, inside, shape.weight[inside], new)
     of_last = weight[shape.links.of_last_view(inside)]
-    is_strained = (of_last < CONTRADICTED_WEIGHT).sum() > _MOST_STRAINED * of_last.size
+    is_strained = (of_last < CONTRADICTED_WEIGHT).sum() > MOST_CONTRADICTION * of_last.size
     if is_strained or np.unique(overlaps(shape, uv)).size >= LEAST_PIECE:
         return None
     return uv, weight

@@ -26,12 +26,8 @@ PIECES_APART_M = 10.0
 """Distance of floating pieces on the plane. Chosen: larger than any cloth."""
 OUTGROWN = 1.3
 """A piece or part with this many times the nodes of the main one becomes the main one. Set by hand."""
-_LEAST_NODE_EVIDENCE = 0.25
-"""A node that less evidence joins to others is not shown, ..."""
 _LEAST_OF_MEDIAN = 0.025
-"""... if that is also less than this share of the median node's, which is lower with few views or a worse
-sensor. Set by hand: of the nodes of 30 noisy recordings 3 % have less; they are 38 % of the nodes that lie
-more than 50 mm off."""
+"""A node is not shown that a smaller share of the median node's evidence joins to others. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +185,7 @@ def without_weak(shape: JointShape, at_cut: Bool | None = None) -> JointShape:
     """
     evidence = shape.node_evidence
     usual = float(np.median(evidence[shape.placed])) if shape.placed.any() else 0.0
-    weak = evidence < min(_LEAST_NODE_EVIDENCE, _LEAST_OF_MEDIAN * usual)
+    weak = evidence < _LEAST_OF_MEDIAN * usual
     if at_cut is not None:
         weak |= at_cut & (evidence < LEAST_EVIDENCE)
     if not (shape.placed & ~weak).any():

@@ -19,8 +19,8 @@ from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.banded import Banding, banding
 from flatcloth.flattening.minimisation import MOST_STEPS, minimise
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
-from flatcloth.methods.relaxation import local_rotations, relax_rigidly
-from flatcloth.methods.robust.articulated import ITERATIONS, FlexibleSheet, settle_flexible
+from flatcloth.methods.relaxation import ITERATIONS, local_rotations, relax_rigidly
+from flatcloth.methods.robust.articulated import STILL_M, FlexibleSheet, settle_flexible
 from flatcloth.methods.robust.connectivity import Links, both_ends, renumbered
 from flatcloth.methods.robust.observations import Complex128
 
@@ -31,12 +31,8 @@ CONTRADICTED_WEIGHT = 0.25
 _ROUNDS = 2
 """Minimisations after each acceptance; the weights of the pairs are updated between them. Chosen for speed:
 for what is shown they are updated until no node moves."""
-_STILL_M = 1e-4
-"""If no node moves farther, no further minimisation follows. Chosen: a twentieth of a pixel of a D435."""
 _HALO = 2
 """Rows of nodes around new ones that are relaxed with them. Set by hand."""
-_LEAST_WEIGHT = 1e-4
-"""Least weight of a pair, so that no node comes loose. Chosen."""
 _TOLERANCE, _PRECISE = 2e-3, 1e-5
 """Relative decrease of the energy that ends it earlier, normally (chosen for speed) and for what is shown:
 wide parts turn about narrow ones with hardly any energy, in trousers-waist-clean by 1 mm."""
@@ -304,10 +300,10 @@ def minimise_piece(
         x = relax_rigidly(z[own], edges, member, offset, stiff, links.n_members, ITERATIONS, narrow)
     for _ in range(MOST_STEPS if precise else _ROUNDS):
         before = x
-        x = _minimised(x, narrow, once, length, np.maximum(accuracy * weight, _LEAST_WEIGHT), precise)
+        x = _minimised(x, narrow, once, length, np.maximum(accuracy * weight, 1e-6), precise)
         residual = np.linalg.norm(x[once[:, 0]] - x[once[:, 1]], axis=1)[pair] - length
         weight = _robust_weight(residual / std)
-        if np.abs(x - before).max() < _STILL_M:
+        if np.abs(x - before).max() < STILL_M:
             break
     sheet = FlexibleSheet(
         edges=edges,
@@ -315,7 +311,7 @@ def minimise_piece(
         member=member,
         n_members=links.n_members,
         length_m=length,
-        weight=np.maximum(accuracy * weight, _LEAST_WEIGHT),
+        weight=np.maximum(accuracy * weight, 1e-6),
         offset=offset,
     )
     uv = np.full((len(z), 2), np.nan)

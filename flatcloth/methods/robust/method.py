@@ -29,28 +29,24 @@ from flatcloth.methods.base import Method, Views
 from flatcloth.methods.robust.acceptance import joined_piece, same_cloth, with_piece_moved
 from flatcloth.methods.robust.compositing import draw, states_of_nodes, states_on_surface
 from flatcloth.methods.robust.connectivity import both_ends
-from flatcloth.methods.robust.joint import begin_joint, extend_joint, taken_apart
+from flatcloth.methods.robust.joint import MOST_CONTRADICTION, begin_joint, extend_joint, taken_apart
 from flatcloth.methods.robust.joint_shape import JointShape, largest_piece
 from flatcloth.methods.robust.layout import CONTRADICTED_WEIGHT
-from flatcloth.methods.robust.next_best_view import LEAST_OVERLAP_M2, rate_candidates
+from flatcloth.methods.robust.next_best_view import rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
 from flatcloth.methods.robust.seams.joining import join_sides, seams_of
-from flatcloth.methods.robust.shapes import Certainty, JointShapes, RegisteredViews, prefix
-from flatcloth.methods.starting import start_by_view
+from flatcloth.methods.robust.shapes import (
+    KEPT_BYTES,
+    MOST_KEPT,
+    Certainty,
+    JointShapes,
+    RegisteredViews,
+    prefix,
+)
+from flatcloth.methods.starting import overlap_area_m2, start_by_view
 from flatcloth.registration.registered import Registered, describe
 from flatcloth.session.document import Accepted, Document, Later, Side
-
-_MOST_CONTRADICTION = 0.1
-"""Without an operator, a view is rejected if the others contradict a larger share of its pairs. Set by
-hand."""
-_LISTED = 6
-"""Candidates that a plan lists. Set by hand."""
-_KEPT = 16
-"""Scores and canonical views that are kept. Chosen: those of a view under decision, with its other
-placements."""
-_DRAWN_BYTES = 28 * 2**20
-"""Memory of the canonical views that are kept: one takes 13 MiB (``python -m benchmarks soak``)."""
 
 
 class RobustMethod(Method):
@@ -65,8 +61,8 @@ class RobustMethod(Method):
         self.seen = RegisteredViews(views)
         self.shapes = JointShapes(self.begin, self.extend, views.held_point_m)
         self.search = PlacementSearch(views, self.seen, self.shapes, angles_deg)
-        self._scores: Cache[AlignmentScore] = Cache(_KEPT)
-        self._drawn: Cache[Canonical] = Cache(_KEPT, _DRAWN_BYTES)
+        self._scores: Cache[AlignmentScore] = Cache(MOST_KEPT)
+        self._drawn: Cache[Canonical] = Cache(MOST_KEPT, KEPT_BYTES)
 
     # ------------------------------------------------- 1. next best view (in place of the paper's 4.1)
 
@@ -83,7 +79,8 @@ class RobustMethod(Method):
         if not rest:
             return _no_plan("No view is left.")
         shape, around = self.shapes.shape(document), self.search.around(document)
-        rated = rate_candidates(shape, self._views.axis, self.angles_deg, rest, looked, around)
+        overlap_m2 = overlap_area_m2(self._views)
+        rated = rate_candidates(shape, self._views.axis, self.angles_deg, rest, looked, overlap_m2, around)
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
             reason = f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2."
@@ -96,10 +93,10 @@ class RobustMethod(Method):
             rotation_deg=self._turn_deg(used, best),
             reason=(
                 f"{1e4 * best.new_m2:.0f} cm2 new, {1e4 * best.overlap_m2:.0f} cm2 in common"
-                + ("" if best.overlap_m2 >= LEAST_OVERLAP_M2 else ", less than desired")
+                + ("" if best.overlap_m2 >= overlap_m2 else ", less than desired")
             ),
             sides=(),
-            candidates=tuple(rated[:_LISTED]),
+            candidates=tuple(rated),
         )
 
     def _turn_deg(self, used: frozenset[int], best: Candidate) -> float:
@@ -235,7 +232,7 @@ class RobustMethod(Method):
 
     def is_contradicted(self, document: Document) -> bool:
         """Return whether this share is too large for acceptance without an operator."""
-        return self.contradiction(document) > _MOST_CONTRADICTION
+        return self.contradiction(document) > MOST_CONTRADICTION
 
     def is_outgrown(self, document: Document) -> bool:
         """Return whether a floating piece has more nodes than the shape."""
@@ -299,5 +296,5 @@ def _more_to_be_had(used: int, new_m2: list[float], least_new_m2: float) -> str:
 
 
 def _no_plan(reason: str, rated: Sequence[Candidate] = ()) -> Plan:
-    candidates = tuple(rated[:_LISTED])
+    candidates = tuple(rated)
     return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=(), candidates=candidates)

@@ -26,8 +26,6 @@ from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.observations import INCIDENCE_LIMIT_DEG, WELL_SEEN_DEG
 from flatcloth.methods.robust.scoring import neighbourhoods_of
 
-LEAST_OVERLAP_M2 = 0.03
-"""Desirable overlap S_0, the paper's."""
 _NOVEL_TURN_DEG = 30.0
 """A view nearer than this to a visited one is expected to show less beyond the outline. Set by hand."""
 _EXPLORED_DEG = 12.0
@@ -45,6 +43,7 @@ def rate_candidates(
     angles_deg: Sequence[float],
     candidates: Iterable[int],
     seen: Iterable[int],
+    least_overlap_m2: float,
     around: Neighbourhoods | None = None,
 ) -> list[Candidate]:
     """Rate views that have not been visited.
@@ -59,6 +58,8 @@ def rate_candidates(
         Angles of all views.
     candidates, seen : iterables of int
         The views to rate, and the visited ones (accepted or not).
+    least_overlap_m2 : float
+        Desirable overlap S_0.
     around : Neighbourhoods, optional
         Those of the shape, if they are known.
 
@@ -99,7 +100,7 @@ def rate_candidates(
                 gap_deg=nearest,
             )
         )
-    rated.sort(key=lambda p: p.new_m2 * min(1.0, p.overlap_m2 / LEAST_OVERLAP_M2), reverse=True)
+    rated.sort(key=lambda p: p.new_m2 * min(1.0, p.overlap_m2 / least_overlap_m2), reverse=True)
     return rated
 
 

@@ -28,9 +28,10 @@ from flatcloth.flattening.sampling import (
 from flatcloth.flattening.surface import Surface
 
 _SAME_PLACE_M = 0.0015
-"""A view sees a node that lies within this plus three times the view's noise of the view's surface, ..."""
+"""A view sees a node that lies within this plus three times the view's noise of the view's surface,
+and faces as it does. Set by hand."""
 _SAME_NORMAL_COS = 0.85
-"""... if the angle of the normals has at least this cosine. Set by hand."""
+"""The cosine of the angle between the normals of the same cloth is at least this. Set by hand."""
 INCIDENCE_LIMIT_DEG = 75.0
 """Cloth at a larger incidence angle adds no nodes. Set by hand."""
 WELL_SEEN_DEG = 55.0
@@ -38,6 +39,9 @@ WELL_SEEN_DEG = 55.0
 observed there. Set by hand."""
 _NEW_NODE_DISTANCE = 0.65
 """A view adds nodes at this distance (in sampling intervals) from the nodes it sees. Set by hand."""
+_NARROW_NODE_DISTANCE = 0.8
+"""In narrow places it does so at this distance, in halves of the interval. Set by hand: with a smaller one,
+skirts and shirts without noise are relaxed less well."""
 _PAIR_STD_M = 0.0003
 """Standard deviation of a pair's length without noise, due to stretching of the cloth. Set by hand."""
 FRONTAL_NOISE = 0.4
@@ -221,7 +225,7 @@ def _in_narrow_places(usable: Bool, interval_px: int, known: Float64) -> Float64
     half = interval_px // 2
     if len(known) and len(places):
         distance, _ = cKDTree(known).query(places)
-        places = places[distance > _NEW_NODE_DISTANCE * half]
+        places = places[distance > _NARROW_NODE_DISTANCE * half]
     if not len(places):
         return np.zeros((0, 2))
     # The nearest pixel off the surface is a neighbour of one on it.

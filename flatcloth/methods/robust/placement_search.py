@@ -22,8 +22,8 @@ from flatcloth.methods.answers import Alignment, ComponentPlacement, Hypothesis,
 from flatcloth.methods.base import Views
 from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.paper.alignment import correspond, from_lines
-from flatcloth.methods.paper.matching import PLACE_SCALE_M
-from flatcloth.methods.paper.places import TURNING_M
+from flatcloth.methods.paper.matching import PLACE_SCALE_M, SEARCH_POINTS
+from flatcloth.methods.paper.places import TRIALS
 from flatcloth.methods.robust.scoring import (
     ReferenceShape,
     SampledComponent,
@@ -36,11 +36,6 @@ from flatcloth.methods.robust.shapes import JointShapes, RegisteredViews, prefix
 from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
 from flatcloth.session.machine import Document
 
-_TRIALS = 23
-"""Motions of two random points that are tried. Set by hand."""
-_ALL_AGREE = 0.9
-"""Where more than this share of the associated nodes agrees, no further motion is tried. Set by hand."""
-
 
 def from_association(reference: ReferenceShape, sampled: SampledComponent) -> list[Rigid2]:
     """Fit the associated nodes rigidly by RANSAC, because overlapping layers give wrong associations."""
@@ -50,9 +45,7 @@ def from_association(reference: ReferenceShape, sampled: SampledComponent) -> li
     points, target = sampled.uv_m[at][placed], target[placed]
     if len(points) < 3:
         return []
-    best = fit_rigid2(points, target)
-    if _agreed(np.linalg.norm(best.apply(points) - target, axis=1)) <= _ALL_AGREE * len(points):
-        best = _best_of_two(points, target, best)
+    best = _best_of_two(points, target, fit_rigid2(points, target))
     before = None
     for _ in range(5):
         off = np.linalg.norm(best.apply(points) - target, axis=1)
@@ -64,23 +57,22 @@ def from_association(reference: ReferenceShape, sampled: SampledComponent) -> li
 
 
 def _best_of_two(points: Float64, target: Float64, given: Rigid2) -> Rigid2:
-    """Return the first motion of random pairs of points on which nearly all agree, or that of most agreement.
+    """Return the motion of a random pair of points on which most agree.
 
     ``given`` is tried first.
     """
-    i, j = np.random.default_rng(0).integers(0, len(points), (_TRIALS, 2)).T
+    i, j = np.random.default_rng(0).integers(0, len(points), (TRIALS, 2)).T
     one, other = points[j] - points[i], target[j] - target[i]
-    apart = np.linalg.norm(one, axis=1) >= TURNING_M
+    apart = np.linalg.norm(one, axis=1) >= 2.0 * PLACE_SCALE_M
     turn = np.arctan2(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0], (one * other).sum(axis=1))
     cos, sin = np.cos(turn), np.sin(turn)
     rotation = np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
     turned = points @ rotation
-    middle = 0.5 * (turned[np.arange(_TRIALS), i] + turned[np.arange(_TRIALS), j])
+    middle = 0.5 * (turned[np.arange(TRIALS), i] + turned[np.arange(TRIALS), j])
     shift = 0.5 * (target[i] + target[j]) - middle
     agreed = _agreed(np.linalg.norm(turned + shift[:, None] - target, axis=2))
     agreed[~apart] = -1.0
-    enough = np.flatnonzero(agreed > _ALL_AGREE * len(points))
-    n = int(enough[0]) if enough.size else int(np.argmax(agreed))
+    n = int(np.argmax(agreed))
     if agreed[n] <= _agreed(np.linalg.norm(given.apply(points) - target, axis=1)):
         return given
     return Rigid2(float(turn[n]), float(shift[n, 0]), float(shift[n, 1]))
@@ -174,10 +166,6 @@ def distinct(found: list[Hypothesis], sampled: SampledComponent) -> list[Hypothe
 def _apart_m(one: Rigid2, other: Rigid2, corners: Float64) -> float:
     """Return how far apart two motions bring any of the corners."""
     return float(np.linalg.norm(one.apply(corners) - other.apply(corners), axis=1).max())
-
-
-_SAMPLES = 500
-"""Number of pixels of a component that are compared. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,7 +269,7 @@ class PlacementSearch:
         sampled = {}
         for n, component in enumerate(flattening.components):
             inside = np.flatnonzero(component_of_pixel == n)
-            inside = inside[:: max(1, len(inside) // _SAMPLES)]
+            inside = inside[:: max(1, len(inside) // SEARCH_POINTS)]
             rc = np.stack(np.unravel_index(inside, component_of_pixel.shape), axis=1).astype(np.int32)
             uv = flattening.carrier.place(rc)
             known = np.isfinite(uv[:, 0])

@@ -24,16 +24,13 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
 from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
+from flatcloth.methods.paper.matching import COARSE_SMOOTHING_M, FINE_SMOOTHING_M
 from flatcloth.methods.refining import Nodes, Samples, fitted
 from flatcloth.methods.robust.joint_shape import TWICE_M, JointShape
 
 _PLACE_STD_M = 0.003
 """Standard deviation of the distance of equal cloth in space, in addition to the views' noise. Set by
 hand."""
-_TEXTURE_SIZE_M = 0.007
-"""Texture is the intensity minus its mean over this size. Set by hand."""
-_FINE_PX = 1.5
-"""Pixels over which the texture is smoothed, as neighbouring ones are noisy. Set by hand."""
 _COLOR_STD = 20.0
 """Difference of equal color in two views, grey levels. Set by hand."""
 _REFINE_RADIUS_M = 0.02
@@ -59,7 +56,7 @@ class TextureFeatures:
 def texture_features(surface: Surface) -> TextureFeatures:
     """Compute the features of a surface."""
     inside = surface.usable.astype(np.float32)
-    sigma_px = _TEXTURE_SIZE_M / surface.pixel_pitch_m
+    fine_px, sigma_px = (size_m / surface.pixel_pitch_m for size_m in (FINE_SMOOTHING_M, COARSE_SMOOTHING_M))
 
     def mean(image: Float32, sigma: float) -> Float32:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), dtype=np.float32)
@@ -67,9 +64,9 @@ def texture_features(surface: Surface) -> TextureFeatures:
     def mean_share(sigma: float) -> Float32:
         return np.asarray(np.maximum(mean(inside, sigma), 1e-6), dtype=np.float32)
 
-    known, off = mean_share(_FINE_PX), ~surface.usable
+    known, off = mean_share(fine_px), ~surface.usable
     color = cv2.copyTo(surface.frame.color, surface.usable.astype(np.uint8))  # 0 off the surface
-    fine = mean(color.astype(np.float32), _FINE_PX)
+    fine = mean(color.astype(np.float32), fine_px)
     red, green, blue = (plane / known for plane in cv2.split(fine))
     gray: Float32 = np.asarray((red + green + blue) / 3.0, dtype=np.float32)
     coarse = mean(gray * inside, sigma_px) / mean_share(sigma_px)

@@ -31,15 +31,11 @@ from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.document import Accepted, Document
 
-_MIB = 1 << 20
-"""Bytes in a mebibyte. By definition."""
-_MOST_PREFIXES, _PREFIX_BYTES = 96, 64 * _MIB
-"""Shapes that are kept for undo, trials and exports, which go through all of them: if they do not fit, each
-is computed again. Chosen for undo: 35 views of shirt-sleeve-clean with all their prefixes take 47 MiB, their
-standard deviations 50 KiB each."""
-_VIEWS = 48
-"""Views whose textures, components and costs of pixels (0.4 MiB each) are kept. Chosen: more than a session
-accepts."""
+MOST_KEPT = 64
+"""Values that are kept of each kind (shapes, textures, scores). Chosen: more than the views of a session."""
+KEPT_BYTES = 64 * 2**20
+"""Memory of the shapes that are kept for undo, trials and exports, and of the canonical views. Chosen for
+undo: 35 views of shirt-sleeve-clean with all their prefixes take 47 MiB, a canonical view 13."""
 
 LARGEST = "the largest piece becomes the shape"
 """The step of a prefix that is no accepted view."""
@@ -71,9 +67,9 @@ class RegisteredViews:
         # Registrations keep the features of their views, and these the surfaces: each exists once.
         self._registrations: Cache[Registered] = Cache(4)
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
-        self._component_maps: Cache[Int32] = Cache(_VIEWS)
-        self._textures: Cache[TextureFeatures] = Cache(_VIEWS)
-        self._costs: Cache[Float32] = Cache(_VIEWS)
+        self._component_maps: Cache[Int32] = Cache(MOST_KEPT)
+        self._textures: Cache[TextureFeatures] = Cache(MOST_KEPT)
+        self._costs: Cache[Float32] = Cache(MOST_KEPT)
         self._observed: WeakKeyDictionary[Observation, PlacesInView] = WeakKeyDictionary()
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(2)
 
@@ -203,9 +199,9 @@ class JointShapes:
     ) -> None:
         self._begin, self._extend, self._held_point_m = begin, extend, held_point_m
         self._shapes: Cache[JointShape] = Cache(3)
-        self._prefixes: Cache[JointShape] = Cache(_MOST_PREFIXES, _PREFIX_BYTES, _own_bytes)
+        self._prefixes: Cache[JointShape] = Cache(MOST_KEPT, KEPT_BYTES, _own_bytes)
         self._settled: Cache[JointShape] = Cache(2)
-        self._certainties: Cache[Certainty] = Cache(_MOST_PREFIXES)
+        self._certainties: Cache[Certainty] = Cache(MOST_KEPT)
 
     def shape(self, document: Document) -> JointShape:
         """Return the joint shape of a document's accepted views."""

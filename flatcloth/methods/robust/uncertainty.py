@@ -23,7 +23,6 @@ from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import (
-    DIRECTION_WEIGHT,
     STRIP_NOISE_M,
     flexible,
     nearest_rigid_part,
@@ -40,6 +39,8 @@ _EXTENT_M = 0.04
 """Correlation length of the strain. Set by hand."""
 _GATHERED_EXTENT_M = 0.26
 """At this distance from the held point the strain is doubled; it grows with the cube towards it, ..."""
+_GATHERED_M = 0.07
+"""... down to this distance, within which all cloth is gathered in folds. Set by hand."""
 LEAST_STD_M = 0.002
 """Smallest standard deviation of a node: the reference piece itself is strained. Set by hand."""
 _DRAWS = 48
@@ -100,14 +101,14 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     off_m = np.sqrt(np.bincount(pair, np.square(error_m)))
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
-    more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _EXTENT_M), 3)
+    more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _GATHERED_M), 3)
     change = _strained(uv, edges, unit, random)
     change *= (more * mean_m)[:, None]
     own = off_m[:, None]
     change += own * random.standard_normal(change.shape)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True
-    sheet = _Sheet(len(uv), edges, along, weight, DIRECTION_WEIGHT, stars)
+    sheet = _Sheet(len(uv), edges, along, weight, stars)
     moved = _displaced(sheet, change, own, random)
     # The first view, unless a floating piece that it does not show has become the main one.
     shown = (number[observation.node] for observation in shape.observations)
@@ -285,14 +286,13 @@ def _smooth(at: Float64, count: int, random: np.random.Generator) -> list[Float6
 class _Sheet:
     """Pairs ``edges`` (M, 2) between n nodes, their directions ``along`` (M, 2), and ``weight`` (M,).
 
-    The directions in which nodes ``stars`` (n,) observe their neighbours have ``direction_weight``.
+    The directions in which nodes ``stars`` (n,) observe their neighbours weigh as much as lengths.
     """
 
     n: int
     edges: Int32
     along: Float64
     weight: Float64
-    direction_weight: float
     stars: Bool
 
 
@@ -328,7 +328,7 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
         rows.append(row)
         columns.append(turn_at[end[seen]])
         values.append(-np.linalg.norm(across[seen], axis=1))
-        root.append(np.sqrt(sheet.direction_weight * sheet.weight[seen]))
+        root.append(np.sqrt(sheet.weight[seen]))
         wanted.append(off_m[seen] * random.standard_normal((seen.size, change.shape[1])))
         count += seen.size
     matrix = coo_matrix(

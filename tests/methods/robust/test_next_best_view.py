@@ -33,7 +33,7 @@ def shape() -> JointShape:
 
 
 def rated(shape: JointShape, views: range = range(1, 36)) -> dict[int, Candidate]:
-    return {c.view_index: c for c in rate_candidates(shape, AXIS, ANGLES, views, {0})}
+    return {c.view_index: c for c in rate_candidates(shape, AXIS, ANGLES, views, {0}, 0.03)}
 
 
 def test_the_overlap_is_the_cloth_that_both_views_see_well(shape: JointShape) -> None:
@@ -53,7 +53,7 @@ def test_left_and_right_are_alike_for_a_round_item(shape: JointShape) -> None:
 
 
 def test_the_best_view_turns_the_rim_to_the_camera_and_keeps_an_overlap(shape: JointShape) -> None:
-    best, *_ = rate_candidates(shape, AXIS, ANGLES, range(1, 36), {0})
+    best, *_ = rate_candidates(shape, AXIS, ANGLES, range(1, 36), {0}, 0.03)
     turn = abs((ANGLES[best.view_index] + 180.0) % 360.0 - 180.0)
     assert 30.0 <= turn <= 90.0
     assert best.beyond_m2 > rated(shape)[1].beyond_m2
