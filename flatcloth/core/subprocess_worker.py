@@ -32,6 +32,10 @@ _START_S = 120.0
 _PATIENCE_S = 6.0
 """How long a process may be silent, or take to end. Chosen: shorter ends slow disks, longer makes users
 wait."""
+_MOST_STARVED = 10
+"""How many times as long a worker may take that gets no processor time. Chosen: such a machine is stuck."""
+_LOOK_EVERY_S = 0.5
+"""Interval between looks at a worker that is late. Chosen."""
 _MEMORY = "FLATCLOTH_MEMORY_BYTES"
 _BYTES_PER_S = 20e6
 """The timeout is extended for a large file by the time that a slow disk needs to read it."""
@@ -47,6 +51,16 @@ class WorkerLostError(Exception):
 
 class WorkerHungError(WorkerLostError):
     """The worker did not answer in time."""
+
+
+def failed_to_read(path: Path, error: WorkerLostError, otherwise: str) -> str:
+    """Return a message for the user: that the worker was slow, or ``otherwise``, if it crashed."""
+    if isinstance(error, WorkerHungError):
+        return (
+            f"{path}: its reader {error}. The computer may be busy: try again; if that does not help, the "
+            "file is damaged."
+        )
+    return otherwise
 
 
 @dataclass(frozen=True)
@@ -100,7 +114,7 @@ class Worker:
         )
         self.close = weakref.finalize(self, _end, self._process)
         with self._closing_when_lost():
-            self._receive(time.monotonic() + _START_S)
+            self._receive(time.monotonic() + _START_S, quiet_s=_START_S)
 
     def ask(
         self, table: Mapping[str, Any], progress: Progress = no_progress, limit_s: float = math.inf
@@ -123,7 +137,7 @@ class Worker:
                 raise WorkerLostError(self._end_of_it()) from error
             until_s = time.monotonic() + limit_s
             while True:
-                answer = self._receive(min(until_s, time.monotonic() + self._patience_s))
+                answer = self._receive(until_s)
                 if "progress" not in answer.table:
                     break
                 progress(*answer.table["progress"])
@@ -138,15 +152,26 @@ class Worker:
         assert self._process.stdin is not None
         return self._process.stdin  # type: ignore[return-value]
 
-    def _receive(self, until_s: float) -> Message:
+    def _receive(self, until_s: float, quiet_s: float | None = None) -> Message:
+        """Return the next message; time in which the worker waits for processor or disk does not count."""
         assert self._process.stdout is not None
         fd = self._process.stdout.fileno()
+        patience_s = self._patience_s if quiet_s is None else quiet_s
+        began_s, used_s = time.monotonic(), self._usage()[1]
+
+        def wait() -> None:
+            late_s = began_s + patience_s
+            while not select.select([fd], [], [], max(0.0, min(until_s, late_s) - time.monotonic()))[0]:
+                is_ready, now_used_s = self._usage()
+                late_s = time.monotonic() + _LOOK_EVERY_S
+                is_starved = is_ready and now_used_s - used_s < patience_s
+                if not is_starved or late_s > min(until_s, began_s + _MOST_STARVED * patience_s):
+                    raise WorkerHungError("did not answer in time")
 
         def read(count: int) -> bytes:
             pieces, missing = [], count
             while missing:
-                if not select.select([fd], [], [], max(0.0, until_s - time.monotonic()))[0]:
-                    raise WorkerHungError("did not answer in time")
+                wait()
                 piece = os.read(fd, min(missing, 1 << 20))
                 if not piece:
                     raise WorkerLostError(self._end_of_it())
@@ -155,6 +180,14 @@ class Worker:
             return b"".join(pieces)
 
         return Message(*unpack(read))
+
+    def _usage(self) -> tuple[bool, float]:
+        """Return whether the worker is ready to run or waits for the disk, and its processor time (s)."""
+        try:
+            about = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return False, 0.0
+        return about[0] in "RD", (int(about[11]) + int(about[12])) / os.sysconf("SC_CLK_TCK")
 
     def _end_of_it(self) -> str:
         try:

@@ -14,15 +14,15 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError, SynthesisError
 from flatcloth.core.plain_files import open_plain, read_plain
-from flatcloth.core.subprocess_worker import Worker, WorkerError, WorkerLostError
+from flatcloth.core.subprocess_worker import Worker, WorkerError, WorkerLostError, failed_to_read
 from flatcloth.core.types import Float64, Int32, Uint8
 from flatcloth.recordings.files.images import decode_color, read_header
 from flatcloth.recordings.files.text import shortened
 from flatcloth.synthesis.native import MOST_TEXTURE_PIXELS
 
 SUFFIXES = (".obj", ".ply", ".glb")
-_MOST_TRIANGLES = 2_000_000
-"""Limits of a mesh file. Chosen: they bound time and memory."""
+_MOST_TRIANGLES = 500_000
+"""Limits of a mesh file. Chosen: they bound time and memory; a face of an OBJ takes up to 20 microseconds."""
 _MOST_LINES = 4 * _MOST_TRIANGLES
 """See ``_MOST_TRIANGLES``: a triangle has about a face, a vertex, a texture vertex and a normal."""
 _MOST_LINE_BYTES = 100_000
@@ -175,6 +175,8 @@ class _ObjReader:
             raise ValueError("a face needs at least three corners")
         points = [self._index(c[0], len(self._vertices)) for c in corners]
         textures = [self._index(c[1], len(self._texture)) if len(c) > 1 and c[1] else -1 for c in corners]
+        if len(self._triangles) + len(corners) - 2 > _MOST_TRIANGLES:  # also those without area
+            raise ValueError(f"the limit is {_MOST_TRIANGLES} triangles: decimate the mesh")
         for k in range(1, len(corners) - 1):
             self._triangles.append((points[0], points[k], points[k + 1]))
             self._corners.append((textures[0], textures[k], textures[k + 1]))
@@ -266,7 +268,8 @@ def _read_in_worker(path: Path) -> GarmentMesh:
     except WorkerError as error:
         raise SynthesisError(str(error)) from error
     except WorkerLostError as error:
-        raise SynthesisError(f"{path}: damaged: its reader {error}. Export the surface again.") from error
+        damaged = f"{path}: damaged: its reader {error}. Export the surface again."
+        raise SynthesisError(failed_to_read(path, error, damaged)) from error
     count = sum(name.startswith("image") for name in found) - 1
     return GarmentMesh(
         vertices=found["vertices"],

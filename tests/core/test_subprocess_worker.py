@@ -13,7 +13,15 @@ import numpy as np
 import pytest
 
 from flatcloth.core import subprocess_worker as worker_module
-from flatcloth.core.subprocess_worker import Message, Worker, WorkerError, WorkerLostError, serve
+from flatcloth.core.subprocess_worker import (
+    Message,
+    Worker,
+    WorkerError,
+    WorkerHungError,
+    WorkerLostError,
+    failed_to_read,
+    serve,
+)
 from flatcloth.core.types import Progress
 
 
@@ -36,6 +44,12 @@ def answer(question: Mapping[str, Any], progress: Progress) -> Message:
             ctypes.string_at(0)
         case "hang":
             time.sleep(600)
+        case "spin":
+            while True:
+                pass
+        case "late":
+            time.sleep(1.0)
+            return Message({"said": "late"})
         case "eat":
             return Message({}, {"all": np.ones(worker_module.MEMORY_BYTES)})
         case "leave":
@@ -88,6 +102,26 @@ def test_a_worker_that_is_silent_is_ended(monkeypatch: pytest.MonkeyPatch, worke
     with pytest.raises(WorkerLostError, match="did not answer in time"):
         worker.ask({"do": "hang"})
     assert not worker.close.alive
+
+
+def test_a_worker_that_gets_no_processor_time_is_waited_for(
+    monkeypatch: pytest.MonkeyPatch, worker: Worker
+) -> None:
+    monkeypatch.setattr(worker, "_patience_s", 0.3)
+    with monkeypatch.context() as busy:
+        busy.setattr(worker, "_usage", lambda: (True, 0.0))  # always ready to run, and never running
+        assert worker.ask({"do": "late"}).table == {"said": "late"}
+        with pytest.raises(WorkerHungError):
+            worker.ask({"do": "hang"})
+
+
+def test_a_worker_that_computes_without_end_is_ended(monkeypatch: pytest.MonkeyPatch, worker: Worker) -> None:
+    monkeypatch.setattr(worker, "_patience_s", 0.3)
+    with pytest.raises(WorkerHungError) as caught:
+        worker.ask({"do": "spin"})
+    told = failed_to_read(Path("a.bag"), caught.value, "a.bag: damaged.")
+    assert told.startswith("a.bag: its reader did not answer in time. The computer may be busy: try again")
+    assert failed_to_read(Path("a.bag"), WorkerLostError("crashed"), "a.bag: damaged.") == "a.bag: damaged."
 
 
 def test_a_worker_whose_parent_lets_go_of_it_ends(worker: Worker) -> None:

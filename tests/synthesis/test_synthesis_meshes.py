@@ -11,6 +11,7 @@ import pytest
 from garment_meshes import arc, write_glb, write_obj, write_ply
 
 from flatcloth.core.errors import SynthesisError
+from flatcloth.synthesis import meshes
 from flatcloth.synthesis.meshes import inside_out, read_mesh
 from flatcloth.synthesis.native import read_with_open3d
 
@@ -157,3 +158,12 @@ def test_open3d_that_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     vertices, triangles, _ = arc(columns=2, rows=2)
     with pytest.raises(SynthesisError, match="Rendering needs Open3D"):
         read_with_open3d(write_ply(tmp_path / "a.ply", vertices, triangles))
+
+
+def test_faces_without_area_count_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are dropped in the end, so that only reading them could take for ever."""
+    monkeypatch.setattr(meshes, "_MOST_TRIANGLES", 1000)
+    path = tmp_path / "degenerate.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n" + "f 1 1 1\n" * 1000)
+    with pytest.raises(SynthesisError, match="line 1004 .*the limit is 1000 triangles: decimate"):
+        read_mesh(path)

@@ -12,7 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.subprocess_worker import Message, Worker, WorkerError, WorkerLostError, serve
+from flatcloth.core.subprocess_worker import (
+    Message,
+    Worker,
+    WorkerError,
+    WorkerLostError,
+    failed_to_read,
+    serve,
+)
 from flatcloth.core.types import Progress
 from flatcloth.recordings.files.images import ImageHeader
 
@@ -69,9 +76,8 @@ def _asked(question: Mapping[str, Any], path: Path) -> Message:
             raise RecordingError(str(error)) from error
         except WorkerLostError as error:
             _kept.clear()
-            raise RecordingError(
-                f"{path}: truncated or damaged: its reader {error}. Copy or export the image again."
-            ) from error
+            damaged = f"{path}: truncated or damaged: its reader {error}. Copy or export the image again."
+            raise RecordingError(failed_to_read(path, error, damaged)) from error
 
 
 # --- the worker ------------------------------------------------------------------------------

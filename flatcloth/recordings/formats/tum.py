@@ -15,6 +15,8 @@ from flatcloth.recordings.source import Format, SourceOptions
 UNITS_PER_M = 5000.0
 """The TUM RGB-D format: 5000 is one metre."""
 _ASSOCIATIONS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
+MOST_IMAGES = 10_000
+"""Images in a list. Chosen: five minutes of film; where each leads is looked up, which takes 0.3 ms."""
 _MOST_APART_S = 0.02  # as in TUM's own tool
 
 
@@ -52,6 +54,10 @@ FORMAT = Format(name="tum", what="a TUM RGB-D folder", recognises=is_tum, open=o
 def _rows(path: Path, columns: int) -> list[tuple[int, list[str]]]:
     lines = [(n, line.strip()) for n, line in enumerate(read_text(path).splitlines(), start=1)]
     rows = [(n, line.replace(",", " ").split()) for n, line in lines if line and not line.startswith("#")]
+    if len(rows) > MOST_IMAGES:
+        raise RecordingError(
+            f"{path}: lists {len(rows)} images; the limit is {MOST_IMAGES}. Keep a part of the list."
+        )
     for n, row in rows:
         if len(row) < columns:
             raise RecordingError(
