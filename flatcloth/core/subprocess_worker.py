@@ -182,7 +182,7 @@ class Worker:
         return Message(*unpack(read))
 
     def _usage(self) -> tuple[bool, float]:
-        """Return whether the worker is ready to run or waits for the disk, and its processor time (s)."""
+        """Return whether the worker could run or waits for the disk, and its processor time in seconds."""
         try:
             about = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
