@@ -165,5 +165,5 @@ def test_faces_without_area_count_too(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(meshes, "_MOST_TRIANGLES", 1000)
     path = tmp_path / "degenerate.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n" + "f 1 1 1\n" * 1000)
-    with pytest.raises(SynthesisError, match="line 1004 .*the limit is 1000 triangles: decimate"):
+    with pytest.raises(SynthesisError, match=r"line 1004 .*the limit is 1000 triangles: decimate"):
         read_mesh(path)
