@@ -124,7 +124,7 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
             continue
         picture = cropped(rgba(view, name, integration.axis, len(angles_deg)), view)
         about = f"{1e4 * session.growth.area_m2:.0f} cm\u00b2 from {len(session.growth.steps)} views"
-        if session.growth.sheet.pieces:
+        if session.growth.sheet.floating_m2 > 0.0:
             about += f"; {1e4 * session.growth.sheet.floating_m2:.0f} cm\u00b2 float"
         explained = legend(view, name, integration.axis, angles_deg)
         shape = name == "color"
@@ -230,6 +230,8 @@ def map_drawing(
         return float(_MARGIN + across * per_pixel), float(_HEAD + down * per_pixel)
 
     for n, piece in enumerate(pieces, start=1):
+        if piece.placed is not None:
+            continue
         x, y = place(piece.view.origin_uv_m)
         drawing.text(
             x,

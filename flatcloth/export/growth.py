@@ -70,8 +70,8 @@ class Growth:
 
     @property
     def area_m2(self) -> float:
-        """The area of the shape, without floating pieces."""
-        return self.sheet.canonical.view.area_m2
+        """The area of the shape with the pieces placed on it, without those that float."""
+        return self.sheet.shape_m2
 
     def shown_after(self, order: int) -> Bool:
         """Return the pixels (H, W) that are covered after a step."""
@@ -139,9 +139,9 @@ def _grown(
         integration.canonical(document)  # the last shape stays the one that was used last
         then = at_step(document, order)
         canonical = integration.canonical(then)
-        area_m2.append(canonical.view.area_m2)
-        floating_m2.append(float(sum(piece.area_m2 for piece in canonical.floating)))
         before = sheet_of(canonical, document)
+        area_m2.append(before.shape_m2)
+        floating_m2.append(before.floating_m2)
         if kept is not None:
             kept.keep_sheet(key_of(integration.axis, then), before)
         first[_covers(before, sheet, pieces, first > order)] = order

@@ -168,6 +168,7 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
                 "label": piece.label,
                 "area_cm2": 1e4 * piece.view.area_m2,
                 "reason": piece.reason,
+                "placed": piece.placed is not None,
                 "color": hex_of(piece_color(n)),
                 "grid": grid_of(piece.view),
             }

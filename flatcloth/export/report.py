@@ -99,9 +99,10 @@ def _head(session: OpenedSession) -> Iterable[str]:
 def _floating(sheet: Sheet) -> Iterable[tuple[str, str]]:
     for piece in sheet.pieces:
         area = f"{1e4 * piece.view.area_m2:.0f} cm\u00b2"
+        where = "floats" if piece.placed is None else "part of the shape"
         yield (
             f"Piece {piece.label}",
-            f"floats, {area}; views {', '.join(map(str, piece.views))}. {piece.reason}",
+            f"{where}, {area}; views {', '.join(map(str, piece.views))}. {piece.reason}",
         )
 
 

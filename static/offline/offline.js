@@ -14,7 +14,7 @@ import {
   setText,
   targetOf,
 } from "/static/page/dom.js";
-import { cm2, count, keyName, number } from "/static/page/format.js";
+import { cm2, count, floatingOf, keyName, number } from "/static/page/format.js";
 import { keyOf } from "/static/page/keys.js";
 import { startTips } from "/static/page/notices.js";
 import { actionTable } from "/static/offline/actions.js";
@@ -48,7 +48,7 @@ export class Page {
     });
     // They lie beside the shape as they do in the end.
     this.flat.drawers.push((_, context, style) =>
-      drawPieces(this.flat, context, style, this.step === this.last ? history.pieces : [], null),
+      drawPieces(this.flat, context, style, this.step === this.last ? floatingOf(history).pieces : [], null),
     );
     this.pointed = /** @type {string | null} */ (null); // the named point of the garment that is pointed at
     this.timer = /** @type {number | null} */ (null);

@@ -21,10 +21,12 @@ from flatcloth.engine.sheet import lay_out
 from flatcloth.export.figures import picture_before
 from flatcloth.export.growth import grow, motion_between
 from flatcloth.export.kept import Kept, key_of
+from flatcloth.export.report import _floating
 from flatcloth.export.session import OpenedSession, of_page, open_session
+from flatcloth.garments.deciding import placed_piece
 from flatcloth.methods.answers import Canonical
 from flatcloth.session.axis_file import write_axis
-from flatcloth.session.garment import PlacedPiece
+from flatcloth.session.garment import GarmentDecisions, PlacedPiece
 from flatcloth.session.machine import Accepted, Document
 
 
@@ -103,6 +105,32 @@ def test_floating_pieces_grow_beside_the_shape_and_join_it(session: OpenedSessio
     assert (growth.first_step[growth.sheet.piece == 1] == 1).all()
     on_shape = growth.first_step[growth.sheet.piece == 0]
     assert [int((on_shape == n).sum()) for n in range(3)] == [1000, 0, 0]  # all of it shows view 0
+
+
+def test_a_piece_placed_by_the_garment_counts_as_shape(session: OpenedSession) -> None:
+    main, piece = sheet(0, 0, 40, 0.0), sheet(1, 60, 30, 0.0)
+    far = replace(piece, origin_uv_m=(12.0, 3.0))
+    canonical = Canonical(view=main, current_from_view={}, floating=(far,))
+
+    class Shapes:
+        recording = session.integration.recording
+
+        def canonical(self, _document: Document) -> Canonical:
+            return canonical
+
+    onto = Rigid2(0.0, 0.1 - 12.0, -3.0)
+    decided = placed_piece(far, main, onto, 0.9, accepted=True)
+    document = Document(
+        start_view=0, accepted=(Accepted(1, Rigid2()),), garment=GarmentDecisions(pieces=(decided,))
+    )
+    history = replace(session.history, document=document, decisions=())
+    growth = grow(cast("Integration", Shapes()), history)
+    pixel_m2 = main.pixel_size_m**2
+    assert growth.area_m2 == pytest.approx(1400 * pixel_m2)
+    last = growth.steps[-1]
+    assert (last.area_m2, last.floating_m2) == pytest.approx((1400 * pixel_m2, 0.0))
+    told = dict(_floating(growth.sheet))["Piece B"]
+    assert told.startswith("part of the shape")
 
 
 def test_shapes_that_share_too_little_have_no_motion() -> None:
