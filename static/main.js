@@ -19,7 +19,7 @@ import { showPalette } from "/static/page/palette.js";
 import { loadScene, startScene } from "/static/page/scene.js";
 import { SceneMarks } from "/static/page/scene_marks.js";
 import { StatusLines } from "/static/page/status.js";
-import { applyTheme, toggleTheme } from "/static/page/theme.js";
+import { applyTheme, onTheme, toggleTheme } from "/static/page/theme.js";
 import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/page/toolbar.js";
 import { PANELS } from "/static/panels/index.js";
 import { LiveBar } from "/static/panels/live.js";
@@ -31,6 +31,9 @@ import { markPresent, Timeline } from "/static/review/timeline.js";
 import { Verdicts } from "/static/review/verdicts.js";
 import { answerDrops } from "/static/start/drop.js";
 import { Teaching } from "/static/teaching/teaching.js";
+
+const LEAST_MOVE_M = 0.00005; // what is shown as 0.0 mm and 0.0° is no move
+const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
 
 let askedLayer = /** @type {string | null} */ (null); // in live mode: what the next frame was asked for with
 
@@ -161,13 +164,14 @@ function showLayer(/** @type {State} */ state) {
   showLegend(looking.legend(looked, legend));
   looking.show(looked, legend, false, state.layers?.legends);
   byId("empty").hidden = Boolean(state.layers);
-  const computing = state.phase === "computing";
-  setText(
-    byId("empty"),
-    computing
-      ? "The start view is being flattened."
-      : "Nothing is flattened yet. Press Step (S): the start view is chosen and flattened.",
-  );
+  setText(byId("empty"), whyEmpty(state));
+}
+
+function whyEmpty(/** @type {State} */ { trouble, start_view, phase }) {
+  if (trouble) return trouble;
+  if (start_view !== null) return "The shape of the session is being drawn.";
+  if (phase === "computing") return "The start view is being flattened.";
+  return "Nothing is flattened yet. Press Step (S): the start view is chosen and flattened.";
 }
 
 // --- do ----------------------------------------------------------------------------------------
@@ -248,11 +252,14 @@ const modesNow = () => [
 
 function sendMove(/** @type {By} */ by) {
   if (!page.state.pending) return;
+  const seen = Math.hypot(by.u, by.v) >= LEAST_MOVE_M || Math.abs(by.theta) >= LEAST_TURN_RAD;
+  if (!seen) return canvas.resetPreview();
   const { view_index } = page.state.pending;
   send({ type: "move", view_index, theta_rad: by.theta, u_m: by.u, v_m: by.v });
 }
 
 byId("cancel").addEventListener("click", () => run("cancel"));
+onTheme(() => page.redrawMarks()); // their colours are those of the theme
 applyTheme();
 startTips();
 answerDrops();

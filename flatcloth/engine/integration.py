@@ -41,6 +41,7 @@ from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
 from flatcloth.methods.starting import overlap_area_m2
 from flatcloth.recordings.base import Recording
+from flatcloth.session.document import finish
 from flatcloth.session.machine import (
     Document,
     Event,
@@ -334,7 +335,7 @@ class Integration:
             plan = plan_put_off(self.plan, _with_refused(document, passed))
             if plan.view_index is None:
                 reason = plan.reason + (" Left out: " + " ".join(tried) if tried else "")
-                if self.algorithm.is_outgrown(document):
+                if self._takes_largest(document, reason):
                     reason += " A floating piece has outgrown the shape and takes its place."
                     return NothingMore(token, reason, takes_largest=True)
                 return NothingMore(token, reason)
@@ -347,6 +348,16 @@ class Integration:
                 passed.add(Rejected(plan.view_index, str(error), len(document.accepted)))
                 continue
             return self._proposed(document, token, proposal)
+
+    def _takes_largest(self, document: Document, reason: str) -> bool:
+        """Return whether a floating piece is larger than the shape, and is so too once it is the shape.
+
+        Doubted links may part a piece that was larger, so that the shape would be smaller than before.
+        """
+        if not self.algorithm.is_outgrown(document):
+            return False
+        shown = self.canonical(finish(document, reason, takes_largest=True))
+        return all(piece.area_m2 <= shown.view.area_m2 for piece in shown.floating)
 
     def _by_hand(self, document: Document, token: int, view_index: int, progress: Progress) -> Event:
         side = self.algorithm.side_of(document, view_index)

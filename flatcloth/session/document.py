@@ -22,6 +22,10 @@ MAX_EXTENT_M = 10.0
 """Largest coordinate on a garment's plane: curtains and bed linen are smaller than 6 m."""
 MAX_ANSWER_M = 1000.0
 """Farthest computed placement. Chosen: far above real ones, so that only damaged journals exceed it."""
+LEAST_MOVE_M = 0.00005
+"""Smallest move by hand. Chosen: the page shows less as 0.0 mm."""
+LEAST_TURN_RAD = math.radians(0.05)
+"""Smallest turn by hand. Chosen: the page shows less as 0.0 degrees."""
 MOST_PLACED_WITH = 1000
 """Most parts that are placed with a view. Chosen: far above the parts of all views of a turn."""
 
@@ -128,8 +132,9 @@ class Pending:
 
     @property
     def moved(self) -> bool:
-        """Whether the operator has moved the view from its proposed placement."""
-        return self.nudge != Rigid2()
+        """Whether the operator has moved the view from its proposed placement, as far as can be seen."""
+        by = self.nudge
+        return math.hypot(by.u_m, by.v_m) >= LEAST_MOVE_M or abs(by.theta_rad) >= LEAST_TURN_RAD
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,6 @@ export class Looking {
     this.chip = smallButton("", () => this.turn(0, false), {
       class: "turned",
       hidden: true,
-      label: "Undo turn and flip",
       tip: "The flattened view is turned or flipped for looking only; the data are not.\nClick: as it is",
     });
     byId("stage").append(this.chip);
@@ -74,7 +73,9 @@ export class Looking {
     const degrees = Math.round((angle * 180) / Math.PI) % 360;
     this.chip.hidden = degrees === 0 && !flipped;
     const turned = degrees ? `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°` : "";
-    setText(this.chip, [turned, flipped ? "flipped" : ""].filter(Boolean).join(", "));
+    const told = [turned, flipped ? "flipped" : ""].filter(Boolean).join(", ");
+    setText(this.chip, told);
+    this.chip.setAttribute("aria-label", `${told}: undo turn and flip`);
   }
 
   // --- colour map and window -------------------------------------------------------------------

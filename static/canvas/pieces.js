@@ -4,6 +4,7 @@ import { boxOf, cornersOf } from "/static/canvas/geometry.js";
 import { drawLabel, strokeLine } from "/static/canvas/marks.js";
 import { number } from "/static/page/format.js";
 
+const HIGH_PX = 19;
 const FONT = "600 13px system-ui, sans-serif";
 
 /**
@@ -12,28 +13,34 @@ const FONT = "600 13px system-ui, sans-serif";
  * @param {string | null} chosen
  */
 export function drawPieces(canvas, context, style, pieces, chosen) {
+  const taken = /** @type {Tag[]} */ ([]);
   for (const piece of pieces) {
     const corners = cornersOf(boxOf(piece.grid)).map(([u, v]) => canvas.transform.toPane(u, v));
     const chosenOne = piece.label === chosen;
     strokeLine(context, [...corners, corners[0]], piece.color, chosenOne ? 3 : 1.5, chosenOne ? [] : [5, 4]);
-    drawTag(context, style, corners, piece, canvas.width);
+    taken.push(drawTag(context, style, corners, piece, canvas.width, taken));
   }
 }
 
+/** @typedef {{ x: number; top: number; right: number }} Tag */
+
 /**
- * Within the canvas to the right, so that the area can be read.
+ * Within the canvas to the right, so that the area can be read; below the tags that lie there.
  * @param {Context} context @param {Style} style @param {Point[]} corners @param {Piece} piece
- * @param {number} right
+ * @param {number} right @param {Tag[]} taken
  */
-function drawTag(context, style, corners, piece, right) {
-  const y = Math.min(...corners.map((c) => c.y));
+function drawTag(context, style, corners, piece, right, taken) {
   const text = `${piece.label} · ${number(piece.area_cm2, 0)} cm²`;
   context.font = FONT;
   context.textBaseline = "middle";
   const width = context.measureText(text).width + 20;
   const left = Math.min(...corners.map((c) => c.x));
   const x = left < right ? Math.min(left, right - width) : left;
-  drawLabel(context, style, text, [x + 12, y - 11], [x, y - 21, width, 19]);
+  let top = Math.min(...corners.map((c) => c.y)) - HIGH_PX - 2;
+  const covered = () => taken.find((tag) => x < tag.right && x + width > tag.x && Math.abs(top - tag.top) < HIGH_PX);
+  for (let tag = covered(); tag; tag = covered()) top = tag.top + HIGH_PX + 1;
+  drawLabel(context, style, text, [x + 12, top + 10], [x, top, width, HIGH_PX]);
   context.fillStyle = piece.color;
-  context.fillRect(x, y - 21, 6, 19);
+  context.fillRect(x, top, 6, HIGH_PX);
+  return { x, top, right: x + width };
 }

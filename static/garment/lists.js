@@ -31,13 +31,13 @@ const stateOf = (point) => (point.held ? "held by hand" : point.seen ? "seen" : 
  * @param {GarmentPoint} point @param {string} more @param {Listeners} on
  */
 export function pointButton(point, more, on) {
-  const about = `${stateOf(point)}, known to ${number(point.std_mm, 0)} mm`;
+  const state = stateOf(point);
   return make(
     "button.point",
-    { label: `${words(point.name)}, ${about}`, key: `point-${point.name}`, tip: about + more, on },
+    { key: `point-${point.name}`, tip: `${state}, known to ${inMm(point.std_mm, 0)}${more}`, on },
     make("i.sign", { "aria-hidden": "true" }, point.held ? "◆" : point.seen ? "●" : "○"),
-    make("span", words(point.name)),
-    make("small", `± ${number(point.std_mm, 0)} mm`),
+    make("span", words(point.name), make("span.unseen", `, ${state}, `)),
+    make("small", `± ${inMm(point.std_mm, 0)}`),
   );
 }
 

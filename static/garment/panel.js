@@ -26,6 +26,7 @@ export class GarmentPanel {
     this.shown = true; // outline and points on the canvas
     this.told = /** @type {State["garment"]} */ (null); // what the server says
     this.pointed = /** @type {string | null} */ (null); // the name of the point that is pointed at
+    this.decided = -1; // the revision of which a link was decided
     this.finished = false; // whether the finished shape was turned upright
     /** @type {{ angle: number; flipped: boolean } | null} */
     this.turnedFrom = null; // how the view was turned before it was turned upright
@@ -79,7 +80,9 @@ export class GarmentPanel {
     const kind = found?.kind;
     show("tools", [Boolean(found)], () => found && this.tools());
     show("kinds", [found?.probabilities, kind, found?.by_hand], () => found && this.kinds(found, told.kinds));
-    show("links", [found?.links, told.working, told.revision], () => found?.links.map(this.link, this));
+    // While the shape is drawn without a part, its link is none to decide about.
+    const links = told.working || this.decided === told.revision ? [] : (found?.links ?? []);
+    show("links", [links, told.revision], () => links.map(this.link, this));
     show("points", [kind, found?.points], () => kind && this.points(found));
     show("dimensions", [kind, found?.dimensions], () => kind && dimensions(found));
   }
@@ -104,7 +107,7 @@ export class GarmentPanel {
     const area = cm2(area_cm2);
     /** @param {string} title @param {boolean} taken_off @param {string} tip */
     const decide = (title, taken_off, tip) =>
-      smallButton(title, () => this.page.send({ type: "decide_link", revision, index, taken_off }), {
+      smallButton(title, () => this.decideLink({ revision, index, taken_off }), {
         label: `${title}: the part of ${area}`,
         key: `link-${index}-${taken_off}`,
         tip: `${tip}\nUndo takes it back.`,
@@ -120,6 +123,11 @@ export class GarmentPanel {
       decide("Take it off", true, "It floats then, as a piece of its own; the measured data stay."),
       decide("Keep it", false, "The link is right; it is not asked about again."),
     );
+  }
+
+  decideLink(/** @type {{ revision: number; index: number; taken_off: boolean }} */ about) {
+    if (this.page.send({ type: "decide_link", ...about })) this.decided = about.revision;
+    this.show();
   }
 
   points(/** @type {FoundGarment} */ found) {

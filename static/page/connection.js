@@ -9,10 +9,13 @@ const nothing = () => null;
 export const ask = (/** @type {string} */ address, /** @type {RequestInit} */ options = {}) =>
   fetch(address, options).catch(nothing);
 
+/** What the server says, with the units as people write them. */
+const parsed = (/** @type {string} */ text) => JSON.parse(text.replaceAll(" cm2", " cm²"));
+
 /** What a request is answered with; null without a connection, or if it is refused. */
 export async function askJson(/** @type {string} */ address) {
   const answer = await ask(address);
-  return answer?.ok ? answer.json().catch(nothing) : null;
+  return answer?.ok ? answer.text().then(parsed).catch(nothing) : null;
 }
 
 /** The picture at an address; null if it cannot be had. @returns {Promise<ImageBitmap | null>} */
@@ -52,7 +55,7 @@ export class Connection {
       this.openedBefore = true;
     };
     socket.onmessage = ({ data }) => {
-      if (typeof data === "string") this.handlers.message(JSON.parse(data));
+      if (typeof data === "string") this.handlers.message(parsed(data));
       else this.handlers.frame(data);
     };
     socket.onclose = () => {

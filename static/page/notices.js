@@ -2,7 +2,8 @@
 
 import { byId, closeButton, make, placeBeside, staysIn, targetOf } from "/static/page/dom.js";
 
-const STAYS_MS = { info: 7000, warning: 10000 }; // errors stay until they are dismissed
+const STAYS_MS = { info: 7000, warning: 10000, error: 20000 }; // longer under the pointer; the log has all
+const MOST_SHOWN = 3;
 const KEPT = 200;
 const WORDS = { info: "Note", warning: "Warning", error: "Error" };
 
@@ -20,9 +21,16 @@ export function notify(/** @type {Note["level"]} */ level, /** @type {string} */
     make("p", text),
     closeButton("Dismiss", () => toast.remove()),
   );
-  byId("toasts").append(toast);
-  while (byId("toasts").childElementCount > 4) byId("toasts").firstElementChild?.remove();
-  if (level !== "error") setTimeout(() => toast.remove(), STAYS_MS[level]);
+  const toasts = byId("toasts");
+  // The same again takes the place of the former.
+  for (const old of toasts.children) if (old.querySelector("p")?.textContent === text) old.remove();
+  toasts.append(toast);
+  while (toasts.childElementCount > MOST_SHOWN) toasts.firstElementChild?.remove();
+  const end = () => {
+    if (toast.matches(":hover, :focus-within")) setTimeout(end, STAYS_MS.info);
+    else toast.remove();
+  };
+  setTimeout(end, STAYS_MS[level]);
 }
 
 /** @param {Note["level"]} level @param {string} text @param {number} timeS */

@@ -99,7 +99,7 @@ function hint(/** @type {State} */ state) {
         ` or move it with the arrow keys.${waiting}${area}`
       );
     case "finished":
-      return `Finished: ${(state.finished ?? "").replaceAll("cm2", "cm²")} Click the cloth for a grasp point.${area}`;
+      return `Finished: ${state.finished ?? ""} Click the cloth for a grasp point.${area}`;
     default:
       return state.start_view === null
         ? "Press Step (S): the start view is chosen and flattened."

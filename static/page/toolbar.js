@@ -103,11 +103,21 @@ export class Toolbar {
 
   button(/** @type {string} */ name, /** @type {string | null} */ title = null) {
     const action = this.action(name);
+    const key = keyName(action.keys[0]);
+    // What is seen comes first, so that a button can be called by what is written on it.
+    const label = title && `${title} ${key}: ${action.title}`;
     return make(
       "button.button",
-      { label: title ? action.title : null, key: name, data: { action: name }, click: () => this.run(name) },
+      {
+        label,
+        key: name,
+        data: { action: name },
+        "aria-keyshortcuts": action.keys.map((key) => key.replace("Ctrl", "Control")).join(" "),
+        click: () => this.run(name),
+      },
       title ?? action.title,
-      make("kbd", keyName(action.keys[0])),
+      " ",
+      make("kbd", key),
     );
   }
 

@@ -115,7 +115,7 @@ function showProposal(state, send, show) {
       make(
         "p.note",
         { tip: "What the planner expected of this view, before it was laid on the shape" },
-        `Planned for: ${pending.reason.replaceAll("cm2", "cm²")}`,
+        `Planned for: ${pending.reason}`,
       ),
   ]);
 }
@@ -161,7 +161,7 @@ function placesOf(
     return make(
       "button",
       {
-        label: `${source}, score ${number(h.score, 2)}`,
+        label: `${short} ${number(h.score, 2)}: ${source}`,
         key: `place-${index}`,
         tip: `${source}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}. Click: lay it there.`,
         click: () => send({ type: "choose", view_index, index }),
@@ -196,14 +196,9 @@ function checkList(/** @type {Pending["checks"]} */ checks, /** @type {(place: U
       { class: passed ? "passed" : "failed" },
       make(
         "button",
-        {
-          label: `${title}: ${number(value)} ${unit}, ${passed ? "passed" : "failed"}`,
-          key: `check-${name}`,
-          tip: `${CHECKS[name]}\nClick: show the place.`,
-          click: () => place && show(place),
-        },
+        { key: `check-${name}`, tip: `${CHECKS[name]}\nClick: show the place.`, click: () => place && show(place) },
         make("b", { "aria-hidden": "true" }, passed ? "✓" : "✕"),
-        make("span", title),
+        make("span", title, make("span.unseen", passed ? ": passed, " : ": failed, ")),
         make("span", `${number(value)} of ${number(check.limit, 0)} ${unit}`),
       ),
     );

@@ -93,15 +93,16 @@ export class Repair {
       "button.button",
       {
         pressed: chosen,
-        label: `Part ${component + 1}, ${area}` + (waits ? ", waits" : ""),
         key: `piece-${component}`,
         tip: waits
           ? "Nothing connects this part to the shape yet; it floats until something does.\nClick: place it by hand."
           : "Place this part of the view.",
         click: () => chosen || this.page.send({ type: "take_part", view_index, component }),
       },
+      make("span.unseen", "Part "),
       make("b", String(component + 1)),
-      area + (waits ? " …" : ""),
+      ` ${area}`,
+      waits && make("span", { "aria-hidden": "true" }, " …"),
     );
   }
 

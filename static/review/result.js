@@ -1,6 +1,6 @@
 // The result: how much cloth, how reliable, what is missing and why, what to review, and the data to take away.
 
-import { ask } from "/static/page/connection.js";
+import { askJson } from "/static/page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "/static/page/dom.js";
 import { exportButton, showExports } from "/static/page/exports.js";
 import { cm2, count, floatingOf, mm, number, percent } from "/static/page/format.js";
@@ -53,9 +53,8 @@ export class ResultPanel {
 
   async load(/** @type {number} */ revision) {
     this.loading = revision;
-    const answer = await ask("/review/result.json");
-    const found = answer?.ok ? /** @type {Found} */ (await answer.json()) : null;
-    const trouble = (await (found ? "" : answer?.text())) ?? "There is no connection.";
+    const found = /** @type {Found | null} */ (await askJson("/review/result.json"));
+    const trouble = "The result cannot be had now; the next decision asks again.";
     this.found = found ?? { revision, trouble, median_std_mm: null, reliable_share: null, left_out: [], more: null };
     if (this.found.revision !== this.loading) this.loading = 0; // a newer picture is on its way
     this.page.changed();
@@ -71,7 +70,7 @@ export class ResultPanel {
         finished ? "Finished" : "Result so far",
         closeButton("Close the result", () => this.toggle(), { key: "close-result" }),
       ),
-      finished && make("p.note", finished.replaceAll("cm2", "cm²")),
+      finished && make("p.note", finished),
       values(
         ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
         floating && ["Floating", `${cm2(floating)} (${letters})`, "Cloth that no view connects to the shape yet"],
@@ -140,12 +139,12 @@ export class ResultPanel {
     return [
       make("h3", "Another view"),
       best.length
-        ? make("p.note", `${count(best.length, "more view")} would add about ${likely(total)}, ${told}.`)
-        : make("p.note", reason.replaceAll("cm2", "cm²")),
+        ? make("p.note", `${count(best.length, "more view")} would add up to about ${likely(total)}, ${told}.`)
+        : make("p.note", reason),
       make(
         "ul",
         ...best.map(({ view_index, area_cm2 }) =>
-          this.link(view_index, `more-${view_index}`, `about ${likely(area_cm2)}`, "", () =>
+          this.link(view_index, `more-${view_index}`, `up to ${likely(area_cm2)}`, "", () =>
             this.verdicts.propose(this.page.state.views[view_index]),
           ),
         ),

@@ -67,13 +67,13 @@ export class Timeline {
         click: () => this.choose(view),
       },
       shown && make("span.pair", ...this.pictures(view, state, labelled)),
-      make("span.sign", { "aria-hidden": "true" }, live ? String(view.index) : view.flagged ? "⚑" : sign),
-      shown && view.order && make("span.order", { "aria-hidden": "true" }, String(view.order)),
+      live ? make("span.sign", String(view.index)) : drawn("span.sign", view.flagged ? "⚑" : sign),
+      shown && view.order && drawn("span.order", String(view.order)),
       shown && scoreBar(view.score, view.flagged),
       make(
         "span.angle",
         number(view.angle_deg, 0),
-        shown && view.added_cm2 !== null && make("b", added(view.added_cm2)),
+        shown && view.added_cm2 !== null && drawn("b", added(view.added_cm2)),
       ),
     );
   }
@@ -136,6 +136,10 @@ export class Timeline {
     return { scrubbed: this.scrubbed };
   }
 }
+
+/** A sign that is drawn by the style sheet: the name of its button has it in words. */
+const drawn = (/** @type {string} */ selector, /** @type {string} */ sign) =>
+  make(selector, { "aria-hidden": "true", data: { sign } });
 
 /** Views with a decision have pictures: the others are not flattened yet. */
 export const isFlattened = (/** @type {ViewRow} */ view) => view.state !== "unused";

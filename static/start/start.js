@@ -17,6 +17,14 @@ const WORDS = { recording: "recording", session: "session", file: "file", folder
  */
 
 const SLOW_MS = 6000;
+const AGAIN_MS = 1000;
+const NO_CONNECTION = "There is no connection to flatcloth. Start it again: this page goes on by itself.";
+
+/** Once the program answers again, the page is loaded anew: it may be another program, with other places. */
+async function comeBack() {
+  if ((await ask("/start/places.json"))?.ok) location.reload();
+  else setTimeout(comeBack, AGAIN_MS);
+}
 
 /**
  * What the program answers; `error` if it cannot.
@@ -27,7 +35,10 @@ const SLOW_MS = 6000;
  */
 async function answerTo(asked) {
   const answer = await asked;
-  if (!answer) return /** @type {never} */ ({ error: "There is no connection to flatcloth; start it again." });
+  if (!answer) {
+    setTimeout(comeBack, AGAIN_MS);
+    return /** @type {never} */ ({ error: NO_CONNECTION });
+  }
   return answer.json().catch(() => ({ error: `The program answered ${answer.status}.` }));
 }
 

@@ -95,7 +95,7 @@ export class Teaching {
     const root = (this.root ??= this.build());
     this.opener = /** @type {HTMLElement | null} */ (document.activeElement);
     this.behind = /** @type {HTMLElement[]} */ ([...document.body.children]).filter(
-      (e) => e !== root && !e.inert && !["toasts", "tip"].includes(e.id) && e.tagName !== "DIALOG",
+      (e) => e !== root && !e.inert && e.id !== "notes" && e.tagName !== "DIALOG",
     );
     for (const element of this.behind) element.inert = true;
     root.hidden = false;

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -264,6 +265,22 @@ def test_at_the_end_a_larger_piece_takes_the_place_of_the_shape(monkeypatch: pyt
     assert "takes its place" in (ended.document.finished or "")
     made.canonical(ended.document)  # nothing floats here: the shape is the largest piece
     assert not Integration(Cylinder(angles_deg=(0.0,))).algorithm.is_outgrown(state.document)
+
+
+def test_a_piece_that_would_not_stay_larger_does_not_take_the_place_of_the_shape(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = Integration(Cylinder(angles_deg=(0.0,)))
+    state = started(made)
+    shape = made.canonical(state.document)
+    parted = replace(
+        shape, floating=(shape.view, shape.view), view=replace(shape.view, valid=~shape.view.valid)
+    )
+    monkeypatch.setattr(made.algorithm, "is_outgrown", lambda _document: True)
+    monkeypatch.setattr(made, "canonical", lambda _document: parted)
+    ended = stepped(made, state, Propose())
+    assert ended.document.largest_after == ()
+    assert "takes its place" not in (ended.document.finished or "")
 
 
 def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_again() -> None:

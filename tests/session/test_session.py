@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -18,6 +19,7 @@ from flatcloth.session.machine import (
     LeaveOut,
     NothingMore,
     Nudge,
+    Pending,
     Phase,
     PlacedPart,
     Propose,
@@ -225,3 +227,10 @@ def test_a_further_part_that_is_left_out_waits_and_undo_takes_it_back() -> None:
     reopened = after(*SEVERAL, LeaveOut(3, 2, 4), Accept(3), Reopen(3)).document.pending
     assert reopened is not None
     assert (reopened.also, reopened.left_out) == (ALSO[:1], {(2, 4)})
+
+
+def test_a_move_that_the_page_shows_as_none_is_no_placement_by_hand() -> None:
+    pending = Pending(1, Rigid2())
+    assert not replace(pending, nudge=Rigid2(1e-9, 4e-5, 1e-17)).moved
+    assert replace(pending, nudge=Rigid2(0.0, 1e-4, 0.0)).moved
+    assert replace(pending, nudge=Rigid2(math.radians(0.1), 0.0, 0.0)).moved

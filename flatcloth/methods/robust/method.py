@@ -86,7 +86,9 @@ class RobustMethod(Method):
             reason = f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2."
             return _no_plan(reason, rated)
         if len(used) >= c.most_views and not self.is_unattended:
-            return _no_plan(_more_to_be_had(len(used), [r.new_m2 for r in rated], c.least_new_m2), rated)
+            more = sum(candidate.new_m2 >= c.least_new_m2 for candidate in rated)
+            reason = f"The limit of {len(used)} views is reached; {more} more may show cloth that is missing."
+            return _no_plan(f"{reason} Choose one to continue.", rated)
         return Plan(
             view_index=best.view_index,
             side=None,
@@ -284,14 +286,6 @@ def _edges_of(shape: JointShape) -> SurfaceEdges:
         edges=shape.links.edges,
         length_m=shape.links.length_m,
         evidence=shape.evidence,
-    )
-
-
-def _more_to_be_had(used: int, new_m2: list[float], least_new_m2: float) -> str:
-    more = [area for area in new_m2 if area >= least_new_m2]
-    return (
-        f"The limit of {used} views is reached; {len(more)} more are expected to add up to "
-        f"{1e4 * max(more):.0f} cm2 each. Choose one to continue."
     )
 
 
