@@ -29,7 +29,7 @@ from flatcloth.core.types import (
     RotationAxis,
     no_progress,
 )
-from flatcloth.engine.following import follow, laid_beside, plan_put_off
+from flatcloth.engine.following import ended, follow, laid_beside, plan_put_off
 from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place_all
@@ -41,11 +41,9 @@ from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
 from flatcloth.methods.starting import overlap_area_m2
 from flatcloth.recordings.base import Recording
-from flatcloth.session.document import finish
 from flatcloth.session.machine import (
     Document,
     Event,
-    NothingMore,
     Pending,
     PlacedPart,
     Proposed,
@@ -335,10 +333,7 @@ class Integration:
             plan = plan_put_off(self.plan, _with_refused(document, passed))
             if plan.view_index is None:
                 reason = plan.reason + (" Left out: " + " ".join(tried) if tried else "")
-                if self._takes_largest(document, reason):
-                    reason += " A floating piece has outgrown the shape and takes its place."
-                    return NothingMore(token, reason, takes_largest=True)
-                return NothingMore(token, reason)
+                return ended(self.algorithm, self.canonical, document, token, reason)
             if self.flattens_ahead:
                 self.views.flatten_ahead(self._likely_after(plan))
             try:
@@ -348,16 +343,6 @@ class Integration:
                 passed.add(Rejected(plan.view_index, str(error), len(document.accepted)))
                 continue
             return self._proposed(document, token, proposal)
-
-    def _takes_largest(self, document: Document, reason: str) -> bool:
-        """Return whether a floating piece is larger than the shape, and is so too once it is the shape.
-
-        Doubted links may part a piece that was larger, so that the shape would be smaller than before.
-        """
-        if not self.algorithm.is_outgrown(document):
-            return False
-        shown = self.canonical(finish(document, reason, takes_largest=True))
-        return all(piece.area_m2 <= shown.view.area_m2 for piece in shown.floating)
 
     def _by_hand(self, document: Document, token: int, view_index: int, progress: Progress) -> Event:
         side = self.algorithm.side_of(document, view_index)
