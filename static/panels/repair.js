@@ -102,7 +102,7 @@ export class Repair {
       make("span.unseen", "Part "),
       make("b", String(component + 1)),
       ` ${area}`,
-      waits && make("span", { "aria-hidden": "true" }, " …"),
+      waits && [make("span", { "aria-hidden": "true" }, " …"), make("span.unseen", ", waits")],
     );
   }
 

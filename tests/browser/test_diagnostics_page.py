@@ -139,7 +139,7 @@ def test_hypotheses_are_pictures_to_choose_from(open_tab):
     hypotheses = tab.state()["pending"]["hypotheses"]
     assert pictures.count() == len(hypotheses) > 1
     score = tab.state()["pending"]["score"]
-    tab.page.get_by_role("button", name=re.compile(f"score {hypotheses[1]['score']:.2f}")).first.click()
+    tab.page.get_by_role("button", name=re.compile(f"{hypotheses[1]['score']:.2f}")).first.click()
     tab.until(f"flatcloth.state.pending.score !== {score}")
     assert tab.state()["pending"]["score"] == pytest.approx(hypotheses[1]["score"], abs=0.02)
     tab.shoot("diagnostics-hypotheses")
