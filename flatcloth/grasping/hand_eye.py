@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -79,10 +80,9 @@ def rigid_from_matrix(matrix: Float64, path: Path | str) -> Rigid3:
         raise HandEyeError(
             f"{path}: {KEY} mirrors. Both frames must be right-handed: swap or negate an axis."
         )
-    if np.linalg.norm(shift) > _FURTHEST_M:
-        raise HandEyeError(
-            f"{path}: {KEY} puts the camera {np.linalg.norm(shift):.0f} m from the robot. Give metres."
-        )
+    distance_m = math.hypot(*shift)  # unlike numpy's norm, it does not warn of absurd numbers
+    if distance_m > _FURTHEST_M:
+        raise HandEyeError(f"{path}: {KEY} puts the camera {distance_m:.3g} m from the robot. Give metres.")
     left, _, right = np.linalg.svd(turn)
     return Rigid3(left @ right, shift)
 

@@ -1,0 +1,207 @@
+"""Programs killed at any moment, and verdicts damaged: what was acknowledged stays, nothing is invented.
+
+The counts are printed: ``python -m pytest -m thorough -s tests/torture``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from exported_sessions import write_cylinder
+from websockets.sync.client import connect
+
+from flatcloth.batch.review import FILE, decide, read_verdicts
+from flatcloth.batch.rows import read_row, rows_in, write_row
+from flatcloth.cli import main
+from flatcloth.core.errors import JournalError
+from flatcloth.export.history import read_history
+from torture.test_torture import _cut, _double, _flip, _insert, _overwrite, _remove, _swap
+
+PAGE_KILLS, RUN_KILLS, BATCH_KILLS, DAMAGES = 200, 50, 50, 1000
+ROOT = Path(__file__).parents[2]
+RESULTS = "abc"
+pytestmark = pytest.mark.thorough
+
+
+def started(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "app.py", *arguments],
+        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True,
+    )  # fmt: skip
+
+
+def killed(process: subprocess.Popen[str]) -> None:
+    """Kill it and its children, as a power cut would."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert process.stdout is not None
+    process.stdout.close()
+
+
+def lines_of(journal: Path) -> bytes:
+    """Return the whole lines of a journal."""
+    data = journal.read_bytes() if journal.exists() else b""
+    return data[: data.rfind(b"\n") + 1]
+
+
+# --- the page ------------------------------------------------------------------------------------
+
+
+def picked(url: str, token: str, rng: random.Random) -> set[int]:
+    """Pick places of the shape until a random moment; return the picks that the page has shown."""
+    seen: set[int] = set()
+    until = time.monotonic() + (60.0 if rng.random() < 0.8 else rng.uniform(0.0, 2.0))
+    shown = False
+    with connect(
+        url.replace("http", "ws") + "/ws",
+        origin=url,  # type: ignore[arg-type]
+        max_size=None,
+        additional_headers={"Authorization": f"Bearer {token}"},
+    ) as socket:
+        while (left := until - time.monotonic()) > 0:
+            with contextlib.suppress(TimeoutError):
+                message = json.loads(socket.recv(timeout=left))
+                if message["type"] != "state":
+                    continue
+                seen = {pick["id"] for pick in message["picks"]}
+                if layers := message["layers"]:
+                    if not shown:
+                        shown, until = True, time.monotonic() + rng.uniform(0.0, 1.0)
+                    (u, v), size = layers["origin_uv_m"], layers["pixel_size_m"]
+                    u += size * layers["cols"] * rng.random()
+                    v += size * layers["rows"] * rng.random()
+                    socket.send(json.dumps({"type": "pick", "u_m": u, "v_m": v}))
+    return seen
+
+
+def test_what_the_page_has_shown_survives_its_kill(tmp_path: Path) -> None:
+    recording, session = write_cylinder(tmp_path / "recording"), tmp_path / "session"
+    rng, counts, before = random.Random(3), Counter[str](), set[int]()
+    for _ in range(PAGE_KILLS):
+        page = started("view", str(recording), "--session", str(session), "--port", "0")
+        assert page.stdout is not None
+        found = None
+        while found is None:
+            line = page.stdout.readline()
+            assert line, "the page did not start"
+            found = re.search(r"(http://\S+)/\?token=(\S+)", line)
+        seen = picked(found[1], found[2], rng) | before
+        kept = lines_of(session / "journal.jsonl")
+        killed(page)
+        on_disk = {pick.id for pick in read_history(session).picks}
+        counts["kills"] += 1
+        counts["lost"] += len(seen - on_disk)
+        counts["rewritten"] += not lines_of(session / "journal.jsonl").startswith(kept)
+        counts["picks"] = len(on_disk)
+        before = on_disk
+    print(f"\npage killed: {dict(counts)}")
+    assert counts["picks"] > PAGE_KILLS // 10
+    assert counts["lost"] == counts["rewritten"] == 0
+
+
+# --- run and batch -------------------------------------------------------------------------------
+
+
+def test_a_run_that_is_killed_goes_on_from_its_journal(tmp_path: Path) -> None:
+    recording, out = write_cylinder(tmp_path / "recording"), tmp_path / "out"
+    rng, counts, before = random.Random(4), Counter[str](), b""
+    for _ in range(RUN_KILLS):
+        process = started("run", str(recording), "--out", str(out))
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(rng.uniform(0.5, 5.0))
+        counts["ended before"] += process.returncode is not None
+        killed(process)
+        now = lines_of(out / "journal.jsonl")
+        counts["kills"] += 1
+        counts["lost"] += not now.startswith(before)
+        before = now
+    assert main(["run", str(recording), "--out", str(out)]) == 0
+    print(f"\nrun killed: {dict(counts)}")
+    assert lines_of(out / "journal.jsonl").startswith(before)
+    assert counts["lost"] == 0
+
+
+def test_a_batch_that_is_killed_loses_no_row(tmp_path: Path) -> None:
+    sources, out = tmp_path / "in", tmp_path / "out"
+    names = [f"r{n}" for n in range(12)]
+    for name in names:
+        write_cylinder(sources / name, name)
+    rng, counts, done = random.Random(5), Counter[str](), dict[str, Any]()
+    for _ in range(BATCH_KILLS):
+        if len(done) == len(names):  # one that is done is done again, in its place
+            name = rng.choice(names)
+            (sources / name / "recording.json").open("a").write(" ")
+            del done[name]
+        process = started("batch", str(sources), "--out", str(out), "--jobs", "2")
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(rng.uniform(1.0, 6.0))
+        killed(process)
+        counts["kills"] += 1
+        rows = {row["name"]: row for row in rows_in(out)}
+        for name, finished in done.items():
+            counts["lost"] += rows.get(name, {}).get("finished") != finished
+        for name, row in rows.items():
+            counts["torn"] += read_row(out / name) is None
+            if row["outcome"] == "done":
+                counts["invented"] += not (out / name / "flattened.npz").is_file()
+                done[name] = row["finished"]
+        time.sleep(0.5)  # its workers look for their parent three times a second
+    assert main(["batch", str(sources), "--out", str(out)]) == 0
+    counts["attempts"] = sum(row["attempts"] for row in rows_in(out))
+    print(f"\nbatch killed: {dict(counts)}")
+    assert counts["lost"] == counts["torn"] == counts["invented"] == 0
+    assert {row["outcome"] for row in rows_in(out)} == {"done"}
+
+
+# --- verdicts ------------------------------------------------------------------------------------
+
+
+def test_no_damage_to_verdicts_is_accepted_silently(tmp_path: Path) -> None:
+    rng, counts = random.Random(6), Counter[str]()
+    for name in RESULTS:
+        write_row({"name": name, "outcome": "done", "source": "x", "method": "robust"}, tmp_path / name)
+    trusted: list[dict[str, str]] = [{}]
+    for _ in range(60):
+        decide(tmp_path, rng.choice(RESULTS), rng.choice(["accepted", "rejected", None]))
+        trusted.append(dict(read_verdicts(tmp_path).decided))
+    file = tmp_path / FILE
+    data = file.read_bytes()
+    kinds: tuple[Callable[[bytes, bytes, random.Random], bytes], ...] = (
+        *(_cut, _flip, _flip, _overwrite, _swap, _remove, _double, _insert),
+    )
+    for n in range(DAMAGES):
+        damaged = kinds[n % len(kinds)](data, data, rng)
+        if damaged == data:
+            counts["unchanged"] += 1
+            continue
+        file.write_bytes(damaged)
+        found = read_verdicts(tmp_path)
+        # What is read is what was decided up to a line, and what follows is told or was cut off.
+        counts["invented"] += found.decided not in trusted
+        counts["silent"] += found.damage is None and not data.startswith(damaged)
+        if found.damage is not None:
+            counts["told"] += 1
+            with pytest.raises(JournalError):
+                decide(tmp_path, "a", "accepted")
+            counts["written to"] += file.read_bytes() != damaged
+        else:
+            decide(tmp_path, "a", "accepted")
+            counts["cut"] += 1
+            counts["lost"] += read_verdicts(tmp_path).decided != {**found.decided, "a": "accepted"}
+    print(f"\nverdicts damaged: {dict(counts)}")
+    assert counts["invented"] == counts["silent"] == counts["written to"] == counts["lost"] == 0
+    assert counts["told"] > DAMAGES // 2
