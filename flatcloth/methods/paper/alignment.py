@@ -28,15 +28,13 @@ from flatcloth.methods.answers import Alignment, ColumnCurves, Correspondence, Z
 from flatcloth.methods.paper.matching import (
     LEAST_AREA_M2,
     PLACE_SCALE_M,
+    Z_ANGLE_SCALE_DEG,
     Z_ANGLE_SMOOTHING_M,
     Matcher,
     mean_z_angle_deg,
 )
 from flatcloth.methods.paper.places import from_places
 from flatcloth.methods.paper.planning import column_curves
-
-_LINE_BANDS_DEG = (1.0, 2.0, 4.0, 8.0)
-"""Half widths of the band of Z-angles of a line; the first band with enough pixels is used. Set by hand."""
 
 
 def align_by_z_angle(
@@ -210,19 +208,19 @@ def _common_range(current: ColumnCurves, new: ColumnCurves, rotation_deg: float)
 
 
 def _pixels_at(angle: Float64, view: FlattenedView, a_m: float) -> Int32:
-    """Pixels (K, 2) whose Z-angle is a_m, within the narrowest band that contains enough of them.
+    """Pixels (K, 2) whose Z-angle is a_m to a degree, or the nearest ones if these are too few.
 
     ``angle`` are those of the valid pixels.
     """
     inside = np.flatnonzero(view.valid)
     off = np.abs(wrapped_deg(angle - a_m))
-    for band in _LINE_BANDS_DEG:
-        found = inside[off <= band]
-        if len(found) * view.pixel_size_m**2 >= LEAST_AREA_M2:
-            return np.stack(np.unravel_index(found, view.shape), axis=1).astype(np.int32)
-    raise AlignmentError(
-        f"Too few pixels have the common Z-angle of {a_m:.0f} deg for a line; choose another view."
-    )
+    enough = math.ceil(LEAST_AREA_M2 / view.pixel_size_m**2)
+    if np.count_nonzero(off <= Z_ANGLE_SCALE_DEG) < enough:
+        raise AlignmentError(
+            f"Too few pixels have the common Z-angle of {a_m:.0f} deg for a line; choose another view."
+        )
+    found = inside[off <= max(1.0, float(np.partition(off, enough - 1)[enough - 1]))]
+    return np.stack(np.unravel_index(found, view.shape), axis=1).astype(np.int32)
 
 
 def _principal_axis(uv: Float64, height: Float64) -> tuple[Float64, Float64]:

@@ -19,22 +19,11 @@ from flatcloth.core.types import FlattenedView, Progress, Rigid2
 from flatcloth.methods.answers import Alignment
 from flatcloth.methods.base import Method, Views
 from flatcloth.methods.paper.alignment import align_by_places, correspond, from_lines, not_worse_than_start
-from flatcloth.methods.paper.matching import Matcher
+from flatcloth.methods.paper.matching import LEAST_OVERLAP_SHARE, Matcher
 from flatcloth.methods.paper.merging import Renewed, covered_share, without
 from flatcloth.methods.paper.places import from_places
 from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
 from flatcloth.session.document import Document, PlacedPart
-
-_KNOWN_SHARE = 0.95
-"""A component of which more is part of the shape already adds next to nothing. Set by hand."""
-_MOSTLY_KNOWN_SHARE = 0.75
-"""Of the further components, those are placed of which at least a quarter is new. Set by hand."""
-_LEAST_OVERLAP_SHARE = 0.05
-"""A component of an accepted view is searched for if its initial estimate overlaps the shape so much. Set by
-hand."""
-_MOST_OVERLAP_SHARE = 0.2
-"""Components of one view overlap by at most this share: outlines are a few millimetres off. Set by hand."""
-
 
 Aligner = Callable[[], Alignment]
 """Aligns one component from one initial estimate."""
@@ -174,8 +163,7 @@ class Departures(Method):
         good = [a for a in found if a.alignment.score.total >= self.accept_score]
         if not good:
             return max(found, key=lambda a: a.alignment.score.total)
-        adding = [a for a in good if a.known_share < _KNOWN_SHARE]
-        return max(adding or good, key=lambda a: a.new_area_m2)
+        return max(good, key=lambda a: a.new_area_m2)
 
     def also_placed(
         self, document: Document, chosen: Aligned, found: Sequence[Aligned], progress: Progress
@@ -186,12 +174,12 @@ class Departures(Method):
         """
         waiting = self._waiting(document, progress)
         good = [a for a in (*found, *waiting) if a.alignment.score.total >= self.accept_score]
-        good = [a for a in good if a is not chosen and a.known_share < _MOSTLY_KNOWN_SHARE]
+        good = [a for a in good if a is not chosen and a.known_share < 1.0 - LEAST_COMPONENT_SHARE]
         placed = [*self.canonical(document).layers, chosen.part]
         also = []
         for other in sorted(good, key=lambda a: -a.new_area_m2):
             of_same_view = [p for p in placed if p.view_index == other.part.view_index]
-            if all(self._overlap_share(p, other.part) < _MOST_OVERLAP_SHARE for p in of_same_view):
+            if all(self._overlap_share(p, other.part) < LEAST_COMPONENT_SHARE for p in of_same_view):
                 placed.append(other.part)
                 also.append(other.part)
         return tuple(also)
@@ -231,7 +219,7 @@ class Departures(Method):
 
         for estimate in (by_lines, lambda: from_places(current, new)):
             with contextlib.suppress(AlignmentError):
-                if covered_share(current, new, estimate()) >= _LEAST_OVERLAP_SHARE:
+                if covered_share(current, new, estimate()) >= LEAST_OVERLAP_SHARE:
                     return True
         return False
 

@@ -24,19 +24,15 @@ _SEARCH_TRANSLATION_M = 0.06
 """Largest change of the translation in the search. Set by hand."""
 _SEARCH_ROTATION_DEG = 15.0
 """Largest change of the rotation in the search. Set by hand."""
-_SEARCH_STEP_M = 0.006
-"""Step of the coarse search in translation. Set by hand."""
 _SEARCH_STEP_DEG = 2.5
 """Step of the coarse search in rotation. Set by hand."""
-_COARSE_STEP = np.array([math.radians(_SEARCH_STEP_DEG), _SEARCH_STEP_M, _SEARCH_STEP_M])
-_SEARCH_FINEST_M = 0.0004
-"""The detailed search ends at this step. Set by hand."""
 _SEARCH_CANDIDATES = 12
 """Best placements of the coarse search that are searched in detail. Set by hand."""
 SEARCH_POINTS = 700
 """Pixels compared in the coarse search. Set by hand."""
 COARSE_SMOOTHING_M = 0.006
-"""Smoothing of the texture in the coarse search and in the score. Set by hand."""
+"""Smoothing of the texture in the coarse search, whose step it is, and in the score. Set by hand."""
+_COARSE_STEP = np.array([math.radians(_SEARCH_STEP_DEG), COARSE_SMOOTHING_M, COARSE_SMOOTHING_M])
 Z_ANGLE_SMOOTHING_M = COARSE_SMOOTHING_M
 """Z-angles are compared as coarsely as the texture."""
 FINE_SMOOTHING_M = 0.002
@@ -46,12 +42,10 @@ _MISSING_OVERLAP_COST = 0.3
 _DISTANCE_COST = 0.03
 """Cost of the largest change: of two equal matches, the one nearer to the initial estimate wins. Set by
 hand."""
-_HEIGHT_SCALE_M = 0.005
-"""Difference in height that counts as half a disagreement. Set by hand."""
 _INTENSITY_FLOOR = 6.0
 """A texture with a smaller spread (grey levels) counts as noise. Set by hand."""
-_MIN_OVERLAP_SHARE = 0.1
-"""Share of the new view that must lie on the current one. Set by hand."""
+LEAST_OVERLAP_SHARE = 0.1
+"""Share of a new view, or of a component, that must lie on the current one. Set by hand."""
 _ENOUGH_OVERLAP_M2 = 0.005
 """The score decreases in proportion if the overlap is smaller than this. Set by hand."""
 LEAST_AREA_M2 = 0.0003
@@ -59,15 +53,12 @@ LEAST_AREA_M2 = 0.0003
 PLACE_SCALE_M = 0.010
 """Distance in space that counts as half a disagreement. Chosen: half of what is counted as wrong in the
 evaluation; noise, bending of the flattened views and an axis that is a few millimetres off stay below it."""
-OTHER_FACING_DEG = 37.0
-"""Cloth whose Z-angle differs by more is other cloth. Set by hand: several times the noise of the averaged
-Z-angles, and less than the two flanks of a fold differ by."""
-_CHANCE_PAIRS = 5000
-"""Random pairs that measure the difference of unrelated cloth. Chosen: the error of a mean is then 1.4 % of
-the spread."""
-_Z_ANGLE_SCALE_DEG = 8.0
-"""Difference in Z-angle that counts as half a disagreement. Chosen: the widest band of a line of equal
-Z-angle (alignment.py)."""
+SAME_FACING = 0.8
+"""Cloth whose normals or Z-angles have a smaller cosine (37 degrees) is other cloth. Set by hand: several
+times the noise of the averaged Z-angles, and less than the two flanks of a fold differ by."""
+Z_ANGLE_SCALE_DEG = 8.0
+"""Difference in Z-angle that counts as half a disagreement, and half the widest band of a line of equal
+Z-angle. Set by hand."""
 
 
 class Disagreement(NamedTuple):
@@ -158,24 +149,24 @@ class Matcher:
             poses,
             self._origin,
             self._current_pixel_size_m,
-            _HEIGHT_SCALE_M,
-            math.radians(_Z_ANGLE_SCALE_DEG),
+            0.5 * PLACE_SCALE_M,
+            math.radians(Z_ANGLE_SCALE_DEG),
             self.z_angle_weight if z_angle_weight is None else z_angle_weight,
             PLACE_SCALE_M,
-            math.cos(math.radians(OTHER_FACING_DEG)),
+            SAME_FACING,
         )
         return Disagreement(*compared.T)
 
     def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
         """Search around the initial estimate: a coarse grid, then each of its best placements in detail."""
         center = self._uv.mean(axis=0)
-        share = max(float(self.disagreement([initial], 4).overlap_share[0]), _MIN_OVERLAP_SHARE)
-        shifts = _symmetric(_SEARCH_TRANSLATION_M, _SEARCH_STEP_M)
+        share = max(float(self.disagreement([initial], 4).overlap_share[0]), LEAST_OVERLAP_SHARE)
+        shifts = _symmetric(_SEARCH_TRANSLATION_M, COARSE_SMOOTHING_M)
         turns = np.radians(_symmetric(_SEARCH_ROTATION_DEG, _SEARCH_STEP_DEG))
         offsets = np.array([(t, u, v) for t in turns for u in shifts for v in shifts])
         motions = [_disturbed(initial, offset, center) for offset in offsets]
         cost = self._cost(motions, offsets, SEARCH_POINTS, COARSE_SMOOTHING_M, share)
-        starts = _distinct(offsets, cost, _SEARCH_CANDIDATES, 2.5 * _SEARCH_STEP_M)
+        starts = _distinct(offsets, cost, _SEARCH_CANDIDATES, 2.5 * COARSE_SMOOTHING_M)
         found = []
         for n, start in enumerate(starts):
             progress(0.3 + 0.6 * n / len(starts), "searching the alignment")
@@ -186,7 +177,7 @@ class Matcher:
     def refine(self, initial: Rigid2) -> Rigid2:
         """Descend to the nearest minimum from a placement."""
         center = self._uv.mean(axis=0)
-        share = max(float(self.disagreement([initial], 4).overlap_share[0]), _MIN_OVERLAP_SHARE)
+        share = max(float(self.disagreement([initial], 4).overlap_share[0]), LEAST_OVERLAP_SHARE)
         _, best = self._refine(initial, np.zeros(3), center, share)
         return _disturbed(initial, self._polish(initial, best, center, share), center)
 
@@ -226,10 +217,10 @@ class Matcher:
         current = self._fields[self.score_smoothing_m]
         current = current[np.isfinite(current[..., 1])]
         random = np.random.default_rng(0)
-        a = current[random.integers(0, len(current), _CHANCE_PAIRS)]
-        b = self._values[self.score_smoothing_m][random.integers(0, len(self._uv), _CHANCE_PAIRS)]
+        b = self._values[self.score_smoothing_m]
+        a = current[random.integers(0, len(current), len(b))]
         intensity = np.square(a[:, 0] - b[:, 0])
-        height = np.square((a[:, 1] - b[:, 1]) / _HEIGHT_SCALE_M)
+        height = np.square((a[:, 1] - b[:, 1]) / (0.5 * PLACE_SCALE_M))
         return float(np.mean(intensity / (intensity + 1))), float(np.mean(height / (height + 1)))
 
     def _cost(
@@ -277,7 +268,7 @@ class Matcher:
     ) -> tuple[float, Float64]:
         neighbours = np.array([(t, u, v) for t in (-1, 0, 1) for u in (-1, 0, 1) for v in (-1, 0, 1)])
         step, best, lowest = first_step, start, math.inf
-        while step[1] > _SEARCH_FINEST_M:
+        while step[1] > self._pixel_size_m / 4.0:
             fine = step[1] <= FINE_SMOOTHING_M
             smoothing = FINE_SMOOTHING_M if fine else COARSE_SMOOTHING_M
             points = 4 * SEARCH_POINTS if fine else SEARCH_POINTS
@@ -343,7 +334,7 @@ def _texture(view: FlattenedView, smoothing_m: float) -> Float32:
 
     def mean(sigma: float) -> Float32:
         total = cv2.GaussianBlur(grey * weight, (0, 0), sigma)
-        return np.asarray(total / np.maximum(cv2.GaussianBlur(weight, (0, 0), sigma), 1e-3), dtype=np.float32)
+        return np.asarray(total / np.maximum(cv2.GaussianBlur(weight, (0, 0), sigma), 1e-6), dtype=np.float32)
 
     texture: Float32 = np.where(view.valid, mean(fine) - mean(coarse), np.float32(0))
     return texture

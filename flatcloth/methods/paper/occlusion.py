@@ -13,16 +13,14 @@ import numpy as np
 
 from flatcloth.core.types import Bool, Float64, Floats, Int32
 from flatcloth.flattening.surface import Surface
+from flatcloth.methods.paper.matching import PLACE_SCALE_M
 from flatcloth.session.machine import Side
 
 _EDGE_WIDTH_PX = 4
-"""The Z-angle at an outline is the mean over this width. Set by hand."""
+"""The Z-angle at an outline is the mean over this width; a nearer layer within this distance covers the cloth
+behind it. Set by hand."""
 _OCCLUDING_Z_ANGLE_DEG = 40.0
 """An outline seen more steeply than this is an occluding edge. Set by hand."""
-_EDGE_SEARCH_PX = 10
-"""A nearer layer within this distance of an outline covers the cloth behind it. Set by hand."""
-_COVERING_GAP_M = 0.01
-"""A covering layer is nearer by at least this. Set by hand."""
 
 
 def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = None) -> float:
@@ -46,9 +44,9 @@ def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = No
     )
     other = Side.RIGHT if side is Side.LEFT else Side.LEFT
     measured = np.where(surface.frame.depth_m > 0, surface.frame.depth_m, np.inf)
-    beyond = _nearest_outwards(measured, other, _EDGE_SEARCH_PX)
+    beyond = _nearest_outwards(measured, other, _EDGE_WIDTH_PX)
     with np.errstate(invalid="ignore"):
-        covered = _ends(part, other, _EDGE_WIDTH_PX) & (beyond < depth - _COVERING_GAP_M)
+        covered = _ends(part, other, _EDGE_WIDTH_PX) & (beyond < depth - PLACE_SCALE_M)
     pitch = depth / surface.frame.intrinsics.fy
     return float(pitch[turned_away].sum() + pitch[covered].sum())
 

@@ -14,13 +14,9 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Float64, Int64, Rigid2
-from flatcloth.methods.paper.matching import LEAST_AREA_M2, PLACE_SCALE_M
+from flatcloth.methods.paper.matching import COARSE_SMOOTHING_M, LEAST_AREA_M2, PLACE_SCALE_M, SAME_FACING
 from flatcloth.methods.relaxation import ITERATIONS
 
-_SPACING_M = 0.004
-"""Distance of the compared pixels. Chosen: a finer one gives the same estimate, in more time."""
-_SAME_FACING = 0.8
-"""Pixels show the same place if their normals differ by less than 37 degrees. Chosen: as in the score."""
 TRIALS = 64
 """Random pairs of correspondences that are tried. Chosen: if 30 % of them are right, 64 trials miss a right
 pair once in 400 times."""
@@ -45,7 +41,7 @@ def from_places(current: FlattenedView, new: FlattenedView) -> Rigid2:
         If too few pixels show the same place.
     """
     uv, target = _same_places(current, new)
-    if len(uv) * _SPACING_M**2 < LEAST_AREA_M2:
+    if len(uv) * COARSE_SMOOTHING_M**2 < LEAST_AREA_M2:
         raise AlignmentError("The views show too little cloth at the same place; choose a smaller rotation.")
     random = np.random.default_rng(0)
     best = fit_rigid2(uv, target)
@@ -80,11 +76,11 @@ def _same_places(current: FlattenedView, new: FlattenedView) -> tuple[Float64, F
     found = np.isfinite(off)
     rc, new_rc = rc[at[found]], new_rc[found]
     facing = (current.normal[rc[:, 0], rc[:, 1]] * new.normal[new_rc[:, 0], new_rc[:, 1]]).sum(axis=1)
-    same = facing > _SAME_FACING
+    same = facing > SAME_FACING
     return new.uv_from_rc(new_rc[same]), current.uv_from_rc(rc[same])
 
 
 def _sampled(view: FlattenedView) -> Int64:
-    step = max(1, round(_SPACING_M / view.pixel_size_m))
+    step = max(1, round(COARSE_SMOOTHING_M / view.pixel_size_m))
     rc: Int64 = step * np.argwhere(view.valid[::step, ::step])
     return rc

@@ -167,7 +167,7 @@ def _view_at(
     config: PlanningConfig,
 ) -> int | None:
     """Return the view with the largest rotation up to A, otherwise the smallest allowed rotation."""
-    slack = 0.4 * min(rotation_step_deg(angles_deg), config.rotation_min_deg)
+    slack = 0.5 * min(rotation_step_deg(angles_deg), config.rotation_min_deg)
     turns = (sign * (np.asarray(angles_deg) - angles_deg[from_view])) % 360.0
     allowed = [
         (float(turn), n)
