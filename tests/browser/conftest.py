@@ -207,6 +207,12 @@ class Tab:
         self.page.keyboard.press("s")
         self.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
 
+    def propose(self, view: int) -> None:
+        """Choose a view on the timeline, and wait until its proposal is drawn."""
+        self.page.locator("#timeline .view").nth(view).click()
+        self.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
+        assert self.state()["pending"]["view_index"] == view
+
     def accept(self) -> None:
         """Accept, and wait until the new shape is drawn."""
         step, revision = self.page.evaluate("[flatcloth.step, flatcloth.layerRevision]")

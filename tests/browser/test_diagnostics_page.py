@@ -130,7 +130,7 @@ def test_strained_edges_are_drawn_on_both_sides_and_go_with_the_panel(open_tab):
 @pytest.mark.parametrize("program", ["recordings/shirt-corner-d435"], indirect=True)
 def test_hypotheses_are_pictures_to_choose_from(open_tab):
     tab = open_tab().ready()
-    tab.step()
+    tab.propose(20)  # one that both estimators place, each elsewhere
     pictures = tab.page.locator(".places img")
     expect(pictures.first).to_be_visible()
     tab.page.wait_for_function(

@@ -237,7 +237,7 @@ def test_a_view_that_is_laid_where_the_views_share_nothing_in_space_joins_the_sh
 def test_a_floating_piece_is_placed_by_hand_and_is_part_of_the_shape_then() -> None:
     recording = open_recording(Path(__file__).parents[2] / "recordings" / "shirt-sleeve-clean")
     made = Integration(recording)
-    state = done(made, SessionState(len(recording)), Start(), Propose())
+    state = done(made, SessionState(len(recording)), Start(), Propose(18))
     pending = state.document.pending
     assert pending is not None
     waiting = [p.component for p in made.proposal(state.document).placement.parts if p.hypothesis is None]
