@@ -25,8 +25,8 @@ LEAST_MATCHES = 30
 """Fewest matches of a set that joins pieces. Chosen on 19 of the shared recordings: there, sets of contacts
 that look like a seam have up to 26."""
 DOUBTED_EVIDENCE = 60.0
-"""Cloth of the other side that less evidence joins is not believed unless seams confirm it. Chosen on the same
-recordings: nearly all joints between two sets with less than 57 are false."""
+"""Cloth of the other side that less evidence joins is not believed unless seams confirm it. Chosen on the
+same recordings: nearly all joints between two sets with less than 57 are false."""
 _AGREE_M = 0.012
 """Matches of one set fit its motion to this. Chosen: four times their median residual."""
 _CONTRADICT_M = 0.030
