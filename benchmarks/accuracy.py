@@ -5,18 +5,14 @@ The figures are those of ``flatcloth evaluate``; the recordings with the largest
 
 from __future__ import annotations
 
-import gc
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.inputs import sources
-from benchmarks.output import Options, recordings_of, save, save_page, say
-from benchmarks.unattended import unattended
+from benchmarks.output import Options
+from benchmarks.unattended import measure_each, unattended
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.integration import Integration
 from flatcloth.session.machine import Document
@@ -41,22 +37,7 @@ _COLUMNS = {
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/accuracy.json`` and ``.md`` unless ``quick``."""
-    rows: list[dict[str, Any]] = []
-    for source in sources(options.recordings):
-        file = Path(options.keep) / f"{Path(source).name}.json" if options.keep else None
-        if file is not None and file.exists():
-            rows.append(json.loads(file.read_text()))
-        else:
-            rows.append(row_of(source))
-            gc.collect()  # an integration and its caches refer to one another
-            if file is not None:
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_text(json.dumps(rows[-1]))
-        say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
-        if not options.quick:
-            ordered = worst_first(rows)
-            save("accuracy", ordered, recordings_of(ordered))
-            save_page("accuracy", page(ordered))
+    measure_each("accuracy", row_of, worst_first, page, options)
 
 
 def row_of(source: str) -> dict[str, Any]:

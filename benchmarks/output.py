@@ -22,8 +22,8 @@ class Options:
     ``recordings`` are measured instead of the bundled ones; ``quick`` asks for few problems, one
     repetition and no result file; ``learn`` for weights that are learned anew; ``other`` for an operator
     who wants the other panel than the recording's own. ``copies``, ``timed`` and ``views`` say how large
-    ``batch`` is. ``keep`` is a folder where ``accuracy``, ``reliability`` and ``paper_steps`` keep what
-    they measured of each recording, so that many can be measured in pieces.
+    ``batch`` is. ``keep`` is a folder where ``accuracy``, ``sides``, ``reliability`` and ``paper_steps``
+    keep what they measured of each recording, so that many can be measured in pieces.
     """
 
     recordings: Sequence[str] = ()

@@ -5,16 +5,12 @@ The worst relation comes first. Seconds are of one core: of this side by itself,
 
 from __future__ import annotations
 
-import gc
-import json
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from benchmarks.inputs import sources
-from benchmarks.output import Options, recordings_of, save, save_page, say
-from benchmarks.unattended import unattended
+from benchmarks.output import Options
+from benchmarks.unattended import measure_each, unattended
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.results.sides_truth import compare_sides
@@ -41,22 +37,7 @@ _COLUMNS = {
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/sides.json`` and ``.md`` unless ``quick``."""
-    rows: list[dict[str, Any]] = []
-    for source in sources(options.recordings):
-        file = Path(options.keep) / f"{Path(source).name}.json" if options.keep else None
-        if file is not None and file.exists():
-            rows.append(json.loads(file.read_text()))
-        else:
-            rows.append(row_of(source))
-            gc.collect()
-            if file is not None:
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_text(json.dumps(rows[-1]))
-        say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
-        if not options.quick:
-            ordered = worst_first(rows)
-            save("sides", ordered, recordings_of(ordered))
-            save_page("sides", page(ordered))
+    measure_each("sides", row_of, worst_first, page, options)
 
 
 def row_of(source: str) -> dict[str, Any]:

@@ -1,10 +1,15 @@
-"""What the benchmarks of whole recordings share: the unattended result."""
+"""What the benchmarks of whole recordings share: the unattended result, and the loop over recordings."""
 
 from __future__ import annotations
 
+import gc
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
-from benchmarks.inputs import Remembered
+from benchmarks.inputs import Remembered, sources
+from benchmarks.output import Options, recordings_of, save, save_page, say
 from flatcloth.engine.garment.recognition import GarmentService, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
@@ -26,3 +31,34 @@ def integrated(recording: Any, method: str | None = None) -> tuple[Integration, 
     Run(integration, session).finish()
     place_sure_pieces(GarmentService(integration), session)  # as ``flatcloth run`` does
     return integration, session.state.document
+
+
+Row = dict[str, Any]
+
+
+def measure_each(
+    name: str,
+    row_of: Callable[[str], Row],
+    ordered: Callable[[Sequence[Row]], list[Row]],
+    page: Callable[[Sequence[Row]], str],
+    options: Options,
+) -> None:
+    """Measure and print one recording after another; write the rows and their page unless ``quick``.
+
+    With ``keep``, a recording that was measured before is not measured again.
+    """
+    rows: list[Row] = []
+    for source in sources(options.recordings):
+        file = Path(options.keep) / f"{Path(source).name}.json" if options.keep else None
+        if file is not None and file.exists():
+            rows.append(json.loads(file.read_text()))
+        else:
+            rows.append(row_of(source))
+            gc.collect()  # an integration and its caches refer to one another
+            if file is not None:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_text(json.dumps(rows[-1]))
+        say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
+        if not options.quick:
+            save(name, ordered(rows), recordings_of(rows))
+            save_page(name, page(ordered(rows)))

@@ -26,7 +26,7 @@ from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
 from flatcloth.engine.sheet import OTHER_FILE, floating_file, other_floating_file
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel, quaternion_wxyz
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
-from flatcloth.methods.answers import JoinedSides
+from flatcloth.methods.answers import MIRROR, JoinedSides
 from flatcloth.recordings.files.text import shortened
 from flatcloth.session.journal import Pick
 
@@ -110,9 +110,9 @@ def this_from_other(other: FlattenedView, this: FlattenedView) -> Float64:
 
     It maps (column, row, 1), each times its pixel size, to the same of this side's raster.
     """
-    motion = np.diag([-1.0, 1.0, 1.0])
+    motion = np.diag([*MIRROR, 1.0])
     own, its = np.array(this.origin_uv_m), np.array(other.origin_uv_m)
-    motion[:2, 2] = its * (-1.0, 1.0) - own
+    motion[:2, 2] = its * MIRROR - own
     return motion
 
 

@@ -22,15 +22,13 @@ from scipy.special import ndtr
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import Rigid3, project
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsics
+from flatcloth.flattening.borders import SPACING_M, border_of, solid_cloth
 from flatcloth.flattening.sampling import MAX_CHORD_SLOPE
 from flatcloth.garments.distance import ALIKE_M
 
 LEAST_AREA_M2 = 0.010
 """Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart,
 and is not placed. Set by hand."""
-SPACING_M = 0.006
-"""Spacing of the examined places along the outline. Chosen: closer ones cost time and tell nearly the
-same."""
 INSIDE_M = 3 * SPACING_M  # by definition: spacing of the places inside the piece
 _FARTHEST_M = 0.020
 """The search across the outline ends this far outside. Chosen: farther, it meets other cloth."""
@@ -150,11 +148,12 @@ def evidence_of(
     """
     if not np.isfinite(piece.xyz_m[piece.valid]).all():
         raise GarmentError("The shape has cloth whose 3D point is not a number; integrate it again.")
-    solid = _solid(piece)
+    solid = solid_cloth(piece, _FARTHEST_M**2)
     inside_rc = _grid_of(solid & piece.valid, INSIDE_M / piece.pixel_size_m)
     std = piece.placement_std_m
     inside_std = np.zeros(len(inside_rc)) if std is None else std[tuple(inside_rc.T)].astype(np.float64)
-    border_rc, outward, hole = _border(solid, piece.pixel_size_m)
+    border = border_of(solid, piece.pixel_size_m)
+    border_rc, outward = border.rc, border.outward
     border_uv = piece.uv_from_rc(border_rc)
     at, trust, known = _ends(piece, border_rc, outward, seen_from, others)
     nearest = np.rint(border_rc).astype(int)
@@ -174,7 +173,7 @@ def evidence_of(
         inside_std_m=np.nan_to_num(inside_std),
         inside_xyz_m=piece.xyz_m[tuple(inside_rc.T)].astype(np.float64),
         area_m2=float(solid.sum()) * piece.pixel_size_m**2,
-        hole_edge_m=_hole_edge_m(hole, known),
+        hole_edge_m=_hole_edge_m(border.hole, known),
         depth_m=_depth_m(solid, piece.pixel_size_m),
         depth_origin_uv_m=np.array(piece.origin_uv_m),
         depth_pixel_m=piece.pixel_size_m,
@@ -197,21 +196,6 @@ def _hole_edge_m(hole: NDArray[np.int64], known: Bool) -> float:
     return length
 
 
-def _solid(piece: FlattenedView) -> Bool:
-    """Return the cloth (H, W) without pinholes, threads and specks."""
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
-    padded = np.pad(piece.valid.astype(np.uint8), 8)
-    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
-    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, kernel)[8:-8, 8:-8]
-    label, count = ndimage.label(opened)
-    if count == 0:
-        return np.zeros(piece.shape, dtype=np.bool_)
-    sizes = np.bincount(label.ravel())
-    sizes[0] = 0
-    kept: Bool = np.isin(label, np.flatnonzero(sizes * piece.pixel_size_m**2 >= _FARTHEST_M**2))
-    return kept
-
-
 def _grid_of(solid: Bool, spacing_px: float) -> NDArray[np.int64]:
     """Return pixels (N, 2) of the cloth on a grid."""
     step = max(1, round(spacing_px))
@@ -219,40 +203,6 @@ def _grid_of(solid: Bool, spacing_px: float) -> NDArray[np.int64]:
     thinned[step // 2 :: step, step // 2 :: step] = True
     found: NDArray[np.int64] = np.argwhere(solid & thinned)
     return found
-
-
-def _border(solid: Bool, pixel_size_m: float) -> tuple[Float64, Float64, NDArray[np.int64]]:
-    """Return places (K, 2) (row, col) along the border, evenly spaced, and the outward directions (u, v).
-
-    The third is the number of the hole that each lies at, 0 for the outer border.
-    """
-    pad = 8
-    image = np.pad(solid.astype(np.uint8), pad)
-    soft = cv2.GaussianBlur(image.astype(np.float32), (0, 0), SPACING_M / pixel_size_m)
-    slope_v, slope_u = np.gradient(soft)
-    contours, tree = cv2.findContours(image, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    places, holes, hole = [], [], 0
-    for n, contour in enumerate(contours):
-        line = contour[:, 0, :].astype(np.float64)
-        step = np.linalg.norm(np.diff(line, axis=0, append=line[:1]), axis=1)
-        along = np.concatenate([[0.0], np.cumsum(step)])
-        count = int(along[-1] * pixel_size_m / SPACING_M)
-        if count < 8:  # a hole or speck smaller than a button
-            continue
-        wanted = (np.arange(count) + 0.5) * along[-1] / count
-        closed = np.concatenate([line, line[:1]])
-        smooth = ndimage.gaussian_filter1d(closed, SPACING_M / 2 / pixel_size_m, axis=0, mode="wrap")
-        places.append(np.stack([np.interp(wanted, along, smooth[:, k]) for k in (1, 0)], axis=1))
-        is_hole = tree[0, n, 3] >= 0
-        hole += int(is_hole)
-        holes.append(np.full(count, hole if is_hole else 0, dtype=np.int64))
-    if not places:
-        return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
-    rc = np.concatenate(places)
-    at = np.rint(rc).astype(int)
-    outward = -np.stack([slope_u[tuple(at.T)], slope_v[tuple(at.T)]], axis=1).astype(np.float64)
-    outward /= np.maximum(np.linalg.norm(outward, axis=1), 1e-9)[:, None]
-    return rc - pad, outward, np.concatenate(holes)
 
 
 def _ends(

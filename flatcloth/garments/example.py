@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from flatcloth.core.types import Bool, Float64, Rigid2
+from flatcloth.flattening.borders import SPACING_M
 from flatcloth.garments.distance import inside_outline
-from flatcloth.garments.evidence import INSIDE_M, SPACING_M, PieceEvidence
+from flatcloth.garments.evidence import INSIDE_M, PieceEvidence
 from flatcloth.garments.kinds import kind_named
 
 

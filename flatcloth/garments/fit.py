@@ -13,8 +13,9 @@ from functools import partial
 import numpy as np
 
 from flatcloth.core.types import Float64, Int64, Rigid2
+from flatcloth.flattening.borders import SPACING_M
 from flatcloth.garments.distance import ALIKE_M, accumulate, cost_of_poses, outside, to_edges
-from flatcloth.garments.evidence import SPACING_M, PieceEvidence
+from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.model import Kind, with_slope
 
 OUTLINE_STD_M = 0.008

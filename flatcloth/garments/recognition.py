@@ -17,8 +17,9 @@ from scipy.special import expit
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
+from flatcloth.flattening.borders import SPACING_M
 from flatcloth.garments.distance import to_edges
-from flatcloth.garments.evidence import LEAST_AREA_M2, SPACING_M, PieceEvidence
+from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
 from flatcloth.garments.fit import (
     APART_M,
     OUTLINE_STD_M,

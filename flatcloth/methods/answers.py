@@ -14,10 +14,11 @@ from flatcloth.core.types import (
     Int32,
     Rigid2,
 )
+from flatcloth.flattening.borders import SPACING_M
 from flatcloth.session.document import PlacedPart, Side
 
-SEAM_SPACING_M = 0.006
-"""Spacing of the places along a rim. Chosen: three pixels of a D435 at 0.85 m."""
+MIRROR = np.array([-1.0, 1.0])
+"""From (u, v) of the other side, seen from its own outside, to the plane of this side. By definition."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,7 +252,7 @@ class Seam:
     @property
     def length_m(self) -> float:
         """Length of the seam: the distance of its places times their number."""
-        return len(self.xyz_m) * SEAM_SPACING_M
+        return len(self.xyz_m) * SPACING_M
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,7 +260,7 @@ class JoinedSides:
     """The other side of an item, joined to this one along the seams.
 
     ``other`` is its canonical view with its floating pieces, as seen from its own outside. Where
-    ``is_related``, a place (u, v) of its plane lies at (-u, v) on the plane of this side.
+    ``is_related``, a place (u, v) of its plane times :data:`MIRROR` lies on the plane of this side.
     """
 
     other: Canonical

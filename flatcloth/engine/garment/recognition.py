@@ -33,7 +33,7 @@ from flatcloth.garments.recognition import (
     pixel_near,
     recognise,
 )
-from flatcloth.methods.answers import Canonical, JoinedSides
+from flatcloth.methods.answers import MIRROR, Canonical, JoinedSides
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
     DecideLink,
@@ -188,7 +188,7 @@ def points_on_other_side(known: KnownGarment, sides: JoinedSides) -> dict[str, t
         return {}
     found = {}
     for name, point in known.found.points.items():
-        pixel = pixel_near(point.uv_m * (-1.0, 1.0), sides.other.view)
+        pixel = pixel_near(point.uv_m * MIRROR, sides.other.view)
         if point.pixel is None and point.std_m <= KNOWN_STD_M and pixel is not None:
             found[name] = pixel
     return found

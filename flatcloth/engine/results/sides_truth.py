@@ -19,11 +19,9 @@ from flatcloth.engine.evaluation import (
     of_interest,
 )
 from flatcloth.engine.segmenting import WithMasks
-from flatcloth.methods.answers import JoinedSides
+from flatcloth.methods.answers import MIRROR, JoinedSides
 from flatcloth.recordings.base import Recording
 
-MIRROR = np.array([-1.0, 1.0])
-"""From the plane of the other side to that of this one. By definition."""
 FAR_RELATED_M = 0.030
 """A pixel of the other side farther than this from its true place beside this side is wrong. Chosen: the
 patterns of both sides agree to 3 to 8 mm only, since cloth stretches."""

@@ -11,9 +11,9 @@ from flatcloth.core.types import Bool, FlattenedView, Int32, Rigid2, RotationAxi
 from flatcloth.engine.garment.lesson import GarmentLesson
 from flatcloth.engine.segmenting import SidesLesson
 from flatcloth.engine.teaching import AlignmentLesson, FlatteningLesson, PlanningLesson
+from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Level
 from flatcloth.flattening.surface import Surface
-from flatcloth.garments.evidence import SPACING_M
 from flatcloth.garments.fit import TEMPERATURE
 from flatcloth.garments.recognition import MISFIT, NONE, misfit_of
 from flatcloth.methods.answers import Alignment, ColumnCurves, SidePlan, ZAngleLine

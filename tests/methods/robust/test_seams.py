@@ -11,11 +11,12 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Float64
+from flatcloth.methods.answers import MIRROR
 from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
 from flatcloth.methods.robust.observations import Nodes
 from flatcloth.methods.robust.seams.joining import join_sides, seams_of
-from flatcloth.methods.robust.seams.links import LEAST_MATCHES, MIRROR
+from flatcloth.methods.robust.seams.links import LEAST_MATCHES
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 
 ROWS, COLUMNS = 25, 30

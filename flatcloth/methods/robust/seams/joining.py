@@ -15,13 +15,13 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int64
-from flatcloth.methods.answers import Seam
+from flatcloth.methods.answers import MIRROR, Seam
 from flatcloth.methods.robust.connectivity import Links, both_ends, pairs_once
 from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M
 from flatcloth.methods.robust.observations import Nodes
-from flatcloth.methods.robust.seams.links import MIRROR, Matches, SeamLink, linked, matches_of
+from flatcloth.methods.robust.seams.links import Matches, SeamLink, linked, matches_of
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined
 
 SEAM_STD_M = 0.003

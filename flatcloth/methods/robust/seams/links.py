@@ -15,12 +15,11 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.graphs import minimum_cut
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int16, Int64, Rigid2
+from flatcloth.methods.answers import MIRROR
 from flatcloth.methods.robust.joint import taken_apart
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, JointShape
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 
-MIRROR = np.array([-1.0, 1.0])
-"""From the plane of the other side, seen from its own outside, to that of this side. By definition."""
 LEAST_MATCHES = 30
 """Fewest matches of a set that joins pieces. Chosen on 19 of the shared recordings: there, sets of contacts
 that look like a seam have up to 26."""

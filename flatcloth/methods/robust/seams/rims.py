@@ -8,11 +8,10 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import FlattenedView, Float32, Float64, Int16, Int64
-from flatcloth.methods.answers import SEAM_SPACING_M
+from flatcloth.flattening.borders import SPACING_M, border_of, solid_cloth
 
 FARTHEST_M = 0.025
 """Rims this far apart may be one seam. Chosen: a D435 loses up to 10 mm of each rim."""
@@ -81,53 +80,35 @@ def _nearest(xyz_m: Float64, along: Float64, to_xyz_m: Float64, to_along: Float6
 
 
 def _rim_of_piece(piece: FlattenedView, number: int) -> Rim:
-    size, pad = piece.pixel_size_m, 8
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
-    cloth = np.pad(piece.valid.astype(np.uint8), pad)
-    solid = cv2.morphologyEx(cv2.morphologyEx(cloth, cv2.MORPH_CLOSE, kernel), cv2.MORPH_OPEN, kernel)
-    rc = _places(solid.astype(np.uint8), SEAM_SPACING_M / size)
-    slope = np.gradient(cv2.GaussianBlur(solid.astype(np.float32), (0, 0), SEAM_SPACING_M / size))
-    inward_rc = _unit(np.stack([_at(s, rc) for s in slope], axis=1))
-    std = np.full(piece.shape, np.nan) if piece.placement_std_m is None else piece.placement_std_m
+    """Return the rim of a piece; ``number`` is kept in the answer."""
+    size = piece.pixel_size_m
+    border = border_of(solid_cloth(piece, FARTHEST_M**2), size)
+    rc, inward_rc = border.rc, -border.outward[:, ::-1]
     # Points at the rim and two spacings inside it, each the mean over a few pixels, because rims are noisy.
-    xyz = np.pad(np.nan_to_num(piece.xyz_m), ((pad, pad), (pad, pad), (0, 0)))
-    normals = np.pad(np.nan_to_num(piece.normal), ((pad, pad), (pad, pad), (0, 0)))
-    width = 2 * round(0.5 * SEAM_SPACING_M / size) + 1
-    count = cv2.boxFilter(cloth.astype(np.float32), -1, (width, width))
-    mean_xyz = cv2.boxFilter(xyz, -1, (width, width)) / np.maximum(count, np.float32(1e-6))[..., None]
-    step_px = SEAM_SPACING_M / size * inward_rc
+    box = (2 * round(0.5 * SPACING_M / size) + 1,) * 2
+    edges = cv2.BORDER_CONSTANT  # there is no cloth beyond the raster
+    count = cv2.boxFilter(piece.valid.astype(np.float32), -1, box, borderType=edges)
+    total = cv2.boxFilter(np.nan_to_num(piece.xyz_m), -1, box, borderType=edges)
+    mean_xyz = total / np.maximum(count, np.float32(1e-6))[..., None]
+    normals = cv2.boxFilter(np.nan_to_num(piece.normal), -1, box, borderType=edges)
+    step_px = SPACING_M / size * inward_rc
     at_rim, inside = _at(mean_xyz, rc + 0.5 * step_px), _at(mean_xyz, rc + 2.5 * step_px)
-    normal = _unit(_at(cv2.boxFilter(normals, -1, (width, width)), rc + step_px))
+    normal = _unit(_at(normals, rc + step_px))
     outward = at_rim - inside
-    length = np.linalg.norm(outward, axis=1) / (2.0 * SEAM_SPACING_M)
+    length = np.linalg.norm(outward, axis=1) / (2.0 * SPACING_M)
     outward = _unit(outward)
     # Elsewhere a fold or another layer lies between the two points.
     known = (length > 0.5) & (length < 1.5) & (_at(count, rc + 0.5 * step_px) > 0) & (normal != 0).any(axis=1)
+    std = np.full(piece.shape, np.nan) if piece.placement_std_m is None else piece.placement_std_m
     return Rim(
-        uv_m=piece.uv_from_rc(rc - pad)[known],
-        outward=-inward_rc[known, ::-1],
-        xyz_m=(at_rim + 0.5 * SEAM_SPACING_M * outward)[known],
+        uv_m=piece.uv_from_rc(rc)[known],
+        outward=border.outward[known],
+        xyz_m=(at_rim + 0.5 * SPACING_M * outward)[known],
         along=np.cross(normal, outward)[known],
-        view_index=_at(np.pad(piece.view_index, pad, constant_values=-1), rc + step_px)[known].astype(
-            np.int16
-        ),
+        view_index=_at(piece.view_index, rc + step_px)[known].astype(np.int16),
         piece=np.full(int(known.sum()), number, dtype=np.int16),
-        std_m=_at(np.pad(std, pad, constant_values=np.nan), rc + step_px)[known],
+        std_m=_at(std, rc + step_px)[known],
     )
-
-
-def _places(solid: NDArray[np.uint8], spacing_px: float) -> Float64:
-    """Return places (K, 2) (row, column), evenly spaced along the borders of the cloth."""
-    contours, _ = cv2.findContours(solid, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    places = [np.zeros((0, 2))]
-    for contour in contours:
-        line = contour[:, 0, ::-1].astype(np.float64)
-        closed = np.concatenate([line, line[:1]])
-        arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-        wanted = np.arange(0.5 * spacing_px, arc[-1], spacing_px)
-        smooth = ndimage.gaussian_filter1d(closed, 0.5 * spacing_px, axis=0, mode="wrap")
-        places.append(np.stack([np.interp(wanted, arc, smooth[:, k]) for k in (0, 1)], axis=1))
-    return np.concatenate(places)
 
 
 def _at(image: NDArray[np.generic], rc: Float64) -> Float64:
