@@ -26,6 +26,8 @@ _COLUMNS = {
     "other_firm_far_share": "> 20 mm",
     "other_within_3_std_share": "within 3 std",
     "other_wrong_side_share": "wrong side",
+    "true_match_share": "places of seams that are true",
+    "false_seams": "false seams that join",
     "related_median_mm": "in relation: median mm",
     "related_p95_mm": "95 % mm",
     "related_far_share": "> 30 mm",

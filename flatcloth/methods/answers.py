@@ -259,7 +259,8 @@ class Seam:
 class JoinedSides:
     """The other side of an item, joined to this one along the seams.
 
-    ``other`` is its canonical view with its floating pieces, as seen from its own outside. Where
+    ``other`` is its canonical view with its floating pieces, as seen from its own outside; its standard
+    deviations are relative to this side's shape, and None if it is not related to that. Where
     ``is_related``, a place (u, v) of its plane times :data:`MIRROR` lies on the plane of this side.
     """
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Rigid2, Uint8
@@ -19,9 +21,11 @@ from flatcloth.engine.evaluation import (
     of_interest,
 )
 from flatcloth.engine.segmenting import WithMasks
-from flatcloth.methods.answers import MIRROR, JoinedSides
+from flatcloth.methods.answers import MIRROR, JoinedSides, Seam
 from flatcloth.recordings.base import Recording
 
+NEAR_SEAM_M = 0.015
+"""The truth of a place on a seam is read at most this far away. Chosen: a D435 loses up to 10 mm of a rim."""
 FAR_RELATED_M = 0.030
 """A pixel of the other side farther than this from its true place beside this side is wrong. Chosen: the
 patterns of both sides agree to 3 to 8 mm only, since cloth stretches."""
@@ -63,13 +67,17 @@ class SidesEvaluation:
     """How right both sides are, each by itself and the other one in the frame of this one.
 
     ``this_seen``, ``other_seen``: of the 5 mm cells of a side that any view shows, the share in its shape.
-    ``related_*`` are errors, mm, of the other side's pixels after the motion that fits this side's reliable
-    pixels to the truth; NaN if no seam relates them.
+    ``true_match_share``: of the places of all seams, joining or not, those that are one place of the pattern;
+    ``false_seams``: joining seams of which less than half are. ``related_*`` are errors, mm, of the other
+    side's pixels after the motion that fits this side's reliable pixels to the truth; NaN if no seam relates
+    them.
     """
 
     other: Evaluation
     this_seen: float
     other_seen: float
+    true_match_share: float
+    false_seams: int
     related_median_mm: float = float("nan")
     related_p95_mm: float = float("nan")
     related_far_share: float = float("nan")
@@ -98,11 +106,20 @@ def compare_sides(
     views = len(recording)
     its_truth = OtherTruth(truth, views)
     other = sides.other.view
-    seen = {
+    seen: dict[str, Any] = {
         "this_seen": _share_of_seen(this, truth, views),
         "other_seen": _share_of_seen(other, its_truth, views),
     }
     unmasked = WithMasks(recording, lambda n: replace(recording[n], mask=None))
+    true_shares = [_true_matches(seam, this, other, truth, its_truth) for seam in sides.seams]
+    seen["true_match_share"] = (
+        float(np.concatenate([[], *true_shares]).mean()) if true_shares else float("nan")
+    )
+    seen["false_seams"] = sum(
+        bool(found.size and found.mean() < 0.5)
+        for seam, found in zip(sides.seams, true_shares, strict=True)
+        if not seam.why
+    )
     evaluation = compare(other, its_truth, unmasked).evaluation
     if not sides.is_related:
         return SidesEvaluation(other=evaluation, **seen)
@@ -122,6 +139,20 @@ def compare_sides(
         related_far_share=float((error_m > FAR_RELATED_M).mean()),
         related_within_3_std_share=within,
     )
+
+
+def _true_matches(
+    seam: Seam, this: FlattenedView, other: FlattenedView, truth: Truth, its_truth: Truth
+) -> Bool:
+    """Return which places of a seam are one place of the pattern, of those (K,) whose truth is known."""
+    ends = []
+    for view, uv_m, own in ((this, seam.this_uv_m, truth), (other, seam.other_uv_m, its_truth)):
+        at, true = _pixels(view, own)
+        away, nearest = cKDTree(at).query(np.nan_to_num(uv_m))
+        ends.append(np.where((away < NEAR_SEAM_M)[:, None], true[nearest], np.nan))
+    off_m = np.linalg.norm(ends[0] - ends[1] * MIRROR, axis=1)
+    found: Bool = off_m[np.isfinite(off_m)] < FAR_RELATED_M
+    return found
 
 
 def _pixels(view: FlattenedView, truth: Truth) -> tuple[Float64, Float64]:

@@ -8,6 +8,7 @@ is always the start view's: a placement ``current_from_new`` maps to it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -215,7 +216,9 @@ class RobustMethod(Method):
         alone = other.canonical(its)
         pieces = (canonical.view, *canonical.floating), (alone.view, *alone.floating)
         joined = join_sides(this, other.shapes.settled(its), pieces, self._views.held_point_m)
-        drawn = other._draw(its, joined.shape, (joined.std_m, joined.unreliable))
+        drawn = other._draw(its, joined.shape, (np.nan_to_num(joined.std_m), joined.unreliable))
+        if not joined.is_related:  # it floats, and has no deviation from this side's shape
+            drawn = replace(drawn, view=replace(drawn.view, placement_std_m=None))
         return JoinedSides(other=drawn, seams=seams_of(joined), is_related=joined.is_related)
 
     # ------------------------------------------------- 4. acceptance without an operator

@@ -152,6 +152,7 @@ def test_few_places_join_nothing_and_the_other_side_keeps_its_largest_piece() ->
     found = joined(THIS, side(small, is_other=True), other_at=UV[small])
     assert not found.is_related
     assert (found.shape.piece == 0).any()
+    assert np.isnan(found.std_m).all()  # nothing says where it lies
     for seam in seams_of(found):
         assert len(seam.residual_m) < LEAST_MATCHES
         assert "too few" in seam.why

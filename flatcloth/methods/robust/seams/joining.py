@@ -41,7 +41,8 @@ class JoinedSide:
 
     ``shape`` is on its own plane, seen from its own outside; with ``MIRROR`` it lies on the plane of this
     side if it ``is_related``: seams join its main piece to that of this side. ``std_m`` (N,) are the standard
-    deviations of its nodes relative to the main piece of this side, ``unreliable`` (N,) those not determined.
+    deviations of its nodes relative to the main piece of this side, NaN if it is not related to that;
+    ``unreliable`` (N,) are the nodes not determined.
     ``matches`` are where rims meet, ``links`` their sets.
     """
 
@@ -259,9 +260,8 @@ def _other_of(
         anchor=np.zeros(0, dtype=np.int32),
         anchor_uv_m=np.zeros((0, 2)),
     )
-    if not is_related:
-        std_m = placement_std_m(made, held_point_m)
-    else:
+    std_m, unreliable = np.full(m, np.nan), np.zeros(m, dtype=np.bool_)
+    if is_related:
         # As sure as this side is at the nearest seam, and no surer than a seam is.
         seam = np.flatnonzero(both.placed[n + m :] & np.isfinite(matches.this_std_m[joining]))
         at = both.all_uv_m[n + m :][seam]
@@ -270,10 +270,11 @@ def _other_of(
         nearest = cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]
         joint_m = placement_std_m(both, held_point_m)[own]
         std_m = np.sqrt(joint_m**2 + seam_m[nearest] ** 2 + SEAM_STD_M**2)
+        unreliable = undetermined(made, std_m)
     return JoinedSide(
         shape=made,
         std_m=std_m,
-        unreliable=undetermined(made, std_m),
+        unreliable=unreliable,
         matches=_moved(matches, links, other, made),
         links=tuple(links),
         is_related=is_related,
