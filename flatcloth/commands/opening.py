@@ -146,12 +146,12 @@ def opened_camera(options: argparse.Namespace, serial: str) -> Opened:
 def page_options(options: argparse.Namespace) -> dict[str, Any]:
     """Return what the server of the page needs of the options of ``view``."""
     from flatcloth.viewer.places import Places
-    from flatcloth.viewer.server.guard import is_loopback
+    from flatcloth.viewer.server.guard import given_token, is_loopback
 
     return {
         "host": options.host,
         "port": options.port,
-        "token": not options.no_token,
+        "token": False if options.no_token else given_token(options.token_file) or True,
         "places": Places(options.root, own=is_loopback(options.host)),
         "opener": Opener(options),
     }

@@ -34,7 +34,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=_port, default=8080, help="port of the page, 0 for any free one (default: 8080)"
     )
-    parser.add_argument(
+    token = parser.add_mutually_exclusive_group()
+    token.add_argument(
+        "--token-file",
+        type=Path,
+        metavar="FILE",
+        help="file with the token of the page, made with a new one if it does not exist "
+        "(default: the variable FLATCLOTH_TOKEN, or the user's own token)",
+    )
+    token.add_argument(
         "--no-token",
         action="store_true",
         help="let every user and program of this computer use the page",

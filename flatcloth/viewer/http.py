@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import ClientDisconnect, HTTPConnection, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 
 from flatcloth.core.errors import FlatclothError
+from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
 from flatcloth.viewer.protocol.sent import encoded
 
 BODY_S = 10.0
@@ -51,6 +53,24 @@ def as_json(values: Any) -> Response:
 def refused(text: str, status: int) -> Response:
     """Return the reason why a program's request is refused, as JSON."""
     return JSONResponse({"error": text}, status_code=status)
+
+
+def rotation_of(request: HTTPConnection) -> float | None:
+    """Return ``?rotation=`` of an address in degrees, None without it.
+
+    Raises
+    ------
+    FlatclothError
+        If it is no number, or more than ten turns.
+    """
+    text = request.query_params.get("rotation")
+    try:
+        rotation_deg = None if text is None else float(text)
+    except ValueError:
+        rotation_deg = math.nan
+    if rotation_deg is not None and not abs(rotation_deg) <= MAX_ANGLE_DEG:
+        raise FlatclothError(f"rotation must be a number of degrees, up to {MAX_ANGLE_DEG:g} either way.")
+    return rotation_deg
 
 
 async def read_body(request: Request, most_bytes: int) -> bytes:

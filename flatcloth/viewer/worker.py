@@ -6,11 +6,15 @@ import logging
 import queue
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
+from typing import TypeVar
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.memory import trim_freed_memory
 
 _log = logging.getLogger(__name__)
 
+T = TypeVar("T")
 Job = Callable[[], None]
 
 
@@ -31,6 +35,31 @@ class Worker:
     def put(self, job: Job) -> None:
         """Add a job; returns immediately."""
         self._jobs.put(job)
+
+    def result_of(self, job: Callable[[], T], timeout_s: float) -> T:
+        """Run a job after those that wait, and return its result; from any other thread.
+
+        Raises
+        ------
+        FlatclothError
+            If the job does, or its turn does not come in time.
+        """
+        done: Future[T] = Future()
+
+        def run() -> None:
+            if not done.set_running_or_notify_cancel():
+                return  # nobody waits any more
+            try:
+                done.set_result(job())
+            except Exception as error:  # noqa: BLE001 - raised where the result is awaited
+                done.set_exception(error)
+
+        self.put(run)
+        try:
+            return done.result(timeout_s)
+        except TimeoutError as error:
+            done.cancel()
+            raise FlatclothError("The page is busy; ask again in a moment.") from error
 
     @property
     def waiting(self) -> int:

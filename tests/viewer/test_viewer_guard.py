@@ -77,9 +77,20 @@ def test_files_outside_the_page_cannot_be_had(server, path):
 
 @pytest.mark.parametrize("path", ["/ws", "/viser"])
 def test_sockets_of_foreign_pages_are_refused(server, path):
-    for origin in ("http://evil.example", "null", f"http://127.0.0.1:{server.port + 1}", None):
+    for origin in ("http://evil.example", "null", f"http://127.0.0.1:{server.port + 1}"):
         with pytest.raises((InvalidStatus, ConnectionClosed)):
             greet(server, path, origin=origin)
+
+
+def test_a_socket_without_an_origin_needs_the_token_as_a_header_and_is_told_so(server):
+    first = greet(server, "/ws", origin=None)[1]
+    assert '"type":"state"' in str(first)
+    cookie = {"Cookie": f"flatcloth_{server.port}={server.token}"}
+    for headers in ({}, cookie, {"Authorization": "Bearer wrong"}):
+        with pytest.raises(InvalidStatus) as refused:
+            greet(server, "/ws", origin=None, additional_headers=headers)
+        assert refused.value.response.status_code == 403
+        assert "token" in refused.value.response.body.decode().lower()
 
 
 def test_a_foreign_host_name_is_refused(server):

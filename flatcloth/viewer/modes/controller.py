@@ -12,7 +12,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from msgspec import structs
@@ -41,8 +41,12 @@ from flatcloth.viewer.worker import Worker
 
 _log = logging.getLogger(__name__)
 
+T = TypeVar("T")
+
 MOST_WAITING = 200
 """Most messages in the queue of the page's thread. Chosen: no operator is faster; it bounds memory."""
+ANSWER_S = 30.0
+"""Longest time that a program waits for the page's thread. Chosen: above the time limits of HTTP clients."""
 MESSAGES_KEPT = 100
 """Number of recent messages that a newly opened tab receives. Chosen."""
 
@@ -212,8 +216,16 @@ class PageController(ABC):
         """Return the point that a ray of the 3D scene hits, and its place on the plane; reads only."""
         return hit_by(self._picture, self._scene_view.visible_points(), hover)
 
-    def grasps(self, base_from_camera: Rigid3 | None = None, *, with_garment: bool = True) -> dict[str, Any]:
+    def grasps(
+        self,
+        base_from_camera: Rigid3 | None = None,
+        *,
+        with_garment: bool = True,
+        rotation_deg: float | None = None,
+    ) -> dict[str, Any]:
         """Return the list of picks as it is exported, with the seen points of the garment if wanted.
+
+        ``rotation_deg`` is the rotation of the item for the poses, by default that of the shown view.
 
         Raises
         ------
@@ -227,7 +239,7 @@ class PageController(ABC):
             raise FlatclothError("Nothing is flattened yet, so there are no grasp points to export.")
         frames = GraspFrames(
             axis=self._integration.axis,
-            rotation_deg=picture.angle_deg,
+            rotation_deg=picture.angle_deg if rotation_deg is None else rotation_deg,
             grips=self._picks.grips,
             base_from_camera=base_from_camera,
         )
@@ -243,6 +255,41 @@ class PageController(ABC):
 
         document = None if self._picture is None else self._picture.document
         return () if document is None else garment_points(self.garments.known(document))
+
+    def propose_pick(
+        self,
+        place: tuple[float, ...],
+        name: str = "",
+        revision: int | None = None,
+    ) -> int:
+        """Add a pick of a program and return its number, when it is stored; from any other thread.
+
+        ``place`` is (u, v) on the plane of the shape, or (x, y, z) in the object frame, metres.
+
+        Raises
+        ------
+        FlatclothError
+            If no cloth of the shown shape is near, or its revision is not ``revision``.
+        """
+
+        def add() -> int:
+            pick = self._picks.add_near(self._picture, place, name, revision)
+            self._tell(None, "info", f"A program picked {pick.name}.")
+            return pick.id
+
+        return self.answered(add)
+
+    def answered(self, job: Callable[[], T]) -> T:
+        """Run a job on the page's own thread, and return its result; from any other thread.
+
+        Raises
+        ------
+        FlatclothError
+            If the job does, or the page is not ready for it within 30 seconds.
+        """
+        if self.is_swamped:
+            raise FlatclothError("The page has too much to do; ask again in a moment.")
+        return self._front.result_of(job, ANSWER_S)
 
     # --- the page's own thread ---------------------------------------------------------------
 

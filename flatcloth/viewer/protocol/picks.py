@@ -133,6 +133,26 @@ class PickStore:
         self.add(picture, u_m, v_m, miss_m=distance_m)
         return True
 
+    def add_near(
+        self, picture: Picture | None, place: tuple[float, ...], name: str, revision: int | None
+    ) -> Pick:
+        """Pick the cloth at (u, v) on the plane or (x, y, z) in the object frame, metres, for a program."""
+        picture = _shown(picture)
+        if revision not in (None, picture.revision):
+            raise FlatclothError(
+                f"Another shape is shown than that of revision {revision}; ask for the shape again."
+            )
+        if len(place) == 3:
+            rc, distance_m = pixel_of_point(picture.view, np.array(place))
+            u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
+        else:
+            u_m, v_m = place
+            distance_m = grasp_at(picture.view, (u_m, v_m), self._axis, picture.angle_deg).miss_m
+        if distance_m > TOO_FAR_M:
+            raise FlatclothError(f"The nearest cloth is {1000 * distance_m:.0f} mm away; give another point.")
+        self.add(picture, u_m, v_m, miss_m=distance_m, name=name.strip())
+        return self.picks[-1]
+
     @property
     def grips(self) -> Mapping[int, Grip]:
         """The operator's choices for gripping the picks."""

@@ -1,13 +1,12 @@
-"""Routes for robots: shape and grasps over HTTP, new picks over a WebSocket (docs/robots.md)."""
+"""Routes for robots: shape, grasps and proposed picks over HTTP, events over a WebSocket (docs/robots.md)."""
 
 from __future__ import annotations
 
 import asyncio
-import json
-import threading
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import Any, TypeVar
 
+import msgspec
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
@@ -15,117 +14,107 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import Rigid3
-from flatcloth.engine.integration import Integration
-from flatcloth.export.garment import garment_document
-from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
-from flatcloth.session.document import Document
 from flatcloth.viewer import http
-from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.protocol.robot import ProposedPick, schema
+from flatcloth.viewer.protocol.sent import encoded
+from flatcloth.viewer.routes.robot_answers import RobotAnswers, Told
 
-_POLL_S = 0.1
-"""Interval between checks for a new selection. Chosen."""
+POLL_S = 0.1
+"""Interval between checks for something new to tell. Chosen."""
+MAX_BODY_BYTES = 10_000
+"""Limit of a request's body, as for ``/capture``. Chosen: far above what a pick takes."""
+
+T = TypeVar("T")
 
 
-class RobotRoutes:
-    """Answers robots; these routes require the page's token, as all others.
+def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
+    """Return the routes; they require the page's token, as all others."""
 
-    Parameters
-    ----------
-    application : PageController
-        The application of the page.
-    integration : Integration
-        Computes its shapes.
-    base_from_camera : Rigid3, optional
-        The hand-eye transform; with it, poses are also given in the frame of the robot.
-    """
+    async def shape(_request: Request) -> Response:
+        return await answered(answers.shape)
 
-    def __init__(
-        self, application: PageController, integration: Integration, base_from_camera: Rigid3 | None = None
-    ) -> None:
-        self._application, self._integration = application, integration
-        self._base_from_camera = base_from_camera
-        self._lock = threading.Lock()
-        self._made_of: tuple[Any, ...] = ()
-        self._messages: dict[int, str] = {}
+    async def grasps(_request: Request, rotation_deg: float | None) -> Response:
+        return await answered(lambda: answers.grasps(rotation_deg))
 
-    def routes(self) -> list[BaseRoute]:
-        """Return the routes."""
-        return [
-            Route("/robot/shape", self._answering(self._shape)),
-            Route("/robot/grasps", self._answering(self._grasps)),
-            WebSocketRoute("/robot/picks", self._picks),
-        ]
+    async def pick(request: Request, rotation_deg: float | None) -> Response:
+        try:
+            proposed = await body_of(request, ProposedPick)
+        except ValueError as error:
+            return http.refused(str(error), 400)
+        return await answered(lambda: answers.propose(proposed, rotation_deg))
 
-    def _answering(self, make: Callable[[], Any]) -> Callable[[Request], Awaitable[Response]]:
-        async def answer(_request: Request) -> Response:
-            return await http.made(make)
-
-        return answer
-
-    def _picture(self) -> tuple[Picture, Document]:
-        """Return the shown picture, and its document."""
-        picture = self._application.picture
-        if picture is None or picture.document is None:
-            raise FlatclothError("Nothing is flattened yet; step first.")
-        return picture, picture.document
-
-    def _shape(self) -> dict[str, Any]:
-        picture, document = self._picture()
-        known = self._application.garments.known(document)
-        area_m2 = picture.view.area_m2 if picture.sheet is None else picture.sheet.shape_m2
-        shape: dict[str, Any] = {
-            "recording": self._integration.recording.name,
-            "views": sorted(document.used_views),
-            "area_cm2": round(1e4 * area_m2, 1),
-            "rotation_deg": picture.angle_deg,
-        }
-        if isinstance(known, str):
-            return {**shape, "garment": None, "reason": known}
-        return {**shape, "garment": garment_document(known)}
-
-    def _grasps(self, *, with_garment: bool = True) -> dict[str, Any]:
-        self._picture()  # refused while nothing is flattened
-        return self._application.grasps(self._base_from_camera, with_garment=with_garment)
-
-    async def _picks(self, robot: WebSocket) -> None:
-        """Send the existing picks as messages, and then every pick that is made or changed."""
+    async def events(robot: WebSocket) -> None:
+        try:
+            told = Told(rotation_deg=http.rotation_of(robot))
+        except FlatclothError as error:
+            await robot.accept()
+            await robot.close(1008, str(error))
+            return
         await robot.accept()
-        sent: dict[int, str] = {}
-        gone = asyncio.create_task(_disconnected(robot))
-        try:
-            while not gone.done():
-                for pick_id, text in (await run_in_threadpool(self._texts)).items():
-                    if sent.get(pick_id) != text:
-                        await robot.send_text(text)
-                        sent[pick_id] = text
-                await asyncio.wait([gone], timeout=_POLL_S)
-        except WebSocketDisconnect:
-            pass
-        finally:
-            gone.cancel()
+        await _tell(robot, lambda: [encoded(event).decode() for event in answers.events(told)])
 
-    def _texts(self) -> dict[int, str]:
-        """Return the messages about all picks; they are cached for all robots until a pick changes."""
-        page = self._application
-        made_of = page.picture, page.picks, self._integration.axis, dict(page.grips)
-        with self._lock:
-            *parts, grips = self._made_of or (None,) * len(made_of)
-            if grips != made_of[-1] or any(a is not b for a, b in zip(parts, made_of, strict=False)):
-                self._messages = self._computed()
-                self._made_of = made_of
-            return self._messages
+    async def protocol(_request: Request) -> Response:
+        return http.as_json(schema())
 
-    def _computed(self) -> dict[int, str]:
+    return [
+        Route("/robot/shape", shape),
+        Route("/robot/grasps", with_rotation(grasps)),
+        Route("/robot/pick", with_rotation(pick), methods=["POST"]),
+        Route("/robot/schema.json", protocol),
+        WebSocketRoute("/robot/events", events),
+    ]
+
+
+async def answered(make: Callable[[], Any]) -> Response:
+    """Answer with what ``make`` returns on a thread, as JSON; with its reason (409) if there is nothing."""
+    try:
+        return http.as_json(await run_in_threadpool(make))
+    except FlatclothError as error:
+        return http.refused(str(error), 409)
+
+
+def with_rotation(
+    answer: Callable[[Request, float | None], Awaitable[Response]],
+) -> Callable[[Request], Awaitable[Response]]:
+    """Return a route that is given ``?rotation=`` in degrees, or None; 400 if it is no angle."""
+
+    async def route(request: Request) -> Response:
         try:
-            document = self._grasps(with_garment=False)
-        except FlatclothError:
-            return {}  # nothing is flattened yet
-        return {
-            grasp["id"]: json.dumps({"grasp": grasp, BASE_FROM_CAMERA: document[BASE_FROM_CAMERA]})
-            for grasp in document["grasps"]
-        }
+            rotation_deg = http.rotation_of(request)
+        except FlatclothError as error:
+            return http.refused(str(error), 400)
+        return await answer(request, rotation_deg)
+
+    return route
+
+
+async def body_of(request: Request, kind: type[T]) -> T:
+    """Return the body of a request as a struct.
+
+    Raises
+    ------
+    ValueError
+        If it is too long, no JSON, or has other fields; the message says which.
+    """
+    body = await http.read_body(request, MAX_BODY_BYTES)
+    try:
+        return msgspec.json.decode(body, type=kind)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"The body is not as /robot/schema.json has it: {error}.") from error
+
+
+async def _tell(robot: WebSocket, texts: Callable[[], list[Any]]) -> None:
+    """Send what is new until the client leaves; what it sends is not read."""
+    gone = asyncio.create_task(_disconnected(robot))
+    try:
+        while not gone.done():
+            for text in await run_in_threadpool(texts):
+                await robot.send_text(text)
+            await asyncio.wait([gone], timeout=POLL_S)
+    except WebSocketDisconnect:
+        pass
+    finally:
+        gone.cancel()
 
 
 async def _disconnected(robot: WebSocket) -> None:

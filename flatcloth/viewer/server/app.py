@@ -68,9 +68,9 @@ class PageServer:
         Address to bind.
     port : int
         0 chooses a free port.
-    token : bool
-        Require the token that is part of :attr:`url`. False admits every user and program of this
-        computer; beyond loopback it is refused.
+    token : bool or str
+        Require the token that is part of :attr:`url`: True the user's own, a text this one. False admits
+        every user and program of this computer; beyond loopback it is refused.
     places : Places, optional
         The places listed on the start screen.
     opener : callable, optional
@@ -89,7 +89,7 @@ class PageServer:
         *,
         host: str = "127.0.0.1",
         port: int = 8080,
-        token: bool = True,
+        token: bool | str = True,
         places: Places | None = None,
         opener: Opener | None = None,
         opened: Opened | None = None,
@@ -101,7 +101,7 @@ class PageServer:
             )
         return_freed_memory()
         self._socket = bind(host, port)
-        self.token = _token(host) if token else None
+        self.token = (token if isinstance(token, str) else _token(host)) if token else None
         self._host = host
         self.port: int = self._socket.getsockname()[1]
         self._opener = opener

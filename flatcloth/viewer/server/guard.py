@@ -23,6 +23,7 @@ from urllib.parse import SplitResult, parse_qs, urlsplit
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from flatcloth.core.errors import ServerError
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.session.header import state_folder
 
@@ -92,13 +93,13 @@ class Guard:
                     return
                 self._check_token(headers)
         except _Refusal as refusal:
+            # Closed, so that who has no token holds no connection.
+            closing = {"Connection": "close"}
+            answer = PlainTextResponse(refusal.reason, status_code=refusal.status, headers=closing)
             if scope["type"] == "websocket":
                 await receive()
-                await send({"type": "websocket.close", "code": 1008, "reason": refusal.reason})
+                await _deny(answer, scope, receive, send)
             else:
-                # Closed, so that who has no token holds no connection.
-                closing = {"Connection": "close"}
-                answer = PlainTextResponse(refusal.reason, status_code=refusal.status, headers=closing)
                 await answer(scope, receive, send)
             return
         await self._app(scope, receive, send)
@@ -113,9 +114,9 @@ class Guard:
         origin = headers.get("origin")
         if origin is not None and _split(origin, "Origin").netloc.lower() != host.lower():
             raise _Refusal(403, f"Refused: pages of {origin!r:.80} may not use this server.")
-        if origin is None and scope["type"] == "websocket":
-            # Browsers always send it with a socket; other clients are not our page.
-            raise _Refusal(403, "Refused: a socket without an Origin.")
+        if origin is None and scope["type"] == "websocket" and "authorization" not in headers:
+            # Browsers always send an Origin with a socket, and cannot send this header: a program does.
+            raise _Refusal(403, "Refused: a socket needs an Origin, or 'Authorization: Bearer TOKEN'.")
         # Images, links and frames of other pages have no Origin, but browsers send their site.
         # "same-site" is another port of this computer. A link may open the page itself.
         site = headers.get("sec-fetch-site", "none")
@@ -139,6 +140,14 @@ class Guard:
 
     def _is_token(self, given: str) -> bool:
         return hmac.compare_digest(given.encode("utf-8", "replace"), (self._token or "").encode())
+
+
+async def _deny(answer: PlainTextResponse, scope: Scope, receive: Receive, send: Send) -> None:
+    """Refuse a socket with a text, which closing it before it is accepted would not send."""
+    if "websocket.http.response" in scope.get("extensions", {}):
+        await answer(scope, receive, send)
+    else:
+        await send({"type": "websocket.close", "code": 1008, "reason": bytes(answer.body).decode()})
 
 
 def _single_headers(raw: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
@@ -182,7 +191,10 @@ def _cookie(header: str, name: str) -> str:
 # --- the token: saved for the user, so that an open page reconnects after a restart ---------------
 
 TOKEN_FILE = "token"
-_TOKEN = re.compile(rb"[A-Za-z0-9_-]{32,64}\n")
+TOKEN_VARIABLE = "FLATCLOTH_TOKEN"
+"""The environment variable that gives the token."""
+_TOKEN = re.compile(rb"[A-Za-z0-9_-]{32,64}\n?")
+_TOKEN_FORM = "32 to 64 letters, digits, - and _, as 'openssl rand -hex 16' prints them"
 
 
 def new_token() -> str:
@@ -206,6 +218,34 @@ def kept_token() -> str:
     with contextlib.suppress(OSError):
         _keep(path, token)
     return token
+
+
+def given_token(file: Path | None) -> str | None:
+    """Return the token of a file, else that of the environment; None without either.
+
+    A file that does not exist is written with a new token, for its user only.
+
+    Raises
+    ------
+    ServerError
+        If the token is too short to be secret or has other characters, or the file cannot be read or written.
+    """
+    if file is not None:
+        try:
+            if not file.exists():
+                _keep(file, new_token())
+            data, source = read_plain(file, 100), str(file)
+        except OSError as error:
+            raise ServerError(
+                f"{file}: no token can be kept here ({error.strerror}); name another file."
+            ) from error
+    elif TOKEN_VARIABLE in os.environ:
+        data, source = os.environ[TOKEN_VARIABLE].encode("utf-8", "surrogateescape"), TOKEN_VARIABLE
+    else:
+        return None
+    if not _TOKEN.fullmatch(data):
+        raise ServerError(f"{source}: not a token; give {_TOKEN_FORM}.")
+    return data.decode().strip()
 
 
 def _keep(path: Path, token: str) -> None:

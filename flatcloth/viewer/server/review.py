@@ -24,7 +24,7 @@ from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.http import read_body
 from flatcloth.viewer.server.app import bind
-from flatcloth.viewer.server.guard import Guard, kept_token, own_names
+from flatcloth.viewer.server.guard import Guard, given_token, kept_token, own_names
 from flatcloth.viewer.server.limits import limited_logs, limited_server
 
 HOST = "127.0.0.1"
@@ -208,7 +208,7 @@ def serve_review(out: Path, port: int) -> None:
     number = listener.getsockname()[1]
     pages = SessionPages()
     # Without a token, another user of this computer could open a session, and would get its address.
-    token = kept_token()
+    token = given_token(None) or kept_token()
     app = Guard(review_app(out, pages), own_names(HOST), token, number)
     server = limited_server(app)
     sys.stdout.write(f"Review at http://{HOST}:{number}/?token={token} (Ctrl-C ends it)\n")

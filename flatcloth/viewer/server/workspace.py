@@ -17,6 +17,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.http import rotation_of
 from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
@@ -29,7 +30,9 @@ from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.capture import capture_routes
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import LayerRoutes
-from flatcloth.viewer.routes.robot import RobotRoutes
+from flatcloth.viewer.routes.robot import robot_routes
+from flatcloth.viewer.routes.robot_answers import RobotAnswers
+from flatcloth.viewer.routes.rosbridge import RosBridge
 from flatcloth.viewer.routes.sources import SourceRoutes
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.hub import Hub, Tab
@@ -98,6 +101,7 @@ class Workspace:
         self._teaching = TeachingRoutes(integration, lambda: self.application.garments.last)
         self._exports = ExportRoutes(integration, folder, self.application.garments)
         capture = capture_routes(self.application) if isinstance(self.application, CaptureApplication) else ()
+        robot = RobotAnswers(self.application, integration, opened.base_from_camera)
         self.router = Router(
             [
                 *LayerRoutes(lambda: self.application.picture, integration).routes(),
@@ -107,7 +111,8 @@ class Workspace:
                 Route("/teaching/{part}", self._teaching.serve),
                 *self.application.routes(),
                 *capture,
-                *RobotRoutes(self.application, integration, opened.base_from_camera).routes(),
+                *robot_routes(robot),
+                WebSocketRoute("/robot/rosbridge", RosBridge(robot).serve),
                 WebSocketRoute("/ws", self._messages),
                 WebSocketRoute("/viser", self._viser_socket),
             ]
@@ -164,10 +169,14 @@ class Workspace:
     async def _viser_socket(self, browser: WebSocket) -> None:
         await relay(browser, self.scene.path)
 
-    async def _grasps(self, _request: Request) -> Response:
+    async def _grasps(self, request: Request) -> Response:
         headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
         try:
-            grasps = await run_in_threadpool(self.application.grasps)
+            rotation_deg = rotation_of(request)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=400)
+        try:
+            grasps = await run_in_threadpool(self.application.grasps, rotation_deg=rotation_deg)
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=409)
         return JSONResponse(grasps, headers=headers)
