@@ -59,11 +59,14 @@ class BothSides:
         if not this.algorithm.joins_sides:
             raise FlatclothError(f"the method {this.method} integrates one.")
         key = (*document.strokes, tuple(this.axis.point_m), tuple(this.axis.direction))
-        other, its = self._others.get(key, lambda: self._integrated(document, progress, cores))
+        other, its = self._others.get(key, lambda: self.integrated(document, progress, cores))
         parts = this.parts_taken_off(document)
         return this.algorithm.with_other_side(document, parts, this.canonical(document), other.algorithm, its)
 
-    def _integrated(self, document: Document, progress: Progress, cores: int) -> tuple[Integration, Document]:
+    def integrated(
+        self, document: Document, progress: Progress = no_progress, cores: int = 1
+    ) -> tuple[Integration, Document]:
+        """Integrate the other side alone."""
         this = self.integration
         recording = _OtherSide(this.views, self._masks(document, progress))
         other = Integration(recording, this.config, this.method)
@@ -78,7 +81,8 @@ class BothSides:
             return lambda frame: _or_empty(frame.other_mask, frame)
         solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
         found = other_side(solver.observed, lambda n: _or_empty((frame := views.frame(n)).mask, frame))
-        return lambda frame: _without_rim(_or_empty(found.mask(frame.view_index), frame), frame)
+        noisy = solver.observed.noisy
+        return lambda frame: _cleared(_or_empty(found.mask(frame.view_index), frame), frame, noisy)
 
 
 class _OtherSide(WithMasks):
@@ -107,11 +111,13 @@ def _or_empty(mask: Bool | None, frame: RgbdFrame) -> Bool:
     return np.zeros(frame.depth_m.shape, dtype=np.bool_) if mask is None else mask
 
 
-def _without_rim(mask: Bool, frame: RgbdFrame) -> Bool:
-    """Return a mask that was found, without cloth of this side and without the item's outermost pixel.
+def _cleared(mask: Bool, frame: RgbdFrame, noisy: bool) -> Bool:
+    """Return a mask that was found, without cloth of this side and, if noisy, the item's outermost pixel.
 
     There a sensor shows the background, or both; masks that are given leave it out.
     """
-    shown = (mask | _or_empty(frame.mask, frame)).astype(np.uint8)
-    inside: Bool = cv2.erode(shown, np.ones((3, 3), dtype=np.uint8)) > 0
-    return mask & inside & ~_or_empty(frame.mask, frame)
+    this = _or_empty(frame.mask, frame)
+    if noisy:
+        shown = (mask | this).astype(np.uint8)
+        mask = mask & (cv2.erode(shown, np.ones((3, 3), dtype=np.uint8)) > 0)
+    return mask & ~this

@@ -80,7 +80,7 @@ class Observed:
     given views; ``clusters``, ``graph`` the evidence; ``partition`` the sides that follow, ``samples`` (K, M)
     those of disturbed evidence; ``inner`` (M,) clusters on inner faces, seen through an opening; ``doubtful``
     (M,) numbers of faces that may be inner faces, -1 elsewhere; ``start_view`` the view that shows most of
-    the item; ``cut_off`` the regions that were removed.
+    the item; ``cut_off`` the regions that were removed. ``noisy``: most views have a sensor's noise.
     """
 
     views: dict[int, ObservedView]
@@ -93,6 +93,7 @@ class Observed:
     doubtful: Int64
     start_view: int
     cut_off: tuple[CutOff, ...]
+    noisy: bool
     config: SegmentationConfig
 
 
@@ -166,6 +167,7 @@ def observe(
         doubtful=doubtful,
         start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
         cut_off=item.cut_off,
+        noisy=noisy,
         config=settings,
     )
 

@@ -23,6 +23,7 @@ from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import (
+    DIRECTION_WEIGHT,
     STRIP_NOISE_M,
     flexible,
     nearest_rigid_part,
@@ -286,7 +287,8 @@ def _smooth(at: Float64, count: int, random: np.random.Generator) -> list[Float6
 class _Sheet:
     """Pairs ``edges`` (M, 2) between n nodes, their directions ``along`` (M, 2), and ``weight`` (M,).
 
-    The directions in which nodes ``stars`` (n,) observe their neighbours weigh as much as lengths.
+    The directions in which nodes ``stars`` (n,) observe their neighbours weigh
+    ``DIRECTION_WEIGHT`` times as much as lengths.
     """
 
     n: int
@@ -328,7 +330,7 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
         rows.append(row)
         columns.append(turn_at[end[seen]])
         values.append(-np.linalg.norm(across[seen], axis=1))
-        root.append(np.sqrt(sheet.weight[seen]))
+        root.append(np.sqrt(DIRECTION_WEIGHT * sheet.weight[seen]))
         wanted.append(off_m[seen] * random.standard_normal((seen.size, change.shape[1])))
         count += seen.size
     matrix = coo_matrix(

@@ -42,7 +42,7 @@ def shape_with(share: float) -> JointShape:
 def test_the_contradiction_is_the_share_of_the_last_views_pairs_without_weight(share: float) -> None:
     method = method_of(shape_with(share))
     assert method.contradiction(Document()) == pytest.approx(share, abs=0.002)
-    assert method.is_contradicted(Document()) == (share > 0.05)
+    assert method.is_contradicted(Document()) == (share > 0.1)
 
 
 def test_a_view_that_floats_contradicts_nothing() -> None:

@@ -21,12 +21,9 @@ from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M
 from flatcloth.methods.robust.observations import Nodes
-from flatcloth.methods.robust.seams.links import Matches, SeamLink, linked, matches_of
+from flatcloth.methods.robust.seams.links import SEAM_STD_M, Matches, SeamLink, linked, matches_of
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined
 
-SEAM_STD_M = 0.003
-"""Standard deviation of a length between a seam and the cloth beside it. Chosen: in ``outcome.json`` of the
-shared recordings, the places of a seam fit its motion to 2 to 4 mm in the median (``residual_mm``)."""
 _REACH = 1.5
 """A place on a seam is paired with nodes up to this many typical pairs away. Chosen: two or three nodes."""
 _SEAM_EVIDENCE = 0.1
@@ -79,22 +76,26 @@ def join_sides(
     )
     joining = joining[np.isfinite(matches.other_uv_m[joining, 0])]
     # 3. Poses of all pieces by the largest sets; one shape, with a node for each place on a seam.
-    own, mirrored, places = _posed(this, other, matches, links)
+    own, mirrored, places, std_m = _posed(this, other, matches, links)
     both = _one_shape(own, mirrored, matches.chosen(joining), (places[0][joining], places[1][joining]))
     # 4. Eq. (2) over both sides (joint.py).
     both = flatten_jointly(both, most_cut=None, precise=True)
     # 5. The other side again on its own plane, with its standard deviations.
-    return _other_of(both, this, other, held_point_m, joining, matches, links)
+    std_m[1] = np.hypot(std_m[1], placement_std_m(both, held_point_m)[len(this.nodes) :][: len(other.nodes)])
+    return _other_of(both, this, other, std_m[1], joining, matches, links)
 
 
 def _posed(
     this: JointShape, other: JointShape, matches: Matches, links: Sequence[SeamLink]
-) -> tuple[JointShape, JointShape, tuple[Float64, Float64]]:
+) -> tuple[JointShape, JointShape, tuple[Float64, Float64], list[Float64]]:
     """Move the pieces of both sides to where the largest sets of matches lead, and number them by group.
 
-    The other side is returned mirrored, on the plane of this side.
+    The other side is returned mirrored, on the plane of this side, with the places of the matches on both,
+    and the standard deviations that the motions give to the nodes of each side. The residuals of a set are
+    not independent: each set counts as one place and one direction, known to ``SEAM_STD_M`` over its extent.
     """
     uv = [this.all_uv_m.copy(), other.all_uv_m * MIRROR]
+    variance = [np.zeros(len(this.nodes)), np.zeros(len(other.nodes))]
     first = int(this.piece.max()) + 1
     number = [this.piece.copy(), np.where(other.piece >= 0, other.piece + first, -1).astype(np.int32)]
     uv[1][:, 0] -= PIECES_APART_M * first
@@ -116,15 +117,18 @@ def _posed(
         # The group with the smaller number stays where it lies: this side's main piece is 0.
         stays, moves = (0, 1) if groups[0] < groups[1] else (1, 0)
         motion = fit_rigid2(places[moves][own], places[stays][own])
+        middle, extent_m2 = places[stays][own].mean(axis=0), places[stays][own].var(axis=0).sum()
         for side in (0, 1):
             moved = number[side] == groups[moves]
             uv[side][moved] = motion.apply(uv[side][moved])
+            away_m2 = np.square(uv[side][moved] - middle).sum(axis=1)
+            variance[side][moved] += SEAM_STD_M**2 * (1.0 + away_m2 / extent_m2)
             number[side][moved] = groups[stays]
             moved = of_match[side] == groups[moves]
             places[side][moved] = motion.apply(places[side][moved])
             of_match[side][moved] = groups[stays]
     posed = replace(this, all_uv_m=uv[0], piece=number[0]), replace(other, all_uv_m=uv[1], piece=number[1])
-    return *posed, (places[0], places[1])
+    return *posed, (places[0], places[1]), [np.sqrt(each) for each in variance]
 
 
 def _one_shape(
@@ -240,7 +244,7 @@ def _other_of(
     both: JointShape,
     this: JointShape,
     other: JointShape,
-    held_point_m: Float64,
+    joint_std_m: Float64,
     joining: Int64,
     matches: Matches,
     links: Sequence[SeamLink],
@@ -262,14 +266,13 @@ def _other_of(
     )
     std_m, unreliable = np.full(m, np.nan), np.zeros(m, dtype=np.bool_)
     if is_related:
-        # As sure as this side is at the nearest seam, and no surer than a seam is.
+        # As sure as this side is at the nearest seam, and no surer than the seams are.
         seam = np.flatnonzero(both.placed[n + m :] & np.isfinite(matches.this_std_m[joining]))
         at = both.all_uv_m[n + m :][seam]
         shift_m = np.linalg.norm(at - matches.this_uv_m[joining[seam]], axis=1)
         seam_m = np.hypot(matches.this_std_m[joining[seam]], shift_m)
         nearest = cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]
-        joint_m = placement_std_m(both, held_point_m)[own]
-        std_m = np.sqrt(joint_m**2 + seam_m[nearest] ** 2 + SEAM_STD_M**2)
+        std_m = np.hypot(joint_std_m, seam_m[nearest])
         unreliable = undetermined(made, std_m)
     return JoinedSide(
         shape=made,

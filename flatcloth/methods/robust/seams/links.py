@@ -21,11 +21,19 @@ from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, Jo
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 
 LEAST_MATCHES = 30
-"""Fewest matches of a set that joins pieces. Chosen on 19 of the shared recordings: there, sets of contacts
-that look like a seam have up to 26."""
-DOUBTED_EVIDENCE = 60.0
-"""Cloth of the other side that less evidence joins is not believed unless seams confirm it. Chosen on the
-same recordings: nearly all joints between two sets with less than 57 are false."""
+"""Fewest matches of a set that joins pieces, or fewer if they cover as much as 30 on a strip as wide as
+``_AGREE_M``. Measured by ``python -m benchmarks seams``: of the sets that no other contradicts, false ones
+have up to 26, or cover less."""
+_DOUBTED_EVIDENCE = 120.0
+"""Cloth of the other side that alone joins two pieces of this side is not believed with less evidence.
+Measured by the same command: such joints with up to 70 are false, with 210 and more true."""
+_BENT = 0.3
+"""Cloth is cut between two sets that contradict each other if its evidence is less than this for each match
+of the weaker one, weighted by its width; otherwise the weaker set is false. Measured by the same command:
+where the cloth is bent it is up to 0.2, where the set is false 0.4 and more."""
+SEAM_STD_M = 0.003
+"""Standard deviation of a length between a seam and the cloth beside it. Chosen: in ``outcome.json`` of the
+shared recordings, the places of a seam fit its motion to 2 to 4 mm in the median (``residual_mm``)."""
 _AGREE_M = 0.012
 """Matches of one set fit its motion to this. Chosen: four times their median residual."""
 _CONTRADICT_M = 0.030
@@ -85,13 +93,20 @@ class Matches:
 class SeamLink:
     """A set of matches: ``members`` (K,) of all matches, between a piece of each side.
 
-    ``why`` says why it does not join them; it is empty if it does.
+    ``strength`` is their number, weighted by the width of the strip that they cover: along a straight line
+    other parts touch, too. ``why`` says why it does not join them; it is empty if it does.
     """
 
     this_piece: int
     other_piece: int
     members: Int64
+    strength: float
     why: str = ""
+
+    @property
+    def joins(self) -> bool:
+        """Whether the set is large enough to join its pieces by itself."""
+        return max(len(self.members), self.strength) >= LEAST_MATCHES
 
 
 def matches_of(this: Sequence[FlattenedView], other: Sequence[FlattenedView]) -> Matches:
@@ -113,9 +128,9 @@ def linked(
 ) -> tuple[JointShape, Matches, list[SeamLink]]:
     """Decide which sets of matches join the sides; take the other side apart where they contradict it.
 
-    The other side is seen less well, in what this side's folds leave open, and its false joints are many:
-    where two of its sets contradict each other, or where it alone would join two pieces of this side, its
-    cloth between them must be strong to be believed.
+    Two sets that place one piece of the other side differently on one piece of this side contradict each
+    other: either the weaker is contact of other parts, or the cloth between them is bent or joined falsely.
+    Cloth of the other side that alone would join two pieces of this side must be strong to be believed.
 
     Returns
     -------
@@ -124,30 +139,26 @@ def linked(
     Matches
         At their places on its new plane.
     list of SeamLink
-        All sets, the largest first.
+        All sets, the strongest first.
     """
-    at_this, at_other = _node_at(this, matches.this_uv_m), _node_at(other, matches.other_uv_m)
-    ends = np.stack([this.piece[at_this], other.piece[at_other]], axis=1).astype(np.int64)
-    links = _sets(matches, ends)
+    links, at_other = sets_of(this, other, matches), _node_at(other, matches.other_uv_m)
     side = np.zeros(len(other.nodes), dtype=np.int64)  # the part of each node
     for n, link in enumerate(links):
-        size = len(link.members)
         earlier = [each for each in links[:n] if not each.why and each.other_piece == link.other_piece]
-        against = [each for each in earlier if not _agree(matches, each, link)]
-        if size < LEAST_MATCHES and len(against) == len(earlier):
-            links[n] = replace(link, why="too few places meet")
-        if size < LEAST_MATCHES // 2:
+        against = [each for each in earlier if not agree(matches, each, link)]
+        if not link.joins:
+            if len(against) == len(earlier):
+                links[n] = replace(link, why="too few places meet")
             continue
         for before in against:
-            if len(before.members) < LEAST_MATCHES:
-                continue
-            one, two = (np.unique(at_other[each.members]) for each in (before, link))
-            part, evidence = _weakest_cut(other, one, two)
-            if evidence < DOUBTED_EVIDENCE:
+            part, evidence = evidence_between(other, matches, before, link)
+            is_bridge = before.this_piece != link.this_piece
+            if evidence < (_DOUBTED_EVIDENCE if is_bridge else _BENT * link.strength):
                 part &= other.piece == link.other_piece
                 side = np.unique(2 * side + part, return_inverse=True)[1].ravel()
-            elif before.this_piece == link.this_piece:
-                links[n] = replace(link, why="it contradicts a longer seam")
+            elif not is_bridge:
+                links[n] = replace(link, why="it contradicts a stronger seam")
+                break
     apart, matches = _taken_apart(other, side, matches, at_other)
     # Pieces have other numbers now.
     return apart, matches, [replace(k, other_piece=_piece_of(apart, at_other[k.members])) for k in links]
@@ -158,15 +169,26 @@ def _piece_of(shape: JointShape, nodes: Int64) -> int:
     return int(np.bincount(shape.piece[nodes] + 1).argmax()) - 1
 
 
-def _sets(matches: Matches, ends: Int64) -> list[SeamLink]:
-    """Return the sets of matches that agree on one motion, for each pair of pieces; the largest first."""
+def sets_of(this: JointShape, other: JointShape, matches: Matches) -> list[SeamLink]:
+    """Return the sets of matches that agree on one motion, for each pair of pieces; the strongest first."""
+    at = _node_at(this, matches.this_uv_m), _node_at(other, matches.other_uv_m)
+    ends = np.stack([this.piece[at[0]], other.piece[at[1]]], axis=1).astype(np.int64)
     links = []
     for this_piece, other_piece in np.unique(ends, axis=0).tolist():
         rest = np.flatnonzero((ends == (this_piece, other_piece)).all(axis=1))
         while (members := _largest_set(matches, rest)).size:
-            links.append(SeamLink(this_piece=this_piece, other_piece=other_piece, members=members))
+            strength = members.size * _width_m(matches.this_uv_m[members]) / _AGREE_M
+            links.append(
+                SeamLink(this_piece=this_piece, other_piece=other_piece, members=members, strength=strength)
+            )
             rest = np.setdiff1d(rest, members)
-    return sorted(links, key=lambda link: -len(link.members))
+    return sorted(links, key=lambda link: -link.strength)
+
+
+def _width_m(uv_m: Float64) -> float:
+    """Return the standard deviation of places (K, 2) across the line through them, at least a residual's."""
+    across = float(np.linalg.eigvalsh(np.cov(uv_m.T))[0])
+    return max(float(np.sqrt(max(across, 0.0))), SEAM_STD_M)
 
 
 def _largest_set(matches: Matches, among: Int64) -> Int64:
@@ -194,7 +216,7 @@ def _largest_set(matches: Matches, among: Int64) -> Int64:
     return members if members.size >= LEAST_PIECE else none
 
 
-def _agree(matches: Matches, one: SeamLink, other: SeamLink) -> bool:
+def agree(matches: Matches, one: SeamLink, other: SeamLink) -> bool:
     """Return whether two sets of the same piece of the other side place it alike."""
     if one.this_piece != other.this_piece:
         return False
@@ -205,11 +227,15 @@ def _agree(matches: Matches, one: SeamLink, other: SeamLink) -> bool:
     return off_m <= _CONTRADICT_M
 
 
-def _weakest_cut(shape: JointShape, one: Int64, other: Int64) -> tuple[Bool, float]:
-    """Return which nodes (N,) the weakest cut between some nodes and others leaves with the former.
+def evidence_between(
+    shape: JointShape, matches: Matches, before: SeamLink, link: SeamLink
+) -> tuple[Bool, float]:
+    """Return which nodes (N,) of the other side the weakest cut between two sets leaves with the first.
 
     The second is the evidence that the cut takes away.
     """
+    node = _node_at(shape, matches.other_uv_m)
+    one, other = np.unique(node[before.members]), np.unique(node[link.members])
     both = np.intersect1d(one, other)
     ends = np.zeros((2, len(shape.nodes)))
     for row, own in zip(ends, (one, other), strict=True):

@@ -1,0 +1,129 @@
+"""Which sets of places where rims meet are seams, and what cloth between two sets that contradict is worth.
+
+For each recording: all sets of at least ``LEAST`` places with their size and strength, and whether they are
+true; then each two sets on one piece of the other side that contradict each other, with the evidence of the
+cloth between them and how far that cloth is truly bent. The limits of ``seams/links.py`` are chosen by these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from benchmarks.output import Options
+from benchmarks.unattended import measure_each, unattended
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import FlattenedView, Float64
+from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.evaluation import Truth, look_up
+from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
+from flatcloth.methods.answers import MIRROR
+from flatcloth.methods.robust.method import RobustMethod
+from flatcloth.methods.robust.seams import links as seam_links
+
+LEAST = 15
+"""Smaller sets are not listed. Chosen: they join nothing."""
+
+
+def run(options: Options) -> None:
+    """Measure and print; write ``results/seams.json`` and ``.md`` unless ``quick``."""
+    measure_each("seams", row_of, worst_first, page, options)
+
+
+def row_of(source: str) -> dict[str, Any]:
+    """Return the sets and the contradictions of one recording."""
+    integration, document, truth = unattended(source)
+    other, its = BothSides(integration).integrated(document)
+    assert isinstance(integration.algorithm, RobustMethod)
+    assert isinstance(other.algorithm, RobustMethod)
+    this_shape, other_shape = (
+        method.shapes.settled(seen)
+        for method, seen in ((integration.algorithm, document), (other.algorithm, its))
+    )
+    drawn = [
+        each.canonical(seen) for each, seen in ((integration.algorithm, document), (other.algorithm, its))
+    ]
+    pieces = [(each.view, *each.floating) for each in drawn]
+    truths: list[Truth] = [truth, OtherTruth(truth, len(integration.recording))]
+    matches = seam_links.matches_of(*pieces)
+    true = [
+        _true_at(own, seen, uv)
+        for own, seen, uv in zip(pieces, truths, (matches.this_uv_m, matches.other_uv_m), strict=True)
+    ]
+    off_m = np.linalg.norm(true[0] - true[1] * MIRROR, axis=1)
+    sets = [
+        each for each in seam_links.sets_of(this_shape, other_shape, matches) if len(each.members) >= LEAST
+    ]
+    found = [
+        {
+            "places": len(each.members),
+            "strength": round(each.strength, 1),
+            "true_share": round(float(np.nanmean(off_m[each.members] < FAR_RELATED_M)), 2),
+        }
+        for each in sets
+    ]
+    contradictions = []
+    for n, k in combinations(range(len(sets)), 2):
+        if sets[n].other_piece != sets[k].other_piece or seam_links.agree(matches, sets[n], sets[k]):
+            continue
+        evidence = seam_links.evidence_between(other_shape, matches, sets[n], sets[k])[1]
+        one, two = (each.members[np.isfinite(true[1][each.members, 0])] for each in (sets[n], sets[k]))
+        bent = fit_rigid2(matches.other_uv_m[one], true[1][one]).apply(matches.other_uv_m[two]) - true[1][two]
+        contradictions.append(
+            {
+                "sets": [n, k],
+                "bridge": sets[n].this_piece != sets[k].this_piece,
+                "evidence": round(evidence, 1),
+                "bent_mm": round(1e3 * float(np.median(np.linalg.norm(bent, axis=1))), 1),
+            }
+        )
+    return {"recording": integration.recording.name, "sets": found, "contradictions": contradictions}
+
+
+def _true_at(pieces: Sequence[FlattenedView], truth: Truth, uv_m: Float64) -> Float64:
+    """Return the true places (K, 2) of places of the plane; NaN where none is known near."""
+    at = np.concatenate([piece.uv_from_rc(np.argwhere(piece.valid)) for piece in pieces])
+    true = np.concatenate([look_up(piece, truth) for piece in pieces])
+    known = np.isfinite(true[:, 0])
+    away, nearest = cKDTree(at[known]).query(uv_m)
+    found: Float64 = np.where((away < NEAR_SEAM_M)[:, None], true[known][nearest], np.nan)
+    return found
+
+
+def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows by the strongest false set."""
+    return sorted(
+        rows, key=lambda row: -max((s["strength"] for s in row["sets"] if s["true_share"] < 0.5), default=0)
+    )
+
+
+def page(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the Markdown page."""
+    lines = []
+    for row in rows:
+        sets = row["sets"]
+
+        def of(kind: bool, sets: Sequence[dict[str, Any]] = sets) -> str:
+            own = [s for s in sets if (s["true_share"] >= 0.5) == kind]
+            return ", ".join(f"{s['places']} ({s['strength']:.0f})" for s in own)
+
+        between = ", ".join(
+            f"{'bridge ' if c['bridge'] else ''}{c['evidence']:.0f} "
+            f"(strength {sets[c['sets'][1]]['strength']:.0f}, bent {c['bent_mm']:.0f} mm)"
+            for c in row["contradictions"]
+        )
+        lines.append(f"| {row['recording']} | {of(False)} | {of(True)} | {between} |")
+    text = "\n".join(lines)
+    return f"""# Seams: sets of places, true and false
+
+Places of each set of at least {LEAST} (in brackets its strength), by the truth, the strongest false one
+first; then the evidence of the other side's cloth between two sets that contradict each other.
+
+| recording | false sets | true sets | contradictions |
+|---|---|---|---|
+{text}
+"""
