@@ -14,18 +14,32 @@ from types import ModuleType
 from typing import NoReturn
 
 from flatcloth import __version__
-from flatcloth.commands import batch, evaluate, export, import_, record, run, segment, synthesize, view
+from flatcloth.commands import (
+    active,
+    batch,
+    evaluate,
+    export,
+    import_,
+    record,
+    run,
+    segment,
+    synthesize,
+    view,
+)
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.signals import handled_by
 
 COMMANDS: dict[str, ModuleType] = {
     command.NAME: command
-    for command in (view, run, segment, batch, export, evaluate, import_, record, synthesize)
+    for command in (view, run, active, segment, batch, export, evaluate, import_, record, synthesize)
 }
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit code: 0, or 2 on bad input (one line on stderr)."""
+    """Run the command line and return the exit code: 0, or 2 on bad input (one line on stderr).
+
+    A command may have an exit code of its own, such as 1 of a goal that was not reached.
+    """
     given = list(sys.argv[1:] if arguments is None else arguments)
     if not given or (given[0] not in COMMANDS and given[0] not in ("-h", "--help", "--version")):
         given.insert(0, "view")
@@ -35,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         # SIGTERM has the effect of Ctrl-C, so that child processes are ended and temporary files removed.
         with handled_by(signal.SIGTERM, signal.default_int_handler):
-            options.run(options)
+            status = int(options.run(options) or 0)
         sys.stdout.flush()
     except FlatclothError as error:
         print(f"flatcloth: {error}", file=sys.stderr)
@@ -47,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Who read the output has gone, as in "flatcloth run ... | head"; the work is done or of no use.
         _discard_output()
         return 141
-    return 0
+    return status
 
 
 def run_and_exit() -> NoReturn:

@@ -22,6 +22,12 @@ def sample_recordings() -> dict[str, Path]:
     return {header.parent.name: header.parent for header in sorted(root.glob("*/recording.json"))}
 
 
+def sample_mesh() -> Path:
+    """Return the bundled mesh of a hanging T-shirt, for the simulated cell."""
+    root = _first_existing(_PACKAGE / "samples", _PACKAGE.parent / "recordings")
+    return root / "tshirt-corner.obj.gz"
+
+
 def _first_existing(installed: Path, checkout: Path) -> Path:
     # The installed place is checked first, because an installed package lies next to other packages.
     return installed if installed.is_dir() else checkout

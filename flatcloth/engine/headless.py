@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, Rigid2, no_progress
 from flatcloth.engine.integration import Integration
 from flatcloth.session.machine import (
@@ -14,11 +15,13 @@ from flatcloth.session.machine import (
     Accept,
     Command,
     Event,
+    Failed,
     Keeper,
     Nudge,
     Phase,
     Propose,
     Reject,
+    Restart,
     SessionState,
     Start,
     Started,
@@ -136,6 +139,37 @@ class Run:
         self.integration.views.flatten_ahead([])
         return self.state
 
+    def add(self, view_index: int, progress: Progress = no_progress) -> str:
+        """Integrate a view that was added to the recording, and views that waited for it.
+
+        Returns the reason why the view is not part of the shape; empty if it is.
+        """
+        why = "it shows nothing that can be placed yet"
+        try:
+            if self.state.document.start_view is not None:
+                self._ask(Propose(view_index), progress)
+            self.finish(progress)
+        except FlatclothError as error:
+            why = str(error)
+            if self.state.request is not None:  # nothing waits for an answer any more
+                self._do(Failed(self.state.request.token))
+        self._start_anew(progress)
+        if view_index in self.state.document.used_views:
+            return ""
+        rejected = {r.view_index: r.reason for r in self.state.document.rejected}
+        return rejected.get(view_index, why)
+
+    def _start_anew(self, progress: Progress) -> None:
+        """Begin again with the best start view, if it alone shows more than the shape so far."""
+        document = self.state.document
+        best = self.integration.algorithm.start_view(progress)
+        if best is None or document.start_view in (None, best):
+            return
+        shown_m2 = self.integration.views.observed_areas_m2(progress)[best]
+        if shown_m2 > self.integration.canonical(document).view.area_m2:
+            self._ask(Restart(best), progress)
+            self.finish(progress)
+
     def _do(self, command: Command | Event) -> None:
         decision, pending = None, self.state.document.pending
         if pending is not None and isinstance(command, Accept | Reject):
@@ -154,7 +188,7 @@ class Run:
         if decision is not None:
             self.on_view(decision)
 
-    def _ask(self, command: Start | Propose, progress: Progress) -> None:
+    def _ask(self, command: Start | Propose | Restart, progress: Progress) -> None:
         self._do(command)
         if self.state.request is not None:
             self._answer(progress)

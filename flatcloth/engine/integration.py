@@ -145,7 +145,7 @@ class Integration:
             recording, config or self._kind.default_config(), segmenter, is_default=config is None
         )
         self.notes = self.views.notes
-        self.algorithm: Method = self._kind(self.views, recording.angles_deg)
+        self.algorithm: Method = self._kind(self.views, self.views.angles_deg)
         self._forget()
         self.views.on_change = self._forget
 
@@ -170,7 +170,7 @@ class Integration:
         self._overlays: Cache[FlattenedView] = Cache(2)
         self._decided: Cache[_ByGarment] = Cache(2)
         before = self.algorithm
-        self.algorithm = self._kind(self.views, self.recording.angles_deg)
+        self.algorithm = self._kind(self.views, self.views.angles_deg)
         self.algorithm.is_unattended = before.is_unattended
 
     # ---------------------------------------------------------------- the shape

@@ -89,6 +89,8 @@ class RecordedViews:
         Turning axis, object frame; estimated if the recording has none.
     held_point_m : (3,) float64
         Where the item is held.
+    angles_deg : list of float
+        The angle of each view; the same list grows with the recording.
     notes : tuple of str
         What the operator must know about the recording and its axis.
     sides : Sides or None
@@ -103,6 +105,7 @@ class RecordedViews:
         self, recording: Recording, config: Config, segmenter: Segmenter | None, *, is_default: bool = False
     ) -> None:
         self.recording, self.config = recording, config
+        self.angles_deg = list(recording.angles_deg)
         self._segmenter = None if recording.has_masks else segmenter
         self._frames: Cache[RgbdFrame] = Cache(MAX_VIEWS, _FRAMES_BYTES)
         self.keeps_frames = False
@@ -146,14 +149,32 @@ class RecordedViews:
         self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 56 * _MIB)
         self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
         self._areas: Cache[Float64] = Cache(2)
-        self.masks: Masks | None = None
+        self._find_sides()
+        self.on_change()
+
+    def _find_sides(self) -> None:
+        """Prepare to find the masks, if the recording has none of its own."""
         segmenter = self._segmenter
+        self.masks: Masks | None = None
         self.sides = (
             None
             if segmenter is None
             else Sides(lambda progress: segmenter(self, progress), len(self.recording))
         )
-        self.on_change()
+
+    def grow(self) -> None:
+        """Take views that were added to the recording; what was computed for the others stays.
+
+        Masks that are found from the views, and an axis that is estimated, are found again. No other thread
+        may compute at the same time.
+        """
+        self.angles_deg.extend(self.recording.angles_deg[len(self.angles_deg) :])
+        if self.recording.rotation_axis is None:
+            hanging = resolve_axis(self.recording, self.recorded, self.config.surface)
+            self.held_point_m = hanging.held_point_m
+            self.turn_about(hanging.axis)
+        elif self._segmenter is not None:
+            self._find_sides()
 
     def axis_agreement(self) -> str:
         """Describe in a sentence how well the views agree with the present axis."""
@@ -191,7 +212,8 @@ class RecordedViews:
 
     def keep_frames(self) -> None:
         """Keep the frames of all views, and read none ahead, because no operator waits."""
-        self._frames = Cache(MAX_VIEWS, _ALL_FRAMES_BYTES)
+        if not self.keeps_frames:
+            self._frames = Cache(MAX_VIEWS, _ALL_FRAMES_BYTES)
         self.keeps_frames = True
 
     def frame(self, view_index: int) -> RgbdFrame:

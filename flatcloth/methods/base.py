@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
@@ -40,6 +40,10 @@ from flatcloth.session.document import Document, Later, Side
 if TYPE_CHECKING:
     from flatcloth.flattening.flatten import Flattening
     from flatcloth.registration.registered import Registered
+
+
+Focus = Callable[[Float64], Float64]
+"""Weights (N,) of the cloth at places (N, 2) on the plane of a shape, m."""
 
 
 class Views(Protocol):
@@ -114,6 +118,21 @@ class Method(Protocol):
     @abstractmethod
     def plan(self, document: Document, unusable: set[int]) -> Plan:
         """Choose the next view; ``unusable`` are views that cannot be flattened."""
+
+    def look_ahead(self, document: Document, angles_deg: Sequence[float], focus: Focus | None = None) -> Plan:
+        """Choose the next rotation among angles at which no view was taken yet.
+
+        Parameters
+        ----------
+        document : Document
+            The decisions; all recorded views have been looked at.
+        angles_deg : sequence of float
+            The angles of the recorded views, then those to choose from; the ``view_index`` of the plan, and
+            of its candidates, is an index into them.
+        focus : callable, optional
+            Which cloth counts; by default all of it.
+        """
+        raise FlatclothError(f"the method {self.name} plans recorded views only; choose another method.")
 
     @abstractmethod
     def propose(

@@ -21,6 +21,7 @@ from flatcloth.core.decoding import fitted, parse_json
 from flatcloth.core.errors import ConfigError, JournalError
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.recordings.base import Recording, fingerprint, source_options
+from flatcloth.recordings.growing import GrowingRecording
 
 FORMAT = "flatcloth-session/1"
 HEADER = "session.json"
@@ -163,6 +164,35 @@ def settle_header(
     )
     write_header(folder, header)
     return header
+
+
+def grown(header: Header, recording: Recording) -> Header:
+    """Return the header of a session whose recording has grown."""
+    about = msgspec.structs.replace(
+        header.recording, fingerprint=fingerprint(recording), views=len(recording)
+    )
+    return msgspec.structs.replace(header, recording=about)
+
+
+def take_growth(folder: Path, recording: GrowingRecording) -> None:
+    """Let a session name all views of a recording that has grown since its header was written.
+
+    Raises
+    ------
+    JournalError
+        If the header is damaged, or cannot be written.
+    """
+    if not (folder / HEADER).exists():
+        return
+    header = read_header(folder)
+    had = header.recording.views
+    if had < len(recording) and header.recording.fingerprint == recording.fingerprint_of(had):
+        try:
+            write_header(folder, grown(header, recording))
+        except OSError as error:
+            raise JournalError(
+                f"{folder / HEADER}: cannot be written ({error.strerror}). Free disk space."
+            ) from error
 
 
 def write_header(folder: Path, header: Header) -> None:

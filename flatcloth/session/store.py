@@ -11,6 +11,7 @@ import itertools
 import logging
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.recordings.base import Recording
 from flatcloth.session.axis_file import write_axis
-from flatcloth.session.header import Header, settle_header, write_header
+from flatcloth.session.header import Header, grown, settle_header, write_header
 from flatcloth.session.journal import (
     JOURNAL,
     Coordinate,
@@ -113,6 +114,25 @@ class SessionFolder:
     def picks(self) -> tuple[Pick, ...]:
         """The picks in the order in which they were added."""
         return tuple(self._replay.picks.values())
+
+    def grow(self, recording: Recording) -> None:
+        """Take views that were added to the session's recording; ``session.json`` names them from then on.
+
+        Raises
+        ------
+        JournalError
+            If it cannot be written; the session then stays unchanged.
+        """
+        header = grown(self._header, recording)
+        try:
+            write_header(self._folder, header)
+        except OSError as error:
+            raise JournalError(
+                f"{self._folder}: session.json cannot be written ({error.strerror}). Free disk space."
+            ) from error
+        self._header = header
+        state = replace(self.state, n_views=len(recording))
+        self._replay = replace(self._replay, state=state)
 
     def record(self, entry: Entry, score_parts: Mapping[str, float] | None = None) -> None:
         """Append an entry and wait until it is on disk; a stale answer is dropped.

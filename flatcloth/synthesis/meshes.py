@@ -1,4 +1,4 @@
-"""Reading garment meshes: OBJ by this module, PLY and GLB by Open3D.
+"""Reading garment meshes: OBJ (also gzipped) by this module, PLY and GLB by Open3D.
 
 OBJ has its own reader because Open3D's drops the groups and splits the surface where the texture
 coordinates do; both are needed to find the panels.
@@ -6,6 +6,8 @@ coordinates do; both are needed to find the panels.
 
 from __future__ import annotations
 
+import gzip
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -60,6 +62,8 @@ def read_mesh(path: Path) -> GarmentMesh:
         If the file is missing, of another format, damaged, or has no triangles.
     """
     suffix = path.suffix.lower()
+    if path.name.lower().endswith(".obj.gz"):
+        suffix = ".obj"
     if suffix not in SUFFIXES:
         raise SynthesisError(f"{path}: not a mesh file. flatcloth reads {', '.join(SUFFIXES)}.")
     if not path.is_file():
@@ -156,7 +160,8 @@ class _ObjReader:
 
     def _lines(self) -> Iterator[tuple[str, list[str]]]:
         try:
-            with open_plain(self._path) as file:
+            with open_plain(self._path) as packed:
+                file = gzip.GzipFile(fileobj=packed) if self._path.suffix.lower() == ".gz" else packed
                 for number, line in enumerate(iter(lambda: file.readline(_MOST_LINE_BYTES), b"")):
                     if len(line) == _MOST_LINE_BYTES:
                         raise ValueError(f"the line is longer than {_MOST_LINE_BYTES} characters")
@@ -164,10 +169,9 @@ class _ObjReader:
                         raise ValueError(f"the limit is {_MOST_LINES} lines: decimate the mesh")
                     key, *words = line.decode("utf-8", errors="replace").split() or ("",)
                     yield key, words
-        except OSError as error:
-            raise SynthesisError(
-                f"{self._path}: cannot be read ({error.strerror}). Name a mesh file."
-            ) from error
+        except (OSError, EOFError, zlib.error) as error:
+            cause = getattr(error, "strerror", None) or "not a whole gzip file"
+            raise SynthesisError(f"{self._path}: cannot be read ({cause}). Name a mesh file.") from error
 
     def _face(self, words: list[str], group: str, material: str) -> None:
         corners = [word.split("/") for word in words]

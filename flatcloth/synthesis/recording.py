@@ -11,7 +11,7 @@ import numpy as np
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.types import Intrinsics, Progress, no_progress
 from flatcloth.recordings.writer import RecordingWriter
-from flatcloth.synthesis.flat import FlatPanel, flatten_panel
+from flatcloth.synthesis.flat import FlatPanel, flatten_panel, pattern_panel
 from flatcloth.synthesis.hanging import Hung, PoseErrors, hang, share_in_image, turn
 from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh
 from flatcloth.synthesis.panels import split_panels
@@ -105,40 +105,19 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
     -----
     It takes about 0.5 s per view of 480x848 px with noise, two thirds for noise and PNG files.
     """
-    _check(request)
-    mesh = read_mesh(request.mesh)
-    if request.inside_out:
-        mesh = inside_out(mesh)
-    up = request.up or ("y" if request.mesh.suffix.lower() == ".glb" else "z")
-    try:
-        hung = hang(
-            mesh.vertices,
-            up=up,
-            scale=request.scale,
-            held=request.held,
-            distance_m=request.distance_m,
-            balanced=request.balanced,
-        )
-        progress(0.0, "flattening the truth")
-        panels = _flat_panels(mesh, hung)
-    except SynthesisError as error:
-        raise SynthesisError(f"{request.mesh}: {error}") from error
-    of_interest = _panel_number(request.panel, panels)
+    item = hung_item(request, progress)
     random = np.random.default_rng([request.seed, 1])
     angles = tuple(float(a) for a in np.arange(0, 360 - 1e-6, request.step_deg))
-    turning = turn(hung, angles, request.loose, random)
-    texture = request.texture or (MESH_COLORS if _has_colors(mesh) else PATTERNS[0])
-    if texture == MESH_COLORS and not _has_colors(mesh):
-        raise SynthesisError(f"{request.mesh}: has no colors. Choose --texture {', '.join(PATTERNS)}.")
-    scene = Scene(mesh, hung.points_m, panels, texture, request.seed)
-    measure = _sensor(request)
+    turning = turn(item.hung, angles, request.loose, random)
+    hung, panels, of_interest, scene = item.hung, item.panels, item.panel_of_interest, item.scene
+    measure = sensor_of(request)
     name = request.name or request.out.resolve().name
     with RecordingWriter(
         request.out,
         name=name,
         description=_description(request),
         intrinsics=request.camera,
-        depth_scale_m=DepthSensor().unit_m if request.noise != "none" else _CLEAN_UNIT_M,
+        depth_scale_m=depth_unit_m(request),
         rotation_axis=turning.recorded_axis,
         held_point_m=np.round(hung.held_point_m, 4),
         truth_header={
@@ -168,6 +147,60 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
     )
 
 
+@dataclass(frozen=True, kw_only=True)
+class HungItem:
+    """A mesh that hangs before the camera, ready to be rendered: its panels and the side of interest."""
+
+    hung: Hung
+    panels: tuple[FlatPanel, ...]
+    panel_of_interest: int
+    scene: Scene
+
+
+def hung_item(request: Request, progress: Progress = no_progress, *, with_truth: bool = True) -> HungItem:
+    """Read, hang and texture the mesh of a request.
+
+    Without truth a panel with pattern coordinates is not flattened, which takes seconds.
+
+    Raises
+    ------
+    SynthesisError
+        If the mesh cannot be read, hung or flattened, or an option does not match it.
+    """
+    _check(request)
+    mesh = read_mesh(request.mesh)
+    if request.inside_out:
+        mesh = inside_out(mesh)
+    up = request.up or ("y" if request.mesh.suffix.lower() == ".glb" else "z")
+    try:
+        hung = hang(
+            mesh.vertices,
+            up=up,
+            scale=request.scale,
+            held=request.held,
+            distance_m=request.distance_m,
+            balanced=request.balanced,
+        )
+        progress(0.0, "flattening the truth" if with_truth else "hanging the mesh")
+        panels = _flat_panels(mesh, hung, with_truth)
+    except SynthesisError as error:
+        raise SynthesisError(f"{request.mesh}: {error}") from error
+    texture = request.texture or (MESH_COLORS if _has_colors(mesh) else PATTERNS[0])
+    if texture == MESH_COLORS and not _has_colors(mesh):
+        raise SynthesisError(f"{request.mesh}: has no colors. Choose --texture {', '.join(PATTERNS)}.")
+    return HungItem(
+        hung=hung,
+        panels=panels,
+        panel_of_interest=_panel_number(request.panel, panels),
+        scene=Scene(mesh, hung.points_m, panels, texture, request.seed),
+    )
+
+
+def depth_unit_m(request: Request) -> float:
+    """Return the unit of the depth images of a request."""
+    return DepthSensor().unit_m if request.noise != "none" else _CLEAN_UNIT_M
+
+
 def _check(request: Request) -> None:
     for value, name, low, high in (
         (request.distance_m, "--distance", 0.2, 5.0),
@@ -189,7 +222,7 @@ def _check(request: Request) -> None:
         raise SynthesisError(f"--seed {request.seed}: choose a number from 0.")
 
 
-def _flat_panels(mesh: GarmentMesh, hung: Hung) -> tuple[FlatPanel, ...]:
+def _flat_panels(mesh: GarmentMesh, hung: Hung, with_truth: bool) -> tuple[FlatPanel, ...]:
     panels = []
     size_m = float(np.ptp(hung.points_m, axis=0).max())
     if size_m > _LARGEST_M:
@@ -197,7 +230,9 @@ def _flat_panels(mesh: GarmentMesh, hung: Hung) -> tuple[FlatPanel, ...]:
     for name, members in split_panels(mesh):
         if len(members) == 0:
             raise SynthesisError(f"The mesh has no group named {name}. Name both sides, front and back.")
-        panel = flatten_panel(name, members, hung.points_m, mesh.triangles, mesh.corner_uv)
+        panel = None if with_truth else pattern_panel(name, members, hung.points_m, mesh)
+        if panel is None:
+            panel = flatten_panel(name, members, hung.points_m, mesh.triangles, mesh.corner_uv)
         if np.abs(panel.corner_uv_m).max() > _MOST_FLAT_M:
             raise SynthesisError(
                 f"Panel {name} is over {2 * _MOST_FLAT_M:g} m large when flat, more than the truth of "
@@ -221,9 +256,10 @@ def _panel_number(wanted: str, panels: tuple[FlatPanel, ...]) -> int:
     return number
 
 
-def _sensor(
+def sensor_of(
     request: Request,
 ) -> Callable[[Rendered, np.random.Generator], tuple[np.ndarray, np.ndarray]]:
+    """Return what measures depth (H, W), in units, and color (H, W, 3) of a rendered view."""
     sensor = DepthSensor()
 
     def clean(view: Rendered, _: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

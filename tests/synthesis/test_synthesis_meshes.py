@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import sys
 from pathlib import Path
 
@@ -30,6 +31,17 @@ def test_an_obj_keeps_groups_texture_coordinates_and_the_order_of_vertices(tmp_p
     assert [mesh.group_names[g] for g in mesh.group] == ["front"] * 12 + ["back"] * 12
     assert mesh.corner_uv is not None
     assert np.allclose(mesh.corner_uv, uv[triangles], atol=1e-6)
+
+
+def test_an_obj_may_be_gzipped_and_a_torn_one_is_named(tmp_path: Path) -> None:
+    vertices, triangles, uv = arc()
+    plain = write_obj(tmp_path / "a.obj", vertices, triangles, uv)
+    packed = tmp_path / "a.obj.gz"
+    packed.write_bytes(gzip.compress(plain.read_bytes()))
+    assert np.array_equal(read_mesh(packed).vertices, read_mesh(plain).vertices)
+    packed.write_bytes(packed.read_bytes()[:-200])
+    with pytest.raises(SynthesisError, match=r"a\.obj\.gz: cannot be read \(not a whole gzip file\)"):
+        read_mesh(packed)
 
 
 def test_an_obj_may_have_polygons_counted_from_the_end(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
 from flatcloth.methods.answers import Alignment, AlignmentScore, Placement, Plan, SurfaceEdges
-from flatcloth.methods.base import Views
+from flatcloth.methods.base import Focus, Views
 from flatcloth.methods.edges import edges_of_view, joined_edges
 from flatcloth.methods.paper.alignment import align_by_z_angle
 from flatcloth.methods.paper.departures import Departures
@@ -55,11 +55,19 @@ class PaperMethod(Departures):
 
     def plan(self, document: Document, unusable: set[int]) -> Plan:
         """Choose the side with an occluding edge, and the rotation that leaves S_0 of overlap."""
+        unavailable = document.used_views | document.refused_views | unusable
+        return self._planned(document, self.angles_deg, unavailable)
+
+    def look_ahead(self, document: Document, angles_deg: Sequence[float], focus: Focus | None = None) -> Plan:
+        """Choose the next rotation as among recorded views; the paper's planning knows no ``focus``."""
+        return self._planned(document, angles_deg, frozenset(range(len(self.angles_deg))))
+
+    def _planned(self, document: Document, angles_deg: Sequence[float], unavailable: frozenset[int]) -> Plan:
+        """Plan both sides by A_z, and choose one (steps 1 to 4)."""
         canonical = self.canonical(document)
         config = replace(self._config.planning, overlap_area_m2=self.overlap_area_m2)
         outer = fronts(document, self.angles_deg)
         turned = outer[Side.LEFT][1] + outer[Side.RIGHT][1]
-        unavailable = document.used_views | document.refused_views | unusable
         sides = []
         for side, (front, _) in outer.items():
             curves = column_curves(  # steps 1 and 2: Z-angles, h(u) and A_z(u)
@@ -71,7 +79,7 @@ class PaperMethod(Departures):
             )
             edge = self.occluding_edge_m(document, front, side)
             sides.append(  # steps 3 and 4: A_0 = A_z(u_b), A = A_w - A_0
-                plan_side(side, curves, edge, front, self.angles_deg, unavailable, turned, config)
+                plan_side(side, curves, edge, front, angles_deg, unavailable, turned, config)
             )
         return choose(sides, document.accepted[-1].side if document.accepted else None)
 

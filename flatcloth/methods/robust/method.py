@@ -26,7 +26,7 @@ from flatcloth.methods.answers import (
     Plan,
     SurfaceEdges,
 )
-from flatcloth.methods.base import Method, Views
+from flatcloth.methods.base import Focus, Method, Views
 from flatcloth.methods.robust.acceptance import joined_piece, same_cloth, with_piece_moved
 from flatcloth.methods.robust.compositing import draw, states_of_nodes, states_on_surface
 from flatcloth.methods.robust.connectivity import both_ends
@@ -98,6 +98,23 @@ class RobustMethod(Method):
                 f"{1e4 * best.new_m2:.0f} cm2 new, {1e4 * best.overlap_m2:.0f} cm2 in common"
                 + ("" if best.overlap_m2 >= overlap_m2 else ", less than desired")
             ),
+            sides=(),
+            candidates=tuple(rated),
+        )
+
+    def look_ahead(self, document: Document, angles_deg: Sequence[float], focus: Focus | None = None) -> Plan:
+        """Rate rotations at which no view was taken yet by the expected new area."""
+        recorded, overlap_m2 = len(self.angles_deg), overlap_area_m2(self._views)
+        shape, around = self.shapes.shape(document), self.search.around(document)
+        free = range(recorded, len(angles_deg))
+        rated = rate_candidates(
+            shape, self._views.axis, angles_deg, free, range(recorded), overlap_m2, around, focus
+        )
+        return Plan(
+            view_index=rated[0].view_index,
+            side=None,
+            rotation_deg=rated[0].gap_deg,
+            reason=f"{1e4 * rated[0].new_m2:.0f} cm2 new",
             sides=(),
             candidates=tuple(rated),
         )

@@ -9,7 +9,7 @@ outline the cloth continues, hidden or turned away, and would then face the came
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,8 +45,9 @@ def rate_candidates(
     seen: Iterable[int],
     least_overlap_m2: float,
     around: Neighbourhoods | None = None,
+    focus: Callable[[Float64], Float64] | None = None,
 ) -> list[Candidate]:
-    """Rate views that have not been visited.
+    """Rate views that have not been visited, or angles at which none was taken yet.
 
     Parameters
     ----------
@@ -55,13 +56,15 @@ def rate_candidates(
     axis : RotationAxis
         Axis of the recording.
     angles_deg : sequence of float
-        Angles of all views.
+        Angles of all views, and of those that could be taken.
     candidates, seen : iterables of int
         The views to rate, and the visited ones (accepted or not).
     least_overlap_m2 : float
         Desirable overlap S_0.
     around : Neighbourhoods, optional
         Those of the shape, if they are known.
+    focus : callable, optional
+        The weight (N,) that the cloth at places (N, 2) of the plane counts with; by default all counts alike.
 
     Returns
     -------
@@ -76,16 +79,17 @@ def rate_candidates(
     gaps = _gaps(shape)
     looked = np.array([angles_deg[v] for v in seen])
     poorly = best >= WELL_SEEN_DEG
+    weight = np.ones(len(xyz)) if focus is None else focus(shape.all_uv_m[placed])
     limit, steep = math.cos(math.radians(WELL_SEEN_DEG)), math.cos(math.radians(INCIDENCE_LIMIT_DEG))
     rated, views = [], list(candidates)
     turns = rotations_by(np.radians([angles_deg[v] for v in views])[:, None] * axis.direction)
     shifts_m = axis.point_m - turns @ axis.point_m
     for view, turn, shift_m in zip(views, turns, shifts_m, strict=True):
         visible, overlap, improved, opened_m2 = _looked(
-            xyz, normal, poorly, (turn, shift_m), (steep, limit),
+            (xyz, normal, weight), poorly, (turn, shift_m), (steep, limit),
             (rim.node, rim.beyond_normal, rim.promise_m2),
         )  # fmt: skip
-        shown = sum(n * (visible[a] & visible[b]).mean() for a, b, n in gaps)
+        shown = sum(n * weight[a].mean() * (visible[a] & visible[b]).mean() for a, b, n in gaps)
         gap = np.abs((looked - angles_deg[view] + 180.0) % 360.0 - 180.0)
         nearest = float(gap.min()) if gap.size else 180.0
         novelty = min(1.0, nearest / _NOVEL_TURN_DEG)
@@ -183,19 +187,19 @@ def _uncovered(points: Float64) -> Bool:
 
 @njit(cache=True, nogil=True)
 def _looked(
-    xyz: Float64,
-    normal: Float64,
+    nodes: tuple[Float64, Float64, Float64],
     poorly: Bool,
     turn: tuple[Float64, Float64],
     least_cos: tuple[float, float],
     rim: tuple[NDArray[np.intp], Float64, Float64],
-) -> tuple[Bool, int, int, float]:
-    """Look at the nodes (N, 3) from a camera, given by ``turn``, its rotation and translation.
+) -> tuple[Bool, float, float, float]:
+    """Look at the ``nodes`` (places, normals, weights) from a camera: ``turn``, its rotation and translation.
 
     ``least_cos`` are the cosines of the incidence at which nodes are visible, and seen well. Return which
-    are visible, how many are seen well that were not seen ``poorly`` before, or were, and the area beyond
-    the ``rim`` (node, normal, promise) that opens.
+    are visible, the weight of those seen well that were not seen ``poorly`` before, or were, and the weighted
+    area beyond the ``rim`` (node, normal, promise) that opens.
     """
+    xyz, normal, weight = nodes
     rotation, shift = turn
     points, cos = np.empty_like(xyz), np.empty(len(xyz))
     camera = np.zeros(3)  # its place in the object frame
@@ -212,10 +216,10 @@ def _looked(
             towards += normal[n, a] * (camera[a] - xyz[n, a])
         cos[n] = towards / math.sqrt(square)
     visible = (cos > least_cos[0]) & _uncovered(points)
-    count, opened = np.zeros(2, dtype=np.int64), 0.0
+    seen, opened = np.zeros(2), 0.0
     for n in range(len(xyz)):
         if visible[n] and cos[n] > least_cos[1]:
-            count[1 if poorly[n] else 0] += 1
+            seen[1 if poorly[n] else 0] += weight[n]
     node, beyond, promise = rim
     for k in range(len(node)):
         n = node[k]
@@ -226,5 +230,5 @@ def _looked(
             off = camera[a] - xyz[n, a]
             square += off * off
             towards += off * beyond[k, a]
-        opened += promise[k] * min(1.0, max(0.0, towards / math.sqrt(square)))
-    return visible, count[0], count[1], opened
+        opened += weight[n] * promise[k] * min(1.0, max(0.0, towards / math.sqrt(square)))
+    return visible, seen[0], seen[1], opened

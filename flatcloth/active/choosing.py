@@ -1,0 +1,209 @@
+"""The next angle: where a view is expected to teach most about the goal for the time that it takes.
+
+A method rates angles by the cloth that they would show (:meth:`flatcloth.methods.base.Method.look_ahead`).
+For a named point only the cloth around it counts, and around it means where it may be: its own deviation
+widens the neighbourhood. With the share *f* of that cloth that a view shows for the first time, the point is
+as sure afterwards as one whose cloth was seen with probability *f*; so its expected variance is
+``(1 - f) V + f V_seen`` (law of total variance).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from flatcloth.active.goal import Goal, Knowledge
+from flatcloth.core.types import Float64
+from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.integration import Integration
+from flatcloth.garments.fit import APART_M
+from flatcloth.garments.recognition import POINT_STD_M
+from flatcloth.methods.answers import Candidate, Plan
+from flatcloth.methods.starting import overlap_area_m2
+from flatcloth.session.document import Document
+
+LOOK_S, TURN_DEG_PER_S = 2.0, 60.0
+"""Time of a stop with a look, and speed of a turntable. Chosen: a robot pays about two seconds a turn."""
+GRID_DEG = 3.0
+"""Distance of the angles that are compared. Chosen: the views' overlap changes little over it."""
+APART_DEG = 5.0
+"""No angle nearer to a recorded one is chosen: it shows the same cloth. Chosen."""
+LEAST_SHARE = 0.1
+"""A point is hidden if no view is expected to show more than this of the cloth around it. Chosen."""
+FLOATING = 0.2
+"""Worth of a view without overlap, of one with enough: its cloth floats until a view connects it. Chosen."""
+_HALF_M = APART_M / 2.0
+"""Standard deviation of the weight of cloth around a point, by definition: true edges within ``APART_M``, two
+of these, say where a point is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Next:
+    """The next angle, and what is expected of it.
+
+    ``turn_deg`` is the rotation from where the item stands, by the shorter way; ``new_m2`` the cloth that is
+    expected to be new, ``overlap_m2`` what it has in common with the shape (NaN if the method tells
+    neither), ``most_new_m2`` the most that any angle is expected to add; ``points_m`` the expected standard
+    deviations of the wanted points that are missing, and ``hidden`` those of them that no angle is expected
+    to show.
+    """
+
+    angle_deg: float
+    turn_deg: float
+    why: str
+    new_m2: float = math.nan
+    overlap_m2: float = math.nan
+    most_new_m2: float = math.nan
+    points_m: dict[str, float] = field(default_factory=dict)
+    hidden: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """The time that turning and looking is expected to take."""
+        return seconds_of(self.turn_deg)
+
+
+def seconds_of(turn_deg: float) -> float:
+    """Return the time of a turn and a look."""
+    return LOOK_S + abs(turn_deg) / TURN_DEG_PER_S
+
+
+def shorter_deg(turn_deg: float) -> float:
+    """Return a rotation as the shorter way, -180 to 180 degrees."""
+    return (turn_deg + 180.0) % 360.0 - 180.0
+
+
+def free_angles_deg(taken_deg: Sequence[float]) -> list[float]:
+    """Return the angles of a full turn at which no view was taken, from 0 on."""
+    taken = np.asarray(taken_deg)
+    return [
+        float(angle)
+        for angle in np.arange(0.0, 360.0, GRID_DEG)
+        if not taken.size or np.abs((taken - angle + 180.0) % 360.0 - 180.0).min() >= APART_DEG
+    ]
+
+
+def choose_next(
+    integration: Integration,
+    document: Document,
+    known: KnownGarment | str,
+    knowledge: Knowledge,
+    goal: Goal,
+    stands_deg: float,
+    scale: float = 1.0,
+) -> Next | None:
+    """Return the next angle, or None if no angle is left, or the method ends.
+
+    Parameters
+    ----------
+    integration, document
+        The views so far, and the decisions about them.
+    known, knowledge
+        The garment so far, or the reason for none, and what is known by it.
+    goal : Goal
+        What is to be known.
+    stands_deg : float
+        The angle at which the item stands.
+    scale : float
+        What the last views brought, as a share of what was expected of them.
+    """
+    taken = integration.views.angles_deg
+    free = free_angles_deg(taken)
+    angles = [*taken, *free]
+    plan = integration.algorithm.look_ahead(document, angles) if free else None
+    if plan is None or plan.view_index is None:
+        return None
+    if not plan.candidates:  # the paper's planning: one rotation, without areas
+        angle = angles[plan.view_index]
+        return Next(angle_deg=angle, turn_deg=shorter_deg(angle - stands_deg), why=plan.reason)
+    turns = np.array([shorter_deg(angle - stands_deg) for angle in free])
+    least_m2 = overlap_area_m2(integration.views)
+    rated = _in_order(plan)
+    overlap = np.minimum(1.0, [c.overlap_m2 / least_m2 for c in rated])
+    new_m2 = np.array([c.new_m2 for c in rated])
+    gains = new_m2 * (FLOATING + (1.0 - FLOATING) * overlap)
+    shares = _shares(integration, document, known, knowledge, goal, angles)
+    after = {name: _expected_std_m(knowledge.point(name).std_m, share) for name, share in shares.items()}
+    hidden = tuple(name for name, share in shares.items() if share.max() < LEAST_SHARE)
+    lessened = sum(
+        (knowledge.point(name).std_m ** 2 - std**2 for name, std in after.items() if name not in hidden),
+        start=np.zeros(len(free)),
+    )
+    if lessened.any():
+        gains = lessened * (FLOATING + (1.0 - FLOATING) * overlap)
+    best = int((gains / np.array([seconds_of(turn) for turn in turns])).argmax())
+    chosen = rated[best]
+    points_m = {name: float(std[best]) for name, std in after.items()}
+    return Next(
+        angle_deg=free[best],
+        turn_deg=float(turns[best]),
+        why=_why(scale * chosen.new_m2, chosen.overlap_m2, knowledge, points_m, hidden),
+        new_m2=scale * chosen.new_m2,
+        overlap_m2=chosen.overlap_m2,
+        most_new_m2=scale * float(new_m2.max()),
+        points_m=points_m,
+        hidden=hidden,
+    )
+
+
+def _in_order(plan: Plan) -> list[Candidate]:
+    """Return the candidates in the order of the free angles."""
+    return sorted(plan.candidates, key=lambda candidate: candidate.view_index)
+
+
+def _shares(
+    integration: Integration,
+    document: Document,
+    known: KnownGarment | str,
+    knowledge: Knowledge,
+    goal: Goal,
+    angles_deg: Sequence[float],
+) -> dict[str, Float64]:
+    """Return for each missing point the share (K,) of the cloth around it that each free angle would show."""
+    if isinstance(known, str) or not knowledge.points:
+        return {}
+    shares = {}
+    for name in knowledge.missing(goal):
+        if name not in knowledge.points:
+            continue
+        place = known.found.points[name].uv_m
+        radius_m = math.hypot(_HALF_M, knowledge.point(name).std_m)
+
+        def around(uv_m: Float64, place: Float64 = place, radius_m: float = radius_m) -> Float64:
+            weight: Float64 = np.exp(-0.5 * np.square((uv_m - place) / radius_m).sum(axis=1))
+            return weight
+
+        plan = integration.algorithm.look_ahead(document, angles_deg, around)
+        rated = _in_order(plan)
+        whole_m2 = 2.0 * math.pi * radius_m**2  # the integral of the weight
+        # Cloth without any evidence may lie anywhere on the item.
+        of_item = min(1.0, whole_m2 / max(knowledge.area_m2, whole_m2))
+        new = np.array([c.new_m2 - c.unseen_m2 + of_item * c.unseen_m2 for c in rated])
+        shares[name] = np.clip(new / whole_m2, 0.0, 1.0)
+    return shares
+
+
+def _expected_std_m(std_m: float, share: Float64) -> Float64:
+    """Return the expected standard deviation (K,) of a point after views that show a share of its cloth."""
+    seen_m = min(std_m, POINT_STD_M)
+    after: Float64 = np.sqrt((1.0 - share) * std_m**2 + share * seen_m**2)
+    return after
+
+
+def _why(
+    new_m2: float,
+    overlap_m2: float,
+    knowledge: Knowledge,
+    points_m: dict[str, float],
+    hidden: Sequence[str],
+) -> str:
+    parts = [
+        f"{name} from +-{1e3 * knowledge.point(name).std_m:.0f} to about +-{1e3 * std_m:.0f} mm"
+        for name, std_m in points_m.items()
+        if name not in hidden
+    ]
+    parts.append(f"{1e4 * new_m2:.0f} cm2 new, {1e4 * overlap_m2:.0f} cm2 in common")
+    return "; ".join(parts)

@@ -1,0 +1,159 @@
+"""What an active loop is to find out, and what it knows so far."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.garments.fit import SURE
+from flatcloth.garments.kinds import known_kinds
+from flatcloth.garments.recognition import NONE
+
+WITHIN_MM = 20.0
+"""Standard deviation to which named points are found by default. Chosen: about a gripper's finger."""
+MOST_VIEWS = 12
+"""Views that a loop takes at most by default. Chosen: a third of a turn in steps of 10 degrees."""
+
+
+class GoalError(FlatclothError):
+    """A goal or a budget that cannot be read; the message gives the remedy."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Goal:
+    """What is to be known: the ``shape``, named ``points`` within a standard deviation, or the ``kind``."""
+
+    about: str
+    points: tuple[str, ...] = ()
+    within_m: float = WITHIN_MM / 1e3
+
+    def __str__(self) -> str:
+        if self.about != "points":
+            return self.about
+        return f"points:{','.join(self.points)} within {1e3 * self.within_m:g} mm"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """The end of a loop whatever is known: a number of views, or seconds; infinite where not given."""
+
+    views: float = MOST_VIEWS
+    seconds: float = math.inf
+
+    def __str__(self) -> str:
+        return f"{self.views:g} views" if math.isfinite(self.views) else f"{self.seconds:g} s"
+
+
+def parse_goal(text: str, within_mm: float = WITHIN_MM) -> Goal:
+    """Read ``shape``, ``kind`` or ``points:NAME,NAME``.
+
+    Raises
+    ------
+    GoalError
+        If it is something else, no known garment has such a point, or the deviation is out of range.
+    """
+    if not 1.0 <= within_mm <= 500.0:
+        raise GoalError(f"--within {within_mm:g}: give millimetres from 1 to 500.")
+    if text in ("shape", "kind"):
+        return Goal(about=text)
+    if not text.startswith("points:"):
+        raise GoalError(f"--goal {text!r:.60}: give shape, kind, or points:NAME,NAME.")
+    names = tuple(dict.fromkeys(name.strip() for name in text.removeprefix("points:").split(",")))
+    of_kind = {kind.name: sorted(kind.named(kind.mean[:, None])) for kind in known_kinds()}
+    if not any(set(names) <= set(points) for points in of_kind.values()):
+        offered = "; ".join(f"{kind}: {', '.join(points)}" for kind, points in of_kind.items())
+        raise GoalError(f"--goal {text!r:.80}: no known garment has these points. There are {offered}.")
+    return Goal(about="points", points=names, within_m=within_mm / 1e3)
+
+
+def parse_budget(text: str) -> Budget:
+    """Read a number of views (``12``) or of seconds (``90s``).
+
+    Raises
+    ------
+    GoalError
+        If it is something else.
+    """
+    number, seconds = text.removesuffix("s"), text.endswith("s")
+    if not number.isascii() or not number.isdigit() or not 1 <= int(number) <= 10_000:
+        raise GoalError(f"--budget {text!r:.30}: give a number of views, such as 12, or of seconds: 90s.")
+    if seconds:
+        return Budget(views=math.inf, seconds=float(number))
+    return Budget(views=float(number))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointKnown:
+    """A named point: its standard deviation on the cloth, m, and whether its cloth was seen.
+
+    The deviation is infinite if no garment with such a point was recognised.
+    """
+
+    std_m: float = math.inf
+    seen: bool = False
+
+    def is_within(self, within_m: float) -> bool:
+        """Return whether it is known: its cloth was seen, and its place is sure enough."""
+        return self.seen and self.std_m <= within_m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knowledge:
+    """What is known after some views; ``reason`` says why there is no garment, if there is none."""
+
+    views: int = 0
+    area_m2: float = 0.0
+    kind: str | None = None
+    probability: float = 0.0
+    points: Mapping[str, PointKnown] = field(default_factory=dict)
+    reason: str = ""
+
+    def is_reached(self, goal: Goal) -> bool:
+        """Return whether a goal about points or the kind is reached; a shape is never known to be whole."""
+        if goal.about == "kind":
+            return self.kind is not None and self.probability >= SURE
+        return goal.about == "points" and not self.missing(goal)
+
+    def missing(self, goal: Goal) -> tuple[str, ...]:
+        """Return the wanted points that are not known well enough."""
+        return tuple(name for name in goal.points if not self.point(name).is_within(goal.within_m))
+
+    def point(self, name: str) -> PointKnown:
+        """Return what is known of a named point."""
+        return self.points.get(name, PointKnown())
+
+    def about(self, goal: Goal) -> str:
+        """Describe what is known of a goal, in one line."""
+        kind = f"{self.kind} ({self.probability:.0%})" if self.kind else "no garment recognised"
+        if goal.about == "shape":
+            return f"{1e4 * self.area_m2:.0f} cm2"
+        if goal.about == "kind":
+            return kind
+        return f"{kind}; " + ", ".join(f"{name} {_described(self.point(name))}" for name in goal.points)
+
+
+def _described(point: PointKnown) -> str:
+    if not math.isfinite(point.std_m):
+        return "unknown"
+    return f"+-{1e3 * point.std_m:.0f} mm" + ("" if point.seen else ", not seen")
+
+
+def knowledge_of(views: int, area_m2: float, known: KnownGarment | str) -> Knowledge:
+    """Return what is known by a shape of some views, and by its garment or the reason for none."""
+    if isinstance(known, str):
+        return Knowledge(views=views, area_m2=area_m2, reason=known)
+    found = known.found
+    if found.kind == NONE:
+        return Knowledge(
+            views=views, area_m2=area_m2, probability=found.probability, reason="It is no known garment."
+        )
+    points = {
+        name: PointKnown(std_m=point.std_m, seen=point.pixel is not None)
+        for name, point in found.points.items()
+    }
+    return Knowledge(
+        views=views, area_m2=area_m2, kind=found.kind, probability=found.probability, points=points
+    )

@@ -1,0 +1,193 @@
+"""Views as they come from a camera, a robot or a cell, and what is wrong with them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flatcloth.core.config import SurfaceConfig
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import back_project, camera_from_held, held_from_camera, project
+from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
+from flatcloth.engine.views import RecordedViews
+from flatcloth.flattening.surface import foreground_mask
+from flatcloth.recordings.film.angles import apart_deg
+from flatcloth.recordings.growing import GrowingRecording
+from flatcloth.recordings.writer import Uint16
+
+_SAME_M = 0.010
+"""Depths that agree: sway, noise and an angle that is off by two degrees move cloth by less. Chosen."""
+_POINTS = 1500
+"""Points compared of each view. Chosen for speed; they are hundreds of independent places."""
+_COARSE_DEG, _FINE_DEG = 4.0, 1.0
+"""Steps of the search. Chosen: cloth 0.15 m from the axis moves by _SAME_M in four degrees."""
+WRONG_DEG = 6.0
+"""An announced angle that is off by more is wrong; registration refines smaller errors. Chosen."""
+_BETTER = 0.10
+"""By so much more of the compared points must agree at another angle. Chosen: five times the standard
+deviation of the share of five hundred points."""
+
+
+class ViewError(FlatclothError):
+    """A view that cannot be taken; the message gives the reason. Nothing of what was taken is lost."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeenView:
+    """A view as announced.
+
+    ``color`` (H, W, 3) uint8 RGB; ``depth_m`` (H, W) float32, 0 where nothing was measured; ``mask`` (H, W)
+    of the side of interest, or None. ``axis`` and ``held_point_m``, camera frame, None if they are not known.
+    ``truth_bgr`` (H, W, 3) uint16 of a simulated cell.
+    """
+
+    angle_deg: float
+    color: Uint8
+    depth_m: Float32
+    intrinsics: Intrinsics
+    mask: Bool | None = None
+    axis: RotationAxis | None = None
+    held_point_m: Float64 | None = None
+    truth_bgr: Uint16 | None = None
+    source: str = "a robot"
+
+    @property
+    def frame(self) -> RgbdFrame:
+        """The view as an unnumbered frame."""
+        return RgbdFrame(
+            view_index=0,
+            angle_deg=self.angle_deg,
+            color=self.color,
+            depth_m=self.depth_m,
+            mask=self.mask,
+            intrinsics=self.intrinsics,
+        )
+
+
+def check_view(view: SeenView, recording: GrowingRecording | None) -> None:
+    """Refuse a view that has no place in a recording.
+
+    Raises
+    ------
+    ViewError
+        With the reason.
+    """
+    height, width = view.depth_m.shape
+    if not math.isfinite(view.angle_deg) or abs(view.angle_deg) > 3600:
+        raise ViewError(f"{view.angle_deg} is not an angle: announce degrees since the first view.")
+    if (view.intrinsics.width, view.intrinsics.height) != (width, height) or view.color.shape != (
+        height,
+        width,
+        3,
+    ):
+        raise ViewError(
+            f"color is {view.color.shape[1]}x{view.color.shape[0]}, depth {width}x{height} pixels and the "
+            f"camera {view.intrinsics.width}x{view.intrinsics.height}: send images registered to each other."
+        )
+    if not (view.depth_m > 0).any():
+        raise ViewError("the view has no depth, every pixel is 0: is the camera covered? Look again.")
+    if recording is None or not len(recording):
+        return
+    camera = recording.intrinsics
+    if (camera.width, camera.height) != (width, height):
+        raise ViewError(
+            f"the view has {width}x{height} pixels, the views before it {camera.width}x{camera.height}: "
+            "use the same camera mode, or begin a new folder."
+        )
+    if (view.mask is not None) != recording.has_masks:
+        raise ViewError("all views of a recording have masks, or none has: send them as before.")
+
+
+def doubled(view: SeenView, recording: GrowingRecording) -> int | None:
+    """Return the number of the recorded view that a view repeats, pixel by pixel; None if it is another."""
+    for number in range(len(recording)):
+        if np.array_equal(recording[number].color, view.color):
+            return number
+    return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundAngle:
+    """The angle at which a view agrees best with the others, and the agreement there and as announced.
+
+    Agreement: the share of the compared points that meet the same surface, less that of those that meet none.
+    """
+
+    angle_deg: float
+    agreement: float
+    announced: float
+
+    def is_wrong(self, announced_deg: float) -> bool:
+        """Return whether the announced angle is wrong."""
+        return (
+            apart_deg(self.angle_deg, announced_deg) > WRONG_DEG and self.agreement - self.announced > _BETTER
+        )
+
+
+def find_angle(view: SeenView, views: RecordedViews) -> FoundAngle:
+    """Find the angle of a view: points of the other views must not lie before its surface, nor beside it.
+
+    Parameters
+    ----------
+    view : SeenView
+        The view, with its announced angle.
+    views : RecordedViews
+        The views before it.
+    """
+    about = views.axis, views.config.surface
+    seen = [_surface_of(views.recorded(n), *about) for n in range(len(views.angles_deg))]
+    new = _surface_of(view.frame, *about)
+    poses = [held_from_camera(views.axis, angle) for angle in views.angles_deg]
+    held = np.concatenate([pose.apply(each.points_m) for pose, each in zip(poses, seen, strict=True)])
+
+    def agreement(angle_deg: float) -> float:
+        there = camera_from_held(views.axis, angle_deg)
+        votes = [_votes(there.apply(held), new)]
+        back = there.inverse().apply(new.points_m)
+        votes += [_votes(pose.inverse().apply(back), each) for pose, each in zip(poses, seen, strict=True)]
+        return float(np.concatenate(votes).mean())
+
+    coarse = np.arange(0.0, 360.0, _COARSE_DEG)
+    best = float(coarse[int(np.argmax([agreement(angle) for angle in coarse]))])
+    fine = best + np.arange(-_COARSE_DEG, _COARSE_DEG + _FINE_DEG, _FINE_DEG)
+    agreements = [agreement(angle) for angle in fine]
+    near = view.angle_deg + np.arange(-2.0, 3.0, 2.0) * _FINE_DEG
+    return FoundAngle(
+        angle_deg=float(fine[int(np.argmax(agreements))]) % 360.0,
+        agreement=max(agreements),
+        announced=max(agreement(angle) for angle in near),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Surface:
+    """The item in one view: some of its points (N, 3), and its depth (H, W), 0 off the item."""
+
+    points_m: Float64
+    depth_m: Float32
+    intrinsics: Intrinsics
+
+
+def _surface_of(frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig) -> _Surface:
+    item = foreground_mask(replace(frame, mask=None), axis, config)
+    points = back_project(frame.depth_m, frame.intrinsics)[item].astype(np.float64)
+    step = max(1, len(points) // _POINTS)
+    return _Surface(
+        points_m=points[::step],
+        depth_m=np.where(item, frame.depth_m, 0.0).astype(np.float32),
+        intrinsics=frame.intrinsics,
+    )
+
+
+def _votes(points_m: Float64, seen: _Surface) -> Float64:
+    """Return for points (N, 3), camera frame, 1 on the surface, 0 behind it, and -1 before or beside it."""
+    rc = np.rint(project(points_m, seen.intrinsics)).astype(np.int64)
+    height, width = seen.depth_m.shape
+    inside = (rc >= 0).all(axis=1) & (rc[:, 0] < height) & (rc[:, 1] < width) & (points_m[:, 2] > 0)
+    rc, depth = rc[inside], points_m[inside, 2]
+    measured = seen.depth_m[rc[:, 0], rc[:, 1]]
+    votes = np.where(np.abs(depth - measured) <= _SAME_M, 1.0, np.where(depth > measured, 0.0, -1.0))
+    found: Float64 = np.where(measured == 0.0, -1.0, votes)
+    return found

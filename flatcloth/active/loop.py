@@ -1,0 +1,401 @@
+"""The active loop: a view is taken, the shape grows, and the goal decides the next angle or the end.
+
+It asks and takes views only; whoever turns the item, a person, a robot or a simulated cell, is outside. Every
+view is in the recording on disk before it is used, every decision in the session's journal, and what was
+expected and got in ``active.jsonl``; so a loop that was killed goes on with the next angle.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from flatcloth.active.choosing import Next, choose_next
+from flatcloth.active.ending import FIRST, End, elsewhere, end_of
+from flatcloth.active.goal import Budget, Goal, Knowledge, knowledge_of
+from flatcloth.active.incoming import SeenView, ViewError, check_view, doubled, find_angle
+from flatcloth.active.log import ActiveLog
+from flatcloth.api.integrating import integration_of
+from flatcloth.core.errors import FlatclothError, RecordingError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Progress, finite, no_progress
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, place_sure_pieces
+from flatcloth.engine.headless import Run
+from flatcloth.engine.integration import Integration
+from flatcloth.export.session import frames_of
+from flatcloth.export.session_data import SessionData
+from flatcloth.methods.registry import method_entry
+from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
+from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
+from flatcloth.recordings.growing import GrowingRecording
+from flatcloth.recordings.manifest import HEADER as MANIFEST
+from flatcloth.recordings.manifest import read_manifest
+from flatcloth.recordings.writer import RecordingWriter
+from flatcloth.session.header import HEADER, kept_config, take_growth
+from flatcloth.session.machine import Document
+from flatcloth.session.store import SessionFolder
+
+LAST_VIEWS = 3
+"""Views by which it is judged what an expectation is worth. Chosen: one may be unlucky, three are not."""
+RECORDING = "recording"
+"""The folder of the growing recording, in that of the session."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Taken:
+    """What became of a view: its number, what to tell about it, and what was got by it, in one line."""
+
+    number: int
+    told: tuple[str, ...]
+    got: str
+
+
+class ActiveLoop:
+    """An active loop in a session folder, new or continued. Its methods may be called from several threads.
+
+    Parameters
+    ----------
+    folder : Path
+        The session folder; the recording grows in ``recording`` in it.
+    goal : Goal
+        What is to be known.
+    budget : Budget
+        When the loop ends whatever is known.
+    method : str, optional
+        As for an integration.
+    name : str, optional
+        Title of the recording, by default the name of the folder.
+
+    Raises
+    ------
+    FlatclothError
+        If the folder holds something else, is in use, or cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        goal: Goal,
+        budget: Budget,
+        method: str | None = None,
+        name: str | None = None,
+        progress: Progress = no_progress,
+    ) -> None:
+        self.folder, self.goal, self.budget = folder, goal, budget
+        self._method, self._name = method_entry(method).name, name or folder.resolve().name
+        self._progress = progress
+        self._lock = threading.RLock()
+        self._stack = contextlib.ExitStack()
+        self._recording: GrowingRecording | None = None
+        self._integration: Integration | None = None
+        self._session: SessionFolder | None = None
+        self._run: Run | None = None
+        self._garments: GarmentService | None = None
+        self._known: KnownGarment | str = "No view was taken yet."
+        self.knowledge = Knowledge()
+        self.asked: Next | End = FIRST
+        try:
+            self._open()
+        except BaseException:
+            self._stack.close()
+            raise
+
+    # ---------------------------------------------------------------- what the owner of the item asks
+
+    @property
+    def views(self) -> int:
+        """The number of views taken."""
+        return 0 if self._recording is None else len(self._recording)
+
+    @property
+    def stands_deg(self) -> float:
+        """The angle of the last view."""
+        return self._recording.angles_deg[-1] if self._recording else 0.0
+
+    @property
+    def document(self) -> Document:
+        """The decisions so far."""
+        return Document() if self._session is None else self._session.state.document
+
+    @property
+    def integration(self) -> Integration | None:
+        """What computes the shape; None before the first view."""
+        return self._integration
+
+    @property
+    def known(self) -> KnownGarment | str:
+        """The garment of the shape so far, or the reason for none."""
+        return self._known
+
+    def take(self, view: SeenView, answers: int | None = None) -> Taken:
+        """Take a view, and choose the next angle.
+
+        Parameters
+        ----------
+        view : SeenView
+            The view.
+        answers : int, optional
+            The number that was asked for; a view that answers an earlier one is late, and taken all the same.
+
+        Raises
+        ------
+        ViewError
+            If it cannot be taken; nothing changes.
+        FlatclothError
+            If it cannot be written.
+        """
+        with self._lock:
+            check_view(view, self._recording)
+            told: list[str] = []
+            if self._recording is not None:
+                again = doubled(view, self._recording)
+                if again is not None:
+                    text = f"This picture is view {again} already; it is not taken twice."
+                    self._log.add("told", text=text)
+                    return Taken(number=again, told=(text,), got="")
+            if answers is not None and answers != self.views:
+                told.append(
+                    f"This view answers question {answers}, but {self.views} is asked now: it comes late, and"
+                    " is taken at its own angle."
+                )
+            view, found = self._checked_angle(view)
+            told += found
+            before, asked = self.knowledge, self.asked
+            number = self._written(view)
+            refused = self._integrated(number)
+            if refused:
+                told.append(f"View {number} is not part of the shape yet: {refused}")
+            got = self._learnt(before)
+            self._log.add(
+                "view",
+                number=number,
+                angle_deg=round(view.angle_deg, 3),
+                told=told,
+                got=got,
+                joined=not refused,
+                new_m2=self.knowledge.area_m2 - before.area_m2,
+                expected_m2=finite(asked.new_m2 if isinstance(asked, Next) else math.nan),
+                knows=self.knowledge.about(self.goal),
+                elapsed_s=round(self.elapsed_s, 2),
+            )
+            self._choose()
+            return Taken(number=number, told=tuple(told), got=got)
+
+    def fail(self, text: str) -> None:
+        """Note what is wrong with the source of the views; nothing is lost."""
+        with self._lock:
+            self._log.add("told", text=text)
+
+    def aim(self, goal: Goal, budget: Budget) -> None:
+        """Change what is to be known."""
+        with self._lock:
+            self.goal, self.budget = goal, budget
+            self._choose()
+
+    def write(self, base_from_camera: Rigid3 | None = None) -> list[Path]:
+        """Write what ``run`` writes to the folder; returns the files, none before the first shape."""
+        with self._lock:
+            session, integration = self._session, self._integration
+            if session is None or integration is None or self.document.start_view is None:
+                return []
+            assert self._garments is not None
+            self._known = place_sure_pieces(self._garments, session)
+            frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
+            data = SessionData(integration, self.document, session.picks, frames, {}, self._garments)
+            return data.write(self.folder)
+
+    def close(self) -> None:
+        """Release the folder."""
+        with self._lock:
+            self._stack.close()
+
+    @property
+    def elapsed_s(self) -> float:
+        """The time that the loop took, without those between a kill and the next start."""
+        return self._earlier_s + time.monotonic() - self._began_s
+
+    # ---------------------------------------------------------------- opening
+
+    def _open(self) -> None:
+        folder = self.folder
+        if (folder / HEADER).exists() and not (folder / RECORDING / MANIFEST).exists():
+            raise RecordingError(f"{folder}: holds the session of another recording. Choose another folder.")
+        try:
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        except OSError as error:
+            raise RecordingError(
+                f"{folder}: cannot be written ({error.strerror}). Choose another folder."
+            ) from error
+        self._log = ActiveLog(folder)
+        self._stack.callback(self._log.close)
+        self._began_s, self._earlier_s = time.monotonic(), self._log.seconds
+        self._log.add("begin", goal=str(self.goal), budget=str(self.budget), method=self._method)
+        if (folder / RECORDING / MANIFEST).exists() and _has_views(folder / RECORDING):
+            manifest = read_manifest(folder / RECORDING)
+            self._begin(
+                RecordingWriter(
+                    manifest.folder,
+                    name=manifest.name,
+                    intrinsics=manifest.intrinsics,
+                    depth_scale_m=manifest.depth_scale_m,
+                    resume=True,
+                )
+            )
+            for number in range(self.views):
+                if number not in self.document.used_views | {r.view_index for r in self.document.rejected}:
+                    self._integrated(number)
+            self._learnt(self.knowledge)
+            self._choose()
+
+    def _begin(self, writer: RecordingWriter) -> None:
+        """Own the recording of a writer; integrate it if it has views."""
+        self._recording = GrowingRecording(writer)
+        self._stack.callback(self._recording.close)
+        if len(writer):
+            self._open_session()
+
+    def _open_session(self) -> None:
+        recording, folder = self._recording, self.folder
+        assert recording is not None
+        take_growth(folder, recording)
+        integration = integration_of(recording, self._method, kept_config(folder, self._method))
+        session = SessionFolder.open(folder, recording, integration.config, self._method)
+        self._stack.callback(session.close)
+        integration.views.keep_frames()
+        self._integration, self._session = integration, session
+        self._run, self._garments = Run(integration, session), GarmentService(integration)
+
+    # ---------------------------------------------------------------- a view
+
+    def _checked_angle(self, view: SeenView) -> tuple[SeenView, list[str]]:
+        """Return the view at the angle at which it was taken, and what to tell about it."""
+        recording, told = self._recording, []
+        if recording is None or self._integration is None:
+            return view, []
+        if len(recording) >= 2:
+            found = find_angle(view, self._integration.views)
+            if found.is_wrong(view.angle_deg):
+                told.append(
+                    f"The view was announced at {view.angle_deg:g} degrees, but agrees with the others at "
+                    f"{found.angle_deg:g}: it is taken there. Check the turntable."
+                )
+                view = replace(view, angle_deg=found.angle_deg)
+        if any(apart_deg(view.angle_deg, taken) < SAME_VIEW_DEG for taken in recording.angles_deg):
+            raise ViewError(
+                " ".join([*told, f"There is a view at {view.angle_deg:g} degrees already: turn the item on."])
+            )
+        return view, told
+
+    def _written(self, view: SeenView) -> int:
+        if self._recording is None:
+            self._begin(
+                RecordingWriter(
+                    self.folder / RECORDING,
+                    name=self._name,
+                    description=f"taken by an active loop, by {view.source}",
+                    intrinsics=view.intrinsics,
+                    depth_scale_m=DEPTH_SCALE_M,
+                    rotation_axis=view.axis,
+                    held_point_m=view.held_point_m,
+                    resume=True,
+                )
+            )
+        assert self._recording is not None
+        number = self._recording.add(
+            view.angle_deg, view.color, depth_units(view.depth_m), view.mask, view.truth_bgr
+        )
+        if self._integration is None:
+            self._open_session()
+            return number
+        assert self._session is not None
+        self._integration.views.grow()
+        self._session.grow(self._recording)
+        return number
+
+    def _integrated(self, number: int) -> str:
+        """Add a view to the shape, and return the reason if it is not part of it."""
+        assert self._run is not None
+        try:
+            return self._run.add(number, self._progress)
+        except FlatclothError as error:
+            return str(error)
+
+    def _learnt(self, before: Knowledge) -> str:
+        """Update what is known, and return what was got, in one line."""
+        document, integration = self.document, self._integration
+        if integration is None or document.start_view is None or self._garments is None:
+            return "no shape yet"
+        area_m2 = integration.canonical(document).view.area_m2
+        self._known = self._garments.known(document)
+        self.knowledge = knowledge_of(self.views, area_m2, self._known)
+        parts = []
+        for name in self.goal.points:
+            was, now = before.point(name), self.knowledge.point(name)
+            if math.isfinite(now.std_m):
+                since = f"from +-{1e3 * was.std_m:.0f} " if math.isfinite(was.std_m) else ""
+                parts.append(
+                    f"{name} {since}to +-{1e3 * now.std_m:.0f} mm" + ("" if now.seen else ", not seen")
+                )
+        parts.append(f"{1e4 * (area_m2 - before.area_m2):.0f} cm2 new")
+        return "; ".join(parts)
+
+    # ---------------------------------------------------------------- the next angle, or the end
+
+    def _choose(self) -> None:
+        self.asked = self._decided()
+        if isinstance(self.asked, End):
+            self._log.add("end", reached=self.asked.reached, reason=self.asked.reason)
+        else:
+            expected = {name: round(1e3 * std, 1) for name, std in self.asked.points_m.items()}
+            self._log.add(
+                "ask",
+                number=self.views,
+                angle_deg=self.asked.angle_deg,
+                why=self.asked.why,
+                expected={"new_cm2": finite(1e4 * self.asked.new_m2), "std_mm": expected},
+            )
+
+    def _decided(self) -> Next | End:
+        goal, knowledge, document = self.goal, self.knowledge, self.document
+        if knowledge.is_reached(goal):
+            return End(reached=True, reason=f"Known after {self.views} views: {knowledge.about(goal)}.")
+        if self.views >= self.budget.views or self.elapsed_s >= self.budget.seconds:
+            return End(
+                reached=False, reason=f"The budget of {self.budget} is spent: {knowledge.about(goal)}."
+            )
+        if document.start_view is None or self._integration is None:
+            return elsewhere(self._recording.angles_deg if self._recording else (), self.stands_deg)
+        following = choose_next(
+            self._integration,
+            document,
+            self._known,
+            knowledge,
+            goal,
+            self.stands_deg,
+            scale=self._kept_promise(),
+        )
+        least_m2 = self._integration.config.robust.least_new_m2
+        return end_of(following, self._known, knowledge, goal, least_m2) or following or FIRST
+
+    def _kept_promise(self) -> float:
+        """Return the new area that the last views brought, as a share of what was expected of them.
+
+        It is 1 before there are three views that joined the shape; no more is believed than was promised.
+        """
+        lines = (line for line in self._log.lines if line["event"] == "view" and line.get("joined"))
+        views = [line for line in lines if line.get("expected_m2")][-LAST_VIEWS:]
+        if len(views) < LAST_VIEWS:
+            return 1.0
+        got, expected = (sum(max(0.0, line[key]) for line in views) for key in ("new_m2", "expected_m2"))
+        return float(min(1.0, got / max(expected, 1e-9)))
+
+
+def _has_views(folder: Path) -> bool:
+    try:
+        return bool(read_manifest(folder).views)
+    except RecordingError:
+        return False

@@ -1,0 +1,37 @@
+"""A simulated cell that turns and looks for an active loop."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatcloth.active.ending import End
+from flatcloth.active.incoming import SeenView
+from flatcloth.active.loop import ActiveLoop, Taken
+from flatcloth.synthesis.cell import Cell
+
+
+def view_of_cell(cell: Cell, angle_deg: float, number: int, *, masks: bool = True) -> SeenView:
+    """Return what a cell shows at an angle, as a view for a loop.
+
+    Without ``masks`` the side of interest is found from the views, as those of a real camera.
+    """
+    seen = cell.look(angle_deg, number)
+    return SeenView(
+        angle_deg=angle_deg,
+        color=seen.color,
+        depth_m=seen.depth_units.astype(np.float32) * np.float32(cell.depth_scale_m),
+        intrinsics=cell.intrinsics,
+        mask=seen.mask if masks else None,
+        axis=cell.axis,
+        held_point_m=cell.held_point_m,
+        truth_bgr=None,
+        source=f"a simulated {cell.name}",
+    )
+
+
+def step(loop: ActiveLoop, cell: Cell, *, masks: bool = True) -> Taken | None:
+    """Turn a cell to where a loop asks, and let the loop take the view; None at the end."""
+    asked = loop.asked
+    if isinstance(asked, End):
+        return None
+    return loop.take(view_of_cell(cell, asked.angle_deg, loop.views, masks=masks), loop.views)

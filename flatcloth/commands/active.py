@@ -1,0 +1,160 @@
+"""The command ``active``: turn where it helps, stop when it is known."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flatcloth.commands.common import ProgressBar, add_method, loading
+from flatcloth.commands.export import add_hand_eye, hand_eye_of
+from flatcloth.core.errors import FlatclothError
+
+if TYPE_CHECKING:
+    from flatcloth.active.goal import Budget, Goal
+    from flatcloth.active.loop import ActiveLoop
+    from flatcloth.synthesis.cell import Cell
+
+NAME = "active"
+SUMMARY = "choose each next angle for a goal, and stop when it is known"
+EXAMPLES = """examples:
+  flatcloth active --cell --out found --goal points:shoulder_left,shoulder_right --within 20
+  flatcloth active --cell shirt.obj --out found --goal kind --budget 6 --sensor d435 --sway 2"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="session folder; the recording grows in DIR/recording; continued if it exists",
+    )
+    add_goal(parser)
+    add_cell(parser)
+    add_method(parser)
+    add_hand_eye(parser)
+
+
+def add_goal(parser: argparse._ActionsContainer) -> None:
+    """Declare what is to be known, and the budget."""
+    parser.add_argument(
+        "--goal",
+        default="shape",
+        metavar="GOAL",
+        help="shape, kind, or points:NAME,NAME, such as points:shoulder_left (default: shape)",
+    )
+    parser.add_argument(
+        "--within",
+        type=float,
+        metavar="MM",
+        help="standard deviation to which the points are to be known (default: 20)",
+    )
+    parser.add_argument(
+        "--budget", default="12", metavar="N", help="most views, or seconds as 90s (default: 12)"
+    )
+
+
+def add_cell(parser: argparse._ActionsContainer) -> None:
+    """Declare the simulated cell."""
+    group = parser.add_argument_group("simulated cell")
+    group.add_argument(
+        "--cell",
+        nargs="?",
+        const="",
+        metavar="MESH",
+        help="turn a mesh before a simulated camera (default: the bundled T-shirt)",
+    )
+    group.add_argument(
+        "--sensor", choices=("none", "d435"), help="noise of the simulated camera (default: d435)"
+    )
+    group.add_argument(
+        "--sway", type=float, metavar="MM", help="standard deviation of the sway of the lowest point"
+    )
+    group.add_argument("--panel", help="side of interest: front, back, 1 or 2 (default: seen most)")
+    group.add_argument("--start", type=float, metavar="DEG", help="how the item is turned at 0 degrees")
+    group.add_argument("--seed", type=int, help="seed of the noise and the sway (default: 0)")
+    group.add_argument(
+        "--no-masks", action="store_true", help="find the side of interest from the views, as of a camera"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the loop; return 0 if the goal is reached, 1 if it is not."""
+    with loading():
+        from flatcloth.active.loop import ActiveLoop
+
+    goal, budget = goal_of(options)
+    base_from_camera = hand_eye_of(options)
+    if options.cell is None:
+        raise FlatclothError(
+            "active needs --cell, or a camera or robot at the page: flatcloth view --camera."
+        )
+    cell = cell_of(options)
+    loop = ActiveLoop(options.out, goal, budget, options.method)
+    try:
+        print(f"Goal: {goal}. Budget: {budget}. {cell.name}, {loop.views} views so far.")
+        with ProgressBar(cell.name) as bar:
+            lead(loop, cell, bar, masks=not options.no_masks)
+        files = loop.write(base_from_camera)
+    finally:
+        loop.close()
+    return told_end(loop, files)
+
+
+def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None:
+    """Let a cell turn until the loop ends, and print each step."""
+    from flatcloth.active.ending import End
+    from flatcloth.active.station import step
+
+    while not isinstance(asked := loop.asked, End):
+        bar.show(loop.views / max(1, loop.views + 1), f"view {loop.views} at {asked.angle_deg:g} degrees")
+        print(f"View {loop.views}: turn by {asked.turn_deg:+.0f} to {asked.angle_deg:g} degrees.")
+        print(f"  expected: {asked.why}")
+        taken = step(loop, cell, masks=masks)
+        assert taken is not None, "the loop asked for a view"
+        for text in taken.told:
+            print(f"  {text}")
+        print(f"  got:      {taken.got}", flush=True)
+
+
+def told_end(loop: ActiveLoop, files: list[Path]) -> int:
+    """Print the end of a loop, and return its exit code."""
+    from flatcloth.active.ending import End
+
+    end = loop.asked
+    if files:
+        print(f"Written to {loop.folder}: {', '.join(file.name for file in files)}")
+    if not isinstance(end, End):
+        print("Stopped before its end; the same command continues it.")
+        return 1
+    print(end.reason)
+    return 0 if end.reached else 1
+
+
+def goal_of(options: argparse.Namespace) -> tuple[Goal, Budget]:
+    """Return the goal and the budget of the command line."""
+    from flatcloth.active.goal import WITHIN_MM, parse_budget, parse_goal
+
+    within_mm = WITHIN_MM if options.within is None else options.within
+    return parse_goal(options.goal, within_mm), parse_budget(options.budget)
+
+
+def cell_of(options: argparse.Namespace) -> Cell:
+    """Return the simulated cell of the command line."""
+    from flatcloth.core.resources import sample_mesh
+    from flatcloth.synthesis.cell import Cell
+    from flatcloth.synthesis.hanging import PoseErrors
+    from flatcloth.synthesis.recording import Request
+
+    request = Request(
+        mesh=Path(options.cell) if options.cell else sample_mesh(),
+        out=options.out or Path(),
+        panel=options.panel or "1",
+        noise=options.sensor or "d435",
+        loose=PoseErrors(swing_m=(options.sway or 0.0) / 1e3),
+        seed=options.seed or 0,
+        texture="floral",
+    )
+    return Cell(request, start_deg=options.start or 0.0, most_seen=options.panel is None)

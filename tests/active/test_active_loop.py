@@ -1,0 +1,236 @@
+"""The active loop: a recording grows on disk, it ends for a reason, goes on after a kill, tells faults."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cells import SHAPE, led, loop_in, seen, sheet_cell
+
+from flatcloth.active.choosing import Next, free_angles_deg
+from flatcloth.active.ending import End
+from flatcloth.active.goal import Budget, Goal, GoalError, Knowledge, PointKnown, parse_budget, parse_goal
+from flatcloth.active.incoming import ViewError
+from flatcloth.active.loop import ActiveLoop
+from flatcloth.api.integrating import open_session
+from flatcloth.core.errors import FlatclothError
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.growing import GrowingRecording
+from flatcloth.recordings.writer import RecordingWriter
+
+
+def test_a_shape_is_known_when_no_view_adds_enough_and_its_files_lie_in_the_folder(tmp_path: Path) -> None:
+    loop = led(loop_in(tmp_path / "out"), sheet_cell(tmp_path / "cell"))
+    files = loop.write()
+    loop.close()
+    assert isinstance(loop.asked, End)
+    assert loop.asked.reached, loop.asked
+    assert "is expected to add only" in loop.asked.reason
+    assert {file.name for file in files} >= {"flattened.npz", "grasps.json", "outcome.json"}
+    recording = open_recording(tmp_path / "out" / "recording")
+    assert 3 <= len(recording) < 12
+    # 300 degrees of a cylinder of 0.1 m radius and 0.3 m height
+    area_m2 = open_session(tmp_path / "out").view.area_m2
+    assert area_m2 == pytest.approx(np.radians(300) * 0.1 * 0.3, rel=0.1)
+
+
+def test_each_turn_says_what_it_expects_and_what_it_got(tmp_path: Path) -> None:
+    loop = led(loop_in(tmp_path / "out"), sheet_cell(tmp_path / "cell"), most=3)
+    assert isinstance(loop.asked, Next)
+    assert "cm2 new" in loop.asked.why
+    loop.close()
+    lines = [json.loads(line) for line in (tmp_path / "out" / "active.jsonl").read_text().splitlines()]
+    asked = [line for line in lines if line["event"] == "ask"]
+    got = [line for line in lines if line["event"] == "view"]
+    assert [line["number"] for line in asked] == [1, 2, 3]
+    assert asked[0]["expected"]["new_cm2"] > 0
+    assert "cm2 new" in got[1]["got"]
+
+
+def test_a_loop_that_was_killed_goes_on_with_the_next_angle(tmp_path: Path) -> None:
+    cell = sheet_cell(tmp_path / "cell")
+    whole = led(loop_in(tmp_path / "whole"), cell, most=4)
+    killed = led(loop_in(tmp_path / "killed"), cell, most=2)
+    killed.close()
+    again = loop_in(tmp_path / "killed")
+    assert again.views == 2
+    led(again, cell, most=2)
+    assert again.integration.recording.angles_deg == whole.integration.recording.angles_deg
+    assert again.document.accepted == whole.document.accepted
+    assert again.asked == whole.asked
+    again.close()
+    whole.close()
+
+
+def test_a_view_that_was_written_but_not_integrated_before_a_kill_is_integrated(tmp_path: Path) -> None:
+    cell = sheet_cell(tmp_path / "cell")
+    loop = led(loop_in(tmp_path / "out"), cell, most=1)
+    angle_deg, folder = loop.asked.angle_deg, loop.folder / "recording"
+    loop.close()
+    known = open_recording(folder)
+    view = cell.look(angle_deg, 1)
+    with RecordingWriter(
+        folder, name="", intrinsics=known.intrinsics, depth_scale_m=0.0001, resume=True
+    ) as writer:
+        units = np.rint(view.depth_units * (cell.depth_scale_m / 0.0001)).astype(np.uint16)
+        GrowingRecording(writer).add(angle_deg, view.color, units, view.mask)
+    again = loop_in(tmp_path / "out")
+    assert again.views == 2
+    assert 1 in again.document.used_views
+    again.close()
+
+
+def test_a_budget_that_is_spent_ends_without_the_goal(tmp_path: Path) -> None:
+    loop = led(loop_in(tmp_path / "out", views=2), sheet_cell(tmp_path / "cell"))
+    loop.close()
+    assert isinstance(loop.asked, End)
+    assert not loop.asked.reached
+    assert "The budget of 2 views is spent" in loop.asked.reason
+    more = ActiveLoop(tmp_path / "out", SHAPE, Budget(views=3))  # a larger one goes on
+    assert isinstance(more.asked, Next)
+    more.close()
+
+
+# --- what is wrong with a view ---------------------------------------------------------------
+
+
+def test_a_wrong_angle_is_found_by_registration_told_and_not_believed(tmp_path: Path) -> None:
+    cell = sheet_cell(tmp_path / "cell", span_deg=200.0)
+    loop = led(loop_in(tmp_path / "out"), cell, most=2)
+    true_deg = loop.asked.angle_deg
+    taken = loop.take(replace(seen(cell, true_deg, 2), angle_deg=(true_deg + 40.0) % 360.0))
+    assert "agrees with the others at" in taken.told[0]
+    assert loop.integration.recording.angles_deg[-1] == pytest.approx(true_deg, abs=3.0)
+    loop.close()
+
+
+def test_right_angles_are_believed(tmp_path: Path) -> None:
+    cell = sheet_cell(tmp_path / "cell", span_deg=200.0)
+    loop = led(loop_in(tmp_path / "out"), cell, most=2)
+    for number in (2, 3):
+        angle_deg = loop.asked.angle_deg if isinstance(loop.asked, Next) else 77.0
+        assert not any("announced" in text for text in loop.take(seen(cell, angle_deg, number)).told)
+        assert loop.stands_deg == angle_deg
+    loop.close()
+
+
+def test_a_doubled_view_is_told_and_taken_once(tmp_path: Path) -> None:
+    cell = sheet_cell(tmp_path / "cell")
+    loop = led(loop_in(tmp_path / "out"), cell, most=2)
+    asked = loop.asked
+    taken = loop.take(seen(cell, loop.stands_deg, 1))
+    assert taken.number == 1
+    assert "is view 1 already" in taken.told[0]
+    assert loop.asked == asked
+    assert loop.views == 2
+    loop.close()
+
+
+def test_a_late_view_is_told_and_taken_at_its_angle(tmp_path: Path) -> None:
+    cell = sheet_cell(tmp_path / "cell")
+    loop = led(loop_in(tmp_path / "out"), cell, most=2)
+    taken = loop.take(seen(cell, 200.0, 5), answers=1)
+    assert "it comes late" in taken.told[0]
+    assert loop.stands_deg == 200.0
+    loop.close()
+
+
+def test_a_view_of_another_size_or_without_depth_is_refused_and_nothing_is_lost(tmp_path: Path) -> None:
+    cell = sheet_cell(tmp_path / "cell")
+    loop = led(loop_in(tmp_path / "out"), cell, most=2)
+    view = seen(cell, 200.0, 2)
+    camera = replace(view.intrinsics, width=64)
+    narrow = replace(
+        view,
+        color=view.color[:, :64],
+        depth_m=view.depth_m[:, :64],
+        mask=view.mask[:, :64],
+        intrinsics=camera,
+    )
+    with pytest.raises(ViewError, match="64x176 pixels, the views before it 128x176"):
+        loop.take(narrow)
+    with pytest.raises(ViewError, match="no depth"):
+        loop.take(replace(view, depth_m=np.zeros_like(view.depth_m)))
+    with pytest.raises(ViewError, match="registered to each other"):
+        loop.take(replace(view, color=view.color[:-2]))
+    with pytest.raises(ViewError, match="have masks"):
+        loop.take(replace(view, mask=None))
+    with pytest.raises(ViewError, match="is not an angle"):
+        loop.take(replace(view, angle_deg=float("nan")))
+    assert loop.views == 2
+    assert loop.take(view).number == 2
+    loop.close()
+
+
+def test_an_angle_at_which_there_is_a_view_is_refused(tmp_path: Path) -> None:
+    cell = sheet_cell(tmp_path / "cell", noise="d435")
+    loop = led(loop_in(tmp_path / "out"), cell, most=1)
+    with pytest.raises(ViewError, match="There is a view at 0 degrees already"):
+        loop.take(seen(cell, 0.0, 7))  # other noise, so that it is no copy
+    loop.close()
+
+
+def test_the_folder_of_another_session_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "session.json").write_text("{}")
+    with pytest.raises(FlatclothError, match="holds the session of another recording"):
+        loop_in(tmp_path)
+
+
+def test_a_torn_last_line_of_the_log_is_dropped_and_a_damaged_one_named(tmp_path: Path) -> None:
+    loop_in(tmp_path / "out").close()
+    log = tmp_path / "out" / "active.jsonl"
+    whole = log.read_bytes()
+    log.write_bytes(whole + b'{"event": "vi')
+    loop_in(tmp_path / "out").close()
+    assert log.read_bytes().startswith(whole)
+    log.write_bytes(b"nonsense\n" + whole)
+    with pytest.raises(FlatclothError, match=r"active\.jsonl: line 1 is damaged"):
+        loop_in(tmp_path / "out")
+
+
+# --- goals -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("points:nose", "no known garment has these points"),
+        ("points:waist_left,cuff", "no known garment has these points"),
+        ("size", "give shape, kind, or points"),
+    ],
+)
+def test_a_goal_that_cannot_be_is_refused_with_what_can(text: str, why: str) -> None:
+    with pytest.raises(GoalError, match=why):
+        parse_goal(text)
+
+
+def test_goals_and_budgets_are_read() -> None:
+    goal = parse_goal("points:shoulder_left, shoulder_right", 15.0)
+    assert goal == Goal(about="points", points=("shoulder_left", "shoulder_right"), within_m=0.015)
+    assert parse_budget("7") == Budget(views=7.0)
+    assert parse_budget("90s").seconds == 90.0
+    for text in ("", "s", "-3", "0", "1.5", "12 views"):
+        with pytest.raises(GoalError, match="--budget"):
+            parse_budget(text)
+
+
+def test_points_are_known_when_seen_and_sure_and_the_kind_when_probable() -> None:
+    goal = Goal(about="points", points=("a", "b"), within_m=0.02)
+    seen_point, sure = PointKnown(std_m=0.015, seen=True), PointKnown(std_m=0.015)
+    assert Knowledge(points={"a": seen_point, "b": seen_point}).is_reached(goal)
+    assert Knowledge(points={"a": seen_point, "b": sure}).missing(goal) == ("b",)
+    assert Knowledge(points={"a": seen_point}).missing(goal) == ("b",)
+    kind = Goal(about="kind")
+    assert Knowledge(kind="tshirt", probability=0.95).is_reached(kind)
+    assert not Knowledge(kind="tshirt", probability=0.85).is_reached(kind)
+    assert not Knowledge(kind=None, probability=0.95).is_reached(kind)
+
+
+def test_no_angle_near_a_recorded_one_is_free() -> None:
+    free = np.array(free_angles_deg([0.0, 358.0]))
+    assert len(free_angles_deg([])) == 120
+    assert free.min() >= 5.0
+    assert free.max() <= 353.0
