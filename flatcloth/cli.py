@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 import atexit
 import contextlib
+import difflib
 import os
 import signal
 import sys
 import threading
 from collections.abc import Sequence
+from pathlib import Path
 from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from flatcloth import __version__
 from flatcloth.commands import (
@@ -22,17 +24,23 @@ from flatcloth.commands import (
     import_,
     record,
     run,
+    schema,
     segment,
     synthesize,
     view,
 )
+from flatcloth.commands.output import add_output, error, speaking
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.resources import sample_recordings
 from flatcloth.core.signals import handled_by
 
 COMMANDS: dict[str, ModuleType] = {
     command.NAME: command
-    for command in (view, run, active, segment, batch, export, evaluate, import_, record, synthesize)
+    for command in (view, run, active, segment, batch, export, evaluate, import_, record, synthesize, schema)
 }
+_OWN_OPTIONS = ("-h", "--help", "--version", "--print-completion")
+_WITHOUT_JSON = ("view", "active", "record", "evaluate", "schema")
+"""Commands that serve or ask, have a ``--json`` of their own, or print JSON anyway."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,21 +49,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
     A command may have an exit code of its own, such as 1 of a goal that was not reached.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
-    if not given or (given[0] not in COMMANDS and given[0] not in ("-h", "--help", "--version")):
+    if given and (meant := _meant_command(given[0])):
+        error(f"{given[0]}: no such command or recording; did you mean 'flatcloth {meant}'?")
+        return 2
+    if not given or (given[0] not in COMMANDS and given[0].partition("=")[0] not in _OWN_OPTIONS):
         given.insert(0, "view")
-    options = _parser().parse_args(given)
+    options, unknown = _parser().parse_known_args(given)
+    if unknown:
+        options.parser.error(_unknown(options.parser, unknown))
     # Its matrices are small: BLAS threads cost more than they bring. numpy is not imported yet.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         # SIGTERM has the effect of Ctrl-C, so that child processes are ended and temporary files removed.
-        with handled_by(signal.SIGTERM, signal.default_int_handler):
-            status = int(options.run(options) or 0)
+        with handled_by(signal.SIGTERM, signal.default_int_handler), speaking(options):
+            return _carried_out(options)
+    except FlatclothError as failed:  # the log file cannot be written
+        error(str(failed))
+        return 2
+
+
+def _carried_out(options: argparse.Namespace) -> int:
+    try:
+        status = int(options.run(options) or 0)
         sys.stdout.flush()
-    except FlatclothError as error:
-        print(f"flatcloth: {error}", file=sys.stderr)
+    except FlatclothError as failed:
+        error(str(failed))
         return 2
     except KeyboardInterrupt:
-        print("flatcloth: stopped; what was decided is in the session folder.", file=sys.stderr)
+        error("stopped; what was decided is in the session folder.")
         return 130
     except BrokenPipeError:
         # Who read the output has gone, as in "flatcloth run ... | head"; the work is done or of no use.
@@ -88,6 +109,44 @@ def _discard_output() -> None:
     os.dup2(nowhere, sys.stdout.fileno())
 
 
+def _meant_command(word: str) -> str | None:
+    """Return the command that a mistyped first word is like; None if it may be a recording or an option."""
+    if word in COMMANDS or word.startswith("-") or word in sample_recordings() or os.path.lexists(word):
+        return None
+    return next(iter(difflib.get_close_matches(word, COMMANDS, n=1)), None)
+
+
+def _unknown(parser: argparse.ArgumentParser, words: Sequence[str]) -> str:
+    """Return what is wrong with words that no option takes, and which options are like them."""
+    known = [name for action in parser._actions for name in action.option_strings]
+    text = f"unrecognized arguments: {' '.join(words)}"
+    for word in words:
+        name = word.partition("=")[0]
+        like = difflib.get_close_matches(name, known, n=5) if name.startswith("-") else []
+        if like:  # of equally close ones that with the same letters: they are often swapped
+            text += f"; did you mean {max(like, key=lambda one: sorted(one) == sorted(name))}?"
+    return text
+
+
+class _PrintCompletion(argparse.Action):
+    """Prints the completion script of a shell."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, _namespace: Any, values: Any, _option: Any = None
+    ) -> None:
+        """Print the script, and end the program."""
+        import shtab
+
+        for command in parser._subparsers._group_actions[0].choices.values():  # type: ignore[union-attr]
+            for action in command._actions:
+                if action.type is Path:
+                    action.complete = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
+                elif action.metavar == "SOURCE":
+                    action.complete = shtab.FILE
+        print(shtab.complete(parser, values))
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="flatcloth",
@@ -96,6 +155,12 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"flatcloth {__version__}")
+    parser.add_argument(
+        "--print-completion",
+        action=_PrintCompletion,
+        choices=("bash", "zsh", "tcsh"),
+        help='print the completion script of a shell: eval "$(flatcloth --print-completion bash)"',
+    )
     commands = parser.add_subparsers(required=True, metavar="{" + ",".join(COMMANDS) + "}")
     for name, command in COMMANDS.items():
         added = commands.add_parser(
@@ -106,5 +171,6 @@ def _parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         command.add_options(added)
-        added.set_defaults(run=command.run)
+        add_output(added, has_json=name not in _WITHOUT_JSON)
+        added.set_defaults(run=command.run, parser=added)
     return parser

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_method, loading
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
+from flatcloth.commands.output import say
 from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
     cell = cell_of(options)
     loop = ActiveLoop(options.out, goal, budget, options.method)
     try:
-        print(f"Goal: {goal}. Budget: {budget}. {cell.name}, {loop.views} views so far.")
+        say(f"Goal: {goal}. Budget: {budget}. {cell.name}, {loop.views} views so far.")
         with ProgressBar(cell.name) as bar:
             lead(loop, cell, bar, masks=not options.no_masks)
         files = loop.write(base_from_camera)
@@ -110,13 +111,13 @@ def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None
 
     while not isinstance(asked := loop.asked, End):
         bar.show(loop.views / max(1, loop.views + 1), f"view {loop.views} at {asked.angle_deg:g} degrees")
-        print(f"View {loop.views}: turn by {asked.turn_deg:+.0f} to {asked.angle_deg:g} degrees.")
-        print(f"  expected: {asked.why}")
+        say(f"View {loop.views}: turn by {asked.turn_deg:+.0f} to {asked.angle_deg:g} degrees.")
+        say(f"  expected: {asked.why}")
         taken = step(loop, cell, masks=masks)
         assert taken is not None, "the loop asked for a view"
         for text in taken.told:
-            print(f"  {text}")
-        print(f"  got:      {taken.got}", flush=True)
+            say(f"  {text}")
+        say(f"  got:      {taken.got}")
 
 
 def told_end(loop: ActiveLoop, files: list[Path]) -> int:
@@ -125,11 +126,11 @@ def told_end(loop: ActiveLoop, files: list[Path]) -> int:
 
     end = loop.asked
     if files:
-        print(f"Written to {loop.folder}: {', '.join(file.name for file in files)}")
+        say(f"Written to {loop.folder}: {', '.join(file.name for file in files)}")
     if not isinstance(end, End):
-        print("Stopped before its end; the same command continues it.")
+        say("Stopped before its end; the same command continues it.")
         return 1
-    print(end.reason)
+    say(end.reason)
     return 0 if end.reached else 1
 
 

@@ -15,6 +15,7 @@ from flatcloth.commands.common import (
     limits_of,
     source_options_of,
 )
+from flatcloth.commands.output import report, say
 from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 NAME = "batch"
 SUMMARY = "integrate many recordings, with a table and a page to review the results"
 EXAMPLES = """examples:
-  flatcloth batch recordings/* --out night --jobs 4
+  flatcloth batch my-recordings/* --out night --jobs 4
   flatcloth batch MultimodalClothes --turning 240 --out night --scheduler tls://host:8786
   flatcloth batch list.csv --out night                   a table: source, and options as columns
   flatcloth batch night --report                         night/report.html, one page, offline
@@ -74,7 +75,7 @@ def run(options: argparse.Namespace) -> None:
 
         def start() -> Engine:
             engine = engine_of(options.jobs, options.scheduler, str(out.resolve()), tls=options.tls)
-            print(f"{len(tasks)} recordings; {engine.about}", flush=True)
+            say(f"{len(tasks)} recordings; {engine.about}")
             return engine
 
         with _Teller() as teller:
@@ -83,10 +84,10 @@ def run(options: argparse.Namespace) -> None:
             except KeyboardInterrupt:
                 teller.stopped()
                 raise SystemExit(130) from None
-        report = write_report(out)
-    print(_summary(count))
+        page = write_report(out)
     table = out / PARQUET if (out / PARQUET).exists() else out / "results.csv"
-    print(f"Table: {table}. Page: {report}")
+    document = {"table": str(table), "page": str(page), "rows": count.rows}
+    report(options, document, [_summary(count), f"Table: {table}. Page: {page}"])
     failed = sum(row["outcome"] != "done" for row in count.rows)
     if failed:
         raise FlatclothError(
@@ -103,7 +104,8 @@ def _look(options: argparse.Namespace) -> None:
             "--report and --review take one folder, that of a batch: flatcloth batch DIR --report"
         )
     out = Path(options.sources[0]).expanduser()
-    print(f"Page: {write_report(out)}")
+    page = write_report(out)
+    report(options, {"page": str(page)}, [f"Page: {page}"])
     if options.review:
         from flatcloth.viewer.server.review import serve_review
 
@@ -133,16 +135,15 @@ class _Teller(ProgressBar):
         left = "" if count.left_s is None else f", {_time(count.left_s)} left"
         if row is None:
             if count.before:
-                print(f"{count.before} of {count.total} are done already.", flush=True)
+                say(f"{count.before} of {count.total} are done already.")
         elif row["outcome"] != "done":
             self.line(f"{row['name']}: {row['outcome']}: {row.get('reason')}")
         elif not self.is_shown:
             reliable = row.get("reliable_share")
             known = "" if reliable is None else f", {reliable:.0%} reliable"
-            print(
+            say(
                 f"[{count.done}/{count.total}] {row['name']}: {row['area_cm2']:.0f} cm2{known}, "
-                f"{row['seconds']:.1f} s{left}",
-                flush=True,
+                f"{row['seconds']:.1f} s{left}"
             )
         failed = sum(r["outcome"] != "done" for r in count.rows)
         text = f"{count.done} of {count.total}" + (f", {failed} failed" if failed else "") + left

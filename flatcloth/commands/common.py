@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from flatcloth.commands.output import is_quiet, progressed
 from flatcloth.methods.registry import method_entry, method_names
 
 if TYPE_CHECKING:
@@ -203,13 +204,15 @@ def _positive(text: str) -> float:
 
 
 class ProgressBar:
-    """A bar on stderr if that is a terminal; otherwise nothing, so that logs stay readable."""
+    """A bar on stderr if that is a terminal; otherwise, with ``steps``, a line for each tenth of the work."""
 
-    def __init__(self, title: str) -> None:
+    def __init__(self, title: str, *, steps: bool = False) -> None:
         from tqdm import tqdm
 
         form = "{desc} [{bar:20}] {postfix}"
-        self._bar = tqdm(total=1.0, desc=title, bar_format=form, disable=None, leave=False)
+        disable = True if is_quiet() else None  # None: unless stderr is a terminal
+        self._bar = tqdm(total=1.0, desc=title, bar_format=form, disable=disable, leave=False)
+        self._title, self._steps, self._next, self._text = title, steps, 0.0, ""
 
     def __enter__(self) -> Self:
         return self
@@ -230,3 +233,8 @@ class ProgressBar:
         """Draw the bar: ``share`` 0 to 1 and the current step."""
         self._bar.n = share
         self._bar.set_postfix_str(text)
+        new = share >= self._next or (share >= 1.0 and text != self._text)
+        if self._steps and not self.is_shown and new:
+            self._text = text
+            self._next = math.floor(10 * share + 1) / 10
+            progressed(f"{self._title}: {share:.0%} {text}")

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.commands.common import ProgressBar, add_engine, add_method, add_sides, limits_of
+from flatcloth.commands.output import report, say
 from flatcloth.core.errors import FlatclothError
 
 NAME = "evaluate"
 SUMMARY = "integrate unattended and compare with the truth"
 EXAMPLES = """examples:
-  flatcloth evaluate recordings/*-d435
-  flatcloth evaluate recordings/shirt-sleeve-clean --json figures.json --pictures pictures"""
+  flatcloth evaluate my-recordings/*
+  flatcloth evaluate shirt-sleeve-clean --json figures.json --pictures pictures"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +29,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_method(parser)
     add_sides(parser)
     add_engine(parser, jobs=1)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to FILE")
+    parser.add_argument(
+        "--json",
+        nargs="?",
+        const=True,
+        metavar="FILE",
+        help="write the figures to FILE; without FILE print them, in place of words",
+    )
     parser.add_argument(
         "--pictures", type=Path, metavar="DIR", help="write a picture of each result next to its truth to DIR"
     )
@@ -37,18 +44,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Print a row of figures per recording."""
     rows: list[dict[str, Any]] = []
-    print(_table_head())
+    say(_table_head())
     for row in _one_by_one(options) if options.jobs == 1 and not options.scheduler else _together(options):
         rows.append(row)
-        print(_table_row(row), flush=True)
+        say(_table_row(row))
         if "sides" in row:
-            print(_sides_line(row["sides"]), flush=True)
+            say(_sides_line(row["sides"]))
         if "garment" in row:
-            print(_garment_line(row["garment"]), flush=True)
-    if options.json is not None:
+            say(_garment_line(row["garment"]))
+    if options.json is True:
+        report(options, rows, ())
+    elif options.json is not None:
         try:
-            options.json.parent.mkdir(parents=True, exist_ok=True)
-            options.json.write_text(json.dumps(rows, indent=1) + "\n")
+            file = Path(options.json)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(json.dumps(rows, indent=1) + "\n")
         except OSError as error:
             raise FlatclothError(
                 f"{options.json}: cannot be written ({error}); choose another file."

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_source_options, source_options_of
+from flatcloth.commands.output import report
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import check_replacing
 
@@ -102,8 +103,8 @@ def run(options: argparse.Namespace) -> None:
                 _write(name, session, getattr(options, name), base_from_camera, options.rotation)
                 written.append(getattr(options, name))
     finally:
-        for path in written:
-            print(f"Written: {path}", flush=True)
+        document = {"written": [str(path) for path in written]}
+        report(options, document, [f"Written: {path}" for path in written])
 
 
 def _check(name: str, path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import TURNING, ProgressBar, add_camera_options, source_options_of
+from flatcloth.commands.output import report
 from flatcloth.core.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -59,11 +60,11 @@ def run(options: argparse.Namespace) -> None:
     with ProgressBar(Path(options.source).name) as bar:
         recording = _opened(options, bar)
         count = copy_recording(recording, options.out, options.name, bar.show)
-    for note in getattr(recording, "notes", ()):
-        print(note)
-    angles = recording.angles_deg
+    angles, notes = recording.angles_deg, list(getattr(recording, "notes", ()))
     views = "1 view" if count == 1 else f"{count} views, {min(angles):g} to {max(angles):g} degrees,"
-    print(f"{views} written to {options.out}. Open it with: flatcloth view {options.out}")
+    line = f"{views} written to {options.out}. Open it with: flatcloth view {options.out}"
+    document = {"folder": str(options.out), "angles_deg": list(angles), "notes": notes}
+    report(options, document, [*notes, line])
 
 
 def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:

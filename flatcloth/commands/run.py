@@ -14,12 +14,13 @@ from flatcloth.commands.common import (
     source_options_of,
 )
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
+from flatcloth.commands.output import detail, report
 from flatcloth.commands.segment import add_strokes, strokes_of
 
 NAME = "run"
 SUMMARY = "integrate unattended and export the result"
 EXAMPLES = """examples:
-  flatcloth run recordings/shirt-sleeve-clean --out result
+  flatcloth run shirt-sleeve-clean --out result
   flatcloth run my-recording --out result --method paper"""
 
 
@@ -39,11 +40,12 @@ def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
     with loading():
         from flatcloth.api.integrating import integrate
+        from flatcloth.engine.outcome import view_lines
         from flatcloth.recordings import open_recording
 
     base_from_camera, strokes = hand_eye_of(options), strokes_of(options)
     recording = open_recording(options.source, source_options_of(options))
-    with ProgressBar(recording.name) as bar:
+    with ProgressBar(recording.name, steps=True) as bar:
         shape = integrate(
             recording,
             method=options.method,
@@ -54,5 +56,7 @@ def run(options: argparse.Namespace) -> None:
         )
         bar.show(1.0, "writing")
         files = shape.write(options.out, base_from_camera=base_from_camera)
-    print(shape)
-    print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
+    lines = [*shape.lines(), f"Written to {options.out}: {', '.join(file.name for file in files)}"]
+    report(options, shape.report, lines)
+    for line in view_lines(shape.report):
+        detail(line)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_source, integration_of, source_options_of
+from flatcloth.commands.output import report
 
 if TYPE_CHECKING:
     from flatcloth.core.strokes import Decision
@@ -70,9 +71,7 @@ def run(options: argparse.Namespace) -> None:
             count = copy_recording(masked, options.out, progress=bar.show)
         else:
             count = write_masks(masked, options.out, summary(found), bar.show)
-    if recording.has_masks:
-        print(f"{recording.name}: has masks; they were not used.")
-    print(found.text)
-    for line in [cut.text for cut in found.cut_off] + [conflict.text for conflict in found.conflicts]:
-        print(line)
-    print(f"Written to {options.out}: {count} {'views with masks' if options.copy else 'masks'}.")
+    lines = [f"{recording.name}: has masks; they were not used."] if recording.has_masks else []
+    lines += [found.text, *(cut.text for cut in found.cut_off), *(each.text for each in found.conflicts)]
+    lines.append(f"Written to {options.out}: {count} {'views with masks' if options.copy else 'masks'}.")
+    report(options, summary(found), lines)

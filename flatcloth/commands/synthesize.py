@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from flatcloth.commands.common import ProgressBar
+from flatcloth.commands.output import report
 
 NAME = "synthesize"
 SUMMARY = "render a garment mesh to a recording with its truth"
@@ -129,10 +130,16 @@ def run(options: argparse.Namespace) -> None:
     )
     with ProgressBar(options.out.name) as bar:
         made = synthesize(request, bar.show)
-    for warning in made.warnings:
-        print(f"note: {warning}")
     sides = ", ".join(f"{i} {panel.name}" for i, panel in enumerate(made.panels, start=1))
-    print(
+    line = (
         f"{made.views} views written to {made.folder}. "
         f"Panels: {sides}; side of interest: {made.panel_of_interest}."
     )
+    document = {
+        "folder": str(made.folder),
+        "views": made.views,
+        "panels": [panel.name for panel in made.panels],
+        "panel_of_interest": made.panel_of_interest,
+        "notes": list(made.warnings),
+    }
+    report(options, document, [*(f"note: {warning}" for warning in made.warnings), line])

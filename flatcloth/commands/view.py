@@ -6,10 +6,9 @@ import argparse
 import math
 from pathlib import Path
 
-from flatcloth.commands.camera import add_camera, serve_camera
 from flatcloth.commands.common import add_method, add_source
 from flatcloth.commands.export import add_hand_eye
-from flatcloth.commands.opening import opened_recording, page_options
+from flatcloth.commands.opening import add_camera, opened_recording, page_options, serve_camera
 from flatcloth.core.errors import FlatclothError
 
 NAME = "view"
@@ -17,9 +16,9 @@ SUMMARY = "open the operator page (the default command)"
 EXAMPLES = """examples:
   flatcloth                                    the page, where a recording is chosen
   flatcloth view --root ~/recordings           the same, also of the folders below this one
-  flatcloth view recordings/trousers-waist-d435
+  flatcloth view trousers-waist-d435
   flatcloth view my-recording --port 9000 --session my-session
-  flatcloth view recordings/shirt-corner-d435 --live      play it as if live
+  flatcloth view shirt-corner-d435 --live                 play it as if live
   flatcloth view --camera --out my-recording --step 10    a RealSense camera, and guided capture"""
 
 

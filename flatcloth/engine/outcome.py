@@ -148,9 +148,25 @@ def lines_of(outcome: dict[str, Any]) -> list[str]:
     if outcome["floating_cm2"]:
         areas = ", ".join(f"{area:.0f}" for area in outcome["floating_cm2"])
         lines.append(f"Floating pieces, connected by no view: {areas} cm2.")
-    lines += [f"View {view['view_index']} was left out: {view['reason']}." for view in outcome["left"]]
+    if outcome["left"]:
+        left = ", ".join(str(view["view_index"]) for view in outcome["left"])
+        lines.append(f"Left out, with the reasons in {FILE}: {left}.")
     lines.append(outcome["ended"])
     return lines
+
+
+def view_lines(outcome: dict[str, Any]) -> list[str]:
+    """Return a line a view: those that were accepted, in order, and those that were left out."""
+    accepted = [
+        f"View {view['view_index']} at {view['angle_deg']:g} degrees: accepted"
+        + ("" if view["score"] is None else f", score {view['score']:.2f}")
+        for view in outcome["accepted"]
+    ]
+    left = [
+        f"View {view['view_index']} at {view['angle_deg']:g} degrees: left out, {view['reason']}"
+        for view in outcome["left"]
+    ]
+    return accepted + left
 
 
 def sides_entry(sides: JoinedSides | str) -> dict[str, Any]:

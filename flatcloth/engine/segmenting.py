@@ -202,6 +202,7 @@ def summary(segmentation: Segmentation) -> dict[str, Any]:
     """Return the part of a report about a segmentation, ready for JSON: areas in cm2."""
     return {
         "text": segmentation.text,
+        "facing_view": segmentation.facing_view,
         "certainty": round(segmentation.mean_certainty, 4),
         "area_cm2": round(1e4 * segmentation.area_of_interest_m2, 1),
         "undecided_cm2": round(1e4 * segmentation.area_undecided_m2, 1),

@@ -5,6 +5,7 @@ Input: a folder, a file or a bundled name. Output: a :class:`Recording`.
 
 from __future__ import annotations
 
+import difflib
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -84,8 +85,11 @@ def place_of(source: str | os.PathLike[str]) -> Path:
     if not exists:
         samples = sample_recordings()
         if str(source) not in samples:
+            like = difflib.get_close_matches(str(source), samples, n=1)
+            meant = f" Did you mean the bundled {like[0]}?" if like else ""
             raise RecordingError(
-                f"{path}: no such file or folder. {_can_read()}; bundled are {', '.join(samples) or 'none'}."
+                f"{path}: no such file or folder.{meant} {_can_read()}; "
+                f"bundled are {', '.join(samples) or 'none'}."
             )
         return samples[str(source)]
     if not is_folder and path.suffix.lower() in (".json", ".txt", ".yaml", ".csv"):

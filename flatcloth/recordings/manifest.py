@@ -75,7 +75,9 @@ def _load(path: Path) -> Any:
     return load_json(path)
 
 
-class _Camera(msgspec.Struct, frozen=True):
+class CameraOfHeader(msgspec.Struct, frozen=True):
+    """The camera: pixels, and OpenCV's distortion coefficients."""
+
     width: Finite
     height: Finite
     fx: Finite
@@ -86,12 +88,16 @@ class _Camera(msgspec.Struct, frozen=True):
     distortion: tuple[Finite, ...] = ()
 
 
-class _Axis(msgspec.Struct, frozen=True):
+class AxisOfHeader(msgspec.Struct, frozen=True):
+    """The turning axis: a point and a direction, camera frame."""
+
     point_m: Vector3
     direction: Vector3
 
 
-class _View(msgspec.Struct, frozen=True):
+class ViewOfHeader(msgspec.Struct, frozen=True):
+    """One view: its angle, and its files relative to the folder."""
+
     angle_deg: Finite
     color: str | None = None
     depth: str | None = None
@@ -99,15 +105,15 @@ class _View(msgspec.Struct, frozen=True):
     truth: str | None = None
 
 
-class _Header(msgspec.Struct, frozen=True):
+class RecordingHeader(msgspec.Struct, frozen=True):
     """The fields of ``recording.json`` that are used; others are ignored."""
 
-    intrinsics: _Camera
-    views: tuple[_View, ...]
+    intrinsics: CameraOfHeader
+    views: tuple[ViewOfHeader, ...]
     name: str = ""
     description: str = ""
     depth_scale_m: Finite = 0.0
-    rotation_axis: _Axis | None = None
+    rotation_axis: AxisOfHeader | None = None
     held_point_m: Vector3 | None = None
     truth: Any = None
 
@@ -124,7 +130,7 @@ class _Reader:
         if isinstance(raw, dict):
             self._check_format(raw.get("format"))
         try:
-            header = fitted(raw, _Header)
+            header = fitted(raw, RecordingHeader)
         except MisfitError as error:
             remedy = f"Expected {error.expected}." if error.expected else "See the format."
             self._fail(f"{error.where or 'the file'} is {error.found}", remedy)
@@ -160,13 +166,13 @@ class _Reader:
             self._fail(f"depth_scale_m is {scale:g}", "Give metres per depth unit, 0.001 for millimetres.")
         return scale
 
-    def _camera(self, given: _Camera) -> tuple[Intrinsics, Lens]:
+    def _camera(self, given: CameraOfHeader) -> tuple[Intrinsics, Lens]:
         size = (self._size(given.width, "width"), self._size(given.height, "height"))
         focal, center = (given.fx, given.fy), (given.cx, given.cy)
         intrinsics = checked_intrinsics(size, focal, center, self._fail, "intrinsics.")
         return intrinsics, self._lens(given, intrinsics)
 
-    def _lens(self, given: _Camera, intrinsics: Intrinsics) -> Lens:
+    def _lens(self, given: CameraOfHeader, intrinsics: Intrinsics) -> Lens:
         model, numbers = given.distortion_model, list(given.distortion)
         if model not in _MODELS:
             self._fail(
@@ -181,7 +187,7 @@ class _Reader:
             self._fail(f"intrinsics.distortion has {len(numbers)} numbers", "Write [k1, k2, p1, p2, k3].")
         return checked_lens(intrinsics, numbers, self._fail, "intrinsics.")
 
-    def _axis(self, given: _Axis | None) -> tuple[RotationAxis | None, float]:
+    def _axis(self, given: AxisOfHeader | None) -> tuple[RotationAxis | None, float]:
         """Return the axis, and the sign (1 or -1) of the file's angles about it."""
         if given is None:
             return None, 1.0
@@ -200,7 +206,7 @@ class _Reader:
         turns = -1.0 if direction[1] > 0 else 1.0
         return RotationAxis(point_m=point, direction=turns * direction), turns
 
-    def _views(self, given: tuple[_View, ...], turns: float) -> tuple[ViewFiles, ...]:
+    def _views(self, given: tuple[ViewOfHeader, ...], turns: float) -> tuple[ViewFiles, ...]:
         if not given:
             self._fail("views is empty", "List at least one view.")
         if len(given) > MAX_VIEWS:
@@ -227,7 +233,7 @@ class _Reader:
                 "Give every view a mask, or none: the side of interest must be the same in all.",
             )
 
-    def _view(self, given: _View, where: str, turns: float) -> ViewFiles:
+    def _view(self, given: ViewOfHeader, where: str, turns: float) -> ViewFiles:
         if abs(given.angle_deg) > 3600:
             self._fail(f"{where}.angle_deg is {given.angle_deg:g}", "Give degrees since view 0.")
         if given.depth is None:

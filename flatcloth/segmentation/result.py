@@ -105,6 +105,17 @@ class Segmentation:
         return float((self.certainty[chosen] * area).sum() / max(float(area.sum()), 1e-12))
 
     @property
+    def facing_view(self) -> int:
+        """The view that shows most of the side of interest, by the area of its pixels."""
+
+        def area(view_index: int) -> float:
+            seen, sides = self.observed.views[view_index], self.view(view_index)
+            assert sides is not None
+            return float(np.square(seen.depth_m[sides.side == OF_INTEREST]).sum())
+
+        return max(self.observed.views, key=area)
+
+    @property
     def text(self) -> str:
         """The result in a sentence."""
         undecided = 1e4 * self.area_undecided_m2
@@ -112,7 +123,8 @@ class Segmentation:
         n = len(self.decisions)
         how = "without strokes" if not n else f"by {n} stroke{'s' if n > 1 else ''}"
         return (
-            f"Side of interest: {1e4 * self.area_of_interest_m2:.0f} cm2 seen, "
+            f"Side of interest: the one that view {self.facing_view} shows most of; "
+            f"{1e4 * self.area_of_interest_m2:.0f} cm2 seen, "
             f"{self.mean_certainty:.0%} certain, {how}{rest}."
         )
 

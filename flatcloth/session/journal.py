@@ -82,11 +82,11 @@ class PickDeleted:
 PickChange = PickAdded | PickRenamed | PickDeleted
 Entry = Command | Event | PickChange
 
-_KINDS: dict[str, type[Any]] = {
+KINDS: dict[str, type[Any]] = {
     re.sub(r"(?<=[a-z])(?=[A-Z])", " ", kind.__name__).lower(): kind for kind in typing.get_args(Entry)
 }
 """The entries by their name in the journal: ``TakePart`` is "take part"."""
-_NAMES = {kind: name for name, kind in _KINDS.items()}
+_NAMES = {kind: name for name, kind in KINDS.items()}
 _SEAL = re.compile(rb',"crc":"([0-9a-f]{8})"\}\Z')
 
 
@@ -141,7 +141,7 @@ def decode(number: int, line: bytes) -> Line:
         raise ValueError("it is not JSON") from error
     try:
         about = fitted(table, _Envelope)
-        kind = _KINDS[about.kind]
+        kind = KINDS[about.kind]
         # Null is an unknown number; fields that journals of earlier versions lack take the entry's default.
         entry: Entry = fitted({k: v for k, v in table.items() if v is not None}, kind)
         for name, value in msgspec.to_builtins(entry).items():

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from exported_sessions import write_cylinder
 
 from flatcloth import __version__
 from flatcloth.cli import main
@@ -15,7 +16,7 @@ from flatcloth.export.data import read_shape
 from flatcloth.methods.registry import method_names
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = ("view", "run", "export", "evaluate", "import", "record", "synthesize")
+COMMANDS = ("view", "run", "export", "evaluate", "import", "record", "synthesize", "schema")
 SAMPLE = ROOT / "recordings" / "shirt-sleeve-clean"
 
 
@@ -48,12 +49,16 @@ def test_run_integrates_resumes_and_evaluate_agrees(
     assert view.pixel_size_m == 0.002
     first = capsys.readouterr()
     assert "views integrated" in first.out
-    assert first.err == ""
+    assert f"{sample.name}: 100% writing" in first.err  # no terminal: lines in place of a bar
 
     journal = (out / "journal.jsonl").read_bytes()
-    assert main(["run", str(sample), "--out", str(out)]) == 0
+    log = tmp_path / "log.txt"
+    assert main(["run", str(sample), "--out", str(out), "--quiet", "--log-file", str(log)]) == 0
     assert (out / "journal.jsonl").read_bytes() == journal
-    assert capsys.readouterr().out == first.out
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", "")
+    logged = log.read_text()
+    assert all(line in logged for line in first.out.splitlines())
 
     figures = tmp_path / "figures.json"
     pictures = tmp_path / "pictures"
@@ -68,6 +73,25 @@ def test_run_integrates_resumes_and_evaluate_agrees(
     assert len(row["views"]) >= 6
     assert (pictures / "shirt-sleeve-clean.png").is_file()
     assert "shirt-sleeve-clean" in capsys.readouterr().out
+
+
+def test_a_run_is_told_as_json_or_with_a_line_a_view(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording, out = str(write_cylinder(tmp_path / "cylinder")), str(tmp_path / "out")
+    command = ["run", recording, "--out", out, "--method", "paper"]
+    assert main([*command, "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((tmp_path / "out" / "outcome.json").read_text())
+    assert main(command) == 0
+    short = capsys.readouterr().out
+    assert main([*command, "--verbose"]) == 0
+    told = capsys.readouterr().out
+    assert printed["accepted"]
+    for view in printed["accepted"]:
+        line = f"View {view['view_index']} at {view['angle_deg']:g} degrees: accepted"
+        assert line in told
+        assert line not in short
 
 
 @pytest.mark.parametrize(
@@ -117,6 +141,68 @@ def test_wrong_options_exit_with_2(arguments: list[str], capsys: pytest.CaptureF
         main(arguments)
     assert stop.value.code == 2
     assert "usage:" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "meant"),
+    [
+        (["run", "x", "--out", "y", "--mehtod", "paper"], "did you mean --method?"),
+        (["view", "x", "--prot", "1"], "did you mean --port?"),
+        (["schema", "grasps", "more"], "unrecognized arguments: more"),
+    ],
+)
+def test_a_mistyped_option_gets_the_usage_of_its_command(
+    arguments: list[str], meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(arguments)
+    said = capsys.readouterr().err
+    assert said.startswith(f"usage: flatcloth {arguments[0]} ")
+    assert meant in said
+
+
+def test_a_mistyped_command_or_bundled_name_is_told_which_is_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["rnu", "x", "--out", "y"]) == 2
+    assert "did you mean 'flatcloth run'?" in capsys.readouterr().err
+    assert main(["run", "shirt-slev-clean", "--out", "y"]) == 2
+    assert "Did you mean the bundled shirt-sleeve-clean?" in capsys.readouterr().err
+    (tmp_path / "rnu").mkdir()  # a recording may be called so
+    assert main(["rnu"]) == 2
+    assert "recording.json" in capsys.readouterr().err
+
+
+def test_a_log_that_cannot_be_written_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "x", "--out", "y", "--log-file", str(tmp_path)]) == 2
+    assert f"{tmp_path}: the log cannot be written" in capsys.readouterr().err
+
+
+def test_errors_are_in_the_log_file_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = tmp_path / "new" / "log.txt"
+    assert main(["run", "no-such-recording", "--out", "y", "--log-file", str(log), "-q"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("flatcloth: no-such-recording")
+    assert said.count("\n") == 1
+    assert "ERROR" in log.read_text()
+    assert "no-such-recording" in log.read_text()
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_bash_completes_commands_options_and_choices(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["--print-completion", "bash"])
+    script = capsys.readouterr().out
+    ask = """
+complete_words() { COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); COMP_LINE="$*"; COMPREPLY=()
+    _shtab_flatcloth "$1" "${@: -1}" "${@: -2:1}"; echo "${COMPREPLY[@]}"; }
+complete_words flatcloth ev
+complete_words flatcloth run --meth
+complete_words flatcloth run --method pa
+"""
+    done = subprocess.run(["bash", "-c", script + ask], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["evaluate", "--method", "paper"]
 
 
 @pytest.mark.parametrize(

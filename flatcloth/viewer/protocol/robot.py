@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from flatcloth.export.formats.grasps import Grasp, Matrix4, Written
+from flatcloth.export.formats.documents import Grasp, Matrix4, Written
 from flatcloth.viewer.protocol.fields import MAX_NAME_CHARS, Count, Metres, Pointed
 
 PROTOCOL: Literal["flatcloth-robot/1"] = "flatcloth-robot/1"

@@ -12,7 +12,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
-from flatcloth.export.formats.grasps import Grasp
+from flatcloth.export.formats.documents import Grasp
 from flatcloth.export.garment import garment_document
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA

@@ -1,0 +1,144 @@
+"""What commands say: results on stdout, progress and errors on stderr, all of it in a log file if wanted.
+
+``--quiet`` leaves the errors, ``--json`` one JSON document, ``--verbose`` adds details.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import logging
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from flatcloth.core.errors import FlatclothError
+
+_said = logging.getLogger("flatcloth.said")
+_progress = logging.getLogger("flatcloth.progress")
+_failed = logging.getLogger("flatcloth.failed")
+_failed.addHandler(logging.NullHandler())  # printed already, also without a log file
+
+
+def say(text: str) -> None:
+    """Report a result on stdout."""
+    _said.info("%s", text)
+
+
+def detail(text: str) -> None:
+    """Report a detail on stdout, with ``--verbose`` only."""
+    _said.debug("%s", text)
+
+
+def progressed(text: str) -> None:
+    """Report progress as a line on stderr; for where there is no bar."""
+    _progress.info("%s", text)
+
+
+def report(options: argparse.Namespace, document: Any, lines: Iterable[str]) -> None:
+    """Report a result: as a document with ``--json``, else in words."""
+    if options.json:
+        print(json.dumps(document, indent=1), flush=True)
+    for line in lines:
+        say(line)
+
+
+def add_output(parser: argparse.ArgumentParser, *, has_json: bool) -> None:
+    """Declare the options that all commands have."""
+    group = parser.add_argument_group("output")
+    much = group.add_mutually_exclusive_group()
+    much.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")
+    much.add_argument("-v", "--verbose", action="store_true", help="say details, such as each view left out")
+    group.add_argument(
+        "--log-file", type=Path, metavar="FILE", help="append what is said to FILE, with times"
+    )
+    if has_json:
+        group.add_argument(
+            "--json", action="store_true", help="print the result as one JSON document, in place of words"
+        )
+
+
+def is_quiet() -> bool:
+    """Say whether no progress is wanted."""
+    return any(handler.level > logging.INFO for handler in _progress.handlers)
+
+
+@contextlib.contextmanager
+def speaking(options: argparse.Namespace) -> Iterator[None]:
+    """Print what commands say, as the options want it.
+
+    Raises
+    ------
+    FlatclothError
+        If the log file cannot be written.
+    """
+    root = logging.getLogger()
+    level = logging.DEBUG if options.verbose else logging.INFO
+    silent = logging.CRITICAL
+    has_words = not options.quiet and getattr(options, "json", None) is not True
+    handlers: list[tuple[logging.Logger, logging.Handler]] = [
+        (_said, _Printer(level if has_words else silent, on_stderr=False)),
+        (_progress, _Printer(silent if options.quiet else level, on_stderr=True)),
+    ]
+    if options.log_file is not None:
+        handlers.append((root, _log_file(options.log_file)))
+    if options.log_file is not None or options.verbose:  # in place of logging's handler of last resort
+        handlers.append((root, _Others(logging.INFO if options.verbose else logging.WARNING)))
+    kept_level = root.level
+    for logger, handler in handlers:
+        logger.addHandler(handler)
+    _said.setLevel(logging.DEBUG)
+    _progress.setLevel(logging.DEBUG)
+    if len(handlers) > 2:
+        root.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        for logger, handler in handlers:
+            logger.removeHandler(handler)
+            handler.close()
+        root.setLevel(kept_level)
+
+
+def error(text: str) -> None:
+    """Report why a command failed: on stderr, and in the log file."""
+    print(f"flatcloth: {text}", file=sys.stderr)
+    _failed.error("%s", text)
+
+
+def _log_file(path: Path) -> logging.Handler:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handler = logging.FileHandler(path, encoding="utf-8")
+    except OSError as failed:
+        raise FlatclothError(
+            f"{path}: the log cannot be written ({failed.strerror}); choose another file."
+        ) from failed
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    return handler
+
+
+class _Printer(logging.Handler):
+    """Prints lines; unlike logging's own handler it lets errors through, such as a closed pipe."""
+
+    def __init__(self, level: int, *, on_stderr: bool) -> None:
+        super().__init__(level)
+        self._on_stderr = on_stderr
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one line."""
+        print(record.getMessage(), file=sys.stderr if self._on_stderr else sys.stdout, flush=True)
+
+
+class _Others(logging.StreamHandler):  # type: ignore[type-arg]
+    """Prints what the libraries and the server log, on stderr."""
+
+    def __init__(self, level: int) -> None:
+        super().__init__()
+        self.setLevel(level)
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Leave out what commands say, which is printed already."""
+        return record.name not in (_said.name, _progress.name, _failed.name)
