@@ -16,10 +16,16 @@ class RouteClient:
         self._app = Starlette(routes=routes)
 
     def get(self, path):
+        return self._ask(lambda client: client.get(path))
+
+    def post(self, path, data):
+        return self._ask(lambda client: client.post(path, content=data, timeout=30))
+
+    def _ask(self, request):
         async def ask():
             transport = httpx.ASGITransport(app=self._app)
             async with httpx.AsyncClient(transport=transport, base_url="http://page") as client:
-                return await client.get(path)
+                return await request(client)
 
         with ThreadPoolExecutor(1) as thread:
             return thread.submit(asyncio.run, ask()).result()

@@ -131,6 +131,10 @@ class ActiveLoop:
         """The garment of the shape so far, or the reason for none."""
         return self._known
 
+    def held(self) -> threading.RLock:
+        """Return the lock of the loop, so that several things are read of one moment."""
+        return self._lock
+
     def take(self, view: SeenView, answers: int | None = None) -> Taken:
         """Take a view, and choose the next angle.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,13 +15,15 @@ from flatcloth.core.errors import FlatclothError
 if TYPE_CHECKING:
     from flatcloth.active.goal import Budget, Goal
     from flatcloth.active.loop import ActiveLoop
+    from flatcloth.core.geometry import Rigid3
     from flatcloth.synthesis.cell import Cell
 
 NAME = "active"
 SUMMARY = "choose each next angle for a goal, and stop when it is known"
 EXAMPLES = """examples:
   flatcloth active --cell --out found --goal points:shoulder_left,shoulder_right --within 20
-  flatcloth active --cell shirt.obj --out found --goal kind --budget 6 --sensor d435 --sway 2"""
+  flatcloth active --cell shirt.obj --out found --goal kind --budget 6 --sensor d435 --sway 2
+  flatcloth active --listen 8090 --out found --goal shape    a robot turns, and sends its views"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +37,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_goal(parser)
     add_cell(parser)
+    listen = parser.add_argument_group("robot")
+    listen.add_argument(
+        "--listen",
+        type=int,
+        metavar="PORT",
+        help="let a robot ask for angles and send views at this port, 0 for any free one (docs/robots.md)",
+    )
+    listen.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
+    )
+    listen.add_argument("--token-file", type=Path, metavar="FILE", help="as of flatcloth view")
     add_method(parser)
     add_hand_eye(parser)
 
@@ -88,20 +102,38 @@ def run(options: argparse.Namespace) -> int:
 
     goal, budget = goal_of(options)
     base_from_camera = hand_eye_of(options)
-    if options.cell is None:
+    if options.cell is None and options.listen is None:
         raise FlatclothError(
-            "active needs --cell, or a camera or robot at the page: flatcloth view --camera."
+            "active needs --cell, or --listen for a robot; a camera: flatcloth view --camera."
         )
-    cell = cell_of(options)
+    cell = None if options.cell is None else cell_of(options)
     loop = ActiveLoop(options.out, goal, budget, options.method)
     try:
-        say(f"Goal: {goal}. Budget: {budget}. {cell.name}, {loop.views} views so far.")
-        with ProgressBar(cell.name) as bar:
-            lead(loop, cell, bar, masks=not options.no_masks)
+        say(f"Goal: {goal}. Budget: {budget}. {loop.views} views so far.")
+        if options.listen is not None:
+            listen(loop, cell, base_from_camera, options)
+        else:
+            assert cell is not None
+            with ProgressBar(cell.name) as bar:
+                lead(loop, cell, bar, masks=not options.no_masks)
         files = loop.write(base_from_camera)
     finally:
         loop.close()
     return told_end(loop, files)
+
+
+def listen(
+    loop: ActiveLoop, cell: Cell | None, base_from_camera: Rigid3 | None, options: argparse.Namespace
+) -> None:
+    """Let a robot turn the item; without a cell it sends the views, too."""
+    from flatcloth.active.service import ActiveService
+    from flatcloth.active.station import view_of_cell
+    from flatcloth.viewer.server.active import serve_active
+
+    eye = None
+    if cell is not None:
+        eye = functools.partial(view_of_cell, cell, masks=not options.no_masks)
+    serve_active(ActiveService(loop, eye, base_from_camera), options.host, options.listen, options.token_file)
 
 
 def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None:

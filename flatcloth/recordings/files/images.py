@@ -190,7 +190,7 @@ def _decode(path: Path, flags: int, dtype: np.dtype[Any] | type[np.uint8 | np.ui
 
     data = read_bytes(path)
     # OpenCV returns a truncated image with its missing pixels set to zero or gray, without an error.
-    if not _is_whole(data):
+    if not is_whole(data):
         raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.")
     try:
         pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
@@ -201,7 +201,8 @@ def _decode(path: Path, flags: int, dtype: np.dtype[Any] | type[np.uint8 | np.ui
     return pixels
 
 
-def _is_whole(data: bytes) -> bool:
+def is_whole(data: bytes) -> bool:
+    """Return whether the data of a PNG or JPEG are complete; OpenCV decodes torn ones without an error."""
     if data.startswith(b"\xff\xd8"):
         return b"\xff\xd9" in data[-1024:] and data.count(b"\xff\xda") <= _MOST_SCANS
     if not data.startswith(_PNG_SIGNATURE):

@@ -1,0 +1,130 @@
+"""An active loop for programs: what is asked, expected and known, as documents ready for JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from flatcloth.active.choosing import Next
+from flatcloth.active.ending import End
+from flatcloth.active.incoming import SeenView, ViewError
+from flatcloth.active.loop import ActiveLoop
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import finite
+from flatcloth.export.data import GraspFrames, grasps_document
+from flatcloth.export.garment import garment_points
+from flatcloth.session.journal import Pick
+
+Eye = Callable[[float, int], SeenView]
+"""Looks at the item, which stands at an angle (degrees), for the question of a number."""
+
+
+class ActiveService:
+    """A loop, the camera that looks for it, if it has one, and the robot's frame. Safe for several threads.
+
+    Parameters
+    ----------
+    loop : ActiveLoop
+        The loop.
+    eye : callable, optional
+        Looks when an angle is announced; without it views are sent with their images.
+    base_from_camera : Rigid3, optional
+        The hand-eye transform: poses are then given in the robot's frame, too.
+    """
+
+    def __init__(
+        self, loop: ActiveLoop, eye: Eye | None = None, base_from_camera: Rigid3 | None = None
+    ) -> None:
+        self.loop, self._eye, self._base_from_camera = loop, eye, base_from_camera
+
+    def next(self, rotation_deg: float | None = None) -> dict[str, Any]:
+        """Return the next angle, or the end, and what is known; the keys are those of docs/robots.md.
+
+        Poses are those at a rotation, by default that at which the item stands.
+        """
+        loop = self.loop
+        with loop.held():
+            return {**_asked(loop.asked, loop.views), **self._known(rotation_deg)}
+
+    def take(self, view: SeenView, number: int | None, rotation_deg: float | None = None) -> dict[str, Any]:
+        """Take a view that a program sends, and return what became of it and what comes next.
+
+        Raises
+        ------
+        FlatclothError
+            As :meth:`flatcloth.active.loop.ActiveLoop.take`.
+        """
+        taken = self.loop.take(view, number)
+        about = {"number": taken.number, "told": list(taken.told), "got": taken.got}
+        return {"taken": about, **self.next(rotation_deg)}
+
+    def look(self, angle_deg: float, number: int | None, rotation_deg: float | None = None) -> dict[str, Any]:
+        """Look at the item, which stands at an angle now, with the camera of the loop; as :meth:`take`.
+
+        Raises
+        ------
+        FlatclothError
+            If the loop has no camera, or it cannot look.
+        """
+        if self._eye is None:
+            raise ViewError("flatcloth has no camera here: send color, depth and K with the angle.")
+        return self.take(self._eye(angle_deg, self.loop.views), number, rotation_deg)
+
+    def write(self) -> list[Path]:
+        """Write the result; see :meth:`flatcloth.active.loop.ActiveLoop.write`."""
+        return self.loop.write(self._base_from_camera)
+
+    def _known(self, rotation_deg: float | None) -> dict[str, Any]:
+        loop, knowledge = self.loop, self.loop.knowledge
+        standing = loop.stands_deg if rotation_deg is None else rotation_deg
+        wanted = [point for point in garment_points(loop.known) if point.name in loop.goal.points]
+        regrasp = loop.asked.regrasp if isinstance(loop.asked, End) else None
+        return {
+            "goal": str(loop.goal),
+            "views": loop.views,
+            "stands_deg": loop.stands_deg,
+            "rotation_deg": standing,
+            "knows": knowledge.about(loop.goal),
+            "kind": knowledge.kind,
+            "probability": knowledge.probability,
+            "area_cm2": round(1e4 * knowledge.area_m2, 1),
+            "points": self._grasps(wanted, standing),
+            "regrasp": next(iter(self._grasps([regrasp] if regrasp else [], standing)), None),
+        }
+
+    def _grasps(self, picks: list[Pick], rotation_deg: float) -> list[dict[str, Any]]:
+        """Return picks as in ``grasps.json``, each named point with its standard deviation on the cloth."""
+        loop, integration = self.loop, self.loop.integration
+        if not picks or integration is None:
+            return []
+        frames = GraspFrames(
+            axis=integration.axis, rotation_deg=rotation_deg, base_from_camera=self._base_from_camera
+        )
+        canonical = integration.canonical(loop.document)
+        document = grasps_document(canonical.view, (), frames, picks, canonical.floating)
+        grasps: list[dict[str, Any]] = document["garment_points"]
+        return [{**grasp, "std_m": finite(loop.knowledge.point(grasp["name"]).std_m)} for grasp in grasps]
+
+
+def _asked(asked: Next | End, number: int) -> dict[str, Any]:
+    if isinstance(asked, End):
+        return {
+            "done": True,
+            "reached": asked.reached,
+            "reason": asked.reason,
+            "hidden": list(asked.hidden),
+        }
+    return {
+        "done": False,
+        "number": number,
+        "angle_deg": asked.angle_deg,
+        "turn_deg": asked.turn_deg,
+        "seconds": round(asked.seconds, 1),
+        "why": asked.why,
+        "expected": {
+            "new_cm2": finite(1e4 * asked.new_m2),
+            "std_mm": {name: round(1e3 * std, 1) for name, std in asked.points_m.items()},
+        },
+        "hidden": list(asked.hidden),
+    }

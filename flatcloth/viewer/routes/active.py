@@ -1,0 +1,57 @@
+"""Routes of an active loop: a robot asks for the next angle, turns, and announces or sends the view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
+
+from flatcloth.active.service import ActiveService
+from flatcloth.cameras.base import CameraError
+from flatcloth.core.errors import FlatclothError
+from flatcloth.viewer import http
+from flatcloth.viewer.protocol.posted import PostedView
+from flatcloth.viewer.routes.robot import with_rotation
+
+MAX_BODY_BYTES = 32 * 2**20
+"""Limit of a view's body. Chosen: raw color and depth of 1920 x 1080 pixels take 14 MB in base64."""
+
+
+def active_routes(
+    service: ActiveService, on_answer: Callable[[dict[str, Any]], None] = lambda _: None
+) -> list[BaseRoute]:
+    """Return the routes; ``on_answer`` is called with each answer before it is sent."""
+
+    async def answered(make: Callable[[], dict[str, Any]]) -> Response:
+        try:
+            answer = await run_in_threadpool(make)
+        except CameraError as error:
+            return http.refused(str(error), 503)
+        except FlatclothError as error:
+            return http.refused(str(error), 409)
+        on_answer(answer)
+        return http.as_json(answer)
+
+    async def following(_request: Request, rotation_deg: float | None) -> Response:
+        return await answered(lambda: service.next(rotation_deg))
+
+    async def view(request: Request, rotation_deg: float | None) -> Response:
+        try:
+            body = await http.read_body(request, MAX_BODY_BYTES)
+            posted = msgspec.json.decode(body, type=PostedView)
+            seen = await run_in_threadpool(posted.view) if posted.has_images else None
+        except (ValueError, RecursionError) as error:
+            return http.refused(f"The view was not read: {error}", 400)
+        if seen is None:
+            return await answered(lambda: service.look(posted.angle_deg, posted.number, rotation_deg))
+        return await answered(lambda: service.take(seen, posted.number, rotation_deg))
+
+    return [
+        Route("/robot/next", with_rotation(following)),
+        Route("/robot/view", with_rotation(view), methods=["POST"]),
+    ]

@@ -1,0 +1,225 @@
+"""A robot and an active loop over HTTP: the example client, a killed server, and views that are wrong."""
+
+from __future__ import annotations
+
+import base64
+import importlib.util
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import httpx
+import numpy as np
+import pytest
+from cells import SHAPE, loop_in, seen, sheet_cell
+from garment_meshes import arc, write_obj
+
+from flatcloth.active.incoming import SeenView
+from flatcloth.active.service import ActiveService
+from flatcloth.recordings import open_recording
+from flatcloth.viewer.routes.active import active_routes
+
+ROOT = Path(__file__).parents[2]
+TOKEN = "0123456789abcdef0123456789abcdef"
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def started(out: Path, mesh: Path, port: int, *options: str) -> subprocess.Popen[bytes]:
+    """The program, listening."""
+    command = ["active", "--cell", str(mesh), "--panel", "1", "--sensor", "none", "--listen", str(port)]
+    said = out.with_name(f"{out.name}-said.txt")
+    with said.open("wb") as file:
+        process = subprocess.Popen(
+            [sys.executable, "app.py", *command, "--out", str(out), *options],
+            cwd=ROOT,
+            env={**os.environ, "FLATCLOTH_TOKEN": TOKEN},
+            stdout=file,
+        )
+    for _ in range(600):
+        if "Robots ask" in said.read_text():
+            return process
+        assert process.poll() is None, "it ended"
+        time.sleep(0.1)
+    raise AssertionError("it does not listen")
+
+
+def client(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The example, as a module."""
+    monkeypatch.setenv("FLATCLOTH_TOKEN", TOKEN)
+    spec = importlib.util.spec_from_file_location("robot_active", ROOT / "examples" / "robot_active.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def sheet(tmp_path: Path) -> Path:
+    return write_obj(tmp_path / "sheet.obj", *arc(300.0, columns=48))
+
+
+def test_the_example_client_turns_until_the_end_and_the_program_ends_with_its_code(
+    tmp_path: Path, sheet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = free_port()
+    process = started(tmp_path / "out", sheet, port, "--goal", "shape", "--budget", "3")
+    end = client(monkeypatch).run(f"http://127.0.0.1:{port}")
+    assert "budget of 3 views" in end["reason"]
+    assert end["views"] == 3
+    assert process.wait(timeout=60) == 1
+    assert len(open_recording(tmp_path / "out" / "recording")) == 3
+    assert (tmp_path / "out" / "grasps.json").exists()
+
+
+def test_a_server_that_is_killed_between_two_views_goes_on_with_the_next_angle(
+    tmp_path: Path, sheet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port, out = free_port(), tmp_path / "out"
+    processes = [started(out, sheet, port, "--budget", "4")]
+    robot, angles = client(monkeypatch), []
+
+    def turn_to(angle_deg: float) -> None:
+        angles.append(angle_deg)
+        if len(angles) == 3:  # two views are taken, the third is not announced yet
+            processes[0].send_signal(signal.SIGKILL)
+            processes[0].wait()
+            processes.append(started(out, sheet, port, "--budget", "4"))
+
+    robot.turn_to = turn_to
+    end = robot.run(f"http://127.0.0.1:{port}")
+    assert end["views"] == 4
+    assert list(open_recording(out / "recording").angles_deg) == angles
+    assert processes[1].wait(timeout=60) == 1
+
+
+# --- views that a robot sends ------------------------------------------------------------------
+
+
+class Served:
+    """Asks the routes of a loop without a server."""
+
+    def __init__(self, service: ActiveService) -> None:
+        from route_client import RouteClient
+
+        self._client = RouteClient(active_routes(service))
+
+    def next(self, query: str = "") -> dict[str, Any]:
+        return self._client.get(f"/robot/next{query}").json()
+
+    def post(self, body: Any) -> httpx.Response:
+        data = body if isinstance(body, bytes) else json.dumps(body).encode()
+        return self._client.post("/robot/view", data)
+
+
+def raw(values: np.ndarray) -> dict[str, Any]:
+    values = np.ascontiguousarray(values)
+    data = base64.b64encode(values.tobytes()).decode()
+    return {"raw": data, "shape": list(values.shape), "dtype": str(values.dtype)}
+
+
+def png(values: np.ndarray) -> dict[str, Any]:
+    stored = values[..., ::-1] if values.ndim == 3 else values
+    return {"png": base64.b64encode(cv2.imencode(".png", stored)[1].tobytes()).decode()}
+
+
+def body_of(view: SeenView, pack: Any = raw) -> dict[str, Any]:
+    k, axis = view.intrinsics, view.axis
+    assert axis is not None
+    assert view.mask is not None
+    return {
+        "angle_deg": view.angle_deg,
+        "K": [[k.fx, 0, k.cx], [0, k.fy, k.cy], [0, 0, 1]],
+        "color": pack(view.color),
+        "depth": pack(np.rint(view.depth_m / 0.0001).astype(np.uint16)),
+        "depth_scale_m": 0.0001,
+        "mask": pack(view.mask.astype(np.uint8) * 255),
+        "axis": {"point_m": axis.point_m.tolist(), "direction": axis.direction.tolist()},
+        "held_point_m": view.held_point_m.tolist(),
+    }
+
+
+@pytest.fixture
+def served(tmp_path: Path):
+    loop = loop_in(tmp_path / "out", SHAPE)
+    yield Served(ActiveService(loop))
+    loop.close()
+
+
+def test_sent_views_are_those_of_the_camera_raw_or_as_png(tmp_path: Path, served: Served) -> None:
+    cell = sheet_cell(tmp_path / "cell")
+    assert served.next()["angle_deg"] == 0.0
+    for number, pack in enumerate((raw, png)):
+        asked = served.next()
+        view = seen(cell, asked["angle_deg"], number)
+        answer = served.post({**body_of(view, pack), "number": asked["number"]})
+        assert answer.status_code == 200, answer.text
+        assert answer.json()["taken"] == {**answer.json()["taken"], "number": number, "told": []}
+        stored = open_recording(tmp_path / "out" / "recording")[number]
+        assert np.array_equal(stored.color, view.color)
+        assert np.abs(stored.depth_m - view.depth_m).max() < 1e-4
+        assert np.array_equal(stored.mask, view.mask)
+    following = served.next("?rotation=30")
+    assert following["rotation_deg"] == 30.0
+    assert following["stands_deg"] == asked["angle_deg"]
+    assert following["expected"]["new_cm2"] > 0
+
+
+def test_a_sent_view_that_is_wrong_is_refused_in_words(tmp_path: Path, served: Served) -> None:
+    good = body_of(seen(sheet_cell(tmp_path / "cell"), 0.0))
+    wide = {**good["color"], "shape": [1, 1, 3]}
+    cases: list[tuple[Any, str]] = [
+        (b"{", "Input data was truncated"),
+        ({**good, "angle_deg": 1e9}, "angle_deg"),
+        ({**good, "angle": 3}, "unknown field"),
+        ({**good, "color": None}, "belong together"),
+        ({**good, "color": {"png": "AAAA"}}, "color is no whole PNG"),
+        ({**good, "color": wide}, "its shape and dtype need 3"),
+        ({**good, "depth": good["color"]}, "depth must be uint16"),
+        ({**good, "depth": png(np.zeros((4, 4), np.uint8))}, "depth must be a PNG of 16 bits, grey"),
+        ({**good, "K": [[1, 0, 0], [0, 0, 0], [0, 0, 1]]}, "K is no camera matrix"),
+        ({**good, "K": [[1e5, 0, 0], [0, 1e5, 0], [0, 0, 1]]}, "impossible focal length"),
+        ({**good, "mask": png(np.zeros((4, 4), np.uint8))}, "mask has another size"),
+    ]
+    for body, why in cases:
+        answer = served.post(body)
+        assert answer.status_code == 400, why
+        assert why in answer.json()["error"]
+    alone = served.post({"angle_deg": 0.0})
+    assert alone.status_code == 409
+    assert "flatcloth has no camera here" in alone.json()["error"]
+    assert served.post(good).status_code == 200
+    again = served.post(good).json()  # the answer was lost, and the robot sends it again
+    assert again["taken"]["number"] == 0
+    assert "not taken twice" in again["taken"]["told"][0]
+    assert again["views"] == 1
+
+
+def test_views_sent_at_the_same_time_are_taken_one_after_the_other(tmp_path: Path, served: Served) -> None:
+    cell = sheet_cell(tmp_path / "cell")
+    served.post(body_of(seen(cell, 0.0)))
+    bodies = [body_of(seen(cell, angle, n)) for n, angle in enumerate((50.0, 310.0), start=1)]
+    codes: list[int] = []
+    threads = [
+        threading.Thread(target=lambda body=body: codes.append(served.post(body).status_code))
+        for body in bodies
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert codes == [200, 200]
+    assert sorted(open_recording(tmp_path / "out" / "recording").angles_deg) == [0.0, 50.0, 310.0]
