@@ -19,6 +19,7 @@ import { showPalette } from "/static/page/palette.js";
 import { loadScene, startScene } from "/static/page/scene.js";
 import { SceneMarks } from "/static/page/scene_marks.js";
 import { StatusLines } from "/static/page/status.js";
+import { seen } from "/static/both/seen.js";
 import { applyTheme, onTheme, toggleTheme } from "/static/page/theme.js";
 import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/page/toolbar.js";
 import { PANELS } from "/static/panels/index.js";
@@ -43,7 +44,7 @@ const canvas = (page.canvas = new FlatCanvas({
   // In live mode the frame that was clicked is the one that is meant, not the one that is on its way.
   pick: (u, v) =>
     page.offer("click", u, v) ||
-    send({ type: "pick", u_m: u, v_m: v, ...(page.isLive ? { revision: canvas.layerRevision } : {}) }),
+    send({ type: "pick", ...canvas.located(u, v), ...(page.isLive ? { revision: canvas.layerRevision } : {}) }),
   hover: (u, v) => hover.at(u === null ? null : { u_m: u, v_m: v }),
   nudge: (by) => sendMove(by),
   mayDrag: () => Boolean(page.state?.pending),
@@ -122,10 +123,11 @@ function takeNote(/** @type {Note} */ message) {
 // --- show --------------------------------------------------------------------------------------
 
 function show(/** @type {State} */ state) {
-  page.state = state;
-  page.each("update", state);
+  page.told = state;
+  page.state = seen(state, canvas.side);
+  page.each("update", page.state);
   if (page.isLive) showLive(state);
-  else showLayer(state);
+  else showLayer(page.state);
   takeServerLog(state.log);
 }
 
@@ -179,7 +181,7 @@ function whyEmpty(/** @type {State} */ { trouble, start_view, phase }) {
 function decide(/** @type {string} */ name, more = {}) {
   const action = /** @type {import("/static/page/messages").Do["action"]} */ (name);
   nudges.flush();
-  const { pending } = page.state;
+  const { pending } = page.told;
   // The view that this user sees is the view that is meant, whatever has changed meanwhile.
   const view = ["accept", "reject", "skip"].includes(action) && pending ? { view_index: pending.view_index } : {};
   send({ type: "do", action, ...view, ...more });

@@ -130,7 +130,9 @@ class CylinderIntegration:
         self.reached = 0
         self._canonicals: dict[Any, Canonical] = {}
         self._overlays: dict[Any, FlattenedView] = {}
-        self.algorithm = SimpleNamespace(cameras=_no_cameras, joined_piece=lambda _document: None)
+        self.algorithm = SimpleNamespace(
+            cameras=_no_cameras, joined_piece=lambda _document: None, joins_sides=False
+        )
 
     def _held_angle(self, view_index: int) -> float:
         # The item turns right-handed about up; in the held frame the camera goes the other way.
@@ -280,10 +282,10 @@ class MemoryFolder:
         self.state = apply(self.state, command)
         self.recorded.append(command)
 
-    def add_pick(self, name, position_held_m, normal_held, view_index, source_rc) -> Pick:
+    def add_pick(self, name, position_held_m, normal_held, view_index, source_rc, side="this") -> Pick:
         pick = Pick(
             id=self._next, name=name, position_held_m=position_held_m, normal_held=normal_held,
-            view_index=view_index, source_rc=source_rc,
+            view_index=view_index, source_rc=source_rc, side=side,
         )  # fmt: skip
         self._next += 1
         self.picks = (*self.picks, pick)

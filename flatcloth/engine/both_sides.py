@@ -49,7 +49,7 @@ class BothSides:
         """
         try:
             with self._lock:
-                key = document.shape_key
+                key = document.shape_key, document.garment.seams
                 return self._joined.get(key, lambda: self._made(document, progress, cores))
         except FlatclothError as error:
             return f"Only one side is in the shape: {error}"

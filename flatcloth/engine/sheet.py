@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Floats, Rigid2
+from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.flattening.resampling import place
 from flatcloth.garments.deciding import decided_pieces
@@ -260,6 +261,13 @@ def center_uv_m(view: FlattenedView) -> tuple[float, float]:
     rows, cols = view.shape
     u_m, v_m = view.uv_from_rc(np.array([(rows - 1) / 2, (cols - 1) / 2])).tolist()
     return float(u_m), float(v_m)
+
+
+def outline_loops(view: FlattenedView) -> list[Float64]:
+    """Return the borders (N, 2) of a view on its plane, simplified to a pixel, to be drawn."""
+    contours, _ = cv2.findContours(view.valid.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    kept = [cv2.approxPolyDP(each, 1.0, True)[:, 0, ::-1] for each in contours if cv2.contourArea(each) > 20]
+    return [view.uv_from_rc(each.astype(np.float64)) for each in kept]
 
 
 @dataclass(frozen=True, kw_only=True)

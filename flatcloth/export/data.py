@@ -51,8 +51,6 @@ class GraspFrames:
     base_from_camera: Rigid3 | None = None
 
 
-Beyond = Sequence[tuple[Pick, FlattenedView]]
-"""Points on the other side, each with the view that it lies in."""
 Files = Mapping[str, Callable[[BinaryIO], object]]
 """Files to be written: each name with the function that writes it."""
 
@@ -63,11 +61,11 @@ def shape_files(
     frames: GraspFrames,
     floating: Sequence[FlattenedView] = (),
     named: Callable[[], Sequence[Pick]] = tuple,
-    beyond: Callable[[], Beyond] = tuple,
+    other: Callable[[], Sequence[FlattenedView]] = tuple,
 ) -> dict[str, Callable[[BinaryIO], object]]:
     """Return ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
 
-    Each floating piece is in ``floating-1.npz`` and so on, on a plane of its own. ``named``, ``beyond`` are
+    Each floating piece is in ``floating-1.npz`` and so on, on a plane of its own. ``named``, ``other`` are
     called when ``grasps.json`` is written.
     """
     files: dict[str, Callable[[BinaryIO], object]] = {
@@ -75,7 +73,7 @@ def shape_files(
         "flattened.png": lambda file: file.write(png_bytes(view)),
         "cloud.ply": lambda file: file.write(ply_bytes(view)),
         GRASPS: lambda file: file.write(
-            grasps_text(view, picks, frames, named(), floating, beyond()).encode()
+            grasps_text(view, picks, frames, named(), floating, other()).encode()
         ),
     }
     for n, piece in enumerate(floating, start=1):
@@ -272,10 +270,10 @@ def grasps_text(
     frames: GraspFrames,
     named: Sequence[Pick] = (),
     floating: Sequence[FlattenedView] = (),
-    beyond: Beyond = (),
+    other: Sequence[FlattenedView] = (),
 ) -> str:
     """Return the content of ``grasps.json``."""
-    document = grasps_document(view, picks, frames, named, floating, beyond)
+    document = grasps_document(view, picks, frames, named, floating, other)
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
@@ -285,17 +283,20 @@ def grasps_document(
     frames: GraspFrames,
     named: Sequence[Pick] = (),
     floating: Sequence[FlattenedView] = (),
-    beyond: Beyond = (),
+    other: Sequence[FlattenedView] = (),
 ) -> dict[str, Any]:
     """Return the picks for ``grasps.json`` (docs/grasps.md): points, and poses in each frame.
 
     A pick on a floating piece has its pixel and its pose there; ``file`` of its pixel names the piece.
-    ``beyond`` are named points on the other side.
+    ``other`` is the other side with its floating pieces, for picks there; empty if it is not known.
     """
     axis, base = frames.axis, frames.base_from_camera
     files = ["flattened.npz", *map(floating_file, range(1, len(floating) + 1))]
-    views = list(zip(files, (view, *floating), strict=True))
-    on_other = [{**_grasp([(OTHER_FILE, other)], pick, frames), "side": "other"} for pick, other in beyond]
+    its = [OTHER_FILE, *map(other_floating_file, range(1, len(other)))]
+    of_side = {
+        "this": list(zip(files, (view, *floating), strict=True)),
+        "other": list(zip(its, other, strict=False)),
+    }
     return {
         "format": GRASPS_FORMAT,
         "frame": "held",
@@ -303,24 +304,26 @@ def grasps_document(
         "rotation_deg": _number(frames.rotation_deg),
         "rotation_axis": {"point_m": numbers(axis.point_m), "direction": numbers(axis.direction)},
         BASE_FROM_CAMERA: None if base is None else _matrix(base),
-        "grasps": [_grasp(views, pick, frames) for pick in picks],
-        "garment_points": [*(_grasp(views, point, frames) for point in named), *on_other],
+        "grasps": [_grasp(of_side[pick.side], pick, frames) for pick in picks],
+        "garment_points": [_grasp(of_side[point.side], point, frames) for point in named],
     }
 
 
 def _grasp(files: Sequence[tuple[str, FlattenedView]], pick: Pick, frames: GraspFrames) -> dict[str, Any]:
-    """Return a pick; ``files`` are the shape and its floating pieces, each with its file."""
+    """Return a pick; ``files`` are its side and the floating pieces there, each with its file."""
     views = [view for _, view in files]
     position, normal = pick.position_held_m, pick.normal_held
     grasp: dict[str, Any] = {
         "id": pick.id,
         "name": pick.name,
-        "side": "this",
+        "side": pick.side,
         "position_m": numbers(position),
         "normal": numbers(normal),
         "view_index": pick.view_index,
         "source_rc": numbers(np.array(pick.source_rc), 3),
     }
+    if not views:
+        return {**grasp, "grip": None, "poses": None}
     found = nearest_pixel(views, position)
     view, pixel = views[0], None
     if found is not None:

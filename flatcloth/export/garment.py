@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,8 @@ def other_points(known: KnownGarment | str, sides: JoinedSides | str | None) -> 
         return []
     found = points_on_other_side(known, sides)
     first = len(garment_points(known)) + 1
-    return [_pick(n, name, sides.other.view, pixel) for n, (name, pixel) in enumerate(found.items(), first)]
+    points = [_pick(n, name, sides.other.view, pixel) for n, (name, pixel) in enumerate(found.items(), first)]
+    return [replace(point, side="other") for point in points]
 
 
 def _pick(number: int, name: str, cloth: FlattenedView, pixel: tuple[int, int]) -> Pick:

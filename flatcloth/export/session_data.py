@@ -6,7 +6,7 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -88,15 +88,13 @@ class SessionData:
         shape = self.canonical
 
         def named() -> list[Pick]:
-            return garment_points(self.garment)
+            return [*garment_points(self.garment), *other_points(self.garment, self.sides)]
 
-        def beyond() -> list[tuple[Pick, FlattenedView]]:
+        def other() -> Sequence[FlattenedView]:
             sides = self.sides
-            if not isinstance(sides, JoinedSides):
-                return []
-            return [(point, sides.other.view) for point in other_points(self.garment, sides)]
+            return (sides.other.view, *sides.other.floating) if isinstance(sides, JoinedSides) else ()
 
-        files = shape_files(shape.view, self.picks, self.frames, shape.floating, named, beyond)
+        files = shape_files(shape.view, self.picks, self.frames, shape.floating, named, other)
         if isinstance(self.sides, JoinedSides):
             files |= other_files(self.sides, shape.view)
         return files

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -237,7 +238,7 @@ class Seam:
     ``this_piece`` and ``other_piece`` are numbers of pieces: 0 for the shape, then the floating ones in
     order. ``this_uv_m``, ``other_uv_m`` (K, 2) on the planes of both sides, ``xyz_m`` (K, 3) object frame,
     ``views`` (K, 2) those that show either rim; ``residual_m`` (K,) how far apart their motion leaves them.
-    ``why`` says why the seam joins nothing; it is empty if it does.
+    ``why`` says why the seam joins nothing; it is empty if it does. ``decided`` is the operator's decision.
     """
 
     this_piece: int
@@ -248,6 +249,7 @@ class Seam:
     views: Int16
     residual_m: Float64
     why: str
+    decided: Literal["cut", "keep"] | None = None
 
     @property
     def length_m(self) -> float:

@@ -1,4 +1,4 @@
-"""The decisions about the garment: its kind, held points, placed pieces; pure functions.
+"""The decisions about the garment: its kind, held points, placed pieces, seams; pure functions.
 
 The plane of the shape may change when views are added. Places are therefore stored with points of the cloth:
 in the object frame, and on the plane at the time of the decision.
@@ -73,16 +73,28 @@ class DoubtedPart:
 
 
 @dataclass(frozen=True)
+class DecidedSeam:
+    """A seam between both sides that is cut, or joins them (``kept``) whatever speaks against it.
+
+    ``points_m`` are some of its places in the object frame.
+    """
+
+    kept: bool
+    points_m: tuple[Point3, ...]
+
+
+@dataclass(frozen=True)
 class GarmentDecisions:
     """All decisions about the garment; ``kind`` None: by the evidence.
 
-    Of several decisions about a piece or a part, the last one counts.
+    Of several decisions about a piece, a part or a seam, the last one counts.
     """
 
     kind: str | None = None
     held: tuple[HeldPoint, ...] = ()
     pieces: tuple[PlacedPiece, ...] = ()
     parts: tuple[DoubtedPart, ...] = ()
+    seams: tuple[DecidedSeam, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -120,7 +132,14 @@ class DecideLink:
     part: DoubtedPart
 
 
-GarmentCommand = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink
+@dataclass(frozen=True)
+class DecideSeam:
+    """Cut a seam between both sides, or keep it."""
+
+    seam: DecidedSeam
+
+
+GarmentCommand = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink | DecideSeam
 
 
 def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
@@ -138,6 +157,8 @@ def why_not(decisions: GarmentDecisions, command: GarmentCommand) -> str | None:
             return f"{MOST_PIECES} pieces are decided about, which is the most there can be. Undo some."
         case DecideLink() if len(decisions.parts) >= MOST_PIECES:
             return f"{MOST_PIECES} parts are decided about, which is the most there can be. Undo some."
+        case DecideSeam() if len(decisions.seams) >= MOST_PIECES:
+            return f"{MOST_PIECES} seams are decided about, which is the most there can be. Undo some."
     return None
 
 
@@ -152,6 +173,8 @@ def check_bounds(command: GarmentCommand, extent_m: float) -> None:
     for cloth in _cloths(command):
         if not 3 <= len(cloth.points_m) == len(cloth.uv_m) <= _MOST_CLOTH:
             raise OutOfBoundsError(f"A place needs 3 to {_MOST_CLOTH} points of cloth.")
+    if isinstance(command, DecideSeam) and not 3 <= len(command.seam.points_m) <= _MOST_CLOTH:
+        raise OutOfBoundsError(f"A seam needs 3 to {_MOST_CLOTH} places.")
     for value in _numbers(command):
         if not abs(value) <= extent_m:
             raise OutOfBoundsError(
@@ -181,6 +204,9 @@ def decide(decisions: GarmentDecisions, command: GarmentCommand) -> tuple[str, G
             verb = "take a part off by the garment" if part.taken_off else "keep a part on the shape"
             verb = "doubt the link of a part" if part.std_m else verb
             return verb, replace(decisions, parts=(*decisions.parts, part))
+        case DecideSeam(seam=seam):
+            verb = "keep a seam" if seam.kept else "cut a seam"
+            return verb, replace(decisions, seams=(*decisions.seams, seam))
 
 
 def without_doubts(decisions: GarmentDecisions) -> GarmentDecisions:
@@ -208,6 +234,9 @@ def _numbers(command: GarmentCommand) -> Iterator[float]:
         yield 0.0 if math.isfinite(decided.probability) else math.nan
     if isinstance(command, DecideLink):
         yield command.part.std_m
+    if isinstance(command, DecideSeam):
+        for place in command.seam.points_m:
+            yield from place
     for cloth in _cloths(command):
         for point in (*cloth.points_m, *cloth.uv_m):
             yield from point

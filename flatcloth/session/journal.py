@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -28,6 +28,8 @@ from flatcloth.session.header import Header
 from flatcloth.session.machine import Command, Event, SessionState, apply
 
 JOURNAL = "journal.jsonl"
+SheetSide = Literal["this", "other"]
+"""A side of the item: the one of interest, or that behind it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,7 +37,7 @@ class Pick:
     """A named point of the cloth, kept by the operator or of a garment: position and outward normal (3,).
 
     Both are in the object frame, the position in metres. ``view_index`` and
-    ``source_rc`` (row, col) name the image pixel it was measured in.
+    ``source_rc`` (row, col) name the image pixel it was measured in; ``side`` is that of the item.
     """
 
     id: int
@@ -44,6 +46,7 @@ class Pick:
     normal_held: Float64
     view_index: int
     source_rc: tuple[float, float]
+    side: SheetSide = "this"
 
 
 # --- the lines ------------------------------------------------------------------------------------
@@ -62,6 +65,7 @@ class PickAdded:
     normal_held: tuple[Coordinate, Coordinate, Coordinate]
     view_index: int
     source_rc: tuple[Coordinate, Coordinate]
+    side: SheetSide = "this"
 
 
 @dataclass(frozen=True)
@@ -245,6 +249,7 @@ def _pick(added: PickAdded) -> Pick:
         normal_held=np.array(added.normal_held, dtype=np.float64),
         view_index=added.view_index,
         source_rc=(row, col),
+        side=added.side,
     )
 
 

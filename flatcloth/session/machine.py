@@ -60,7 +60,7 @@ from flatcloth.session.document import (
     Side,
     Skipped,
 )
-from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, ReleasePoints, SetKind
+from flatcloth.session.garment import GarmentCommand
 
 __all__ = [
     "UNSURE",
@@ -198,7 +198,7 @@ def why_illegal(state: SessionState, command: Command) -> str | None:
         return None
     if isinstance(command, PaintImage | PaintSpace | CutCloth):
         return _why_not_paint(state, command)
-    if isinstance(command, SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink):
+    if isinstance(command, GarmentCommand):
         return garments.why_not(state.document.garment, command)
     if state.phase is Phase.COMPUTING:
         return "A computation is running; wait for it or cancel it."
@@ -304,8 +304,8 @@ def _check_bounds(document: Document, command: Command) -> None:
             placed = by @ pending.current_from_new
         case TakePart(current_from_new=placed):
             pass
-        case SetKind() | HoldPoint() | ReleasePoints() | DecidePiece() | DecideLink():
-            garments.check_bounds(command, MAX_EXTENT_M)
+        case decision if isinstance(decision, GarmentCommand):
+            garments.check_bounds(decision, MAX_EXTENT_M)
             return
         case _:
             return
@@ -352,8 +352,8 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             if document.start_view is None and state.request is not None:
                 return _ask(painted, "start", state.request.view_index)
             return _go_on(painted)
-        case SetKind() | HoldPoint() | ReleasePoints() | DecidePiece() | DecideLink():
-            name, decided = garments.decide(document.garment, command)
+        case decision if isinstance(decision, GarmentCommand):
+            name, decided = garments.decide(document.garment, decision)
             # The running computation does not depend on it.
             edited = _edit(state, name, replace(document, garment=decided))
             return replace(edited, request=state.request)

@@ -33,6 +33,7 @@ from flatcloth.session.journal import (
     PickDeleted,
     PickRenamed,
     Replay,
+    SheetSide,
     encode,
     read_journal,
 )
@@ -157,6 +158,7 @@ class SessionFolder:
         normal_held: Floats,
         view_index: int,
         source_rc: tuple[float, float],
+        side: SheetSide = "this",
     ) -> Pick:
         """Add a pick and return it with its number, which is never reused.
 
@@ -172,6 +174,7 @@ class SessionFolder:
             _coordinates(normal_held),
             view_index,
             (float(source_rc[0]), float(source_rc[1])),
+            side,
         )
         self.record(change)
         return self._replay.picks[change.id]

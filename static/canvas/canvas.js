@@ -1,5 +1,6 @@
 // The flattened view: what is drawn where; pan, zoom, turn, pick and drag of the proposal.
 
+import { Beside } from "/static/both/beside.js";
 import { drawMark, drawPick, drawScale } from "/static/canvas/marks.js";
 import { byId, contextOf, onWheel, sized } from "/static/page/dom.js";
 import { addTo, contains, cornersOf, grown, Transform, union } from "/static/canvas/geometry.js";
@@ -59,6 +60,8 @@ export class FlatCanvas {
     this.pick = /** @type {{ uv_m: UV; grip?: CurrentPick["grip"] } | null} */ (null);
     this.gesture = /** @type {Gesture | null} */ (null);
     this.scenery = SHAPE_ALONE;
+    this.side = /** @type {SideName} */ ("this"); // of the item, which is shown
+    this.beside = new Beside(this); // the other side, where both are shown
     this.layers = ONE_LAYER; // how they are looked at; a page without a list of layers has one
     this.tools = /** @type {Tool[]} */ ([]);
     this.drawers = /** @type {Drawer[]} */ ([]);
@@ -82,7 +85,7 @@ export class FlatCanvas {
       this.layer.clear();
       this.overlay.clear();
     } else {
-      this.layer.show(`/layers/${layers.revision}/${layerName}.png?${look}`, layers.revision, layers, false);
+      this.layer.show(`${this.folder}/${layers.revision}/${layerName}.png?${look}`, layers.revision, layers, false);
       const overlay = state.pending ? layers.overlay : null;
       if (overlay && overlay.view_index === state.pending?.view_index) {
         this.center = overlay.center_uv_m;
@@ -93,9 +96,29 @@ export class FlatCanvas {
         this.overlay.clear();
       }
     }
+    this.beside.update(state, layerName, look);
     this.showMarks(state.picks);
-    this.pick = state.pick?.in_shape ? state.pick : null;
+    const at = state.pick?.in_shape ? this.shownAt(state.pick.side, state.pick.uv_m) : null;
+    this.pick = state.pick && at && { ...state.pick, uv_m: at };
     this.redraw();
+  }
+
+  /** The folder of the pictures of the shown side. */
+  get folder() {
+    return this.side === "other" ? "/other" : "/layers";
+  }
+
+  /** Which side of the item a place of the canvas belongs to, and where it is there. */
+  located(/** @type {number} */ u, /** @type {number} */ v) {
+    const other = this.beside.at(u, v);
+    /** @type {{ sheet: SideName; u_m: number; v_m: number }} */
+    const place = other ? { sheet: "other", u_m: other[0], v_m: other[1] } : { sheet: this.side, u_m: u, v_m: v };
+    return place;
+  }
+
+  /** Where a place of a side is on the canvas; null: that side is not shown. */
+  shownAt(/** @type {SideName} */ sheet, /** @type {UV} */ uv) {
+    return sheet === this.side ? uv : sheet === "other" ? this.beside.shown(uv) : null;
   }
 
   /**
@@ -114,8 +137,11 @@ export class FlatCanvas {
   }
 
   /** Live mode: the picks that lie on the frame; none while frames pass by faster than they are told. */
-  showMarks(/** @type {{ id: number | null; uv_m: UV | null }[]} */ picks) {
-    this.marks = picks.flatMap(({ id, uv_m }) => (uv_m ? [{ id, uv_m }] : []));
+  showMarks(/** @type {{ id: number | null; uv_m: UV | null; side?: SideName }[]} */ picks) {
+    this.marks = picks.flatMap(({ id, uv_m, side }) => {
+      const at = uv_m && this.shownAt(side ?? "this", uv_m);
+      return at ? [{ id, uv_m: at }] : [];
+    });
     this.redraw();
   }
 
@@ -149,7 +175,8 @@ export class FlatCanvas {
   /** Show all of it; beside the legend where the cloth would lie under that. */
   fit() {
     this.fitted = true;
-    const box = this.extent ?? union(this.layer.shown?.box, this.overlay.shown?.box);
+    const own = union(this.layer.shown?.box, this.overlay.shown?.box);
+    const box = this.extent ?? union(own, this.beside.box);
     if (box && this.width) {
       const legend = byId("legend");
       const free = this.width - (legend.hidden ? 0 : legend.offsetWidth + LEGEND_GAP_PX);
@@ -222,6 +249,7 @@ export class FlatCanvas {
     const context = sized(this.canvas, this.width, this.height);
     const style = getComputedStyle(this.canvas);
     this.scenery.paint(this);
+    this.beside.paint();
     for (const draw of this.drawers) draw(this, context, style);
     if (!this.layer.shown) return;
     for (const mark of this.marks) drawMark(this, mark, style);
@@ -246,11 +274,16 @@ export class FlatCanvas {
   /**
    * Draw a picture where it lies on the plane; `moved`: with the proposal, when that is being moved.
    * @param {{ box: Box; grid: Grid }} parts @param {Drawable | Pyramid} image
+   * @param {Motion | null} motion of the picture on the plane
    */
-  drawPicture({ box, grid }, image, moved = false) {
+  drawPicture({ box, grid }, image, moved = false, motion = null) {
     const context = this.context;
     context.save();
     this.transform.apply(context);
+    if (motion) {
+      context.translate(motion[1], motion[2]);
+      context.rotate(motion[0]);
+    }
     if (moved) this.applyPreview();
     // A pixel of cloth is a measurement: zoomed in, it is shown as the square it stands for.
     const scale = this.transform.scale * grid.pixel_size_m * devicePixelRatio;

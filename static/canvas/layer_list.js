@@ -54,7 +54,8 @@ export class LayerList {
     for (const name of above) {
       const picture = this.pictures.get(name) ?? new Picture(() => this.page.canvas.redraw());
       this.pictures.set(name, picture);
-      const address = `/layers/${layers.revision}/${name}.png?${this.looking.query(name)}`;
+      const query = this.looking.query(name);
+      const address = `${this.page.canvas.folder}/${layers.revision}/${name}.png?${query}`;
       picture.show(address, layers.revision, layers, false);
     }
   }

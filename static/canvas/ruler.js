@@ -20,7 +20,7 @@ export class Ruler {
     this.line = /** @type {Line | null} */ (null);
     this.measured = /** @type {Measured | null} */ (null);
     this.start = { x: 0, y: 0, u: 0, v: 0 };
-    this.revision = /** @type {number | undefined} */ (undefined);
+    this.revision = "";
     /** @type {Question<Line, Measured>} */
     this.question = new Question(
       (id, line) => this.send(id, line),
@@ -61,7 +61,7 @@ export class Ruler {
   /** The shape at a revision is shown: what was measured on another holds no longer. */
   update(/** @type {State} */ state) {
     if (state.mode === "live") return;
-    const revision = state.layers?.revision;
+    const revision = `${this.canvas.side} ${state.layers?.revision}`;
     if (revision === this.revision) return;
     this.revision = revision;
     if (this.line) this.ask();
@@ -74,6 +74,11 @@ export class Ruler {
     this.start = at;
     this.clear();
     return true;
+  }
+
+  /** What was measured on one side is not on the other. */
+  turned() {
+    this.clear();
   }
 
   drag(/** @type {PointerPlace} */ at) {
@@ -95,8 +100,10 @@ export class Ruler {
   }
 
   send(/** @type {number} */ id, /** @type {Line} */ { from, to }) {
-    const ends = { from_u_m: from.u, from_v_m: from.v, to_u_m: to.u, to_v_m: to.v };
-    return this.page.send({ type: "measure", id, ...ends });
+    const [a, b] = [from, to].map(({ u, v }) => this.canvas.located(u, v));
+    if (a.sheet !== b.sheet) return false; // no length of cloth is between both sides
+    const ends = { from_u_m: a.u_m, from_v_m: a.v_m, to_u_m: b.u_m, to_v_m: b.v_m };
+    return this.page.send({ type: "measure", id, ...ends, sheet: a.sheet });
   }
 
   take(/** @type {Measured} */ answer) {
@@ -115,7 +122,11 @@ export class Ruler {
     const at = this.canvas.transform;
     const [a, b] = [this.line.from, this.line.to].map(({ u, v }) => at.toPane(u, v));
     const color = style.getPropertyValue("--accent");
-    const path = (this.measured?.path_uv_m ?? []).map(([u, v]) => at.toPane(u, v));
+    const { sheet } = this.canvas.located(this.line.from.u, this.line.from.v);
+    const path = (this.measured?.path_uv_m ?? []).flatMap((uv) => {
+      const there = this.canvas.shownAt(sheet, uv);
+      return there ? [at.toPane(...there)] : [];
+    });
     if (path.length > 2) stroke(context, path, color, [5, 4]);
     stroke(context, [a, b], color, []);
     for (const end of [a, b]) drawDot(context, end, color, 4);

@@ -45,7 +45,8 @@ export class GarmentDrawing {
 
   press(/** @type {PointerPlace} */ at) {
     // Brushes, pairs and the proposal have the pointer while they are there.
-    const near = this.page.state?.pending || this.page.brush?.kind ? null : this.near(at);
+    const taken = this.page.state?.pending || this.page.brush?.kind || this.page.canvas.side === "other";
+    const near = taken ? null : this.near(at);
     if (!near) return false;
     this.grabbed = { name: near.name, x: at.x, y: at.y, moved: false };
     return true;

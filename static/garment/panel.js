@@ -29,7 +29,7 @@ export class GarmentPanel {
     this.decided = -1; // the revision of which a link was decided
     this.finished = false; // whether the finished shape was turned upright
     /** @type {{ angle: number; flipped: boolean } | null} */
-    this.turnedFrom = null; // how the view was turned before it was turned upright
+    this.turnedFrom = null; // how the view was turned before it was turned upright, on the shown side
     this.moved = /** @type {{ name: string; u: number; v: number } | null} */ (null); // a point that the keys move
     this.actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
     /** @type {Panel["messages"]} */
@@ -213,6 +213,11 @@ export class GarmentPanel {
       looking.turn((this.found.upright_rad + 2 * Math.PI) % (2 * Math.PI), false);
     }
     this.page.changed();
+  }
+
+  /** The garment was turned over, and with it how it was turned before. */
+  turned() {
+    if (this.turnedFrom) this.turnedFrom.angle = (2 * Math.PI - this.turnedFrom.angle) % (2 * Math.PI);
   }
 
   pointAt(/** @type {string | null} */ name) {

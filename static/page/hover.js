@@ -20,7 +20,8 @@ export class Hover {
 
   /** What lies under a pointer that rests may be something else now. */
   update(/** @type {State} */ { layers, pending, live }) {
-    const about = JSON.stringify([layers?.revision, layers?.overlay?.revision, pending?.view_index]);
+    const { side } = this.page.canvas;
+    const about = JSON.stringify([side, layers?.revision, layers?.overlay?.revision, pending?.view_index]);
     if (about === this.about) return;
     this.about = about;
     if (this.last && !live) this.question.ask(this.last);
@@ -37,7 +38,8 @@ export class Hover {
 
   send(/** @type {number} */ id, /** @type {Place} */ place) {
     const more = Object.assign({}, ...this.page.panels.map((panel) => panel.asksHover?.() ?? {}));
-    return Boolean(this.page.state?.layers) && this.page.send({ type: "hover", id, ...place, ...more });
+    const at = this.page.canvas.located(place.u_m, place.v_m);
+    return Boolean(this.page.state?.layers) && this.page.send({ type: "hover", id, ...at, ...more });
   }
 
   show(/** @type {HoverAnswer} */ answer) {

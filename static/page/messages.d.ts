@@ -77,6 +77,7 @@ export interface Hover {
   id: number;
   u_m: number;
   v_m: number;
+  sheet?: "other" | "this";
   view?: number | null;
 }
 
@@ -102,6 +103,7 @@ export interface Measure {
   from_v_m: number;
   to_u_m: number;
   to_v_m: number;
+  sheet?: "other" | "this";
 }
 
 /** Pick the cloth at (or nearest to) a place of the plane. */
@@ -110,6 +112,7 @@ export interface PickAt {
   u_m: number;
   v_m: number;
   revision?: number | null;
+  sheet?: "other" | "this";
 }
 
 /** Make a pick of the list the current one; None: none is current. */
@@ -211,6 +214,7 @@ export interface StrokeShape {
   side: "other" | "this";
   points_uv_m: [number, number][];
   radius_m: number;
+  sheet?: "other" | "this";
 }
 
 /** Say that the cloth beyond a line on the flattened shape is not of interest. */
@@ -218,6 +222,7 @@ export interface CutShape {
   type: "cut_shape";
   points_uv_m: [number, number][];
   beyond_uv_m: [number, number];
+  sheet?: "other" | "this";
 }
 
 /** Paint by clicks in the 3D scene as well, or (``side`` None) pick there again. */
@@ -282,6 +287,19 @@ export interface PickPoint {
   name: string;
 }
 
+/** Cut a seam, or keep it: ``index`` in the list of seams at this ``revision`` of the other side. */
+export interface DecideSeam {
+  type: "decide_seam";
+  revision: number;
+  index: number;
+  keep: boolean;
+}
+
+/** Compute the other side of the item, if it is not known yet. */
+export interface ShowOther {
+  type: "other_side";
+}
+
 /** Every message that the page sends. */
 export type ClientMessage =
   | Do
@@ -320,7 +338,9 @@ export type ClientMessage =
   | DecidePiece
   | DecideLink
   | PreviewPoint
-  | PickPoint;
+  | PickPoint
+  | DecideSeam
+  | ShowOther;
 
 /** The whole state of the page. What the present mode does not have is None, or the default. */
 export interface PageState {
@@ -357,6 +377,7 @@ export interface PageState {
   review: ReviewInfo | null;
   sides: SidesInfo | null;
   garment: GarmentInfo | null;
+  other: OtherSideInfo | null;
   live: LiveInfo | null;
   capture: CaptureStatus | null;
 }
@@ -444,10 +465,11 @@ export interface Placement {
   v_m: number;
 }
 
-/** All numbers of the current pick. */
+/** All numbers of the current pick; its pixel and its place are those of its ``side`` of the item. */
 export interface PickInfo {
   id: number;
   name: string;
+  side: "other" | "this";
   rc: [number, number];
   uv_m: [number, number];
   in_shape: boolean;
@@ -478,10 +500,11 @@ export interface GripInfo {
   placement_std_m: number | null;
 }
 
-/** A pick of the list; ``uv_m`` is None if the present shape does not contain it. */
+/** A pick of the list; ``uv_m`` on the plane of its ``side``, None if that does not contain it. */
 export interface ListedPick {
   id: number;
   name: string;
+  side: "other" | "this";
   view_index: number;
   position_held_m: [number, number, number];
   uv_m: [number, number] | null;
@@ -725,6 +748,32 @@ export interface DoubtedLinkInfo {
   outline_uv_m: [number, number][][];
 }
 
+/** The other side of the item; ``layers`` None: it is not computed, ``text`` says why. */
+export interface OtherSideInfo {
+  revision: number;
+  working: boolean;
+  progress: Progress | null;
+  text: string;
+  layers: Layers | null;
+  is_related: boolean;
+  seams: SeamInfo[];
+  reliable_share: number | null;
+  median_std_mm: number | null;
+}
+
+/** A seam between a piece of this side and one of the other; ``why`` says why it does not join them. */
+export interface SeamInfo {
+  this_piece: string;
+  other_piece: string;
+  length_mm: number;
+  places: number;
+  residual_mm: [number, number];
+  this_views: number[];
+  other_views: number[];
+  why: string;
+  decided: "cut" | "keep" | null;
+}
+
 /** How the recording is played in live mode. */
 export interface LiveInfo {
   playing: boolean;
@@ -797,12 +846,13 @@ export interface SourcePlace {
   rc: [number | null, number | null];
 }
 
-/** What a ray of the 3D scene hits first, and where that lies on the plane; None: nothing. */
+/** What a ray of the 3D scene hits first, and where that lies on the plane of a side; None: nothing. */
 export interface RayAnswer {
   type: "hover_ray";
   id: number;
   xyz_m: [number, number, number] | null;
   uv_m: [number, number] | null;
+  sheet: "other" | "this";
 }
 
 /** A new pick is stored; its numbers follow with the state. */
@@ -1006,6 +1056,21 @@ export interface ItemBox {
   left: number;
   height: number;
   width: number;
+}
+
+/** The outlines of both sides, each on its own plane, and the places of all seams. */
+export interface SidePlaces {
+  this_outline_uv_m: [number, number][][];
+  other_outline_uv_m: [number, number][][];
+  seams: SeamPlaces[];
+}
+
+/** Where a seam lies on the sheets of both sides, in space, and how far apart its motion leaves it. */
+export interface SeamPlaces {
+  this_uv_m: [number, number][];
+  other_uv_m: [number, number][];
+  xyz_m: [number, number, number][];
+  residual_mm: number[];
 }
 
 /** Every message that the server sends as text. */

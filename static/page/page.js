@@ -8,6 +8,8 @@ export class Page {
     const later = /** @type {never} */ (null); // main.js sets these parts before the first state
     /** @type {State} the last state that the server sent; no panel acts before the first */
     this.state = later;
+    /** @type {State} the same, also while the garment is turned over: `state` has the layers of the shown side then */
+    this.told = later;
     this.layer = "color"; // of the flattened view
     this.canvas = /** @type {FlatCanvas} */ (later);
     this.toolbar = /** @type {Toolbar} */ (later);
@@ -44,7 +46,7 @@ export class Page {
 
   /** Draw the page again, after something of this tab has changed. */
   changed() {
-    if (this.state) this.handlers.show(this.state);
+    if (this.told) this.handlers.show(this.told);
   }
 
   /** Draw the marks on the flattened view and over the scene again. */

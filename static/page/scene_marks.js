@@ -46,7 +46,7 @@ export class SceneMarks {
     /** @type {Question<Ray, import("/static/page/messages").RayAnswer>} */
     this.question = new Question(
       (id, ray) => this.ask(id, ray),
-      ({ xyz_m, uv_m }) => this.show(xyz_m, uv_m),
+      ({ xyz_m, uv_m, sheet }) => this.show(xyz_m, uv_m && page.canvas.shownAt(sheet, uv_m)),
     );
     /** @type {Panel["messages"]} */
     this.messages = {

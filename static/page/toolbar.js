@@ -149,7 +149,7 @@ export class Toolbar {
       Object.keys(LAYERS).filter((name) => !QUALITY.includes(name)),
     );
     this.build(byId("quality-layers"), quality);
-    this.build(byId("look-tools"), ["look"]);
+    this.build(byId("look-tools"), live ? ["look"] : ["look", "turn_over"]);
   }
 
   buildOverlay() {
@@ -243,6 +243,7 @@ const GROUPS = {
   session: ["Session", "session"],
   timeline: ["Timeline", "session"],
   proposal: ["Proposal", "session"],
+  sides: ["Sides", "session"],
   view: ["Views", ""],
   page: ["Page", ""],
   teaching: ["Teaching", ""],

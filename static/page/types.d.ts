@@ -20,6 +20,8 @@ import type { Layout as LayoutClass } from "/static/layout/layout.js";
 
 declare global {
   type State = M.PageState;
+  /** A side of the item. */
+  type SideName = M.PickInfo["side"];
   type ViewRow = M.ViewRow;
   type ActionRow = M.ActionRow;
   type Legend = M.Legend;
@@ -93,6 +95,8 @@ declare global {
     escape?(): boolean;
     /** The proposal is being moved by so much. */
     moving?(by: By): void;
+    /** The garment was turned over: the side that is shown now. */
+    turned?(side: SideName): void;
     /** The proposal is drawn where the server has put it. */
     placed?(): void;
     /** The connection is lost: pending requests stay unanswered. */
@@ -115,6 +119,7 @@ declare global {
     | "hovered"
     | "escape"
     | "moving"
+    | "turned"
     | "placed"
     | "disconnected"
     | "reconnected"

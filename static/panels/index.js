@@ -1,5 +1,6 @@
 // The panels beside the canvas and the scene, in the order in which they take a state. A new one gets a line here.
 
+import { BothSides } from "/static/both/panel.js";
 import { GarmentPanel } from "/static/garment/panel.js";
 import { CapturePanel } from "/static/panels/capture.js";
 import { Diagnostics } from "/static/panels/diagnostics.js";
@@ -17,6 +18,7 @@ export const PANELS = [
   ProposalPanel,
   PiecesPanel,
   GarmentPanel,
+  BothSides,
   PicksPanel,
   SidesPanel,
   SettingsSheet,

@@ -29,11 +29,14 @@ export class PiecesPanel {
     this.places = new Map(places.map((place) => [place.label, place]));
     if (!this.pieces.some((piece) => piece.label === this.chosen)) this.chosen = null;
     this.section.hidden = !this.pieces.length;
-    const why = state.pending
-      ? "Decide about the proposal first."
-      : state.request
-        ? "Something is being computed."
-        : null;
+    const why =
+      this.canvas.side === "other"
+        ? "The seams place the pieces of the other side: cut or keep one."
+        : state.pending
+          ? "Decide about the proposal first."
+          : state.request
+            ? "Something is being computed."
+            : null;
     rebuild(this.section, [this.pieces, [...this.places.values()], this.chosen, why], () => this.build(why));
   }
 

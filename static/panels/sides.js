@@ -165,7 +165,13 @@ export class SidesPanel {
   press(/** @type {PointerPlace} */ at) {
     if (!this.kind || !this.page.canvas.layer.shown) return false;
     if (this.cutLine) {
-      this.page.send({ type: "cut_shape", points_uv_m: this.cutLine, beyond_uv_m: [at.u, at.v] });
+      const { sheet, line } = this.onSheet([...this.cutLine, [at.u, at.v]]);
+      this.page.send({
+        type: "cut_shape",
+        points_uv_m: line.slice(0, -1),
+        beyond_uv_m: line[line.length - 1],
+        sheet,
+      });
       this.cutLine = null;
       this.line = null;
       return true;
@@ -192,9 +198,23 @@ export class SidesPanel {
       this.page.notify("info", "Click the cloth beyond the line: it is not of interest.");
     } else {
       const { side, radius_m } = this;
-      if (side) this.page.send({ type: "stroke_shape", side, points_uv_m: line, radius_m });
+      const on = this.onSheet(line);
+      if (side) this.page.send({ type: "stroke_shape", side, points_uv_m: on.line, radius_m, sheet: on.sheet });
     }
     this.page.canvas.redraw();
+  }
+
+  /** A line of the canvas on the side of the item that it begins on. */
+  onSheet(/** @type {UV[]} */ line) {
+    const places = line.map(([u, v]) => this.page.canvas.located(u, v));
+    const [{ sheet }] = places;
+    const on = places.filter((place) => place.sheet === sheet);
+    return { sheet, line: on.map(({ u_m, v_m }) => /** @type {UV} */ ([u_m, v_m])) };
+  }
+
+  /** A line on one side means nothing on the other. */
+  turned() {
+    this.line = this.cutLine = null;
   }
 
   // --- on the source image ---------------------------------------------------------------------
@@ -240,7 +260,7 @@ export class SidesPanel {
 
   async fetchImage(/** @type {State} */ state) {
     const layers = state.layers?.revision;
-    const known = this.certain && layers ? this.known : null;
+    const known = this.certain && layers && this.page.canvas.side === "this" ? this.known : null;
     const key = known && known.certainty !== null ? `${layers}-${known.revision}` : null;
     if (key === this.wanted) return;
     this.wanted = key;

@@ -41,12 +41,12 @@ export class ResultPanel {
   update(/** @type {State} */ state) {
     const ended = state.phase === "finished" && this.closed !== state.finished;
     if (state.phase !== "finished") this.closed = null;
-    const { layers } = state;
+    const { layers } = this.page.told; // the result is that of this side; the other one follows below
     this.section.hidden = !state.review || !layers || Boolean(state.pending) || !(ended || this.asked);
     if (this.section.hidden || !layers) return;
     if (this.loading !== layers.revision) this.load(layers.revision);
     const found = this.found?.revision === layers.revision ? this.found : null;
-    rebuild(this.section, [state.views, layers.area_cm2, layers.pieces, state.finished, found], () =>
+    rebuild(this.section, [state.views, layers.area_cm2, layers.pieces, state.finished, found, state.other], () =>
       this.build(state, layers, found),
     );
   }
@@ -73,6 +73,7 @@ export class ResultPanel {
       finished && make("p.note", finished),
       values(
         ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
+        state.other?.layers && ["Other side", otherSide(state.other), "Cloth of the other side, and what joins it"],
         floating && ["Floating", `${cm2(floating)} (${letters})`, "Cloth that no view connects to the shape yet"],
         found &&
           found.reliable_share !== null && [
@@ -203,4 +204,10 @@ export class ResultPanel {
   get status() {
     return { open: !this.section.hidden, found: this.found };
   }
+}
+
+/** The other side in a few words. */
+function otherSide(/** @type {NonNullable<State["other"]>} */ { layers, is_related, reliable_share }) {
+  const about = !is_related ? ", not joined" : reliable_share === null ? "" : `, ${percent(reliable_share)} reliable`;
+  return `${cm2(layers?.area_cm2)}${about}`;
 }

@@ -9,8 +9,10 @@ import pytest
 from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.session.garment import (
     ClothPlaces,
+    DecidedSeam,
     DecideLink,
     DecidePiece,
+    DecideSeam,
     DoubtedPart,
     HeldPoint,
     HoldPoint,
@@ -25,6 +27,7 @@ CLOTH = ClothPlaces(((0.0, 0.1, 0.8), (0.1, 0.1, 0.8), (0.0, 0.2, 0.8)), ((0.0, 
 HOLD = HoldPoint(HeldPoint("neck_left", (0.2, 0.3), CLOTH))
 PIECE = DecidePiece(PlacedPiece(True, CLOTH, CLOTH, 0.97))
 LINK = DecideLink(DoubtedPart(True, CLOTH, CLOTH, 0.2))
+SEAM = DecideSeam(DecidedSeam(False, CLOTH.points_m))
 
 
 def states(*commands):
@@ -58,6 +61,16 @@ def test_a_point_held_again_moves_and_another_kind_lets_all_points_go() -> None:
     assert apply(state, SetKind("towel")).document.garment.held == ()
 
 
+def test_a_seam_is_cut_and_kept_again_and_undone_and_no_shape_of_this_side_depends_on_it() -> None:
+    kept = DecideSeam(dataclasses.replace(SEAM.seam, kept=True))
+    begun = states(Start())
+    state = apply(apply(begun, SEAM), kept)
+    assert [item.name for item in state.undo[-2:]] == ["cut a seam", "keep a seam"]
+    assert state.document.garment.seams == (SEAM.seam, kept.seam)
+    assert state.document.shape_key == begun.document.shape_key
+    assert apply(state, Undo()).document.garment.seams == (SEAM.seam,)
+
+
 def test_a_running_computation_goes_on_and_a_restart_keeps_what_was_said() -> None:
     asked = apply(SessionState(n_views=4), Start())
     decided = apply(asked, SetKind("skirt"))
@@ -67,7 +80,9 @@ def test_a_running_computation_goes_on_and_a_restart_keeps_what_was_said() -> No
     assert apply(started, Restart(1)).document.garment.kind == "skirt"
 
 
-@pytest.mark.parametrize("command", [SetKind("shorts"), SetKind(None), HOLD, ReleasePoints(), PIECE, LINK])
+@pytest.mark.parametrize(
+    "command", [SetKind("shorts"), SetKind(None), HOLD, ReleasePoints(), PIECE, LINK, SEAM]
+)
 def test_the_journal_gives_back_what_was_decided(command) -> None:
     line, _ = encode(3, command)
     assert decode(3, line.rstrip(b"\n")).entry == command
@@ -92,6 +107,8 @@ def test_what_changes_nothing_is_refused_with_a_reason(command) -> None:
         DecideLink(dataclasses.replace(LINK.part, probability=float("nan"))),
         DecideLink(dataclasses.replace(LINK.part, rest=ClothPlaces((), ()))),
         SetKind("k" * 100),
+        DecideSeam(DecidedSeam(True, CLOTH.points_m[:2])),
+        DecideSeam(DecidedSeam(True, (*CLOTH.points_m, (0.0, 1e9, 0.0)))),
     ],
 )
 def test_places_and_names_that_no_garment_has_are_refused(command) -> None:

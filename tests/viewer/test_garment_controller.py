@@ -24,7 +24,7 @@ from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, SetKind, without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
 from flatcloth.viewer.modes.garment import GarmentController
-from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol import garment as asked
 
 LAID = Rigid2(0.0, -4.9, 0.02)
 TWO_VIEWS = Document(start_view=0, accepted=(Accepted(1, Rigid2()),))
@@ -119,7 +119,7 @@ def test_a_piece_is_proposed_with_its_probability_and_where_it_would_lie(page) -
 @pytest.mark.parametrize("accepted", [True, False])
 def test_a_decision_about_a_piece_is_told_and_undone(page, accepted) -> None:
     page.follow()
-    command = page.decide(messages.DecidePiece(label="B", accepted=accepted))
+    command = page.decide(asked.DecidePiece(label="B", accepted=accepted))
     session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
     session.record(command)
     (piece,) = page.follow(session.state.document)["found"]["pieces"]
@@ -131,12 +131,12 @@ def test_a_decision_about_a_piece_is_told_and_undone(page, accepted) -> None:
 
 def test_what_is_not_there_is_refused_in_words(page) -> None:
     with pytest.raises(FlatclothError, match="recognised"):
-        page.decide(messages.SetKind(kind="skirt"))
+        page.decide(asked.SetKind(kind="skirt"))
     page.follow()
     for message in (
-        messages.DecidePiece(label="C", accepted=True),
-        messages.SetKind(kind="sock"),
-        messages.HoldPoint(name="crotch", u_m=0.0, v_m=0.0),
+        asked.DecidePiece(label="C", accepted=True),
+        asked.SetKind(kind="sock"),
+        asked.HoldPoint(name="crotch", u_m=0.0, v_m=0.0),
     ):
         with pytest.raises(FlatclothError, match=r"no (place|kind|point)"):
             page.decide(message)
@@ -147,11 +147,11 @@ def test_what_is_not_there_is_refused_in_words(page) -> None:
 
 def test_points_are_held_on_cloth_and_previewed_for_the_tab_that_asks(page) -> None:
     page.follow()
-    assert page.decide(messages.SetKind(kind="towel")) == SetKind("towel")
-    held = page.decide(messages.HoldPoint(name="hem_left", u_m=0.1, v_m=0.2))
+    assert page.decide(asked.SetKind(kind="towel")) == SetKind("towel")
+    held = page.decide(asked.HoldPoint(name="hem_left", u_m=0.1, v_m=0.2))
     assert isinstance(held, HoldPoint)
     assert held.point.uv_m == (0.1, 0.2)
-    page.controller.take(7, messages.PreviewPoint(id=3, name="hem_left", u_m=0.1, v_m=0.2), TWO_VIEWS, print)
+    page.controller.take(7, asked.PreviewPoint(id=3, name="hem_left", u_m=0.1, v_m=0.2), TWO_VIEWS, print)
     assert page.heard.wait(20)
     (answer,) = page.answers
     assert (answer["type"], answer["id"]) == ("garment_preview", 3)
@@ -176,10 +176,10 @@ def test_while_auto_changes_the_shape_nothing_is_decided_by_the_garment_of_an_ea
     page.controller.follow(three, busy=True)
     assert page.controller.info().working
     with pytest.raises(FlatclothError, match="look again"):
-        page.decide(messages.DecidePiece(label="B", accepted=True))
+        page.decide(asked.DecidePiece(label="B", accepted=True))
     page.controller.follow(TWO_VIEWS, busy=True)
     assert not page.controller.info().working
-    assert page.decide(messages.DecidePiece(label="B", accepted=True)).piece.accepted
+    assert page.decide(asked.DecidePiece(label="B", accepted=True)).piece.accepted
 
 
 def test_the_garment_is_recognised_again_when_the_largest_piece_becomes_the_shape(page) -> None:
@@ -203,13 +203,13 @@ def test_a_doubted_link_is_told_with_the_outline_of_its_part_and_decided(page, d
     (loop,) = link["outline_uv_m"]
     assert 0.045 < np.min(loop, axis=0)[0] < 0.055
     revision = page.controller.info().revision
-    command = page.decide(messages.DecideLink(revision=revision, index=0, taken_off=True))
+    command = page.decide(asked.DecideLink(revision=revision, index=0, taken_off=True))
     assert isinstance(command, DecideLink)
     assert command.part.taken_off
     assert min(u for u, _ in command.part.part.uv_m) > 0.05 > max(u for u, _ in command.part.rest.uv_m)
     for other in ({"index": 1, "revision": revision}, {"index": 0, "revision": revision - 1}):
         with pytest.raises(FlatclothError, match="not doubted"):
-            page.decide(messages.DecideLink(**other, taken_off=True))
+            page.decide(asked.DecideLink(**other, taken_off=True))
 
 
 def test_run_takes_off_what_is_weak_and_probably_wrong_and_tells_what_it_doubts(service, doubted) -> None:

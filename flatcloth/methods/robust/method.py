@@ -232,7 +232,9 @@ class RobustMethod(Method):
             this = taken_apart(this, parts)
         alone = other.canonical(its)
         pieces = (canonical.view, *canonical.floating), (alone.view, *alone.floating)
-        joined = join_sides(this, other.shapes.settled(its), pieces, self._views.held_point_m)
+        joined = join_sides(
+            this, other.shapes.settled(its), pieces, self._views.held_point_m, document.garment.seams
+        )
         drawn = other._draw(its, joined.shape, (np.nan_to_num(joined.std_m), joined.unreliable))
         if not joined.is_related:  # it floats, and has no deviation from this side's shape
             drawn = replace(drawn, view=replace(drawn.view, placement_std_m=None))

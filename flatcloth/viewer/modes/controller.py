@@ -26,13 +26,13 @@ from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.measuring import measure
 from flatcloth.rendering.layers import Appearance
-from flatcloth.session.journal import Pick
+from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer, ServerMessage
 from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
-from flatcloth.viewer.protocol.picture import Picture, place_under, values_at
+from flatcloth.viewer.protocol.picture import Picture, described
 from flatcloth.viewer.protocol.sent import Note, NoteLevel
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
 from flatcloth.viewer.protocol.snapshot import PageStatus, page_state
@@ -203,14 +203,7 @@ class PageController(ABC):
 
     def describe(self, hover: messages.Hover) -> HoverAnswer:
         """Describe the point under the pointer; fast, because it only reads the present picture."""
-        picture, axis = self._picture, self._integration.axis
-        shape = proposal = None
-        if picture is not None:
-            at = hover.u_m, hover.v_m, axis, picture.angle_deg
-            shape = values_at(picture.view, *at)
-            proposal = None if picture.overlay is None else values_at(picture.overlay.view, *at)
-        source = None if hover.view is None else place_under(self._integration, hover.view, proposal or shape)
-        return HoverAnswer(id=hover.id, shape=shape, proposal=proposal, source=source)
+        return described(self._picture, self._integration, hover)
 
     def describe_ray(self, hover: messages.HoverRay) -> RayAnswer:
         """Return the point that a ray of the 3D scene hits, and its place on the plane; reads only."""
@@ -243,18 +236,19 @@ class PageController(ABC):
             grips=self._picks.grips,
             base_from_camera=base_from_camera,
         )
-        named, sheet = self.named_points() if with_garment else (), picture.sheet
-        if sheet is None:
-            return grasps_document(picture.view, self._picks.picks, frames, named)
-        shape = sheet.canonical
-        return grasps_document(shape.view, self._picks.picks, frames, named, shape.floating)
+        named = self.named_points() if with_garment else ()
+        view, *floating = picture.pieces("this")
+        return grasps_document(view, self._picks.picks, frames, named, floating, picture.pieces("other"))
 
     def named_points(self) -> Sequence[Pick]:
         """Return the named points of the garment that were seen, as grasps; may take a second."""
-        from flatcloth.export.garment import garment_points
+        from flatcloth.export.garment import garment_points, other_points
 
-        document = None if self._picture is None else self._picture.document
-        return () if document is None else garment_points(self.garments.known(document))
+        picture = self._picture
+        if picture is None or picture.document is None:
+            return ()
+        known, other = self.garments.known(picture.document), picture.other
+        return [*garment_points(known), *other_points(known, None if other is None else other.sides)]
 
     def propose_pick(
         self,
@@ -349,8 +343,8 @@ class PageController(ABC):
             case _:
                 self._take(client, message)
 
-    def _pick_at(self, u_m: float, v_m: float, name: str = "") -> None:
-        self._picks.add(self._picture, u_m, v_m, name=name)
+    def _pick_at(self, u_m: float, v_m: float, name: str = "", side: SheetSide = "this") -> None:
+        self._picks.add(self._picture, u_m, v_m, name=name, side=side)
         self._turn_to_pick()
         self._publish()
 
@@ -377,7 +371,7 @@ class PageController(ABC):
         if self._picture is None:
             raise FlatclothError("Nothing is flattened yet, so nothing can be measured.")
         ends = np.array([[asked.from_u_m, asked.from_v_m], [asked.to_u_m, asked.to_v_m]])
-        found = measure(self._picture.view, ends[0], ends[1])
+        found = measure(self._picture.side(asked.sheet), ends[0], ends[1])
         return Measured(
             id=asked.id,
             flat_mm=1000 * found.flat_m,

@@ -8,13 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import FlattenedView, Float64, Rigid2
+from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, link_decision, piece_decision
-from flatcloth.engine.sheet import label_of, order_of
+from flatcloth.engine.sheet import label_of, order_of, outline_loops
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pixels_of_part, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
@@ -25,10 +24,11 @@ from flatcloth.garments.recognition import NONE, is_offered, is_sure
 from flatcloth.methods.answers import Canonical
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
 from flatcloth.session.machine import Document
+from flatcloth.viewer.protocol import garment as asked
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import GarmentPreview, ServerMessage
+from flatcloth.viewer.protocol.garment import FoundGarment, GarmentInfo
 from flatcloth.viewer.protocol.sent import typed
-from flatcloth.viewer.protocol.state import FoundGarment, GarmentInfo
 from flatcloth.viewer.worker import Worker
 
 _log = logging.getLogger(__name__)
@@ -141,7 +141,7 @@ class GarmentController:
         decide: Callable[[GarmentCommand], None],
     ) -> None:
         """Apply the decision in a message of the page, or answer its question. Auto continues."""
-        if isinstance(message, messages.PreviewPoint):
+        if isinstance(message, asked.PreviewPoint):
             self._preview(client, message, document)
         else:
             decide(self._decision(message))
@@ -156,24 +156,24 @@ class GarmentController:
         """
         known = self._known()
         match message:
-            case messages.SetKind(kind=kind):
+            case asked.SetKind(kind=kind):
                 if kind is not None and kind not in {each.name for each in known_kinds()}:
                     raise FlatclothError(f"There is no kind of garment {kind!r:.40}.")
                 return SetKind(kind)
-            case messages.HoldPoint(name=name, u_m=u_m, v_m=v_m):
+            case asked.HoldPoint(name=name, u_m=u_m, v_m=v_m):
                 self._named(known, name)
                 return HoldPoint(held_point(name, np.array([u_m, v_m]), known.canonical.view))
-            case messages.ReleasePoints(name=name):
+            case asked.ReleasePoints(name=name):
                 return ReleasePoints(name)
-            case messages.DecidePiece(label=label, accepted=accepted):
+            case asked.DecidePiece(label=label, accepted=accepted):
                 return DecidePiece(
                     piece_decision(known.canonical, self._piece(known, label), accepted=accepted)
                 )
-            case messages.DecideLink(revision=revision, index=index, taken_off=taken_off):
+            case asked.DecideLink(revision=revision, index=index, taken_off=taken_off):
                 return link_decision(known, self._link(known, revision, index), taken_off=taken_off)
         raise FlatclothError("This is no decision about the garment.")
 
-    def _preview(self, client: int, message: messages.PreviewPoint, document: Document) -> None:
+    def _preview(self, client: int, message: asked.PreviewPoint, document: Document) -> None:
         """Send a tab the outline while a point is dragged; only the last request is answered."""
         known = self._known()
         self._named(known, message.name)
@@ -288,7 +288,7 @@ def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
             else "proposed",
             "outline_uv_m": [
                 np.round(piece.shape_from_piece.apply(loop), 4).tolist()
-                for loop in _loops(known.canonical.floating[piece.index])
+                for loop in outline_loops(known.canonical.floating[piece.index])
             ],
         }
         for piece in _shown(known)
@@ -302,7 +302,7 @@ def _links(known: KnownGarment) -> list[dict[str, Any]]:
         assert known.cloth is not None, "links are doubted on known cloth"
         view = known.canonical.view
         part = replace(view, valid=pixels_of_part(view, known.cloth, link.part))
-        outline = [np.round(loop, 4).tolist() for loop in _loops(part)]
+        outline = [np.round(loop, 4).tolist() for loop in outline_loops(part)]
         found.append(
             {
                 "probability": link.probability,
@@ -317,13 +317,6 @@ def _shown(known: KnownGarment) -> list[Placed]:
     """Return the pieces whose place is proposed or decided."""
     decided = {*known.pieces.shape_from_piece, *known.pieces.refused}
     return [piece for piece in known.found.pieces if is_offered(piece) or piece.index in decided]
-
-
-def _loops(view: FlattenedView) -> list[Float64]:
-    """Return the borders (N, 2) of a piece on its plane, to be drawn."""
-    contours, _ = cv2.findContours(view.valid.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    kept = [cv2.approxPolyDP(each, 1.0, True)[:, 0, ::-1] for each in contours if cv2.contourArea(each) > 20]
-    return [view.uv_from_rc(each.astype(np.float64)) for each in kept]
 
 
 def _same(a: Document, b: Document) -> bool:

@@ -13,6 +13,7 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import RefinedScore
 from flatcloth.session.axis_file import check_axis
@@ -40,10 +41,11 @@ from flatcloth.viewer.modes import repair
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.garment import GarmentController
+from flatcloth.viewer.modes.other_side import OtherSideController
 from flatcloth.viewer.modes.review import ReviewService
 from flatcloth.viewer.modes.session_work import Answer, SessionWork, chosen, placing_piece, turned_about
 from flatcloth.viewer.modes.sides import SideController
-from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol import garment, messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE
 from flatcloth.viewer.protocol.allowed import command_of, nudge_about
 from flatcloth.viewer.protocol.picture import Overlay, Picture
@@ -92,6 +94,7 @@ class Application(PageController):
         )
         self._sides = SideController(integration, on_thread, self._sides_changed)
         self._garment = GarmentController(self.garments, on_thread, self._publish, sink.tell)
+        self.other = OtherSideController(BothSides(integration), on_thread, self._other_made, self._publish)
 
     @property
     def _state(self) -> SessionState:
@@ -106,6 +109,7 @@ class Application(PageController):
             *self._diagnostics.routes(),
             *self._review.routes(),
             *self._sides.routes(lambda: self._picture),
+            *self.other.routes(),
         ]
 
     def start(self) -> None:
@@ -120,6 +124,7 @@ class Application(PageController):
         self._repair.stop(timeout_s=2.0)
         self._sides.stop()
         self._garment.stop()
+        self.other.stop()
 
     # --- the application thread --------------------------------------------------------------
 
@@ -167,8 +172,8 @@ class Application(PageController):
                 self._fit(client, message)
             case messages.Choose(view_index=view, index=index):
                 self._by_hand(chosen(self._state.document.pending, self._overlay, view, index))
-            case messages.PickAt(u_m=u, v_m=v):
-                self._pick_at(u, v)
+            case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
+                self._pick_at(u, v, side=sheet)
             case messages.ShowEdges(show=show):
                 self._page_status = replace(self._page_status, edges=show)
                 self._diagnostics.show_edges(show)
@@ -182,7 +187,12 @@ class Application(PageController):
                 self._sides.where_next(strokes, lambda answer: self._sink.tell(client, answer))
             case decision if isinstance(decision, messages.GarmentDecision):
                 self._garment.take(client, message, self._state.document, self._do)
-            case messages.PickPoint(name=name):
+            case garment.ShowOther():
+                self.other.is_wanted = True
+                self._settle()
+            case garment.DecideSeam(revision=revision, index=index, keep=keep):
+                self._do(self.other.decision(revision, index, keep=keep))
+            case garment.PickPoint(name=name):
                 self._pick_at(*self._garment.seen_point(name), name)
             case messages.SetAuto(running=running):
                 self._page_status = replace(self._page_status, auto=running)
@@ -319,6 +329,9 @@ class Application(PageController):
         self._sides.follow(document)
         self._work.follow(self._state)
         self._follow_garment()
+        # After Auto, both sides are known as after an unattended run.
+        self.other.is_wanted |= self._state.phase is Phase.FINISHED and self._page_status.auto
+        self.other.follow(self._picture, busy=self._page_status.auto)
         if document.start_view is None and self._picture is not None:
             self._picture = None
             self._scene_view.show(None)
@@ -359,9 +372,18 @@ class Application(PageController):
         shown = None if self._picture is None else self._picture.document
         self._garment.follow(shown, busy=self._page_status.auto)
 
+    def _other_made(self) -> None:
+        """Show the other side beside the shape that it was joined to."""
+        if self._picture is not None:
+            self._picture = replace(self._picture, other=self.other.status.made)
+            self._scene_view.show(self._picture)
+            self._picks.redraw(self._picture)
+        self._publish()
+
     def _end_auto(self, level: NoteLevel, text: str) -> None:
         self._page_status = replace(self._page_status, auto=False)
         self._follow_garment()
+        self.other.follow(self._picture, busy=False)
         self._tell(None, level, text)
 
     def _page_state(self) -> PageState:
@@ -369,7 +391,12 @@ class Application(PageController):
         state = self._state_of(self._picture, session=self._state)
         views, review = self._review.of_views(state.views, self._state.document)
         return structs.replace(
-            state, views=views, review=review, sides=self._sides.info(), garment=self._garment.info()
+            state,
+            views=views,
+            review=review,
+            sides=self._sides.info(),
+            garment=self._garment.info(),
+            other=self.other.info(),
         )
 
     # --- results of the worker ---------------------------------------------------------------
@@ -413,6 +440,8 @@ class Application(PageController):
         self._publish()
 
     def _take_picture(self, picture: Picture) -> None:
+        # Until it is joined to this shape, the other side is shown as it was.
+        picture = replace(picture, other=self.other.status.made)
         self._picture = picture
         self._scene_view.show(picture)
         self._picks.redraw(picture)

@@ -21,6 +21,7 @@ from flatcloth.rendering.layers import png
 from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, small_shape
 from flatcloth.segmentation.result import NO_ITEM, Segmentation, ViewSegmentation
+from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol import messages
@@ -123,12 +124,12 @@ class SideController:
                 if (why := why_off_image(stroke, len(recording), camera.height, camera.width)) is not None:
                     raise FlatclothError(f"Not recorded: {why}")
                 return stroke
-            case messages.StrokeShape(side=side, points_uv_m=line, radius_m=radius):
-                places, normals = on_cloth(picture, line)
+            case messages.StrokeShape(side=side, points_uv_m=line, radius_m=radius, sheet=sheet):
+                places, normals = on_cloth(picture, line, sheet)
                 return SpaceStroke(side=side, points_m=places, normals=normals, radius_m=radius)
-            case messages.CutShape(points_uv_m=line, beyond_uv_m=beyond):
-                places, normals = on_cloth(picture, line)
-                there, normal = on_cloth(picture, (beyond,))
+            case messages.CutShape(points_uv_m=line, beyond_uv_m=beyond, sheet=sheet):
+                places, normals = on_cloth(picture, line, sheet)
+                there, normal = on_cloth(picture, (beyond,), sheet)
                 return Cut(points_m=places, normals=normals, beyond_m=there[0], beyond_normal=normal[0])
         raise FlatclothError("This is no stroke.")
 
@@ -325,9 +326,9 @@ class SideController:
 
 
 def on_cloth(
-    picture: Picture | None, line_uv_m: tuple[tuple[float, float], ...]
+    picture: Picture | None, line_uv_m: tuple[tuple[float, float], ...], sheet: SheetSide = "this"
 ) -> tuple[tuple[Point3, ...], tuple[Point3, ...]]:
-    """Return places and normals, object frame, of the points of a line that lie on the cloth of the shape.
+    """Return places and normals, object frame, of the points of a line that lie on the cloth of a side.
 
     Raises
     ------
@@ -336,7 +337,7 @@ def on_cloth(
     """
     if picture is None:
         raise FlatclothError("Nothing is flattened yet; paint on the source image.")
-    view = picture.view
+    view = picture.side(sheet)
     rc = np.floor(view.rc_from_uv(np.asarray(line_uv_m)) + 0.5).astype(int)
     inside = ((rc >= 0) & (rc < view.shape)).all(axis=1)
     rc = rc[inside]

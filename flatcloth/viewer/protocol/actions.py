@@ -245,6 +245,27 @@ ACTIONS: tuple[Action, ...] = (
         "Go to the view and the place where a stroke settles most.",
         "sides",
     ),
+    Action(
+        "turn_over",
+        "Turn over",
+        ("m",),
+        "Turn the flattened garment over, computing its other side if need be; again: back.",
+        "sides",
+    ),
+    Action(
+        "beside",
+        "Side by side",
+        ("Shift+j",),
+        "Show both sides of the garment beside one another; again: one.",
+        "sides",
+    ),
+    Action(
+        "seams",
+        "Seams",
+        ("Shift+q",),
+        "Show or hide the seams that join both sides: what speaks for each, cut or keep.",
+        "sides",
+    ),
     Action("show_sides", "Sides", ("Shift+o",), "Show or hide which side the cloth is.", "sides"),
     Action("show_certainty", "Certainty", ("Shift+u",), "Show where the side is uncertain.", "sides"),
     Action(

@@ -7,8 +7,10 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from flatcloth.session.journal import SheetSide
+from flatcloth.viewer.protocol.garment import GarmentPointInfo
 from flatcloth.viewer.protocol.sent import RC, UV, XYZ, Direction, Grid, Legend, Note, Progress, Sent
-from flatcloth.viewer.protocol.state import CaptureStatus, GarmentPointInfo, PageState
+from flatcloth.viewer.protocol.state import CaptureStatus, PageState
 
 Rgb = tuple[
     Annotated[int, Meta(ge=0, le=255)], Annotated[int, Meta(ge=0, le=255)], Annotated[int, Meta(ge=0, le=255)]
@@ -57,11 +59,12 @@ class HoverAnswer(Sent, tag_field="type", tag="hover", frozen=True):
 
 
 class RayAnswer(Sent, tag_field="type", tag="hover_ray", frozen=True):
-    """What a ray of the 3D scene hits first, and where that lies on the plane; None: nothing."""
+    """What a ray of the 3D scene hits first, and where that lies on the plane of a side; None: nothing."""
 
     id: int
     xyz_m: XYZ | None = None
     uv_m: UV | None = None
+    sheet: SheetSide = "this"
 
 
 class Picked(Sent, tag_field="type", tag="picked", frozen=True):

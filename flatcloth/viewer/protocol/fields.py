@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import msgspec
 from msgspec import Meta
 
 from flatcloth.session.document import MAX_EXTENT_M
@@ -36,3 +37,7 @@ StrokePlaces = Annotated[tuple[tuple[Metres, Metres], ...], Meta(min_length=1, m
 BrushRadius = Annotated[float, Meta(gt=0.0, le=MAX_BRUSH_M)]
 StrokeSide = Literal["this", "other"]
 Weights = Annotated[tuple[Annotated[float, Meta(gt=0.0, le=1e6)], ...], Meta(max_length=MAX_PAIRS)]
+
+
+class Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type"):
+    """The common part of all messages: their ``type``."""

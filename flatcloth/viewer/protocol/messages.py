@@ -13,6 +13,7 @@ from msgspec import Meta, inspect
 from flatcloth.core.decoding import UNKNOWN, Finite, MisfitError, fitted, parse_json
 from flatcloth.core.errors import FlatclothError
 from flatcloth.rendering.layers import LAYERS
+from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.fields import (
     MAX_FPS,
@@ -25,10 +26,22 @@ from flatcloth.viewer.protocol.fields import (
     Pointed,
     Points,
     Radians,
+    Said,
     StrokePixels,
     StrokePlaces,
     StrokeSide,
     Weights,
+)
+from flatcloth.viewer.protocol.garment import (
+    DecideLink,
+    DecidePiece,
+    DecideSeam,
+    HoldPoint,
+    PickPoint,
+    PreviewPoint,
+    ReleasePoints,
+    SetKind,
+    ShowOther,
 )
 
 SessionAction = Literal[
@@ -41,11 +54,7 @@ class MessageError(FlatclothError):
     """A message of the page is not valid; the text names the field and what was expected."""
 
 
-class _Said(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="type"):
-    """The common part of all messages: their ``type``."""
-
-
-class Do(_Said, tag="do", frozen=True, kw_only=True):
+class Do(Said, tag="do", frozen=True, kw_only=True):
     """Perform a session action; ``view_index`` is the view the user means, if the action has one."""
 
     action: SessionAction
@@ -53,7 +62,7 @@ class Do(_Said, tag="do", frozen=True, kw_only=True):
     reason: str | None = None
 
 
-class Move(_Said, tag="move", frozen=True, kw_only=True):
+class Move(Said, tag="move", frozen=True, kw_only=True):
     """Move the pending view: turn about its own centre, then shift on the plane."""
 
     view_index: Count
@@ -62,7 +71,7 @@ class Move(_Said, tag="move", frozen=True, kw_only=True):
     v_m: Metres = 0.0
 
 
-class Choose(_Said, tag="choose", frozen=True, kw_only=True):
+class Choose(Said, tag="choose", frozen=True, kw_only=True):
     """Lay the pending view where one of its hypotheses says; ``index`` 0 is the best."""
 
     view_index: Count
@@ -75,14 +84,14 @@ class Preview(Move, tag="preview", frozen=True, kw_only=True):
     id: Count
 
 
-class TakePart(_Said, tag="take_part", frozen=True, kw_only=True):
+class TakePart(Said, tag="take_part", frozen=True, kw_only=True):
     """Place another connected part of the pending view, the largest being 0."""
 
     view_index: Count
     component: Count
 
 
-class LeaveOut(_Said, tag="leave_out", frozen=True, kw_only=True):
+class LeaveOut(Said, tag="leave_out", frozen=True, kw_only=True):
     """Leave out a part that would be placed with the pending view: a component of ``part_view``."""
 
     view_index: Count
@@ -90,19 +99,19 @@ class LeaveOut(_Said, tag="leave_out", frozen=True, kw_only=True):
     component: Count
 
 
-class PlacePiece(_Said, tag="place_piece", frozen=True, kw_only=True):
+class PlacePiece(Said, tag="place_piece", frozen=True, kw_only=True):
     """Place a floating piece by hand: the view that shows most of it becomes the proposal, where it lies."""
 
     label: str
 
 
-class Refine(_Said, tag="refine", frozen=True, kw_only=True):
+class Refine(Said, tag="refine", frozen=True, kw_only=True):
     """Refine the pending view from where it lies."""
 
     view_index: Count
 
 
-class Pairs(_Said, tag="pairs", frozen=True, kw_only=True):
+class Pairs(Said, tag="pairs", frozen=True, kw_only=True):
     """Pairs of points: of the pending view, in its own plane, and of the shape; ``fit`` moves it so.
 
     ``weights`` one a pair. Without ``fit`` only the residuals are asked for.
@@ -115,19 +124,20 @@ class Pairs(_Said, tag="pairs", frozen=True, kw_only=True):
     fit: bool = False
 
 
-class Hover(_Said, tag="hover", frozen=True, kw_only=True):
+class Hover(Said, tag="hover", frozen=True, kw_only=True):
     """Ask for all attributes at a place of the plane; ``id`` comes back with the answer.
 
-    ``view`` asks where it falls in the source image of a view, too.
+    ``view`` asks where it falls in the source image of a view, too. ``sheet`` is the side of the item.
     """
 
     id: Count
     u_m: Pointed
     v_m: Pointed
+    sheet: SheetSide = "this"
     view: Count | None = None
 
 
-class HoverRay(_Said, tag="hover_ray", frozen=True, kw_only=True):
+class HoverRay(Said, tag="hover_ray", frozen=True, kw_only=True):
     """Ask what a ray of the eye (object frame) hits first in 3D, and where that lies on the plane."""
 
     id: Count
@@ -135,13 +145,13 @@ class HoverRay(_Said, tag="hover_ray", frozen=True, kw_only=True):
     direction: tuple[Pointed, Pointed, Pointed]
 
 
-class TurnTo(_Said, tag="turn_to", frozen=True, kw_only=True):
+class TurnTo(Said, tag="turn_to", frozen=True, kw_only=True):
     """Let the 3D camera look from where the real camera stood at a view."""
 
     view_index: Count
 
 
-class Measure(_Said, tag="measure", frozen=True, kw_only=True):
+class Measure(Said, tag="measure", frozen=True, kw_only=True):
     """Ask for the distance between two places of the plane; ``id`` comes back with the answer."""
 
     id: Count
@@ -149,9 +159,10 @@ class Measure(_Said, tag="measure", frozen=True, kw_only=True):
     from_v_m: Pointed
     to_u_m: Pointed
     to_v_m: Pointed
+    sheet: SheetSide = "this"
 
 
-class PickAt(_Said, tag="pick", frozen=True, kw_only=True):
+class PickAt(Said, tag="pick", frozen=True, kw_only=True):
     """Pick the cloth at (or nearest to) a place of the plane.
 
     ``revision`` is that of the picture the user saw; it matters for the frames of live mode only, which
@@ -161,28 +172,29 @@ class PickAt(_Said, tag="pick", frozen=True, kw_only=True):
     u_m: Pointed
     v_m: Pointed
     revision: Count | None = None
+    sheet: SheetSide = "this"
 
 
-class ShowPick(_Said, tag="show_pick", frozen=True, kw_only=True):
+class ShowPick(Said, tag="show_pick", frozen=True, kw_only=True):
     """Make a pick of the list the current one; None: none is current."""
 
     id: Count | None = None
 
 
-class RenamePick(_Said, tag="rename_pick", frozen=True, kw_only=True):
+class RenamePick(Said, tag="rename_pick", frozen=True, kw_only=True):
     """Give a pick of the list another name."""
 
     id: Count
     name: Annotated[str, Meta(min_length=1, max_length=MAX_NAME_CHARS)]
 
 
-class DeletePick(_Said, tag="delete_pick", frozen=True, kw_only=True):
+class DeletePick(Said, tag="delete_pick", frozen=True, kw_only=True):
     """Delete a pick from the list."""
 
     id: Count
 
 
-class SetGrip(_Said, tag="grip", frozen=True, kw_only=True):
+class SetGrip(Said, tag="grip", frozen=True, kw_only=True):
     """Change how a pick is gripped: ``axis_deg`` on the plane (u towards v) or along the outline; opening."""
 
     id: Count
@@ -191,13 +203,13 @@ class SetGrip(_Said, tag="grip", frozen=True, kw_only=True):
     opening_m: Metres | None = None
 
 
-class SetAuto(_Said, tag="auto", frozen=True, kw_only=True):
+class SetAuto(Said, tag="auto", frozen=True, kw_only=True):
     """Switch Auto on or off."""
 
     running: bool
 
 
-class Set(_Said, tag="set", frozen=True, kw_only=True):
+class Set(Said, tag="set", frozen=True, kw_only=True):
     """Change settings of the page, see ``settings.SETTINGS``; ``reset`` first restores all defaults."""
 
     reset: bool = False
@@ -209,13 +221,13 @@ class Set(_Said, tag="set", frozen=True, kw_only=True):
     step_deg: Finite | None = None
 
 
-class ShowEdges(_Said, tag="edges", frozen=True, kw_only=True):
+class ShowEdges(Said, tag="edges", frozen=True, kw_only=True):
     """Draw the edges that the flattening strained in the 3D scene as well, or not."""
 
     show: bool
 
 
-class Look(_Said, tag="look", frozen=True, kw_only=True):
+class Look(Said, tag="look", frozen=True, kw_only=True):
     """Colour the 3D scene by a layer of the flattened view, with its colour map and window."""
 
     layer: Literal["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place"]
@@ -224,7 +236,7 @@ class Look(_Said, tag="look", frozen=True, kw_only=True):
     high: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0
 
 
-class Play(_Said, tag="play", frozen=True, kw_only=True):
+class Play(Said, tag="play", frozen=True, kw_only=True):
     """Live mode: play or pause, turn round, change the rate, or show a frame by hand."""
 
     playing: bool | None = None
@@ -234,20 +246,20 @@ class Play(_Said, tag="play", frozen=True, kw_only=True):
     step: Count | None = None
 
 
-class Capture(_Said, tag="capture", frozen=True, kw_only=True):
+class Capture(Said, tag="capture", frozen=True, kw_only=True):
     """Guided capture: begin, keep, repeat, turned, aim (at ``angle_deg``) or finish."""
 
     action: CaptureAction
     angle_deg: Degrees | None = None
 
 
-class Ready(_Said, tag="ready", frozen=True, kw_only=True):
+class Ready(Said, tag="ready", frozen=True, kw_only=True):
     """Live mode: the tab has drawn what it was sent, and takes the next frame with this layer."""
 
     layer: str
 
 
-class StrokeImage(_Said, tag="stroke_image", frozen=True, kw_only=True):
+class StrokeImage(Said, tag="stroke_image", frozen=True, kw_only=True):
     """Say which side the cloth under a stroke on the image of a view is; ``radius_m`` on the cloth."""
 
     side: StrokeSide
@@ -256,81 +268,32 @@ class StrokeImage(_Said, tag="stroke_image", frozen=True, kw_only=True):
     radius_m: BrushRadius
 
 
-class StrokeShape(_Said, tag="stroke_shape", frozen=True, kw_only=True):
+class StrokeShape(Said, tag="stroke_shape", frozen=True, kw_only=True):
     """Say which side the cloth under a stroke on the flattened shape is."""
 
     side: StrokeSide
     points_uv_m: StrokePlaces
     radius_m: BrushRadius
+    sheet: SheetSide = "this"
 
 
-class CutShape(_Said, tag="cut_shape", frozen=True, kw_only=True):
+class CutShape(Said, tag="cut_shape", frozen=True, kw_only=True):
     """Say that the cloth beyond a line on the flattened shape is not of interest."""
 
     points_uv_m: StrokePlaces
     beyond_uv_m: tuple[Metres, Metres]
+    sheet: SheetSide = "this"
 
 
-class Brush(_Said, tag="brush", frozen=True, kw_only=True):
+class Brush(Said, tag="brush", frozen=True, kw_only=True):
     """Paint by clicks in the 3D scene as well, or (``side`` None) pick there again."""
 
     side: StrokeSide | None = None
     radius_m: BrushRadius = 0.01
 
 
-class WhereToStroke(_Said, tag="where_to_stroke", frozen=True, kw_only=True):
+class WhereToStroke(Said, tag="where_to_stroke", frozen=True, kw_only=True):
     """Ask where the next stroke would settle most."""
-
-
-GarmentName = Annotated[str, Meta(min_length=1, max_length=40)]
-"""Of a kind of garment, or of a named point."""
-
-
-class SetKind(_Said, tag="garment_kind", frozen=True, kw_only=True):
-    """Say which kind the garment is; None: let the evidence say."""
-
-    kind: GarmentName | None = None
-
-
-class HoldPoint(_Said, tag="hold_point", frozen=True, kw_only=True):
-    """Hold a named point of the garment at a place of the plane; the rest refits."""
-
-    name: GarmentName
-    u_m: Metres
-    v_m: Metres
-
-
-class PreviewPoint(HoldPoint, tag="preview_point", frozen=True, kw_only=True):
-    """Ask how the outline would lie if a point were held so; ``id`` comes back with the answer."""
-
-    id: Count
-
-
-class ReleasePoints(_Said, tag="release_points", frozen=True, kw_only=True):
-    """Let a held point go, or all of them."""
-
-    name: GarmentName | None = None
-
-
-class DecidePiece(_Said, tag="decide_piece", frozen=True, kw_only=True):
-    """Lay a floating piece where the garment has a place for it, or refuse that place."""
-
-    label: GarmentName
-    accepted: bool
-
-
-class DecideLink(_Said, tag="decide_link", frozen=True, kw_only=True):
-    """Take a part off, or keep it: ``index`` in the list of doubted links at this ``revision``."""
-
-    revision: Count
-    index: Annotated[int, Meta(ge=0)]
-    taken_off: bool
-
-
-class PickPoint(_Said, tag="pick_point", frozen=True, kw_only=True):
-    """Pick a named point of the garment as a grasp."""
-
-    name: GarmentName
 
 
 GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink
@@ -368,9 +331,11 @@ Message = (
     | GarmentDecision
     | PreviewPoint
     | PickPoint
+    | DecideSeam
+    | ShowOther
 )
 
-KINDS: dict[str, type[_Said]] = {str(kind.__struct_config__.tag): kind for kind in Message.__args__}
+KINDS: dict[str, type[Said]] = {str(kind.__struct_config__.tag): kind for kind in Message.__args__}
 
 
 def parse(text: str) -> Message:
@@ -417,7 +382,7 @@ def _not_understood(text: str) -> MessageError:
     return MessageError(f"Message {kind!r} was not understood; reload the page.")
 
 
-def _known(kind: type[_Said], error: MisfitError) -> str:
+def _known(kind: type[Said], error: MisfitError) -> str:
     """List the values of a field that has a few."""
     field = next((f for f in _fields_of(kind) if f.name == error.where), None)
     if field is None or not isinstance(field.type, inspect.LiteralType):
@@ -425,7 +390,7 @@ def _known(kind: type[_Said], error: MisfitError) -> str:
     return f": {', '.join(map(str, field.type.values))}"
 
 
-def _fields_of(kind: type[_Said]) -> tuple[inspect.Field, ...]:
+def _fields_of(kind: type[Said]) -> tuple[inspect.Field, ...]:
     about = inspect.type_info(kind)
     assert isinstance(about, inspect.StructType)
     return about.fields

@@ -9,7 +9,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import camera_from_held, held_from_camera
-from flatcloth.core.types import Float64, Floats, RotationAxis, finite
+from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis, finite
 from flatcloth.grasping.grasps import (
     LOST_AT_M,
     GraspPose,
@@ -21,7 +21,7 @@ from flatcloth.grasping.grasps import (
     point_on_ray,
 )
 from flatcloth.grasping.grips import GripStore, grip_numbers
-from flatcloth.session.journal import Pick
+from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.answers import RayAnswer
 from flatcloth.viewer.protocol.messages import HoverRay
@@ -35,11 +35,12 @@ TOO_FAR_M = 0.030
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """The position of a 3D point on the present shape: pixel, plane coordinates, distance in space."""
+    """The position of a 3D point on a side of the item: pixel, plane coordinates, distance in space."""
 
     rc: tuple[int, int]
     uv_m: tuple[float, float]
     distance_m: float
+    side: SheetSide = "this"
 
     @property
     def in_shape(self) -> bool:
@@ -93,16 +94,27 @@ class PickStore:
             return None
         if self._pose is None or self._pose[0] is not picture or self._pose[1] is not current:
             position, normal = current.pick.position_held_m, current.pick.normal_held
-            pose = grasp_pose(picture.view, position, normal, self._axis, current.grip)
+            is_known = current.pick.side == "this" or picture.other is not None
+            pose = (
+                grasp_pose(picture.side(current.pick.side), position, normal, self._axis, current.grip)
+                if is_known
+                else None
+            )
             self._pose = picture, current, pose
         return self._pose[2]
 
     def add(
-        self, picture: Picture | None, u_m: float, v_m: float, miss_m: float | None = None, name: str = ""
+        self,
+        picture: Picture | None,
+        u_m: float,
+        v_m: float,
+        miss_m: float | None = None,
+        name: str = "",
+        side: SheetSide = "this",
     ) -> None:
-        """Pick the cloth nearest to a position of the plane, store the pick and show it."""
+        """Pick the cloth of a side nearest to a position of its plane, store the pick and show it."""
         picture = _shown(picture)
-        grasp = grasp_at(picture.view, (u_m, v_m), self._axis, picture.angle_deg)
+        grasp = grasp_at(picture.side(side), (u_m, v_m), self._axis, picture.angle_deg)
         number = max((p.id for p in self.picks), default=0) + 1
         pick = self._folder.add_pick(
             name or f"Pick {number}",
@@ -110,6 +122,7 @@ class PickStore:
             grasp.normal_held,
             grasp.view_index,
             grasp.source_rc,
+            side,
         )
         self.picks = (*self.picks, pick)
         self._added(pick)
@@ -123,14 +136,13 @@ class PickStore:
         hit = point_on_ray(points_m, origin_m, direction) if len(points_m) else None
         if hit is None:
             return False
-        rc, distance_m = pixel_of_point(picture.view, points_m[hit])
-        if distance_m > TOO_FAR_M:
+        place = place_on(picture, points_m[hit])
+        if place.distance_m > TOO_FAR_M:
             raise FlatclothError(
                 f"That point is not part of the flattened shape yet: its nearest point is"
-                f" {1000 * distance_m:.0f} mm away. Click another point, or step."
+                f" {1000 * place.distance_m:.0f} mm away. Click another point, or step."
             )
-        u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
-        self.add(picture, u_m, v_m, miss_m=distance_m)
+        self.add(picture, *place.uv_m, miss_m=place.distance_m, side=place.side)
         return True
 
     def add_near(
@@ -142,15 +154,16 @@ class PickStore:
             raise FlatclothError(
                 f"Another shape is shown than that of revision {revision}; ask for the shape again."
             )
+        side: SheetSide = "this"
         if len(place) == 3:
-            rc, distance_m = pixel_of_point(picture.view, np.array(place))
-            u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
+            on = place_on(picture, np.array(place))
+            (u_m, v_m), distance_m, side = on.uv_m, on.distance_m, on.side
         else:
             u_m, v_m = place
             distance_m = grasp_at(picture.view, (u_m, v_m), self._axis, picture.angle_deg).miss_m
         if distance_m > TOO_FAR_M:
             raise FlatclothError(f"The nearest cloth is {1000 * distance_m:.0f} mm away; give another point.")
-        self.add(picture, u_m, v_m, miss_m=distance_m, name=name.strip())
+        self.add(picture, u_m, v_m, miss_m=distance_m, name=name.strip(), side=side)
         return self.picks[-1]
 
     @property
@@ -169,12 +182,13 @@ class PickStore:
         """Return the list for the page, with the place of each pick on the shape."""
         found = []
         for pick in self.picks:
-            place = None if picture is None else places.place(picture, pick.position_held_m)
+            place = None if picture is None else places.place(picture, pick)
             x, y, z = map(float, pick.position_held_m)
             found.append(
                 ListedPick(
                     id=pick.id,
                     name=pick.name,
+                    side=pick.side,
                     view_index=pick.view_index,
                     position_held_m=(x, y, z),
                     uv_m=place.uv_m if place is not None and place.in_shape else None,
@@ -186,7 +200,7 @@ class PickStore:
         """Return the numbers of the current pick; None without one, or before the first picture."""
         if self.current is None or picture is None:
             return None
-        place = places.place(picture, self.current.pick.position_held_m)
+        place = places.place(picture, self.current.pick)
         return pick_info(self.current, place, picture, self._axis, self.pose(picture))
 
     def redraw(self, picture: Picture | None) -> None:
@@ -207,7 +221,7 @@ class PickStore:
         if along_outline:
             grip = replace(grip, axis_held=None)
         elif axis_deg is not None:
-            by_hand = axis_by_hand(_shown(picture).view, pick.position_held_m, axis_deg)
+            by_hand = axis_by_hand(_shown(picture).side(pick.side), pick.position_held_m, axis_deg)
             grip = replace(grip, axis_held=by_hand)
         if opening_m is not None:
             grip = replace(grip, opening_m=opening_m)
@@ -266,9 +280,24 @@ def hit_by(picture: Picture | None, points_m: Floats, hover: HoverRay) -> RayAns
     if hit is None:
         return nothing
     x, y, z = map(float, points_m[hit])
-    rc, distance_m = pixel_of_point(picture.view, points_m[hit])
-    uv = tuple(picture.view.uv_from_rc(np.array(rc)).tolist()) if distance_m <= TOO_FAR_M else None
-    return RayAnswer(id=hover.id, xyz_m=(x, y, z), uv_m=uv)
+    place = place_on(picture, points_m[hit])
+    is_near = place.distance_m <= TOO_FAR_M
+    return RayAnswer(id=hover.id, xyz_m=(x, y, z), uv_m=place.uv_m if is_near else None, sheet=place.side)
+
+
+def place_on(picture: Picture, xyz_m: Floats) -> Place:
+    """Return where a point (3,), object frame, is nearest to the cloth, on whichever side that is."""
+    this = _place(picture.view, xyz_m, "this")
+    if picture.other is None:
+        return this
+    other = _place(picture.other.view, xyz_m, "other")
+    return other if other.distance_m < this.distance_m else this
+
+
+def _place(view: FlattenedView, xyz_m: Floats, side: SheetSide) -> Place:
+    rc, distance_m = pixel_of_point(view, xyz_m)
+    u_m, v_m = view.uv_from_rc(np.array(rc)).tolist()
+    return Place(rc=rc, uv_m=(u_m, v_m), distance_m=distance_m, side=side)
 
 
 def _shown(picture: Picture | None) -> Picture:
@@ -278,44 +307,51 @@ def _shown(picture: Picture | None) -> Picture:
 
 
 class PlaceStore:
-    """Caches the position of each pick on the shape until the shape changes."""
+    """Caches the position of each pick on its side of the item until that changes."""
 
     def __init__(self) -> None:
-        self._revision = 0
-        self._places: dict[bytes, Place] = {}
+        self._shown: tuple[int, int] | None = None
+        self._places: dict[tuple[SheetSide, bytes], Place] = {}
 
-    def place(self, picture: Picture, position_held_m: Float64) -> Place:
-        """Return the pixel of the present shape nearest to a point in the object frame."""
-        if picture.revision != self._revision:
-            self._revision, self._places = picture.revision, {}
-        key = np.asarray(position_held_m, dtype=np.float64).tobytes()
+    def place(self, picture: Picture, pick: Pick) -> Place | None:
+        """Return the pixel nearest to a pick, of the cloth of its side; None if that side is not known."""
+        if pick.side == "other" and picture.other is None:
+            return None
+        shown = picture.revision, 0 if picture.other is None else picture.other.revision
+        if shown != self._shown:
+            self._shown, self._places = shown, {}
+        position_m = np.asarray(pick.position_held_m, dtype=np.float64)
+        key = pick.side, position_m.tobytes()
         if key not in self._places:
-            rc, distance_m = pixel_of_point(picture.view, position_held_m)
-            u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
-            self._places[key] = Place(rc=rc, uv_m=(u_m, v_m), distance_m=distance_m)
+            self._places[key] = _place(picture.side(pick.side), position_m, pick.side)
         return self._places[key]
 
 
 def pick_info(
-    current: CurrentPick, place: Place, picture: Picture, axis: RotationAxis, pose: GraspPose | None
+    current: CurrentPick, place: Place | None, picture: Picture, axis: RotationAxis, pose: GraspPose | None
 ) -> PickInfo:
     """Return all numbers of the current pick, with its grasp pose, for the page and the clipboard."""
     pick = current.pick
     position = np.asarray(pick.position_held_m, dtype=np.float64)
     normal = np.asarray(pick.normal_held, dtype=np.float64)
     at_camera, normal_camera = camera_from_held(axis, picture.angle_deg).apply_with_normal(position, normal)
+    is_there = place is not None and place.in_shape
+    z_angle_deg = None
+    if place is not None and is_there:
+        z_angle_deg = finite(float(picture.side(pick.side).z_angle_deg[place.rc]))
     values = {
         "id": pick.id,
         "name": pick.name,
-        "rc": place.rc,
-        "uv_m": place.uv_m,
-        "in_shape": place.in_shape,
+        "side": pick.side,
+        "rc": (0, 0) if place is None else place.rc,
+        "uv_m": (0.0, 0.0) if place is None else place.uv_m,
+        "in_shape": is_there,
         "position_held_m": position,
         "position_camera_m": at_camera,
         "normal_held": [finite(x) for x in normal.tolist()],
         "normal_camera": [finite(x) for x in normal_camera.tolist()],
         "angle_deg": picture.angle_deg,
-        "z_angle_deg": finite(float(picture.view.z_angle_deg[place.rc])) if place.in_shape else None,
+        "z_angle_deg": z_angle_deg,
         "view_index": pick.view_index,
         "source_rc": pick.source_rc,
         "miss_m": current.miss_m,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Floats, Rigid2, RotationAxis, finite
 from flatcloth.engine.integration import Integration, Proposal
@@ -15,11 +16,13 @@ from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, label_of, lay_out
 from flatcloth.engine.views import ViewCloud
 from flatcloth.garments.deciding import decided_pieces
 from flatcloth.grasping.visibility import Projection, Visibility, project
-from flatcloth.methods.answers import AlignmentScore, JoinedPiece
+from flatcloth.methods.answers import AlignmentScore, JoinedPiece, JoinedSides
 from flatcloth.methods.paper.merging import shows
 from flatcloth.rendering.layers import CONFLICT_M, difference, legends
+from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Document, Pending
-from flatcloth.viewer.protocol.answers import PixelValues, SourcePlace
+from flatcloth.viewer.protocol.answers import HoverAnswer, PixelValues, SourcePlace
+from flatcloth.viewer.protocol.messages import Hover
 from flatcloth.viewer.protocol.sent import UV, Legend, typed
 from flatcloth.viewer.protocol.state import Check, Foreseen, PlacedPartInfo
 
@@ -69,6 +72,27 @@ class Overlay:
         return self.sheet.meant(target, center) @ pending.current_from_new.inverse()
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OtherSheet:
+    """The other side of the item, as seen from its own outside, on a sheet with its floating pieces.
+
+    ``revision`` grows with each result; ``this`` is the sheet that it was joined to; ``key`` is what both
+    depend on.
+    """
+
+    revision: int
+    key: Hashable
+    sides: JoinedSides
+    this: Sheet
+    sheet: Sheet
+    legends: dict[str, Legend]
+
+    @property
+    def view(self) -> FlattenedView:
+        """All of its cloth."""
+        return self.sheet.view
+
+
 @dataclass(frozen=True, kw_only=True)
 class Picture:
     """The picture of a document; ``revision`` changes whenever the flattened ``view`` does.
@@ -76,7 +100,7 @@ class Picture:
     ``view`` holds the shape and its floating pieces, as the ``sheet`` has laid them out; a frame of live
     mode has no sheet.
 
-    ``document`` is None for a frame that is played in live mode.
+    ``document`` is None for a frame that is played in live mode; ``other`` is the other side, if it is known.
     """
 
     revision: int
@@ -89,6 +113,31 @@ class Picture:
     document: Document | None = None
     overlay: Overlay | None = None
     sheet: Sheet | None = None
+    other: OtherSheet | None = None
+
+    def side(self, side: SheetSide) -> FlattenedView:
+        """Return the cloth of a side of the item.
+
+        Raises
+        ------
+        FlatclothError
+            If the other side is not known.
+        """
+        if side == "this":
+            return self.view
+        if self.other is None:
+            raise FlatclothError("The other side is not known; turn the garment over to compute it.")
+        return self.other.view
+
+    def pieces(self, side: SheetSide) -> tuple[FlattenedView, ...]:
+        """Return the shape of a side and its floating pieces, as they are exported; empty: not known."""
+        if side == "other":
+            return (
+                () if self.other is None else (self.other.sides.other.view, *self.other.sides.other.floating)
+            )
+        if self.sheet is None:
+            return (self.view,)
+        return (self.sheet.canonical.view, *self.sheet.canonical.floating)
 
 
 def make_picture(integration: Integration, document: Document, previous: Picture | None) -> Picture:
@@ -289,6 +338,18 @@ def values_at(
         "placement_std_mm": None if std_m is None else finite(1000 * std_m),
     }
     return typed(values, PixelValues)
+
+
+def described(picture: Picture | None, integration: Integration, hover: Hover) -> HoverAnswer:
+    """Describe the point under the pointer, of the shape or of the other side."""
+    shape = proposal = None
+    if picture is not None and (hover.sheet == "this" or picture.other is not None):
+        at = hover.u_m, hover.v_m, integration.axis, picture.angle_deg
+        shape = values_at(picture.side(hover.sheet), *at)
+        if picture.overlay is not None and hover.sheet == "this":
+            proposal = values_at(picture.overlay.view, *at)
+    source = None if hover.view is None else place_under(integration, hover.view, proposal or shape)
+    return HoverAnswer(id=hover.id, shape=shape, proposal=proposal, source=source)
 
 
 def place_in_view(

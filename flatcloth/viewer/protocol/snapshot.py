@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,7 @@ from msgspec import structs
 
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.sheet import Sheet, label_of
+from flatcloth.engine.sheet import Sheet, floating_file, label_of, other_floating_file
 from flatcloth.engine.warmup import is_compiling
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend, hex_of
@@ -20,7 +21,7 @@ from flatcloth.session.machine import Document, Pending, Propose, Reopen, Sessio
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.allowed import action_table
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore
-from flatcloth.viewer.protocol.picture import Overlay, Picture
+from flatcloth.viewer.protocol.picture import OtherSheet, Overlay, Picture
 from flatcloth.viewer.protocol.sent import Grid, Legend, Motion, Note, Placement, Progress, typed
 from flatcloth.viewer.protocol.state import (
     AutoInfo,
@@ -271,11 +272,24 @@ def _layers(picture: Picture) -> Layers:
     )
 
 
-def _floating(sheet: Sheet) -> tuple[FloatingPiece, ...]:
+def layers_of(other: OtherSheet) -> Layers:
+    """Return the layers of the other side; no proposal lies on it."""
+    return Layers(
+        revision=other.revision,
+        names=tuple(LAYERS),
+        area_cm2=1e4 * other.sheet.shape_m2,
+        pieces=_floating(other.sheet, other_floating_file),
+        legends=other.legends,
+        overlay=None,
+        **grid_of(other.view),
+    )
+
+
+def _floating(sheet: Sheet, file_of: Callable[[int], str] = floating_file) -> tuple[FloatingPiece, ...]:
     return tuple(
         FloatingPiece(
             label=piece.label,
-            file=piece.file,
+            file=file_of(piece.number),
             area_cm2=1e4 * piece.view.area_m2,
             reason=piece.reason,
             views=tuple(piece.views),

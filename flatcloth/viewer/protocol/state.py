@@ -6,6 +6,8 @@ from typing import Literal
 
 import msgspec
 
+from flatcloth.session.journal import SheetSide
+from flatcloth.viewer.protocol.garment import GarmentInfo, SeamInfo
 from flatcloth.viewer.protocol.sent import (
     RC,
     UV,
@@ -108,6 +110,24 @@ class Layers(Grid, frozen=True):
     overlay: OverlayInfo | None
 
 
+class OtherSideInfo(Sent, frozen=True):
+    """The other side of the item; ``layers`` None: it is not computed, ``text`` says why.
+
+    ``revision`` grows with each result; ``is_related``: a place (u, v) of its plane is (-u, v) on that of
+    this side. While ``working``, what is shown may belong to the shape before.
+    """
+
+    revision: int
+    working: bool
+    progress: Progress | None
+    text: str
+    layers: Layers | None = None
+    is_related: bool = False
+    seams: tuple[SeamInfo, ...] = ()
+    reliable_share: float | None = None
+    median_std_mm: float | None = None
+
+
 class PendingPart(Sent, frozen=True):
     """A connected part of the proposed view; ``waits``: the method found no place for it."""
 
@@ -205,10 +225,11 @@ class GripInfo(Sent, frozen=True):
 
 
 class PickInfo(Sent, frozen=True):
-    """All numbers of the current pick."""
+    """All numbers of the current pick; its pixel and its place are those of its ``side`` of the item."""
 
     id: int
     name: str
+    side: SheetSide
     rc: RC
     uv_m: UV
     in_shape: bool
@@ -225,10 +246,11 @@ class PickInfo(Sent, frozen=True):
 
 
 class ListedPick(Sent, frozen=True):
-    """A pick of the list; ``uv_m`` is None if the present shape does not contain it."""
+    """A pick of the list; ``uv_m`` on the plane of its ``side``, None if that does not contain it."""
 
     id: int
     name: str
+    side: SheetSide
     view_index: int
     position_held_m: XYZ
     uv_m: UV | None
@@ -282,69 +304,6 @@ class SidesInfo(Sent, frozen=True):
     undecided_cm2: float | None
     conflicts: tuple[str, ...]
     pixels_per_m: float
-
-
-class GarmentPointInfo(Sent, frozen=True):
-    """A named point of the garment; ``xyz_m`` is None if no view saw its cloth."""
-
-    name: str
-    uv_m: UV
-    std_mm: float
-    seen: bool
-    held: bool
-    xyz_m: Direction | None
-
-
-class Dimension(Sent, frozen=True):
-    """A dimension of the garment and its standard deviation."""
-
-    name: str
-    mm: float
-    std_mm: float
-
-
-class GarmentPiece(Sent, frozen=True):
-    """A floating piece that the garment has a place for, and its outline there."""
-
-    label: str
-    probability: float
-    std_mm: float
-    sure: bool
-    state: Literal["placed", "refused", "proposed"]
-    outline_uv_m: list[list[UV]]
-
-
-class DoubtedLinkInfo(Sent, frozen=True):
-    """A link that no garment allows: how probable it is, and the outline of the part."""
-
-    probability: float
-    area_cm2: float
-    outline_uv_m: list[list[UV]]
-
-
-class FoundGarment(Sent, frozen=True):
-    """The garment: its kind (None: of no known kind), dimensions, outline and named points."""
-
-    kind: str | None
-    likeliest: str
-    by_hand: bool
-    probabilities: list[tuple[str, float]]
-    dimensions: list[Dimension]
-    outline_uv_m: list[UV]
-    points: list[GarmentPointInfo]
-    upright_rad: float
-    pieces: list[GarmentPiece]
-    links: list[DoubtedLinkInfo]
-
-
-class GarmentInfo(Sent, frozen=True):
-    """What is known of the garment; ``revision`` grows with each answer, ``text`` says why there is none."""
-
-    revision: int
-    working: bool
-    text: str
-    kinds: tuple[str, ...]
-    found: FoundGarment | None
 
 
 class AutoInfo(Sent, frozen=True):
@@ -429,5 +388,6 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     review: ReviewInfo | None = None
     sides: SidesInfo | None = None
     garment: GarmentInfo | None = None
+    other: OtherSideInfo | None = None
     live: LiveInfo | None = None
     capture: CaptureStatus | None = None

@@ -21,9 +21,10 @@ from flatcloth.viewer.protocol.answers import (
     SeenViews,
     ServerMessage,
 )
+from flatcloth.viewer.protocol.garment import SidePlaces
 from flatcloth.viewer.protocol.messages import KINDS
 
-_ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews, ItemBox)
+_ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews, ItemBox, SidePlaces)
 """Sent as a binary message, or as the answer of a route."""
 _SCALARS: dict[type, str] = {
     inspect.IntType: "number",

@@ -87,7 +87,8 @@ def clouds_of(
         live = picture.cloud
         # The view's own points have no layers: in grey they do not mix with those that have.
         found[LIVE] = Cloud(live.xyz_m, dimmed(live.rgb, live.of_interest & (color == "color")), 0.0015)
-        found[HELD] = _with_pieces(cloud(view, view.valid, 0.0018), picture, color)
+        held = _with_pieces(cloud(view, view.valid, 0.0018), picture, color)
+        found[HELD] = held if picture.other is None else _both(held, picture.other.view, cloud)
     if overlay is None:
         return found
     if points in (SHAPE, NEW):
@@ -102,6 +103,13 @@ def clouds_of(
         colors = layers.difference_rgba(apart, "position")[where][:, :3]
         found[PROPOSAL] = Cloud(overlay.view.xyz_m[where], colors, 0.0026)
     return found
+
+
+def _both(this: Cloud, other: FlattenedView, cloud: Callable[[FlattenedView, Bool, float], Cloud]) -> Cloud:
+    """Return the points of both sides."""
+    its = cloud(other, other.valid, this.size_m)
+    points, colors = np.concatenate([this.points_m, its.points_m]), np.concatenate([this.colors, its.colors])
+    return Cloud(points, colors, this.size_m)
 
 
 def _with_pieces(cloud: Cloud, picture: Picture, color: str) -> Cloud:

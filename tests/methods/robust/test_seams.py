@@ -11,13 +11,14 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Float64
-from flatcloth.methods.answers import MIRROR
+from flatcloth.methods.answers import MIRROR, Seam
 from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
 from flatcloth.methods.robust.observations import Nodes
 from flatcloth.methods.robust.seams.joining import join_sides, seams_of
 from flatcloth.methods.robust.seams.links import LEAST_MATCHES
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
+from flatcloth.session.garment import DecidedSeam
 
 ROWS, COLUMNS = 25, 30
 UV = grid(ROWS, COLUMNS)  # the pattern: 0.23 m wide and 0.19 m high
@@ -98,7 +99,7 @@ def test_a_side_without_cloth_meets_nothing() -> None:
     assert a.size == 0
 
 
-def joined(this: JointShape, other: JointShape, this_at: Float64 = UV, other_at: Float64 = UV):
+def joined(this: JointShape, other: JointShape, this_at: Float64 = UV, other_at: Float64 = UV, decided=()):
     pieces = tuple(
         [
             raster(shape, at, n, is_other=is_other)
@@ -107,7 +108,7 @@ def joined(this: JointShape, other: JointShape, this_at: Float64 = UV, other_at:
         ]
         for shape, at, is_other in ((this, this_at, False), (other, other_at, True))
     )
-    return join_sides(this, other, pieces, HELD_M)
+    return join_sides(this, other, pieces, HELD_M, decided)
 
 
 def test_both_sides_lie_on_each_other_wherever_the_other_one_lay_before() -> None:
@@ -156,6 +157,33 @@ def test_few_places_join_nothing_and_the_other_side_keeps_its_largest_piece() ->
     for seam in seams_of(found):
         assert len(seam.residual_m) < LEAST_MATCHES
         assert "too few" in seam.why
+
+
+def decision(seam: Seam, *, kept: bool) -> DecidedSeam:
+    """What an operator decides about a seam: some of its places, which shake a little until it is asked."""
+    shaken = seam.xyz_m[::3] + np.random.default_rng(0).normal(0.0, 0.003, (len(seam.xyz_m[::3]), 3))
+    return DecidedSeam(kept=kept, points_m=tuple(map(tuple, shaken.tolist())))
+
+
+def test_a_seam_that_the_operator_cut_joins_nothing_until_it_is_kept() -> None:
+    (seam,) = seams_of(joined(THIS, OTHER))
+    cut = decision(seam, kept=False)
+    without = joined(THIS, OTHER, decided=(cut,))
+    assert not without.is_related
+    assert [(s.why, s.decided) for s in seams_of(without)] == [("cut by the operator", "cut")]
+    again = joined(THIS, OTHER, decided=(cut, decision(seam, kept=True)))  # the last one counts
+    assert again.is_related
+    assert [(s.why, s.decided) for s in seams_of(again)] == [("", "keep")]
+
+
+def test_a_seam_of_few_places_joins_once_the_operator_kept_it() -> None:
+    small = (UV[:, 0] < 7 * STEP_M) & (UV[:, 1] < 7 * STEP_M)
+    other = side(small, is_other=True)
+    (seam,) = seams_of(joined(THIS, other, other_at=UV[small]))
+    assert seam.why
+    kept = joined(THIS, other, other_at=UV[small], decided=(decision(seam, kept=True),))
+    assert kept.is_related
+    assert np.linalg.norm(kept.shape.all_uv_m * MIRROR - UV[small], axis=1).max() < 0.004
 
 
 def test_a_floating_piece_of_this_side_and_its_back_are_one_piece() -> None:

@@ -21,8 +21,17 @@ from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M
 from flatcloth.methods.robust.observations import Nodes
-from flatcloth.methods.robust.seams.links import SEAM_STD_M, Matches, SeamLink, linked, matches_of
+from flatcloth.methods.robust.seams.decisions import CUT, with_decisions
+from flatcloth.methods.robust.seams.links import (
+    SEAM_STD_M,
+    Matches,
+    SeamLink,
+    linked,
+    matches_of,
+    sets_of,
+)
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined
+from flatcloth.session.garment import DecidedSeam
 
 _REACH = 1.5
 """A place on a seam is paired with nodes up to this many typical pairs away. Chosen: two or three nodes."""
@@ -56,6 +65,7 @@ def join_sides(
     other: JointShape,
     pieces: tuple[Sequence[FlattenedView], Sequence[FlattenedView]],
     held_point_m: Float64,
+    decided: Sequence[DecidedSeam] = (),
 ) -> JoinedSide:
     """Join the settled shapes of both sides along the seams.
 
@@ -67,10 +77,13 @@ def join_sides(
         All pieces of each side, rasterised where their nodes lie.
     held_point_m : (3,) float64
         Held point, object frame.
+    decided : sequence of DecidedSeam
+        The operator's decisions about seams.
     """
     matches = matches_of(*pieces)  # 1. where the rims of both sides meet in space (rims.py)
     # 2. Sets that agree on one motion; the other side taken apart where they contradict it (links.py).
-    other, matches, links = linked(this, other, matches)
+    sets = with_decisions(sets_of(this, other, matches), matches, decided)
+    other, matches, links = linked(other, matches, sets)
     joining = np.concatenate(
         [link.members for link in links if not link.why] or [np.zeros(0, dtype=np.int64)]
     )
@@ -310,6 +323,7 @@ def seams_of(joined: JoinedSide) -> tuple[Seam, ...]:
                 views=matches.views[own],
                 residual_m=matches.misfit_m(own, matches.motion(own)),
                 why=link.why,
+                decided="keep" if link.is_kept else "cut" if link.why == CUT else None,
             )
         )
     return tuple(found)

@@ -94,7 +94,8 @@ class SeamLink:
     """A set of matches: ``members`` (K,) of all matches, between a piece of each side.
 
     ``strength`` is their number, weighted by the width of the strip that they cover: along a straight line
-    other parts touch, too. ``why`` says why it does not join them; it is empty if it does.
+    other parts touch, too. ``why`` says why it does not join them; it is empty if it does. ``is_kept``: the
+    operator decided that it does.
     """
 
     this_piece: int
@@ -102,11 +103,12 @@ class SeamLink:
     members: Int64
     strength: float
     why: str = ""
+    is_kept: bool = False
 
     @property
     def joins(self) -> bool:
-        """Whether the set is large enough to join its pieces by itself."""
-        return max(len(self.members), self.strength) >= LEAST_MATCHES
+        """Whether the set is large enough to join its pieces by itself, or the operator kept it."""
+        return self.is_kept or max(len(self.members), self.strength) >= LEAST_MATCHES
 
 
 def matches_of(this: Sequence[FlattenedView], other: Sequence[FlattenedView]) -> Matches:
@@ -124,13 +126,14 @@ def matches_of(this: Sequence[FlattenedView], other: Sequence[FlattenedView]) ->
 
 
 def linked(
-    this: JointShape, other: JointShape, matches: Matches
+    other: JointShape, matches: Matches, sets: Sequence[SeamLink]
 ) -> tuple[JointShape, Matches, list[SeamLink]]:
     """Decide which sets of matches join the sides; take the other side apart where they contradict it.
 
     Two sets that place one piece of the other side differently on one piece of this side contradict each
     other: either the weaker is contact of other parts, or the cloth between them is bent or joined falsely.
     Cloth of the other side that alone would join two pieces of this side must be strong to be believed.
+    ``sets`` are those of :func:`sets_of`; those that the operator cut have the reason.
 
     Returns
     -------
@@ -139,11 +142,13 @@ def linked(
     Matches
         At their places on its new plane.
     list of SeamLink
-        All sets, the strongest first.
+        All sets, in the same order.
     """
-    links, at_other = sets_of(this, other, matches), _node_at(other, matches.other_uv_m)
+    links, at_other = list(sets), _node_at(other, matches.other_uv_m)
     side = np.zeros(len(other.nodes), dtype=np.int64)  # the part of each node
     for n, link in enumerate(links):
+        if link.why:
+            continue
         earlier = [each for each in links[:n] if not each.why and each.other_piece == link.other_piece]
         against = [each for each in earlier if not agree(matches, each, link)]
         if not link.joins:
@@ -156,7 +161,7 @@ def linked(
             if evidence < (_DOUBTED_EVIDENCE if is_bridge else _BENT * link.strength):
                 part &= other.piece == link.other_piece
                 side = np.unique(2 * side + part, return_inverse=True)[1].ravel()
-            elif not is_bridge:
+            elif not is_bridge and not link.is_kept:
                 links[n] = replace(link, why="it contradicts a stronger seam")
                 break
     apart, matches = _taken_apart(other, side, matches, at_other)

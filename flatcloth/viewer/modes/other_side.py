@@ -1,0 +1,308 @@
+"""The other side of the item on the page: computed in the background, shown, and its seams decided."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from flatcloth.core.cache import Cache
+from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.types import Float64
+from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.results.result import uncertainty
+from flatcloth.engine.sheet import Sheet, label_of, lay_out, outline_loops
+from flatcloth.methods.answers import JoinedSides, Seam
+from flatcloth.rendering import layers
+from flatcloth.rendering.layers import Appearance
+from flatcloth.session.garment import DecidedSeam, DecideSeam
+from flatcloth.session.machine import Document
+from flatcloth.viewer import http
+from flatcloth.viewer.protocol.garment import SeamInfo, SeamPlaces, SidePlaces
+from flatcloth.viewer.protocol.picture import OtherSheet, Picture
+from flatcloth.viewer.protocol.sent import Legend, Progress, typed
+from flatcloth.viewer.protocol.snapshot import layers_of
+from flatcloth.viewer.protocol.state import OtherSideInfo
+from flatcloth.viewer.routes.layers import PICTURES_KEPT, appearance_of
+from flatcloth.viewer.worker import Worker
+
+_log = logging.getLogger(__name__)
+
+NOT_ASKED = "The other side is not computed yet."
+UNEXPECTED = "Unexpected error while computing the other side. See the terminal."
+_TELL_S = 0.4
+"""Interval between messages of progress. Chosen: each is a whole state of the page."""
+_MOST_PLACES = 40
+"""Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
+
+
+@dataclass(frozen=True)
+class OtherSideStatus:
+    """The state of the computation; ``text`` says why nothing is ``made``."""
+
+    working: bool = False
+    progress: Progress | None = None
+    text: str = NOT_ASKED
+    made: OtherSheet | None = None
+
+
+class OtherSideController:
+    """Computes the other side of the shape that the page shows; its methods are for the application thread.
+
+    Parameters
+    ----------
+    both : BothSides
+        Integrates and joins the other side.
+    put : callable
+        Runs a job on the application thread.
+    made : callable
+        Called on the application thread when another side is known, or none.
+    changed : callable
+        Called on the application thread when the status has changed.
+    """
+
+    def __init__(
+        self,
+        both: BothSides,
+        put: Callable[[Callable[[], None]], None],
+        made: Callable[[], None],
+        changed: Callable[[], None],
+    ) -> None:
+        self.both = both
+        self._put, self._made, self._changed = put, made, changed
+        self._worker = Worker("flatcloth-other-side")
+        self._stopped = threading.Event()
+        self._asked: tuple[Hashable, ...] | None = None
+        self._pngs: Cache[bytes | None] = Cache(PICTURES_KEPT)
+        self._revision = 0
+        self._told_at_s = 0.0
+        self.is_wanted = False
+        self.status = OtherSideStatus()
+
+    @property
+    def available(self) -> bool:
+        """Whether the method integrates both sides."""
+        return self.both.integration.algorithm.joins_sides
+
+    def stop(self) -> None:
+        """Cancel what is computed, and end the thread."""
+        self._stopped.set()
+        self._worker.stop(timeout_s=2.0)
+
+    def follow(self, picture: Picture | None, *, busy: bool) -> None:
+        """Compute the other side of the shape of a picture, once it is wanted.
+
+        ``busy``: wait until Auto has ended. Seams that are decided are wanted.
+        """
+        document, sheet = (None, None) if picture is None else (picture.document, picture.sheet)
+        if document is None or sheet is None:
+            self._asked = None
+            if self.status.made is not None or self.status.working:
+                self.status = OtherSideStatus()
+            return
+        if not self.available or not (self.is_wanted or document.garment.seams):
+            return
+        key = self._key(document)
+        if busy or key == self._asked:
+            return
+        self._asked = key
+        self.status = replace(self.status, working=True, progress=None, text="")
+        self._worker.put(lambda: self._work(key, document, sheet))
+
+    def _key(self, document: Document) -> tuple[Hashable, ...]:
+        axis = self.both.integration.axis
+        return document.shape_key, document.garment.seams, axis.point_m.tobytes(), axis.direction.tobytes()
+
+    # --- the worker -----------------------------------------------------------------------------
+
+    def _work(self, key: tuple[Hashable, ...], document: Document, sheet: Sheet) -> None:
+        if self._asked != key:
+            return  # the shape has changed since
+        made: OtherSheet | str
+        try:
+            sides = self.both.of(document, self._report)
+            made = sides if isinstance(sides, str) else self._laid_out(key, sides, sheet)
+        except CancelledError:
+            return
+        except FlatclothError as error:
+            made = str(error)
+        except Exception:  # noqa: BLE001 - reported and logged
+            _log.exception("the other side could not be computed")
+            made = UNEXPECTED
+        self._put(lambda: self._take(key, made))
+
+    def _laid_out(self, key: Hashable, sides: JoinedSides, this: Sheet) -> OtherSheet:
+        integration = self.both.integration
+        sheet = lay_out(sides.other)
+        found = layers.legends(sheet.view, integration.axis, integration.recording.angles_deg)
+        self._revision += 1
+        return OtherSheet(
+            revision=self._revision,
+            key=key,
+            sides=sides,
+            this=this,
+            sheet=sheet,
+            legends=typed(found, dict[str, Legend]),
+        )
+
+    def _report(self, share: float, text: str) -> None:
+        if self._stopped.is_set():
+            raise CancelledError
+        now_s = time.monotonic()
+        if now_s - self._told_at_s >= _TELL_S:
+            self._told_at_s = now_s
+            self._put(lambda: self._progressed(Progress(share=share, text=text)))
+
+    def _progressed(self, progress: Progress) -> None:
+        if self.status.working:
+            self.status = replace(self.status, progress=progress)
+            self._changed()
+
+    def _take(self, key: tuple[Hashable, ...], made: OtherSheet | str) -> None:
+        if self._asked != key:
+            return
+        if isinstance(made, str):
+            self.status = OtherSideStatus(text=made)
+        else:
+            self.status = OtherSideStatus(text="", made=made)
+        self._made()
+
+    # --- decisions ------------------------------------------------------------------------------
+
+    def decision(self, revision: int, index: int, *, keep: bool) -> DecideSeam:
+        """Return the decision about a seam of the list at a revision.
+
+        Raises
+        ------
+        FlatclothError
+            If the list has changed.
+        """
+        made = self.status.made
+        if self.status.working or made is None or revision != made.revision:
+            raise FlatclothError("The seams are being found again; look again.")
+        if not 0 <= index < len(made.sides.seams):
+            raise FlatclothError(f"There is no seam {index}; look again.")
+        places = made.sides.seams[index].xyz_m
+        chosen = np.linspace(0, len(places) - 1, min(len(places), _MOST_PLACES)).astype(np.intp)
+        points = tuple((float(x), float(y), float(z)) for x, y, z in places[chosen])
+        return DecideSeam(DecidedSeam(kept=keep, points_m=points))
+
+    # --- for the page ---------------------------------------------------------------------------
+
+    def info(self) -> OtherSideInfo | None:
+        """Return the other side for the page; None if the method has one side only."""
+        if not self.available:
+            return None
+        status, made = self.status, self.status.made
+        info = OtherSideInfo(
+            revision=0 if made is None else made.revision,
+            working=status.working,
+            progress=status.progress,
+            text=status.text,
+        )
+        if made is None:
+            return info
+        about = uncertainty(made.sides.other.view)
+        return OtherSideInfo(
+            revision=made.revision,
+            working=status.working,
+            progress=status.progress,
+            text=status.text,
+            layers=layers_of(made),
+            is_related=made.sides.is_related,
+            seams=tuple(seam_info(made, seam) for seam in made.sides.seams),
+            reliable_share=about.get("firm_share"),
+            median_std_mm=about.get("placement_std_median_mm"),
+        )
+
+    def routes(self) -> list[BaseRoute]:
+        """Return the routes: layers of the other side, and the places of its seams."""
+        return [
+            Route("/other/{revision:int}/places.json", self._places),
+            Route("/other/{revision:int}/{name}.png", self._layer),
+        ]
+
+    async def _places(self, request: Request) -> Response:
+        made = self.status.made
+        known = made is not None and made.revision == request.path_params["revision"]
+        return await http.made(lambda: places_of(made) if known and made is not None else None)
+
+    async def _layer(self, request: Request) -> Response:
+        try:
+            look = appearance_of(request.query_params)
+        except FlatclothError as error:
+            return PlainTextResponse(str(error), status_code=400)
+        asked = request.path_params
+        return await http.made(lambda: self.png(asked["revision"], asked["name"], look))
+
+    def png(self, revision: int, name: str, look: Appearance = layers.PLAIN) -> bytes | None:
+        """Return a layer of the other side; None if it is outdated or unknown."""
+        made, key = self.status.made, (revision, name, look)
+        if key in self._pngs:
+            return self._pngs.kept(key)
+        if made is None or made.revision != revision or name not in layers.LAYERS:
+            return None
+        integration = self.both.integration
+        image = layers.rgba(made.view, name, integration.axis, len(integration.recording), look)
+        return self._pngs.put(key, layers.png(image))
+
+
+def seam_info(made: OtherSheet, seam: Seam) -> SeamInfo:
+    """Return a seam for the list of the page."""
+    median_mm, most_mm = 1e3 * np.quantile(seam.residual_m, (0.5, 0.9))
+    return SeamInfo(
+        this_piece=label_of(_piece_of(made.this, seam.this_uv_m)),
+        other_piece=label_of(_piece_of(made.sheet, seam.other_uv_m)),
+        length_mm=1e3 * seam.length_m,
+        places=len(seam.xyz_m),
+        residual_mm=(float(median_mm), float(most_mm)),
+        this_views=_views(seam, 0),
+        other_views=_views(seam, 1),
+        why=seam.why,
+        decided=seam.decided,
+    )
+
+
+def _views(seam: Seam, side: int) -> tuple[int, ...]:
+    """Return the views that show one rim of a seam, those that show most of it first."""
+    views, counts = np.unique(seam.views[seam.views[:, side] >= 0, side], return_counts=True)
+    return tuple(map(int, views[np.argsort(-counts, kind="stable")]))
+
+
+def places_of(made: OtherSheet) -> SidePlaces:
+    """Return the outlines of both sides and the places of their seams, on the sheets that show them."""
+    return SidePlaces(
+        this_outline_uv_m=_rounded(outline_loops(made.this.canonical.view)),
+        other_outline_uv_m=_rounded(outline_loops(made.sides.other.view)),
+        seams=[
+            SeamPlaces(
+                this_uv_m=_on(made.this, seam.this_uv_m),
+                other_uv_m=_on(made.sheet, seam.other_uv_m),
+                xyz_m=np.round(seam.xyz_m, 4).tolist(),
+                residual_mm=np.round(1e3 * seam.residual_m, 1).tolist(),
+            )
+            for seam in made.sides.seams
+        ],
+    )
+
+
+def _piece_of(sheet: Sheet, uv_m: Float64) -> int:
+    """Return the piece of a sheet, 0 the shape, that places on the method's plane belong to."""
+    known = uv_m[np.isfinite(uv_m).all(axis=1)]
+    return sheet.piece_on_plane(np.median(known, axis=0)) if len(known) else 0
+
+
+def _on(sheet: Sheet, uv_m: Float64) -> list[tuple[float, float]]:
+    moved = sheet.shift(_piece_of(sheet, uv_m)).apply(uv_m)
+    return [(float(u), float(v)) for u, v in np.round(np.nan_to_num(moved), 4)]
+
+
+def _rounded(loops: list[Float64]) -> list[list[tuple[float, float]]]:
+    return [np.round(loop, 4).tolist() for loop in loops]

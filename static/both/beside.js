@@ -1,0 +1,77 @@
+// Both sides beside one another: where the other one lies on the canvas, and which side a place belongs to.
+
+import { applied, cornersOf, unapplied, union } from "/static/canvas/geometry.js";
+import { Picture } from "/static/canvas/picture.js";
+
+const GAP_M = 0.06;
+
+export class Beside {
+  constructor(/** @type {FlatCanvas} */ canvas) {
+    this.canvas = canvas;
+    this.picture = new Picture(() => {
+      if (canvas.fitted) canvas.fit();
+      canvas.redraw();
+    });
+    this.wanted = false;
+  }
+
+  /** Show the other side beside this one, or not. */
+  update(/** @type {State} */ { other }, /** @type {string} */ layer, /** @type {string} */ look) {
+    const layers = this.wanted && this.canvas.side === "this" ? other?.layers : null;
+    if (layers) this.picture.show(`/other/${layers.revision}/${layer}.png?${look}`, layers.revision, layers, false);
+    else this.picture.clear();
+  }
+
+  /**
+   * Its motion on the canvas, so that it lies at the right of this side, as an opened book does: also where the
+   * display is turned. Null: it is not shown.
+   * @returns {Motion | null}
+   */
+  get motion() {
+    const [own, its] = [this.canvas.layer.shown, this.picture.shown];
+    if (!own || !its) return null;
+    const { angle, flipped } = this.canvas.transform;
+    const left = spanOf(own.box, angle);
+    const right = spanOf(its.box, -angle);
+    const shift = flipped ? left.least - GAP_M - right.most : left.most + GAP_M - right.least;
+    return [-2 * angle, Math.cos(angle) * shift, -Math.sin(angle) * shift];
+  }
+
+  /** The box that it takes on the canvas's plane. */
+  get box() {
+    const { motion } = this;
+    const its = this.picture.shown;
+    if (!motion || !its) return null;
+    const corners = cornersOf(its.box).map(([u, v]) => applied(motion, u, v));
+    return corners
+      .map(([u, v]) => ({ left: u, right: u, top: v, bottom: v }))
+      .reduce((/** @type {Box} */ sum, point) => union(sum, point));
+  }
+
+  /** The place of the other side at a place of the canvas; null: that is not on it. @returns {UV | null} */
+  at(/** @type {number} */ u, /** @type {number} */ v) {
+    const { motion } = this;
+    const box = this.picture.shown?.box;
+    if (!motion || !box) return null;
+    const [a, b] = unapplied(motion, u, v);
+    return a >= box.left && a <= box.right && b >= box.top && b <= box.bottom ? [a, b] : null;
+  }
+
+  /** Where a place of the other side is on the canvas. @returns {UV | null} */
+  shown(/** @type {UV} */ [u, v]) {
+    const { motion } = this;
+    return motion && applied(motion, u, v);
+  }
+
+  paint() {
+    const { motion } = this;
+    const its = this.picture.shown;
+    if (motion && its) this.canvas.drawPicture(its, its.image, false, motion);
+  }
+}
+
+/** How far a box reaches to the left and the right where the display is turned. */
+function spanOf(/** @type {Box} */ box, /** @type {number} */ angle) {
+  const across = cornersOf(box).map(([u, v]) => applied([angle, 0, 0], u, v)[0]);
+  return { least: Math.min(...across), most: Math.max(...across) };
+}

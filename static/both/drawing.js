@@ -1,0 +1,85 @@
+// Over the flattened view: the outline of the side behind, and the seams of both sides; in 3D the chosen seam.
+
+import { drawDot, strokeLine } from "/static/canvas/marks.js";
+import { mirrored } from "/static/both/seen.js";
+
+const HIT_PX = 8;
+/** @type {SideName[]} */
+const SHEETS = ["this", "other"];
+
+/** @typedef {import("/static/page/messages").SidePlaces} SidePlaces */
+
+export class SidesDrawing {
+  /** `panel` knows the places, what is shown and what is chosen. */
+  constructor(/** @type {Page} */ page, /** @type {import("/static/both/panel.js").BothSides} */ panel) {
+    this.page = page;
+    this.panel = panel;
+    page.canvas.drawers.push((_, context, style) => this.draw(context, style));
+    page.sceneMarks.drawers.push((context, style, place) => this.drawInScene(context, style, place));
+  }
+
+  /** The places of a seam on a sheet, in the pane; none where that is not shown. */
+  inPane(/** @type {number} */ seam, /** @type {SideName} */ sheet) {
+    const { canvas } = this.page;
+    const { this_uv_m, other_uv_m } = /** @type {SidePlaces} */ (this.panel.places).seams[seam];
+    return (sheet === "this" ? this_uv_m : other_uv_m).flatMap((uv) => {
+      const at = canvas.shownAt(sheet, uv);
+      return at ? [canvas.transform.toPane(...at)] : [];
+    });
+  }
+
+  /** The seam at a place of the pane; null: none is near. */
+  seamAt(/** @type {Point} */ { x, y }) {
+    let best = /** @type {number | null} */ (null);
+    let least = HIT_PX;
+    for (let seam = 0; seam < (this.panel.places?.seams.length ?? 0); seam++)
+      for (const sheet of SHEETS)
+        for (const at of this.inPane(seam, sheet)) {
+          const off = Math.hypot(at.x - x, at.y - y);
+          if (off < least) [best, least] = [seam, off];
+        }
+    return best;
+  }
+
+  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
+    const { places, other, showsSeams, chosen } = this.panel;
+    if (!places || !other || this.page.isLive) return;
+    if (other.is_related) this.drawBehind(context, style, places);
+    if (!showsSeams) return;
+    other.seams.forEach((seam, n) => {
+      if (n !== chosen) this.drawSeam(context, n, style.getPropertyValue(seam.why ? "--warn" : "--seam"), 2);
+    });
+    if (chosen !== null) this.drawSeam(context, chosen, style.getPropertyValue("--accent"), 4);
+  }
+
+  /** @param {Context} context @param {number} seam @param {string} color @param {number} radius */
+  drawSeam(context, seam, color, radius) {
+    for (const sheet of SHEETS) for (const at of this.inPane(seam, sheet)) drawDot(context, at, color, radius);
+  }
+
+  /** The outline of each side, through the other one. @param {Context} context @param {Style} style @param {SidePlaces} places */
+  drawBehind(context, style, places) {
+    const { canvas } = this.page;
+    const color = style.getPropertyValue("--seam");
+    for (const sheet of SHEETS) {
+      const behind = sheet === "this" ? places.other_outline_uv_m : places.this_outline_uv_m;
+      for (const loop of behind) {
+        const line = [...loop, loop[0]].map((uv) => canvas.shownAt(sheet, mirrored(uv)));
+        if (line.some((at) => at === null)) continue;
+        const inPane = line.map((at) => canvas.transform.toPane(.../** @type {UV} */ (at)));
+        strokeLine(context, inPane, "#fff", 2.5, [6, 5]);
+        strokeLine(context, inPane, color, 1.5, [6, 5]);
+      }
+    }
+  }
+
+  /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
+  drawInScene(context, style, place) {
+    const { places, chosen, showsSeams } = this.panel;
+    if (!places || chosen === null || !showsSeams) return;
+    for (const point of places.seams[chosen].xyz_m) {
+      const at = place(point);
+      if (at) drawDot(context, at, style.getPropertyValue("--accent"), 3);
+    }
+  }
+}

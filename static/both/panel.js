@@ -1,0 +1,293 @@
+// Both sides of the item: the garment turned over, both beside one another, and the seams that join them.
+
+import { SidesDrawing } from "/static/both/drawing.js";
+import { askJson } from "/static/page/connection.js";
+import { closeButton, byId, heading, make, rebuild, smallButton, swatch, values } from "/static/page/dom.js";
+import { cm2, count, floatingOf, mm, number, percent } from "/static/page/format.js";
+
+const MOST_VIEWS = 6; // that are named for each rim of a seam
+
+/** @typedef {import("/static/page/messages").SeamInfo} SeamInfo */
+/** @typedef {import("/static/page/messages").SidePlaces} SidePlaces */
+
+export class BothSides {
+  name = "bothSides";
+
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
+    this.canvas = page.canvas;
+    this.other = /** @type {NonNullable<State["other"]> | null} */ (null);
+    this.places = /** @type {SidePlaces | null} */ (null);
+    this.wanted = 0; // the revision whose places were asked for
+    this.showsSeams = false;
+    this.chosen = /** @type {number | null} */ (null); // of the seams
+    this.turnsOnceKnown = false;
+    this.actions = {
+      turn_over: () => this.turnOver(),
+      beside: () => this.toggleBeside(),
+      seams: () => this.toggleSeams(),
+    };
+    this.section = make("section#both-sides.both-sides", { label: "Both sides", hidden: true });
+    byId("pick").before(this.section);
+    this.chip = make("p.side-chip", { role: "status", hidden: true });
+    byId("stage").append(this.chip);
+    this.drawing = new SidesDrawing(page, this);
+  }
+
+  get pressed() {
+    return { turn_over: this.canvas.side === "other", beside: this.canvas.beside.wanted, seams: this.showsSeams };
+  }
+
+  get status() {
+    const { side, beside } = this.canvas;
+    return { side, beside: Boolean(beside.picture.shown), seams: this.showsSeams, chosen: this.chosen };
+  }
+
+  update(/** @type {State} */ state) {
+    this.other = state.other ?? null;
+    this.section.hidden = !this.other || !state.layers;
+    this.fetchPlaces();
+    if (!this.other?.layers && this.canvas.side === "other") this.turn("this");
+    if (this.other?.layers && this.turnsOnceKnown) {
+      this.turnsOnceKnown = false;
+      this.turn("other");
+    }
+    if ((this.chosen ?? 0) >= (this.other?.seams.length ?? 0)) this.chosen = null;
+    this.showChip();
+    if (this.other && !this.section.hidden) this.show(this.other);
+  }
+
+  async fetchPlaces() {
+    const revision = this.other?.layers ? this.other.revision : 0;
+    if (revision === this.wanted) return;
+    this.wanted = revision;
+    this.places = null;
+    this.chosen = null;
+    if (!revision) return;
+    const places = /** @type {SidePlaces | null} */ (await askJson(`/other/${revision}/places.json`));
+    if (this.wanted !== revision) return;
+    this.places = places;
+    if (!places) this.wanted = 0; // the next state asks again
+    this.page.redrawMarks();
+  }
+
+  // --- turned over -------------------------------------------------------------------------------
+
+  /** Turn the garment over, as one turns a shirt on a table; ask for the other side if it is not known. */
+  turnOver() {
+    if (this.canvas.side === "other") return this.turn("this");
+    if (this.isKnown("turn")) this.turn("other");
+  }
+
+  turn(/** @type {SideName} */ side) {
+    const { canvas, page } = this;
+    if (canvas.side === side) return;
+    canvas.side = side;
+    const { angle, flipped } = canvas.transform;
+    page.each("turned", side);
+    // What was up stays up.
+    page.looking.turn((2 * Math.PI - angle) % (2 * Math.PI), flipped);
+    page.changed();
+  }
+
+  /** Whether the other side is known; if not, it is asked for, and `then` is what it is for. */
+  isKnown(then = "") {
+    if (!this.other) this.page.notify("info", `The method ${this.page.state.method} has one side only.`);
+    else if (!this.page.state.layers) this.page.notify("info", "Nothing is flattened yet.");
+    else if (!this.other.layers) {
+      this.turnsOnceKnown = then === "turn";
+      if (!this.other.working) this.page.send({ type: "other_side" });
+      this.page.notify("info", "The other side is being computed; it is shown when it is known.");
+    }
+    return Boolean(this.other?.layers);
+  }
+
+  toggleBeside() {
+    const { beside } = this.canvas;
+    beside.wanted = !beside.wanted;
+    if (beside.wanted) this.turn("this");
+    if (beside.wanted) this.isKnown();
+    this.canvas.fitted = true;
+    this.page.changed();
+    this.canvas.fit();
+  }
+
+  showChip() {
+    const { side } = this.canvas;
+    this.chip.hidden = side === "this" || this.page.isLive;
+    this.chip.textContent = "Other side, as seen from outside";
+  }
+
+  // --- the panel ---------------------------------------------------------------------------------
+
+  show(/** @type {NonNullable<State["other"]>} */ other) {
+    const { told } = this.page;
+    const own = told.layers?.area_cm2;
+    rebuild(this.section, [other, own, this.showsSeams, this.chosen, this.canvas.side], () => [
+      make("h2", "Both sides"),
+      this.page.group("Sides, shown", ["turn_over", "beside", "seams"]),
+      this.progress(other),
+      other.layers && this.areas(other.layers, own ?? 0, other),
+      this.showsSeams && other.layers && this.seams(other),
+    ]);
+  }
+
+  progress(/** @type {NonNullable<State["other"]>} */ { working, progress, text, layers }) {
+    if (!working) return !layers && make("p.note", { role: "status" }, text);
+    const told =
+      progress?.text ?? (layers ? "The other side is joined again." : "The other side waits for its turn.");
+    return make(
+      "div.both-progress",
+      { role: "status" },
+      make("p.note", layers && !progress ? told : `Other side: ${told}`),
+      make("progress", { max: 1, value: progress?.share ?? 0, label: "Progress of the other side" }),
+    );
+  }
+
+  /** @param {NonNullable<State["layers"]>} layers @param {number} own @param {NonNullable<State["other"]>} other */
+  areas(layers, own, { is_related, seams, reliable_share }) {
+    const floating = floatingOf(layers);
+    const joined = seams.filter((seam) => !seam.why);
+    const length = joined.reduce((sum, seam) => sum + seam.length_mm, 0) / 10;
+    return values(
+      ["This side", cm2(own), "Cloth in the shape"],
+      ["Other side", cm2(layers.area_cm2), "Cloth of the other side, without its floating pieces"],
+      floating.pieces.length && ["Floating", `${cm2(floating.area_cm2)} of the other side`],
+      ["Joined", is_related ? `${number(length, 0)} cm of seams` : "by no seam", "Length of the seams that join"],
+      reliable_share !== null && [
+        "Reliable",
+        percent(reliable_share),
+        "Share of the other side placed to 10 mm or better, relative to this side",
+      ],
+    );
+  }
+
+  // --- the seams ---------------------------------------------------------------------------------
+
+  toggleSeams() {
+    this.showsSeams = !this.showsSeams;
+    if (this.showsSeams) this.isKnown();
+    else this.chosen = null;
+    this.page.changed();
+    this.page.redrawMarks();
+  }
+
+  seams(/** @type {NonNullable<State["other"]>} */ other) {
+    if (!other.seams.length) return make("p.note", "No rims of both sides meet.");
+    return [
+      make("h3", count(other.seams.length, "seam")),
+      make("ul.seams", ...other.seams.map((seam, n) => this.row(seam, n, other.working))),
+    ];
+  }
+
+  row(/** @type {SeamInfo} */ seam, /** @type {number} */ n, /** @type {boolean} */ working) {
+    const on = n === this.chosen;
+    const color = on ? "var(--accent)" : seam.why ? "var(--warn)" : "var(--seam)";
+    return make(
+      "li",
+      make(
+        "button.button.seam",
+        {
+          pressed: on,
+          key: `seam-${n}`,
+          tip: "Between a piece of this side and one of the other. Click: show it.",
+          click: () => this.choose(on ? null : n),
+        },
+        swatch(color),
+        make("b", `${seam.this_piece}–${seam.other_piece}`),
+        ` ${number(seam.length_mm / 10, 0)} cm`,
+        make("small", seam.why ? "does not join" : "joins"),
+      ),
+      on && this.detail(seam, n, working),
+    );
+  }
+
+  /** What speaks for a seam, and the decision about it. */
+  detail(/** @type {SeamInfo} */ seam, /** @type {number} */ n, /** @type {boolean} */ working) {
+    const decided = { cut: "You cut it.", keep: "You kept it." };
+    return make(
+      "div.seam-detail",
+      { role: "group", label: `Seam ${n + 1}` },
+      heading(
+        "Seam",
+        closeButton("Close the seam", () => this.choose(null), { key: "close-seam" }),
+      ),
+      values(
+        ["Places", String(seam.places), "Places where the rims of both sides meet"],
+        [
+          "Residual",
+          `${mm(seam.residual_mm[0])} · ${mm(seam.residual_mm[1])}`,
+          "How far apart one motion leaves the places: median, and nine tenths are below",
+        ],
+      ),
+      this.views("This rim", seam.this_views, n),
+      this.views("Other rim", seam.other_views, n),
+      seam.decided
+        ? make("p.note", decided[seam.decided])
+        : seam.why && make("p.note", `It joins nothing: ${seam.why}.`),
+      make("div.group", this.decide("Cut", false, seam, n, working), this.decide("Keep", true, seam, n, working)),
+    );
+  }
+
+  views(/** @type {string} */ title, /** @type {number[]} */ views, /** @type {number} */ n) {
+    const more = views.length - MOST_VIEWS;
+    return make(
+      "div.chips",
+      make("span", `${title}: `),
+      ...views
+        .slice(0, MOST_VIEWS)
+        .map((view) =>
+          make("button", {
+            key: `seam-${n}-${title}-${view}`,
+            tip: "Turn the item to this view.",
+            click: () => this.page.send({ type: "turn_to", view_index: view }),
+            text: String(view),
+          }),
+        ),
+      more > 0 && make("span", `and ${more} more`),
+    );
+  }
+
+  /** @param {string} title @param {boolean} keep @param {SeamInfo} seam @param {number} n @param {boolean} working */
+  decide(title, keep, seam, n, working) {
+    const is = seam.decided === (keep ? "keep" : "cut");
+    const tip = keep
+      ? "The seam joins both sides, whatever speaks against it."
+      : "The seam joins nothing: other parts touch there.";
+    return smallButton(
+      title,
+      () => {
+        if (working) this.page.notify("info", "The seams are being found again; wait a moment.");
+        else if (!is) this.page.send({ type: "decide_seam", revision: this.other?.revision ?? 0, index: n, keep });
+      },
+      {
+        pressed: is,
+        "aria-disabled": working ? "true" : null,
+        key: `seam-${n}-${title}`,
+        label: `${title} seam ${n + 1}`,
+        tip: `${tip}\nUndo takes it back.`,
+      },
+    );
+  }
+
+  choose(/** @type {number | null} */ seam) {
+    this.chosen = seam;
+    this.page.changed();
+    this.page.redrawMarks();
+  }
+
+  /** A click near a seam chooses it, while seams are shown. */
+  click(/** @type {number} */ u, /** @type {number} */ v) {
+    if (!this.showsSeams || !this.places) return false;
+    const seam = this.drawing.seamAt(this.canvas.transform.toPane(u, v));
+    if (seam === null) return false;
+    this.choose(seam);
+    return true;
+  }
+
+  escape() {
+    if (this.chosen === null) return false;
+    this.choose(null);
+    return true;
+  }
+}

@@ -1,0 +1,208 @@
+"""The other side on the page, headless: computed when asked for, hovered, picked, and its seams decided."""
+
+from __future__ import annotations
+
+import io
+import threading
+
+import numpy as np
+import pytest
+from page_tabs import Tab, get
+from PIL import Image
+from viewer_fakes import HEIGHT_M, CylinderIntegration, cylinder_view
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.methods.answers import Canonical, JoinedSides, Seam
+from flatcloth.session.garment import DecideSeam
+from flatcloth.viewer import PageServer
+
+PLACES = np.stack([np.zeros(40), np.linspace(0.02, HEIGHT_M - 0.02, 40)], axis=1)
+
+
+class Both:
+    """Knows a back of the cylinder with one seam, or says why there is none."""
+
+    def __init__(self, integration: CylinderIntegration) -> None:
+        self.integration = integration
+        self.gate = threading.Event()
+        self.gate.set()
+        self.trouble = ""
+        self.asked: list = []
+        self.view = cylinder_view({6: 180.0})
+
+    def of(self, document, progress) -> JoinedSides | str:
+        self.asked.append(document)
+        progress(0.3, "flattening view 7")
+        assert self.gate.wait(20)
+        if self.trouble:
+            return self.trouble
+        seams = document.garment.seams
+        xyz_m = np.column_stack([PLACES[:, 0], PLACES[:, 1], np.full(40, 0.7)])
+        cut = bool(seams) and not seams[-1].kept
+        seam = Seam(
+            this_piece=0,
+            other_piece=0,
+            this_uv_m=PLACES,
+            other_uv_m=PLACES * (-1, 1),
+            xyz_m=xyz_m,
+            views=np.tile(np.int16([1, 6]), (40, 1)),
+            residual_m=np.linspace(0.001, 0.005, 40),
+            why="cut by the operator" if cut else "",
+            decided=None if not seams else "cut" if cut else "keep",
+        )
+        other = Canonical(view=self.view, current_from_view={})
+        return JoinedSides(other=other, seams=(seam,), is_related=not cut)
+
+
+@pytest.fixture
+def both(server: PageServer, integration: CylinderIntegration) -> Both:
+    integration.algorithm.joins_sides = True
+    made = Both(integration)
+    server.application.other.both = made
+    return made
+
+
+def known(state) -> bool:
+    return bool(state["other"] and state["other"]["layers"] and not state["other"]["working"])
+
+
+def turned_over(tab: Tab) -> dict:
+    """Ask for the other side and wait until it is known."""
+    tab.proposed()
+    tab.say(type="other_side")
+    return tab.state_where(known)
+
+
+def test_the_other_side_is_computed_when_it_is_asked_for_and_its_progress_told(server, both):
+    both.gate.clear()
+    with Tab(server) as tab:
+        state = tab.proposed()
+        assert state["other"]["layers"] is None
+        assert not both.asked
+        tab.say(type="other_side")
+        state = tab.state_where(lambda s: s["other"]["progress"])
+        assert state["other"]["progress"]["text"] == "flattening view 7"
+        both.gate.set()
+        state = tab.state_where(known)
+    other = state["other"]
+    assert other["is_related"]
+    assert other["layers"]["area_cm2"] == pytest.approx(1e4 * both.view.area_m2)
+    (seam,) = other["seams"]
+    assert (seam["this_piece"], seam["other_piece"], seam["places"]) == ("A", "A", 40)
+    assert (seam["this_views"], seam["other_views"]) == ([1], [6])
+    assert seam["residual_mm"] == pytest.approx([3.0, 4.6])
+
+
+def test_why_there_is_no_other_side_is_told_and_the_papers_method_has_none(server, both, integration):
+    both.trouble = "Only one side is in the shape: no cloth."
+    with Tab(server) as tab:
+        tab.proposed()
+        tab.say(type="other_side")
+        tab.state_where(lambda s: s["other"]["text"] == both.trouble and not s["other"]["working"])
+        integration.algorithm.joins_sides = False
+        tab.say(type="other_side")
+        tab.state_where(lambda s: s["other"] is None)
+
+
+def test_its_layers_and_places_are_served_until_another_is_known(server, both):
+    with Tab(server) as tab:
+        revision = turned_over(tab)["other"]["revision"]
+    image = Image.open(io.BytesIO(get(server, f"/other/{revision}/color.png").content))
+    assert image.size == both.view.shape[::-1]
+    places = get(server, f"/other/{revision}/places.json").json()
+    np.testing.assert_allclose(places["seams"][0]["this_uv_m"], PLACES, atol=1e-4)
+    u = np.concatenate(places["other_outline_uv_m"])[:, 0]
+    assert u.max() - u.min() == pytest.approx(0.005 * both.view.valid.any(axis=0).sum(), abs=0.011)
+    assert get(server, f"/other/{revision + 1}/color.png").status_code == 410
+    assert get(server, f"/other/{revision}/color.png?low=2").status_code == 400
+
+
+def test_a_place_of_the_other_side_is_hovered_and_picked_there_with_its_pose(server, both, folder):
+    row, col = 20, both.view.shape[1] // 2
+    u_m, v_m = both.view.uv_from_rc(np.array([row, col])).tolist()
+    with Tab(server) as tab:
+        turned_over(tab)
+        tab.say(type="hover", id=3, u_m=u_m, v_m=v_m, sheet="other")
+        answer = tab.until(lambda m: m["type"] == "hover")
+        np.testing.assert_allclose(answer["shape"]["xyz_mm"], 1e3 * both.view.xyz_m[row, col], atol=1e-3)
+        assert answer["shape"]["view_index"] == 6
+        assert answer["proposal"] is None
+        tab.say(type="pick", u_m=u_m, v_m=v_m, sheet="other")
+        state = tab.state_where(lambda s: s["pick"])
+    assert state["pick"]["side"] == "other"
+    assert state["pick"]["in_shape"]
+    assert state["pick"]["rc"] == [row, col]
+    assert folder.picks[0].side == "other"
+    (grasp,) = get(server, "/robot/grasps").json()["grasps"]
+    assert grasp["side"] == "other"
+    assert grasp["flattened"]["file"] == "flattened-other.npz"
+    approach = np.array(grasp["poses"]["held"]["matrix"])[:3, 2]
+    np.testing.assert_allclose(approach, -both.view.normal[row, col], atol=1e-3)
+
+
+def test_a_point_in_space_is_found_on_the_side_that_has_it(server, both):
+    with Tab(server) as tab:
+        turned_over(tab)
+        behind = both.view.xyz_m[20, both.view.shape[1] // 2].astype(float)
+        number = server.application.propose_pick(tuple(behind.tolist()))
+        state = tab.state_where(lambda s: s["pick"] and s["pick"]["id"] == number)
+    assert state["pick"]["side"] == "other"
+
+
+def test_a_pick_on_the_other_side_is_kept_while_that_is_not_known(server, both, folder):
+    folder.add_pick("behind", np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 6, (3.0, 4.0), "other")
+    server.application._picks.picks = folder.picks
+    with Tab(server) as tab:
+        state = tab.proposed()
+        assert state["picks"][0]["uv_m"] is None
+        tab.say(type="show_pick", id=folder.picks[0].id)
+        state = tab.state_where(lambda s: s["pick"])
+    assert not state["pick"]["in_shape"]
+    assert state["pick"]["grip"] is None
+
+
+def test_without_another_side_a_pick_there_is_refused_in_words(server, both):
+    with Tab(server) as tab:
+        tab.proposed()
+        tab.say(type="pick", u_m=0.0, v_m=0.1, sheet="other")
+        note = tab.until(lambda m: m["type"] == "note")
+    assert "The other side is not known" in note["text"]
+
+
+def test_a_seam_is_cut_undone_and_kept_and_each_is_a_decision(server, both, folder):
+    with Tab(server) as tab:
+        revision = turned_over(tab)["other"]["revision"]
+        tab.say(type="decide_seam", revision=revision, index=0, keep=False)
+        state = tab.state_where(lambda s: known(s) and s["other"]["seams"][0]["decided"] == "cut")
+        assert state["other"]["seams"][0]["why"] == "cut by the operator"
+        assert not state["other"]["is_related"]
+        assert state["undo"] == "cut a seam"
+        tab.say(type="do", action="undo")
+        state = tab.state_where(lambda s: known(s) and s["other"]["seams"][0]["decided"] is None)
+        assert state["other"]["is_related"]
+        tab.say(type="decide_seam", revision=state["other"]["revision"], index=0, keep=True)
+        tab.state_where(lambda s: known(s) and s["other"]["seams"][0]["decided"] == "keep")
+    decided = [command for command in folder.recorded if isinstance(command, DecideSeam)]
+    assert [command.seam.kept for command in decided] == [False, True]
+    assert all(3 <= len(command.seam.points_m) <= 40 for command in decided)
+
+
+def test_a_decision_about_seams_that_are_not_shown_any_more_is_refused(server, both):
+    controller = server.application.other
+    with Tab(server) as tab:
+        revision = turned_over(tab)["other"]["revision"]
+    with pytest.raises(FlatclothError, match="found again"):
+        controller.decision(revision - 1, 0, keep=True)
+    with pytest.raises(FlatclothError, match="no seam 1"):
+        controller.decision(revision, 1, keep=True)
+
+
+def test_after_auto_both_sides_are_known_and_a_changed_shape_is_joined_again(server, both):
+    with Tab(server) as tab:
+        tab.state_where(lambda s: s["phase"] == "ready")
+        tab.say(type="auto", running=True)
+        state = tab.state_where(lambda s: s["phase"] == "finished" and known(s))
+        first = state["other"]["revision"]
+        tab.say(type="do", action="undo")
+        state = tab.state_where(lambda s: known(s) and s["other"]["revision"] > first)
+    assert [len(document.accepted) for document in both.asked] == [3, 2]
