@@ -47,17 +47,23 @@ export class SidesDrawing {
     if (other.is_related) this.drawBehind(context, style, places);
     if (!showsSeams) return;
     other.seams.forEach((seam, n) => {
-      if (n !== chosen) this.drawSeam(context, n, style.getPropertyValue(seam.why ? "--warn" : "--seam"), 2);
+      if (n === chosen) return;
+      context.fillStyle = style.getPropertyValue(seam.why ? "--warn" : "--seam");
+      for (const { x, y } of this.everywhere(n)) context.fillRect(x - 2, y - 2, 4, 4);
     });
-    if (chosen !== null) this.drawSeam(context, chosen, style.getPropertyValue("--accent"), 4);
+    if (chosen === null) return;
+    for (const at of this.everywhere(chosen)) drawDot(context, at, style.getPropertyValue("--accent"), 3.5);
   }
 
-  /** @param {Context} context @param {number} seam @param {string} color @param {number} radius */
-  drawSeam(context, seam, color, radius) {
-    for (const sheet of SHEETS) for (const at of this.inPane(seam, sheet)) drawDot(context, at, color, radius);
+  /** The places of a seam on both sheets, in the pane. */
+  everywhere(/** @type {number} */ seam) {
+    return SHEETS.flatMap((sheet) => this.inPane(seam, sheet));
   }
 
-  /** The outline of each side, through the other one. @param {Context} context @param {Style} style @param {SidePlaces} places */
+  /**
+   * The outline of each side, through the other one.
+   * @param {Context} context @param {Style} style @param {SidePlaces} places
+   */
   drawBehind(context, style, places) {
     const { canvas } = this.page;
     const color = style.getPropertyValue("--seam");

@@ -123,9 +123,12 @@ export class BothSides {
   show(/** @type {NonNullable<State["other"]>} */ other) {
     const { told } = this.page;
     const own = told.layers?.area_cm2;
-    rebuild(this.section, [other, own, this.showsSeams, this.chosen, this.canvas.side], () => [
+    rebuild(this.section, ["both"], () => [
       make("h2", "Both sides"),
-      this.page.group("Sides, shown", ["turn_over", "beside", "seams"]),
+      this.page.group("Sides, shown", ["beside", "seams"]),
+      make("div#both-about"),
+    ]);
+    rebuild(byId("both-about"), [other, own, this.showsSeams, this.chosen], () => [
       this.progress(other),
       other.layers && this.areas(other.layers, own ?? 0, other),
       this.showsSeams && other.layers && this.seams(other),

@@ -13,7 +13,8 @@ const { Ruler } = await import("/static/canvas/ruler.js");
 
 function rulerOn() {
   const sent = [];
-  const canvas = { layer: { shown: {} }, tools: [], drawers: [], redraw: () => {} };
+  const located = (u_m, v_m) => ({ sheet: "this", u_m, v_m });
+  const canvas = { side: "this", located, layer: { shown: {} }, tools: [], drawers: [], redraw: () => {} };
   const page = { canvas, changed: () => {}, send: (message) => sent.push(message) && true };
   const ruler = new Ruler(page);
   ruler.toggle();

@@ -15,6 +15,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 from flatcloth.session.garment import DecideSeam
 from flatcloth.viewer import PageServer
+from flatcloth.viewer.modes.session import Application
 
 PLACES = np.stack([np.zeros(40), np.linspace(0.02, HEIGHT_M - 0.02, 40)], axis=1)
 
@@ -56,6 +57,7 @@ class Both:
 
 @pytest.fixture
 def both(server: PageServer, integration: CylinderIntegration) -> Both:
+    assert isinstance(server.application, Application)
     integration.algorithm.joins_sides = True
     made = Both(integration)
     server.application.other.both = made

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from flatcloth.core.cache import Cache
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Float64
 from flatcloth.engine.both_sides import BothSides
@@ -21,7 +20,6 @@ from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.sheet import Sheet, label_of, lay_out, outline_loops
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.rendering import layers
-from flatcloth.rendering.layers import Appearance
 from flatcloth.session.garment import DecidedSeam, DecideSeam
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
@@ -30,7 +28,6 @@ from flatcloth.viewer.protocol.picture import OtherSheet, Picture
 from flatcloth.viewer.protocol.sent import Legend, Progress, typed
 from flatcloth.viewer.protocol.snapshot import layers_of
 from flatcloth.viewer.protocol.state import OtherSideInfo
-from flatcloth.viewer.routes.layers import PICTURES_KEPT, appearance_of
 from flatcloth.viewer.worker import Worker
 
 _log = logging.getLogger(__name__)
@@ -80,7 +77,6 @@ class OtherSideController:
         self._worker = Worker("flatcloth-other-side")
         self._stopped = threading.Event()
         self._asked: tuple[Hashable, ...] | None = None
-        self._pngs: Cache[bytes | None] = Cache(PICTURES_KEPT)
         self._revision = 0
         self._told_at_s = 0.0
         self.is_wanted = False
@@ -223,35 +219,15 @@ class OtherSideController:
         )
 
     def routes(self) -> list[BaseRoute]:
-        """Return the routes: layers of the other side, and the places of its seams."""
+        """Return the routes: the outlines of both sides, and the places of their seams."""
         return [
             Route("/other/{revision:int}/places.json", self._places),
-            Route("/other/{revision:int}/{name}.png", self._layer),
         ]
 
     async def _places(self, request: Request) -> Response:
         made = self.status.made
         known = made is not None and made.revision == request.path_params["revision"]
         return await http.made(lambda: places_of(made) if known and made is not None else None)
-
-    async def _layer(self, request: Request) -> Response:
-        try:
-            look = appearance_of(request.query_params)
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=400)
-        asked = request.path_params
-        return await http.made(lambda: self.png(asked["revision"], asked["name"], look))
-
-    def png(self, revision: int, name: str, look: Appearance = layers.PLAIN) -> bytes | None:
-        """Return a layer of the other side; None if it is outdated or unknown."""
-        made, key = self.status.made, (revision, name, look)
-        if key in self._pngs:
-            return self._pngs.kept(key)
-        if made is None or made.revision != revision or name not in layers.LAYERS:
-            return None
-        integration = self.both.integration
-        image = layers.rgba(made.view, name, integration.axis, len(integration.recording), look)
-        return self._pngs.put(key, layers.png(image))
 
 
 def seam_info(made: OtherSheet, seam: Seam) -> SeamInfo:

@@ -42,6 +42,7 @@ class LayerRoutes:
         """Return the routes of this object."""
         return [
             Route("/layers/{revision:int}/{name}.png", self._serve),
+            Route("/other/{other:int}/{name}.png", self._serve),
             Route("/overlay/{overlay:int}.png", self._serve),
             Route("/difference/{revision:int}-{overlay:int}/{difference}.png", self._serve),
             Route("/colormaps.json", _maps),
@@ -55,7 +56,21 @@ class LayerRoutes:
         asked = request.path_params
         name = asked.get("name") or request.query_params.get("layer", "color")
         revision, overlay, kind = asked.get("revision"), asked.get("overlay"), asked.get("difference")
+        if (other := asked.get("other")) is not None:
+            return await http.made(lambda: self.other_png(name, other, look))
         return await http.made(lambda: self.png(name, look, revision, overlay, kind))
+
+    def other_png(self, name: str, revision: int, look: Appearance = layers.PLAIN) -> bytes | None:
+        """Return a layer of the other side; None if it is outdated or unknown."""
+        key = "other", name, look, revision
+        if key in self._pngs:
+            return self._pngs.kept(key)
+        picture = self._picture()
+        other = None if picture is None else picture.other
+        if other is None or other.revision != revision or name not in layers.LAYERS:
+            return None
+        axis, n_views = self._integration.axis, len(self._integration.recording)
+        return self._pngs.put(key, layers.png(layers.rgba(other.view, name, axis, n_views, look)))
 
     def png(
         self,
