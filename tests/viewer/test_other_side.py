@@ -60,7 +60,7 @@ def both(server: PageServer, integration: CylinderIntegration) -> Both:
     assert isinstance(server.application, Application)
     integration.algorithm.joins_sides = True
     made = Both(integration)
-    server.application.other.both = made
+    server.application.other.both = made  # type: ignore[assignment]
     return made
 
 
