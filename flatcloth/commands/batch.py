@@ -29,6 +29,7 @@ EXAMPLES = """examples:
   flatcloth batch MultimodalClothes --turning 240 --out night --scheduler tls://host:8786
   flatcloth batch list.csv --out night                   a table: source, and options as columns
   flatcloth batch night --report                         night/report.html, one page, offline
+  flatcloth batch night --coco keypoints                 COCO keypoints, with the images
   flatcloth batch night --review                         the same page, with verdicts and sessions"""
 
 
@@ -49,6 +50,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("looking at the results")
     group.add_argument("--report", action="store_true", help="write DIR/report.html from the results in DIR")
     group.add_argument(
+        "--coco",
+        type=Path,
+        metavar="DATASET",
+        help="write the views and the named points of the results in DIR as COCO keypoints",
+    )
+    group.add_argument(
         "--review", action="store_true", help="serve that page: verdicts are kept, a click opens the session"
     )
     group.add_argument(
@@ -58,7 +65,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Run the batch, or make or serve its page."""
-    if options.report or options.review:
+    if options.report or options.review or options.coco:
         _look(options)
         return
     if options.out is None:
@@ -101,9 +108,17 @@ def _look(options: argparse.Namespace) -> None:
 
     if len(options.sources) != 1 or options.out is not None:
         raise FlatclothError(
-            "--report and --review take one folder, that of a batch: flatcloth batch DIR --report"
+            "--report, --review and --coco take one folder, that of a batch: flatcloth batch DIR --report"
         )
     out = Path(options.sources[0]).expanduser()
+    if options.coco:
+        from flatcloth.export.formats.coco import write_coco
+
+        results, images = write_coco(sorted(path for path in out.iterdir() if path.is_dir()), options.coco)
+        line = f"Written to {options.coco}: {images} images of {results} results."
+        report(options, {"folder": str(options.coco), "results": results, "images": images}, [line])
+    if not (options.report or options.review):
+        return
     page = write_report(out)
     report(options, {"page": str(page)}, [f"Page: {page}"])
     if options.review:

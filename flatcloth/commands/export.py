@@ -22,9 +22,12 @@ EXAMPLES = """examples:
   flatcloth export result --html shirt.html --report report.html
   flatcloth export result --data files
   flatcloth export result --figures figures --animation growth.gif
+  flatcloth export result --rerun result.rrd --mcap result.mcap
   flatcloth export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
 
-_OUTPUTS = ("data", "html", "report", "figures", "animation", "grasps", "outline", "garment")
+_OUTPUTS = ("data", "html", "report", "figures", "animation", "grasps", "outline", "garment", "rerun", "mcap")
+LIBRARIES = {"rerun": ("rerun", "rerun-sdk", "rerun"), "mcap": ("foxglove", "foxglove-sdk", "foxglove")}
+"""The module, the package and the extra that an output needs."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +55,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--garment", type=Path, metavar="FILE", help="write kind, dimensions and named points (garment.json)"
     )
+    parser.add_argument("--rerun", type=Path, metavar="FILE", help="write a recording for rerun (.rrd)")
+    parser.add_argument("--mcap", type=Path, metavar="FILE", help="write a recording for Foxglove (.mcap)")
     add_hand_eye(parser)
     parser.add_argument(
         "--rotation",
@@ -121,6 +126,10 @@ def _check(name: str, path: Path) -> None:
         from flatcloth.export import outline
 
         outline.check_suffix(path.suffix)
+    if name in LIBRARIES:
+        from flatcloth.export.formats.moments import check_library
+
+        check_library(*LIBRARIES[name])
     is_folder = name in ("data", "figures")
     try:
         check_replacing(path / "checked" if is_folder else path)
@@ -156,12 +165,22 @@ def _write(
         case "grasps":
             grasps = session.data(base_from_camera, rotation_deg).file("grasps.json") or b""
             write_text(path, grasps.decode())
+        case "rerun":
+            from flatcloth.export.formats.rerun import write_rrd
+
+            write_rrd(session, path)
+        case "mcap":
+            from flatcloth.export.formats.mcap import write_mcap
+
+            write_mcap(session, path)
         case "garment":
             write_text(path, _garment_text(session))
         case "outline":
+            from flatcloth.export.garment import upright_rad
             from flatcloth.export.outline import outline_text
 
-            write_text(path, outline_text(session.view, session.history.recording_name, path.suffix))
+            turn_rad, name = upright_rad(session.garment), session.history.recording_name
+            write_text(path, outline_text(session.view, name, path.suffix, turn_rad))
 
 
 def _garment_text(session: OpenedSession) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -141,6 +142,7 @@ def summary(known: KnownGarment) -> dict[str, Any]:
         "kind": None if found.kind == NONE else found.kind,
         "likeliest": found.fit.kind.name,
         "by_hand": found.by_hand is not None,
+        "upright_rad": _turn_rad(known),
         "probabilities": _sorted(found.probabilities),
         "dimensions": [
             {"name": name, "mm": 1e3 * d.value_m, "std_mm": 1e3 * d.std_m}
@@ -148,6 +150,17 @@ def summary(known: KnownGarment) -> dict[str, Any]:
         ],
         **drawn(found, known),
     }
+
+
+def upright_rad(known: KnownGarment | str) -> float:
+    """Return the turn of the plane (clockwise as seen) that makes a garment upright; 0 for an unknown one."""
+    if isinstance(known, str) or known.found.kind == NONE:
+        return 0.0
+    return _turn_rad(known)
+
+
+def _turn_rad(known: KnownGarment) -> float:
+    return math.remainder(known.found.upright_from_shape.theta_rad, 2 * math.pi)
 
 
 def drawn(found: Recognition, known: KnownGarment) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Bool, FlattenedView, Float64
+from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2
 
 FORMAT = "flatcloth-outline/1"
 MARGIN_MM = 10.0
@@ -140,15 +140,19 @@ class Drawing:
     pixel_size_mm: float
 
 
-def drawing(view: FlattenedView, name: str) -> Drawing:
-    """Return the outline of a view in mm.
+def drawing(view: FlattenedView, name: str, turn_rad: float = 0.0) -> Drawing:
+    """Return the outline of a view in mm, turned clockwise as seen by ``turn_rad``.
 
     Raises
     ------
     FlatclothError
         If there is no cloth.
     """
-    pieces = outline(view)
+    turn = Rigid2(theta_rad=turn_rad)
+    pieces = [
+        Piece(outer=turn.apply(piece.outer), holes=tuple(turn.apply(hole) for hole in piece.holes))
+        for piece in outline(view)
+    ]
     corner = 1e3 * np.min([p.outer.min(axis=0) for p in pieces], axis=0)
     far = 1e3 * np.max([p.outer.max(axis=0) for p in pieces], axis=0)
     return Drawing(
@@ -194,11 +198,16 @@ def _path(polygon: Float64) -> str:
     return "M" + "L".join(f"{a:.2f} {b:.2f}" for a, b in zip(x, y, strict=True)) + "Z"
 
 
+_LAYERS = {"OUTLINE": 7, "HOLES": 1}
+"""Layers of the DXF file, and their colours: black or white, and red. By definition of AutoCAD's colours."""
+
+
 def dxf(drawn: Drawing) -> str:
     """Return a DXF (R12, which every CAD program reads) with closed polylines, mm, y up."""
     pairs: list[tuple[int, object]] = [
         *((0, "SECTION"), (2, "HEADER"), (9, "$ACADVER"), (1, "AC1009")),
         *((9, "$INSUNITS"), (70, 4), (9, "$MEASUREMENT"), (70, 1), (0, "ENDSEC")),
+        *_layer_table(),
         *((0, "SECTION"), (2, "ENTITIES")),
     ]
     for outer, holes in drawn.pieces:
@@ -207,6 +216,16 @@ def dxf(drawn: Drawing) -> str:
             pairs += _polyline("HOLES", hole, drawn.size_mm[1])
     pairs += [(0, "ENDSEC"), (0, "EOF")]
     return "".join(f"{code}\n{value}\n" for code, value in pairs)
+
+
+def _layer_table() -> list[tuple[int, object]]:
+    """Return the table of layers, each with its colour and its line type, which has a table of its own."""
+    pairs: list[tuple[int, object]] = [(0, "SECTION"), (2, "TABLES"), (0, "TABLE"), (2, "LTYPE"), (70, 1)]
+    pairs += [(0, "LTYPE"), (2, "CONTINUOUS"), (70, 0), (3, "Solid line"), (72, 65), (73, 0), (40, "0.0")]
+    pairs += [(0, "ENDTAB"), (0, "TABLE"), (2, "LAYER"), (70, len(_LAYERS))]
+    for name, color in _LAYERS.items():
+        pairs += [(0, "LAYER"), (2, name), (70, 0), (62, color), (6, "CONTINUOUS")]
+    return [*pairs, (0, "ENDTAB"), (0, "ENDSEC")]
 
 
 def _polyline(layer: str, polygon: Float64, height_mm: float) -> list[tuple[int, object]]:
@@ -250,8 +269,10 @@ def check_suffix(suffix: str) -> None:
         )
 
 
-def outline_text(view: FlattenedView, name: str, suffix: str) -> str:
+def outline_text(view: FlattenedView, name: str, suffix: str, upright_rad: float = 0.0) -> str:
     """Return the outline as text in the format of a file suffix.
+
+    Drawings are turned upright; JSON, which programs read, stays on the flattened plane.
 
     Raises
     ------
@@ -259,4 +280,5 @@ def outline_text(view: FlattenedView, name: str, suffix: str) -> str:
         If the format is unknown, or there is no cloth.
     """
     check_suffix(suffix)
-    return WRITERS[suffix.lower()](drawing(view, name))
+    turn_rad = 0.0 if suffix.lower() == ".json" else upright_rad
+    return WRITERS[suffix.lower()](drawing(view, name, turn_rad))

@@ -37,7 +37,8 @@ async function pixelsOf(/** @type {Blob} */ png) {
  */
 export class Cloth {
   constructor(/** @type {OfflineHistory} */ history, /** @type {Parts} */ arrays) {
-    const { first, source, xyz, normal, z_angle, source_rc } = arrays.arrays;
+    const { first, source } = arrays.arrays;
+    const xyz = summed(arrays.arrays.xyz, 3);
     this.grid = history.grid;
     this.box = boxOf(history.grid);
     this.at = new Uint32Array(history.count);
@@ -48,9 +49,9 @@ export class Cloth {
     this.first = Float32Array.from(this.at, (i) => first[i]);
     this.source = Int16Array.from(this.at, (i) => source[i]);
     this.xyz = metres(xyz, history.bounds);
-    this.normals = Float32Array.from(normal, (x) => x / 127);
-    this.zAngles = z_angle;
-    this.sourceRc = source_rc;
+    this.normals = Float32Array.from(summed(arrays.arrays.normal, 3), (x) => x / 127);
+    this.zAngles = summed(arrays.arrays.z_angle, 1);
+    this.sourceRc = summed(arrays.arrays.source_rc, 2);
     this.views = history.steps.map((s) => s.view_index);
   }
 
@@ -104,12 +105,31 @@ export class Cloth {
 
 /** What each view saw of the whole item, thinned: [{xyz, rgb}] by step. */
 function aroundOf(/** @type {OfflineHistory} */ history, /** @type {Parts} */ arrays) {
-  const xyz = metres(arrays.arrays.around_xyz, history.bounds);
-  const rgb = Uint8Array.from(arrays.arrays.around_rgb);
+  const xyz = metres(summed(arrays.arrays.around_xyz, 3), history.bounds);
+  const rgb = Uint8Array.from(summed(arrays.arrays.around_rgb, 3));
   return history.around.map(({ start, count }) => ({
     xyz: xyz.subarray(3 * start, 3 * (start + count)),
     rgb: rgb.subarray(3 * start, 3 * (start + count)),
   }));
+}
+
+/**
+ * Restore rows of `channels` numbers from the differences between them, which come one channel after the other.
+ * @template {NumberArray} T
+ * @param {T} differences @param {number} channels
+ * @returns {T}
+ */
+export function summed(differences, channels) {
+  const count = differences.length / channels;
+  const out = differences.slice();
+  for (let channel = 0; channel < channels; channel++) {
+    let at = channel;
+    for (let n = 0; n < count; n++, at += channels) {
+      // An array of this type wraps around at its limits, as the differences did.
+      out[at] = differences[channel * count + n] + (n ? out[at - channels] : 0);
+    }
+  }
+  return /** @type {T} */ (out);
 }
 
 function metres(/** @type {Numbers} */ values, /** @type {{ low: Numbers; step: number }} */ { low, step }) {

@@ -78,6 +78,9 @@ export class Page {
     this.actions = actionTable(this);
     this.fixed();
     this.show();
+    // Upright, as the operator page shows a finished garment.
+    const turn = history.garment.found?.kind ? history.garment.found.upright_rad : 0;
+    if (turn) this.flat.turnTo((turn + 2 * Math.PI) % (2 * Math.PI), false);
   }
 
   button(/** @type {string} */ name) {

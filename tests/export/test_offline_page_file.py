@@ -120,6 +120,12 @@ def test_no_text_of_a_recording_or_an_operator_becomes_markup(parts: Parts, text
     assert len([1 for tag, _, _ in parts.found if tag == "script"]) == 4
 
 
+def restored(differences: np.ndarray, channels: int) -> np.ndarray:
+    """Return the rows (N, channels), as the page sums them up."""
+    columns = differences.reshape(channels, -1)
+    return np.cumsum(columns, axis=1, dtype=columns.dtype).T
+
+
 def test_the_cloth_comes_back_as_it_was(session: OpenedSession, history: dict, arrays: dict) -> None:
     growth = session.growth
     grid, view = history["grid"], growth.view
@@ -129,15 +135,17 @@ def test_the_cloth_comes_back_as_it_was(session: OpenedSession, history: dict, a
     np.testing.assert_array_equal(first, growth.first_step[window])
     assert (first >= 0).sum() == view.valid.sum() == history["count"]
     cloth = first >= 0
-    xyz = np.array(history["bounds"]["low"]) + history["bounds"]["step"] * arrays["xyz"].reshape(-1, 3)
+    xyz = np.array(history["bounds"]["low"]) + history["bounds"]["step"] * restored(arrays["xyz"], 3)
     np.testing.assert_allclose(xyz, view.xyz_m[window][cloth], atol=1e-5)
-    normal = arrays["normal"].reshape(-1, 3) / 127
+    normal = restored(arrays["normal"], 3) / 127
     np.testing.assert_allclose(normal, view.normal[window][cloth], atol=0.005)
-    np.testing.assert_allclose(arrays["z_angle"] / 10, view.z_angle_deg[window][cloth], atol=0.051)
-    rc = arrays["source_rc"].reshape(-1, 2) / 10
+    np.testing.assert_allclose(
+        restored(arrays["z_angle"], 1)[:, 0] / 10, view.z_angle_deg[window][cloth], atol=0.051
+    )
+    rc = restored(arrays["source_rc"], 2) / 10
     np.testing.assert_allclose(rc, view.source_rc[window][cloth], atol=0.051)
     np.testing.assert_allclose(grid["origin_uv_m"], view.uv_from_rc(np.array([row, col])))
-    around = arrays["around_xyz"].reshape(-1, 3)
+    around = restored(arrays["around_xyz"], 3)
     assert len(around) == sum(a["count"] for a in history["around"])
     assert arrays["around_rgb"].size == around.size
     image = np.asarray(Image.open(io.BytesIO(arrays["layer color"].tobytes())))

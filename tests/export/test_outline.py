@@ -7,6 +7,8 @@ import math
 import re
 from dataclasses import replace
 
+import ezdxf.filemanagement
+import ezdxf.units
 import numpy as np
 import pytest
 from hypothesis import given
@@ -123,6 +125,43 @@ def test_the_dxf_is_in_mm_and_not_mirrored():
     foot = x > 90.0
     assert y[foot].max() == pytest.approx(40.0, abs=1.3)  # y goes up: the foot is at the bottom
     assert [v for c, v in pairs if c == 0].count("SEQEND") == 1
+
+
+def test_a_cad_library_finds_closed_outlines_on_the_layers_of_the_table(tmp_path):
+    valid = disc(100)
+    valid[140:160, 140:160] = False
+    path = tmp_path / "disc.dxf"
+    path.write_text(outline_text(cloth(valid), "disc", ".dxf"))
+    document = ezdxf.filemanagement.readfile(path)
+    assert not document.audit().errors
+    assert document.units == ezdxf.units.MM
+    assert {"OUTLINE", "HOLES"} <= {layer.dxf.name for layer in document.layers}
+    drawn = drawing(cloth(valid), "disc")
+    (outer,), (hole,) = (
+        list(document.modelspace().query(f'*[layer=="{name}"]')) for name in ("OUTLINE", "HOLES")
+    )
+    assert outer.is_closed
+    assert hole.is_closed
+    found = np.array([vertex.dxf.location.vec2 for vertex in outer.vertices])
+    expected = drawn.pieces[0][0] * (1, -1) + (0, drawn.size_mm[1])
+    np.testing.assert_allclose(found, expected, atol=0.001)
+
+
+@pytest.mark.parametrize("suffix", [".svg", ".dxf"])
+def test_drawings_are_upright_and_their_lengths_stay(suffix):
+    valid = np.zeros((200, 300), bool)
+    valid[20:120, 30:280] = True  # lies on its side
+    turned = outline_text(cloth(valid), "shirt", suffix, upright_rad=np.pi / 2)
+    if suffix == ".svg":
+        path = re.search(r'<path d="M([^Z]+)Z"', turned)[1]
+        points = np.array([[float(x) for x in p.split()] for p in path.split("L")])
+    else:
+        lines = turned.splitlines()
+        pairs = list(zip(lines[::2], lines[1::2], strict=True))
+        points = np.array([[float(v) for c, v in pairs if c == code] for code in ("10", "20")]).T
+    np.testing.assert_allclose(np.ptp(points, axis=0), [200.0, 500.0], atol=0.02)
+    plane = outline_text(cloth(valid), "shirt", ".json", upright_rad=np.pi / 2)
+    assert plane == outline_text(cloth(valid), "shirt", ".json")
 
 
 def test_the_json_leads_back_to_the_plane():

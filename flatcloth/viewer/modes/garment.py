@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -260,7 +259,6 @@ def _found_garment(known: KnownGarment) -> FoundGarment:
     found = known.found
     values = {
         **summary(known),
-        "upright_rad": math.remainder(found.upright_from_shape.theta_rad, 2 * math.pi),
         "pieces": _pieces(known) if found.kind != NONE else [],
         "links": _links(known),
     }

@@ -55,9 +55,12 @@ def _figures(session: OpenedSession) -> bytes:
 
 def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
     def make(session: OpenedSession) -> bytes:
+        from flatcloth.export.garment import upright_rad
         from flatcloth.export.outline import outline_text
 
-        return outline_text(session.view, session.history.recording_name, suffix).encode()
+        return outline_text(
+            session.view, session.history.recording_name, suffix, upright_rad(session.garment)
+        ).encode()
 
     return make
 

@@ -1,0 +1,187 @@
+"""The named points of garments as COCO keypoints, with the images: one data set of many results.
+
+Each view of a recording is an image with one annotation; the keypoints are the named points of the result,
+projected by the recorded camera, axis and angle. Their names are those of the aRTF clothes data sets
+(docs/garments.md).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import read_plain
+from flatcloth.core.types import Bool, Float64, RgbdFrame, RotationAxis
+from flatcloth.export.data import GARMENT, GRASPS
+from flatcloth.export.files import write_text
+from flatcloth.export.formats.documents import GarmentDocument, GraspsDocument, PointEntry
+from flatcloth.export.formats.moments import jpeg
+from flatcloth.garments.kinds import known_kinds
+from flatcloth.grasping.visibility import Visibility, project, visibility_in
+from flatcloth.recordings import SourceOptions, open_recording
+from flatcloth.session.header import HEADER, read_header
+
+ANNOTATIONS = "annotations.json"
+NOT_LABELLED, HIDDEN, VISIBLE = 0, 1, 2
+"""Flags of a keypoint, by definition of the format."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Result:
+    """A result: its folder, its garment, and the turning axis of its points."""
+
+    folder: Path
+    garment: GarmentDocument
+    axis: RotationAxis
+
+
+def write_coco(folders: Iterable[Path], out: Path) -> tuple[int, int]:
+    """Write ``annotations.json`` and the images of results whose garment is known; return their counts.
+
+    Returns
+    -------
+    (int, int)
+        The number of results and of images in the data set.
+
+    Raises
+    ------
+    FlatclothError
+        If no result has a known garment, a recording cannot be opened, or a file cannot be written.
+    """
+    categories = [
+        {
+            "id": n,
+            "name": kind.name,
+            "supercategory": "garment",
+            "keypoints": list(kind.named(kind.mean[:, None])),
+            "skeleton": [],
+        }
+        for n, kind in enumerate(known_kinds(), start=1)
+    ]
+    by_kind = {category["name"]: category for category in categories}
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
+    results = [result for folder in folders if (result := _result(folder)) is not None]
+    for result in results:
+        for image, annotation in _views(result, by_kind[str(result.garment.kind)], out):
+            number = len(images) + 1
+            images.append({"id": number, **image})
+            annotations.append({"id": number, "image_id": number, **annotation})
+    if not images:
+        raise FlatclothError(f"{out}: no result has a known garment, so there are no keypoints to write.")
+    document = {
+        "info": {"description": "named points of garments, found by flatcloth", "version": "1"},
+        "licenses": [],
+        "images": images,
+        "annotations": annotations,
+        "categories": categories,
+    }
+    write_text(out / ANNOTATIONS, json.dumps(document) + "\n")
+    return len(results), len(images)
+
+
+def _result(folder: Path) -> _Result | None:
+    """Read a result; None if its garment is not known."""
+    if not (folder / GARMENT).exists() or not (folder / HEADER).exists():
+        return None
+    try:
+        garment = msgspec.json.decode(read_plain(folder / GARMENT), type=GarmentDocument)
+        grasps = msgspec.json.decode(read_plain(folder / GRASPS), type=GraspsDocument)
+    except OSError as error:
+        raise FlatclothError(f"{folder}: cannot be read ({error.strerror}); export it again.") from error
+    except msgspec.MsgspecError as error:
+        raise FlatclothError(f"{folder}: its files are damaged ({error}); export it again.") from error
+    if garment.kind not in {kind.name for kind in known_kinds()}:
+        return None
+    axis = grasps.rotation_axis
+    return _Result(
+        folder=folder,
+        garment=garment,
+        axis=RotationAxis(
+            point_m=np.array(axis.point_m, dtype=np.float64),
+            direction=np.array(axis.direction, dtype=np.float64),
+        ),
+    )
+
+
+def _views(
+    result: _Result, category: dict[str, Any], out: Path
+) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    header = read_header(result.folder)
+    options = SourceOptions.from_dict(header.recording.options, str(result.folder / HEADER)).again()
+    recording = open_recording(header.recording.location, options)
+    for index in range(len(recording)):
+        frame = recording[index]
+        name = f"images/{result.folder.name}/{index:04d}.jpg"
+        _write_image(out / name, frame)
+        image = {
+            "file_name": name,
+            "width": frame.intrinsics.width,
+            "height": frame.intrinsics.height,
+            "recording": header.recording.name,
+            "view_index": index,
+            "angle_deg": frame.angle_deg,
+        }
+        yield image, {"category_id": category["id"], "iscrowd": 0, **_annotation(result, category, frame)}
+
+
+def _annotation(result: _Result, category: dict[str, Any], frame: RgbdFrame) -> dict[str, Any]:
+    keypoints: list[float] = []
+    for name in category["keypoints"]:
+        keypoints += _keypoint(result.garment.points.get(name), result.axis, frame)
+    item = frame.mask if frame.mask is not None and frame.mask.any() else frame.depth_m > 0
+    box = _box(item)
+    return {
+        "keypoints": keypoints,
+        "num_keypoints": sum(flag > NOT_LABELLED for flag in keypoints[2::3]),
+        "bbox": box,
+        "area": float(item.sum()) if frame.mask is not None else box[2] * box[3],
+        "segmentation": [] if frame.mask is None else _polygons(item),
+    }
+
+
+def _keypoint(point: PointEntry | None, axis: RotationAxis, frame: RgbdFrame) -> list[float]:
+    """Return x, y and flag; x and y count pixels from the middle of the first one, as COCO's tools do."""
+    if point is None or point.xyz_m is None or point.normal is None:
+        return [0, 0, NOT_LABELLED]
+    place = project(_numbers(point.xyz_m), _numbers(point.normal), axis, frame.angle_deg, frame.intrinsics)
+    visibility = visibility_in(frame, place)
+    if visibility is Visibility.OUTSIDE:
+        return [0, 0, NOT_LABELLED]
+    flag = VISIBLE if visibility is Visibility.SEEN else HIDDEN
+    return [round(place.col, 2), round(place.row, 2), flag]
+
+
+def _numbers(values: tuple[float | None, ...]) -> Float64:
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def _box(item: Bool) -> list[float]:
+    rows, cols = np.nonzero(item)
+    if not len(rows):
+        return [0.0, 0.0, 0.0, 0.0]
+    left, top = float(cols.min()), float(rows.min())
+    return [left, top, float(cols.max()) + 1 - left, float(rows.max()) + 1 - top]
+
+
+def _polygons(item: Bool) -> list[list[float]]:
+    contours, _ = cv2.findContours(item.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    return [contour.ravel().astype(float).tolist() for contour in contours if len(contour) >= 3]
+
+
+def _write_image(path: Path, frame: RgbdFrame) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(jpeg(frame.color))
+    except OSError as error:
+        raise FlatclothError(
+            f"{path}: cannot be written ({error.strerror}); choose another folder."
+        ) from error
