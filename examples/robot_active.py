@@ -46,6 +46,10 @@ def look() -> dict:
 def run(server: str) -> dict:
     following = ask(f"{server}/robot/next")
     while not following["done"]:
+        if following["waiting"]:  # on the page, an operator decides about a view
+            time.sleep(0.5)
+            following = ask(f"{server}/robot/next")
+            continue
         print(f"to {following['angle_deg']:g} degrees: {following['why']}")
         turn_to(following["angle_deg"])
         answered = {"angle_deg": following["angle_deg"], "number": following["number"]}

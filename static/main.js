@@ -248,7 +248,7 @@ const PAGE_ACTIONS = {
 /** The modes whose keys come first, the uppermost first. */
 const modesNow = () => [
   ...(teaching.status.open ? ["teaching"] : []),
-  ...(page.state.capture ? ["capture"] : []),
+  ...(page.state.capture || page.state.active ? ["capture"] : []),
   page.isLive ? "live" : "session",
 ];
 

@@ -18,6 +18,13 @@ FIRST = Next(angle_deg=0.0, turn_deg=0.0, why="the first view, as the item hangs
 
 
 @dataclass(frozen=True, kw_only=True)
+class Waiting:
+    """Nothing is asked until an operator has decided."""
+
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class End:
     """The end of a loop: whether the goal is reached, and why it ends.
 

@@ -13,9 +13,10 @@ import threading
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from flatcloth.active.choosing import Next, choose_next
-from flatcloth.active.ending import FIRST, End, elsewhere, end_of
+from flatcloth.active.ending import FIRST, End, Waiting, elsewhere, end_of
 from flatcloth.active.goal import Budget, Goal, Knowledge, knowledge_of
 from flatcloth.active.incoming import SeenView, ViewError, check_view, doubled, find_angle
 from flatcloth.active.log import ActiveLog
@@ -97,7 +98,8 @@ class ActiveLoop:
         self._garments: GarmentService | None = None
         self._known: KnownGarment | str = "No view was taken yet."
         self.knowledge = Knowledge()
-        self.asked: Next | End = FIRST
+        self.asked: Next | Waiting | End = FIRST
+        self._expected_m2 = math.nan
         try:
             self._open()
         except BaseException:
@@ -125,6 +127,11 @@ class ActiveLoop:
     def integration(self) -> Integration | None:
         """What computes the shape; None before the first view."""
         return self._integration
+
+    @property
+    def session(self) -> SessionFolder | None:
+        """The session; None before the first view."""
+        return self._session
 
     @property
     def known(self) -> KnownGarment | str:
@@ -168,26 +175,14 @@ class ActiveLoop:
                 )
             view, found = self._checked_angle(view)
             told += found
-            before, asked = self.knowledge, self.asked
-            number = self._written(view)
-            refused = self._integrated(number)
-            if refused:
-                told.append(f"View {number} is not part of the shape yet: {refused}")
-            got = self._learnt(before)
-            self._log.add(
-                "view",
-                number=number,
-                angle_deg=round(view.angle_deg, 3),
-                told=told,
-                got=got,
-                joined=not refused,
-                new_m2=self.knowledge.area_m2 - before.area_m2,
-                expected_m2=finite(asked.new_m2 if isinstance(asked, Next) else math.nan),
-                knows=self.knowledge.about(self.goal),
-                elapsed_s=round(self.elapsed_s, 2),
-            )
-            self._choose()
-            return Taken(number=number, told=tuple(told), got=got)
+            self._expected_m2 = self.asked.new_m2 if isinstance(self.asked, Next) else math.nan
+            return self._after(self._written(view), told)
+
+    def steps(self) -> list[dict[str, Any]]:
+        """Return the views taken, each as its line of the log with the ``why`` of its question."""
+        why = {line["number"]: line["why"] for line in self._log.lines if line["event"] == "ask"}
+        views = (line for line in self._log.lines if line["event"] == "view")
+        return [{"why": why.get(line["number"], ""), **line} for line in views]
 
     def fail(self, text: str) -> None:
         """Note what is wrong with the source of the views; nothing is lost."""
@@ -317,8 +312,40 @@ class ActiveLoop:
             return number
         assert self._session is not None
         self._integration.views.grow()
-        self._session.grow(self._recording)
+        self._grow_session()
         return number
+
+    def _grow_session(self) -> None:
+        assert self._session is not None
+        assert self._recording is not None
+        self._session.grow(self._recording)
+
+    def _after(self, number: int, told: list[str]) -> Taken:
+        """Integrate a view that was written, and choose the next angle."""
+        refused = self._integrated(number)
+        if refused:
+            told.append(f"View {number} is not part of the shape yet: {refused}")
+        got = self._learn(number, told, joined=not refused)
+        return Taken(number=number, told=tuple(told), got=got)
+
+    def _learn(self, number: int, told: list[str], *, joined: bool) -> str:
+        """Learn from a view that was decided, choose the next angle, and return what was got."""
+        before = self.knowledge
+        got = self._learnt(before)
+        self._log.add(
+            "view",
+            number=number,
+            angle_deg=round(self.stands_deg, 3),
+            told=told,
+            got=got,
+            joined=joined,
+            new_m2=self.knowledge.area_m2 - before.area_m2,
+            expected_m2=finite(self._expected_m2),
+            knows=self.knowledge.about(self.goal),
+            elapsed_s=round(self.elapsed_s, 2),
+        )
+        self._choose()
+        return got
 
     def _integrated(self, number: int) -> str:
         """Add a view to the shape, and return the reason if it is not part of it."""
@@ -350,18 +377,20 @@ class ActiveLoop:
     # ---------------------------------------------------------------- the next angle, or the end
 
     def _choose(self) -> None:
-        self.asked = self._decided()
-        if isinstance(self.asked, End):
-            self._log.add("end", reached=self.asked.reached, reason=self.asked.reason)
-        else:
-            expected = {name: round(1e3 * std, 1) for name, std in self.asked.points_m.items()}
-            self._log.add(
-                "ask",
-                number=self.views,
-                angle_deg=self.asked.angle_deg,
-                why=self.asked.why,
-                expected={"new_cm2": finite(1e4 * self.asked.new_m2), "std_mm": expected},
-            )
+        asked = self.asked = self._decided()
+        if isinstance(asked, End):
+            self._log.add("end", reached=asked.reached, reason=asked.reason)
+            return
+        self._log.add(
+            "ask",
+            number=self.views,
+            angle_deg=asked.angle_deg,
+            why=asked.why,
+            expected={
+                "new_cm2": finite(1e4 * asked.new_m2),
+                "std_mm": {name: round(1e3 * std, 1) for name, std in asked.points_m.items()},
+            },
+        )
 
     def _decided(self) -> Next | End:
         goal, knowledge, document = self.goal, self.knowledge, self.document

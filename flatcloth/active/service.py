@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.active.choosing import Next
-from flatcloth.active.ending import End
+from flatcloth.active.ending import End, Waiting
 from flatcloth.active.incoming import SeenView, ViewError
-from flatcloth.active.loop import ActiveLoop
+from flatcloth.active.loop import ActiveLoop, Taken
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
 from flatcloth.export.data import GraspFrames, grasps_document
@@ -31,12 +31,19 @@ class ActiveService:
         Looks when an angle is announced; without it views are sent with their images.
     base_from_camera : Rigid3, optional
         The hand-eye transform: poses are then given in the robot's frame, too.
+    taking : callable, optional
+        Takes a view in place of the loop.
     """
 
     def __init__(
-        self, loop: ActiveLoop, eye: Eye | None = None, base_from_camera: Rigid3 | None = None
+        self,
+        loop: ActiveLoop,
+        eye: Eye | None = None,
+        base_from_camera: Rigid3 | None = None,
+        taking: Callable[[SeenView, int | None], Taken] | None = None,
     ) -> None:
         self.loop, self._eye, self._base_from_camera = loop, eye, base_from_camera
+        self._taking = taking or loop.take
 
     def next(self, rotation_deg: float | None = None) -> dict[str, Any]:
         """Return the next angle, or the end, and what is known; the keys are those of docs/robots.md.
@@ -55,7 +62,7 @@ class ActiveService:
         FlatclothError
             As :meth:`flatcloth.active.loop.ActiveLoop.take`.
         """
-        taken = self.loop.take(view, number)
+        taken = self._taking(view, number)
         about = {"number": taken.number, "told": list(taken.told), "got": taken.got}
         return {"taken": about, **self.next(rotation_deg)}
 
@@ -107,7 +114,9 @@ class ActiveService:
         return [{**grasp, "std_m": finite(loop.knowledge.point(grasp["name"]).std_m)} for grasp in grasps]
 
 
-def _asked(asked: Next | End, number: int) -> dict[str, Any]:
+def _asked(asked: Next | Waiting | End, number: int) -> dict[str, Any]:
+    if isinstance(asked, Waiting):
+        return {"done": False, "waiting": asked.reason}
     if isinstance(asked, End):
         return {
             "done": True,
@@ -117,6 +126,7 @@ def _asked(asked: Next | End, number: int) -> dict[str, Any]:
         }
     return {
         "done": False,
+        "waiting": None,
         "number": number,
         "angle_deg": asked.angle_deg,
         "turn_deg": asked.turn_deg,

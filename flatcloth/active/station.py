@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatcloth.active.ending import End
+from flatcloth.active.choosing import Next
 from flatcloth.active.incoming import SeenView
 from flatcloth.active.loop import ActiveLoop, Taken
 from flatcloth.synthesis.cell import Cell
@@ -32,6 +32,6 @@ def view_of_cell(cell: Cell, angle_deg: float, number: int, *, masks: bool = Tru
 def step(loop: ActiveLoop, cell: Cell, *, masks: bool = True) -> Taken | None:
     """Turn a cell to where a loop asks, and let the loop take the view; None at the end."""
     asked = loop.asked
-    if isinstance(asked, End):
+    if not isinstance(asked, Next):
         return None
     return loop.take(view_of_cell(cell, asked.angle_deg, loop.views, masks=masks), loop.views)

@@ -138,10 +138,10 @@ def listen(
 
 def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None:
     """Let a cell turn until the loop ends, and print each step."""
-    from flatcloth.active.ending import End
+    from flatcloth.active.choosing import Next
     from flatcloth.active.station import step
 
-    while not isinstance(asked := loop.asked, End):
+    while isinstance(asked := loop.asked, Next):
         bar.show(loop.views / max(1, loop.views + 1), f"view {loop.views} at {asked.angle_deg:g} degrees")
         say(f"View {loop.views}: turn by {asked.turn_deg:+.0f} to {asked.angle_deg:g} degrees.")
         say(f"  expected: {asked.why}")

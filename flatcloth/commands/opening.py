@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from flatcloth.commands.active import cell_of, goal_of
 from flatcloth.commands.common import integration_of, source_options_of
 from flatcloth.commands.export import hand_eye_of
 from flatcloth.commands.record import add_capture_options
@@ -42,6 +44,8 @@ class Opener:
         """Open a place; None if its session is ``current``, which is open already."""
         if chosen.kind == "camera":
             return opened_camera(self._options, chosen.source)
+        if chosen.kind == "cell":
+            return opened_cell(argparse.Namespace(**{**vars(self._options), "cell": "", "out": None}))
         options = argparse.Namespace(**vars(self._options))
         options.live = False
         if chosen.header is None:
@@ -145,6 +149,41 @@ def opened_camera(options: argparse.Namespace, serial: str) -> Opened:
         return Opened(integration, folder, controller=controller, close=stack.pop_all().close)
 
 
+def opened_cell(options: argparse.Namespace) -> Opened:
+    """Open a simulated cell with an active loop, for the page; its first view is taken.
+
+    Raises
+    ------
+    FlatclothError
+        If the mesh cannot be shown, or the folder cannot be written.
+    """
+    from flatcloth.active.station import view_of_cell
+    from flatcloth.engine.warmup import compile_beside
+    from flatcloth.session.header import state_folder
+    from flatcloth.viewer.modes.active import PageLoop, active_controller
+    from flatcloth.viewer.server.workspace import Opened
+
+    goal, budget = goal_of(options)
+    folder = options.out or state_folder() / "sessions" / f"cell-{datetime.now():%Y%m%d-%H%M%S}"
+    compile_beside()
+    cell = cell_of(options)
+    eye = functools.partial(view_of_cell, cell, masks=not options.no_masks)
+    with contextlib.ExitStack() as stack:
+        loop = PageLoop(folder, goal, budget, options.method, name=cell.name)
+        stack.callback(loop.close)
+        if not loop.views:
+            loop.take(eye(0.0, 0))
+        assert loop.integration is not None
+        assert loop.session is not None
+        return Opened(
+            loop.integration,
+            loop.session,
+            controller=active_controller(loop, eye, cell.name),
+            base_from_camera=hand_eye_of(options),
+            close=stack.pop_all().close,
+        )
+
+
 def page_options(options: argparse.Namespace) -> dict[str, Any]:
     """Return what the server of the page needs of the options of ``view``."""
     from flatcloth.viewer.places import Places
@@ -176,7 +215,8 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="DIR",
-        help="recording folder that a guided capture writes (default: a new one here, named after the time)",
+        help="recording folder that a guided capture writes (default: a new one here, named after the time); "
+        "with --cell: session folder",
     )
     add_capture_options(group)
 
@@ -189,6 +229,9 @@ def serve_camera(options: argparse.Namespace) -> bool:
     FlatclothError
         If options contradict each other, or the camera cannot be opened.
     """
+    if options.cell is not None:
+        _serve_cell(options)
+        return True
     if options.camera is None:
         given = [n for n in ("out", "frames", "align", "resume") if getattr(options, n) not in (None, False)]
         if given:
@@ -203,6 +246,19 @@ def serve_camera(options: argparse.Namespace) -> bool:
         raise FlatclothError("--live plays a recording, and --camera shows a camera; give only one of them.")
     _serve(options)
     return True
+
+
+def _serve_cell(options: argparse.Namespace) -> None:
+    from flatcloth.viewer import serve
+
+    for name in ("source", "camera", "live", "session"):
+        if getattr(options, name) not in (None, False):
+            raise FlatclothError(f"--cell shows a simulated cell; it does not go with --{name}.")
+    opened = opened_cell(options)
+    try:
+        serve(opened=opened, **page_options(options))
+    finally:
+        opened.close()
 
 
 def _serve(options: argparse.Namespace) -> None:

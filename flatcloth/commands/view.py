@@ -6,6 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
+from flatcloth.commands.active import add_cell, add_goal
 from flatcloth.commands.common import add_method, add_source
 from flatcloth.commands.export import add_hand_eye
 from flatcloth.commands.opening import add_camera, opened_recording, page_options, serve_camera
@@ -71,6 +72,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="with --live: initial frames per second (default: 30)",
     )
     add_camera(parser)
+    add_goal(parser.add_argument_group("active loop (with --cell)"))
+    add_cell(parser)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -14,6 +14,7 @@ from flatcloth.session.machine import (
     UNSURE,
     Accept,
     Command,
+    Document,
     Event,
     Failed,
     Keeper,
@@ -160,13 +161,8 @@ class Run:
         return rejected.get(view_index, why)
 
     def _start_anew(self, progress: Progress) -> None:
-        """Begin again with the best start view, if it alone shows more than the shape so far."""
-        document = self.state.document
-        best = self.integration.algorithm.start_view(progress)
-        if best is None or document.start_view in (None, best):
-            return
-        shown_m2 = self.integration.views.observed_areas_m2(progress)[best]
-        if shown_m2 > self.integration.canonical(document).view.area_m2:
+        best = better_start(self.integration, self.state.document, progress)
+        if best is not None:
             self._ask(Restart(best), progress)
             self.finish(progress)
 
@@ -202,6 +198,20 @@ class Run:
             progress(share, text)
 
         self._do(self.integration.answer(self.state.document, request, of_turn))
+
+
+def better_start(
+    integration: Integration, document: Document, progress: Progress = no_progress
+) -> int | None:
+    """Return the start view to begin again with, because it alone shows more than the shape so far.
+
+    None if the shape shows more, or has not begun.
+    """
+    best = integration.algorithm.start_view(progress)
+    if best is None or document.start_view in (None, best):
+        return None
+    shown_m2 = integration.views.observed_areas_m2(progress)[best]
+    return best if shown_m2 > integration.canonical(document).view.area_m2 else None
 
 
 def _share_done(integration: Integration, state: SessionState) -> float:

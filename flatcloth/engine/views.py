@@ -38,6 +38,7 @@ from flatcloth.flattening.surface import (
 )
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import MAX_VIEWS
+from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.registration.axis import axis_agreement, resolve_axis
 from flatcloth.segmentation.solver import SideSolver
 
@@ -131,7 +132,7 @@ class RecordedViews:
             notes.append(
                 "This recording has no masks: both sides of the cloth, and its holder, may be in the shape."
             )
-        if len(self.recording) == 1:
+        if len(self.recording) == 1 and not isinstance(self.recording, GrowingRecording):
             notes.append(
                 "This recording has one view: it is flattened and can be picked, but no view can be added."
             )

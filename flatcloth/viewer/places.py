@@ -24,7 +24,7 @@ MOST_ENTRIES = 500
 FILES = (".bag", ".db3", ".mcap")
 """Recordings that are one file."""
 
-Kind = Literal["example", "session", "folder", "camera"]
+Kind = Literal["example", "session", "folder", "camera", "cell"]
 
 
 class PlaceError(FlatclothError):
@@ -105,6 +105,8 @@ class Places:
             # A serial number; anything else is a file that is played in place of a camera.
             is_serial = name == "" or (name.isascii() and name.isalnum())
             return Chosen("camera", name if is_serial else str(self._below(name)))
+        if kind == "cell":
+            return Chosen("cell")
         if kind == "example":
             source = sample_recordings().get(name)
             if source is None:

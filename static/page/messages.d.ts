@@ -380,6 +380,7 @@ export interface PageState {
   other: OtherSideInfo | null;
   live: LiveInfo | null;
   capture: CaptureStatus | null;
+  active: ActiveStatus | null;
 }
 
 /** The recording that is open. */
@@ -811,6 +812,35 @@ export interface CapturedView {
   frames: number;
   noise_mm: number;
   warnings: string[];
+}
+
+/** The state of an active loop; ``angle_deg`` is the next one, None at the ``end`` or while it waits. */
+export interface ActiveStatus {
+  source: string;
+  goal: string;
+  budget: string;
+  folder: string;
+  views: number;
+  stands_deg: number;
+  knows: string;
+  angle_deg: number | null;
+  turn_deg: number | null;
+  why: string;
+  new_cm2: number | null;
+  end: string | null;
+  reached: boolean;
+  waiting: string;
+  turning: boolean;
+  turns_itself: boolean;
+  steps: ActiveStep[];
+}
+
+/** A view that an active loop took: what was expected of it, and what it brought. */
+export interface ActiveStep {
+  number: number;
+  angle_deg: number;
+  expected: string;
+  got: string;
 }
 
 /** The values under the pointer, of the shape and of the proposal, and the place in a source image. */

@@ -31,6 +31,7 @@ declare global {
   type ListedPick = M.ListedPick;
   type GarmentPoint = M.GarmentPointInfo;
   type FoundGarment = M.FoundGarment;
+  type ActiveStatus = M.ActiveStatus;
   type CaptureStatus = M.CaptureStatus;
   type Piece = M.FloatingPiece;
   type Note = M.Note;

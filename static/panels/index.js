@@ -2,6 +2,7 @@
 
 import { BothSides } from "/static/both/panel.js";
 import { GarmentPanel } from "/static/garment/panel.js";
+import { ActivePanel } from "/static/active/panel.js";
 import { CapturePanel } from "/static/panels/capture.js";
 import { Diagnostics } from "/static/panels/diagnostics.js";
 import { PicksPanel } from "/static/panels/picks.js";
@@ -14,6 +15,7 @@ import { SourcePanel } from "/static/panels/sources.js";
 
 /** Each is made with the page (page/page.js: Page) and may have what its typedef Panel names. */
 export const PANELS = [
+  ActivePanel,
   CapturePanel,
   ProposalPanel,
   PiecesPanel,

@@ -97,6 +97,15 @@ function showPlaces(/** @type {Places} */ { examples, sessions, root, current })
   back.hidden = current === null;
   back.textContent = `Back to ${current}`;
   byId("examples").replaceChildren(...examples.map(({ name }) => card("example", name, name, aboutExample(name))));
+  byId("examples").append(
+    make(
+      "button.card",
+      { id: "open-cell", data: { kind: "cell" }, click: () => open("cell", "", "the simulated robot cell") },
+      make("img", { src: "/static/start/cell.svg", alt: "", width: 72, height: 92 }),
+      make("strong", "robot cell"),
+      make("span", "simulated: a T-shirt on a turntable, turned to where it helps"),
+    ),
+  );
   byId("recent").replaceChildren(
     ...(sessions.length
       ? sessions.map((s) =>

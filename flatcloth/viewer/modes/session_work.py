@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import RotationAxis
@@ -32,6 +33,10 @@ from flatcloth.viewer.worker import Worker
 _log = logging.getLogger(__name__)
 
 
+T = TypeVar("T")
+
+ANSWER_S = 60.0
+"""Longest time that a program waits for a computation. Chosen: a view takes a few seconds."""
 PROGRESS_INTERVAL_S = 0.05
 """Interval between messages of progress. Chosen."""
 
@@ -90,6 +95,10 @@ class SessionWork:
     def later(self, job: Callable[[], None]) -> None:
         """Add another job; it runs after the waiting ones."""
         self._worker.put(job)
+
+    def result_of(self, job: Callable[[], T]) -> T:
+        """Run a job after the waiting ones, and return its result; from any thread but the page's own."""
+        return self._worker.result_of(job, ANSWER_S)
 
     def stop(self) -> None:
         """End the thread after the current job."""

@@ -107,3 +107,34 @@ def _builtin(value: Any) -> Any:
 
 
 _ENCODER = msgspec.json.Encoder(enc_hook=_builtin)
+
+
+class ActiveStep(Sent, frozen=True):
+    """A view that an active loop took: what was expected of it, and what it brought."""
+
+    number: int
+    angle_deg: float
+    expected: str
+    got: str
+
+
+class ActiveStatus(Sent, frozen=True):
+    """The state of an active loop; ``angle_deg`` is the next one, None at the ``end`` or while it waits."""
+
+    source: str
+    goal: str
+    budget: str
+    folder: str
+    views: int
+    stands_deg: float
+    knows: str
+    angle_deg: float | None
+    turn_deg: float | None
+    why: str
+    new_cm2: float | None
+    end: str | None
+    reached: bool
+    waiting: str
+    turning: bool
+    turns_itself: bool
+    steps: tuple[ActiveStep, ...]

@@ -12,6 +12,7 @@ from flatcloth.viewer.protocol.sent import (
     RC,
     UV,
     XYZ,
+    ActiveStatus,
     Direction,
     Grid,
     Legend,
@@ -391,3 +392,4 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     other: OtherSideInfo | None = None
     live: LiveInfo | None = None
     capture: CaptureStatus | None = None
+    active: ActiveStatus | None = None

@@ -10,7 +10,7 @@ from pathlib import Path
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
-from starlette.routing import Route, Router, WebSocketRoute
+from starlette.routing import BaseRoute, Route, Router, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError
@@ -18,6 +18,7 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.http import rotation_of
+from flatcloth.viewer.modes.active import ActiveApplication
 from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
@@ -27,6 +28,7 @@ from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import HoverAnswer, RayAnswer
 from flatcloth.viewer.protocol.sent import encoded
+from flatcloth.viewer.routes.active import active_routes
 from flatcloth.viewer.routes.capture import capture_routes
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import LayerRoutes
@@ -101,6 +103,9 @@ class Workspace:
         self._teaching = TeachingRoutes(integration, lambda: self.application.garments.last)
         self._exports = ExportRoutes(integration, folder, self.application.garments)
         capture = capture_routes(self.application) if isinstance(self.application, CaptureApplication) else ()
+        active: list[BaseRoute] = []
+        if isinstance(self.application, ActiveApplication):
+            active = active_routes(self.application.service(opened.base_from_camera))
         robot = RobotAnswers(self.application, integration, opened.base_from_camera)
         self.router = Router(
             [
@@ -111,6 +116,7 @@ class Workspace:
                 Route("/teaching/{part}", self._teaching.serve),
                 *self.application.routes(),
                 *capture,
+                *active,
                 *robot_routes(robot),
                 WebSocketRoute("/robot/rosbridge", RosBridge(robot).serve),
                 WebSocketRoute("/ws", self._messages),
@@ -131,7 +137,7 @@ class Workspace:
     @property
     def has_camera(self) -> bool:
         """Whether it shows a camera."""
-        return self._opened.controller is not None
+        return isinstance(self.application, CaptureApplication)
 
     def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Start the threads, and serve on this event loop."""

@@ -1,0 +1,271 @@
+"""The page of an active loop: a session whose recording grows, with proposals and verdicts, or Auto.
+
+The loop asks for angles; a simulated cell turns there at a click, or by itself with Auto. A robot may turn,
+too (``/robot/next``, ``/robot/view``). A view is taken on the thread of the computations; its proposal is
+decided as any other; then the loop learns from it and chooses the next angle.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Callable
+
+from msgspec import structs
+
+from flatcloth.active.choosing import Next
+from flatcloth.active.ending import End, Waiting
+from flatcloth.active.incoming import SeenView
+from flatcloth.active.loop import ActiveLoop, Taken
+from flatcloth.active.service import ActiveService, Eye
+from flatcloth.core.errors import FlatclothError, IllegalDecisionError
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import finite
+from flatcloth.engine.garment.recognition import GarmentService
+from flatcloth.engine.headless import better_start
+from flatcloth.session.document import UNSURE
+from flatcloth.session.machine import Phase, Propose, Reject, Restart, Start
+from flatcloth.viewer.modes.controller import ClientSink, SceneView
+from flatcloth.viewer.modes.session import Application
+from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
+from flatcloth.viewer.protocol.state import ActionRow, PageState
+
+_log = logging.getLogger(__name__)
+
+STEPS_SHOWN = 6
+"""Steps of the loop that the page shows. Chosen: what fits into the panel."""
+
+
+class PageLoop(ActiveLoop):
+    """A loop whose views are decided on the page, once it has one."""
+
+    page: ActiveApplication | None = None
+
+    def _grow_session(self) -> None:
+        if self.page is None:
+            super()._grow_session()
+        else:
+            self.page.answered(super()._grow_session)
+
+    def _after(self, number: int, told: list[str]) -> Taken:
+        if self.page is None:
+            return super()._after(number, told)
+        self.asked = Waiting(reason=f"View {number} is being placed; its proposal is decided on the page.")
+        self.page.propose_view(number)
+        return Taken(number=number, told=tuple(told), got="")
+
+    def settled(self, number: int) -> None:
+        """Learn from a view that was decided, and choose the next angle."""
+        with self._lock:
+            used = number in self.document.used_views
+            told = [] if used else [f"View {number} is not part of the shape."]
+            self._learn(number, told, joined=used)
+
+    def share(self, garments: GarmentService) -> None:
+        """Recognise the garment together with the page."""
+        self._garments = garments
+
+
+class ActiveApplication(Application):
+    """The page of an active loop; see :class:`flatcloth.viewer.modes.session.Application`.
+
+    Parameters
+    ----------
+    loop : PageLoop
+        With at least one view.
+    eye : callable, optional
+        Turns a cell to an angle and looks; without it a robot sends the views.
+    source : str
+        What turns the item, for the page.
+    """
+
+    def __init__(
+        self, loop: PageLoop, scene_view: SceneView, sink: ClientSink, eye: Eye | None, source: str
+    ) -> None:
+        assert loop.integration is not None
+        assert loop.session is not None
+        super().__init__(loop.integration, loop.session, scene_view, sink)
+        self.loop, self._eye, self._source = loop, eye, source
+        self._undecided: int | None = None
+        self._is_learning = self._is_turning = False
+        self._restarted_with: int | None = None
+        loop.share(self.garments)
+        loop.page = self
+
+    def service(self, base_from_camera: Rigid3 | None) -> ActiveService:
+        """Return the loop for a robot."""
+        return ActiveService(self.loop, self._eye, base_from_camera, self.take_view)
+
+    def take_view(self, view: SeenView, answers: int | None = None) -> Taken:
+        """Take a view that a robot sends; it is decided on the page."""
+        taken: Taken = self._work.result_of(lambda: self.loop.take(view, answers))
+        return taken
+
+    # --- the application thread --------------------------------------------------------------
+
+    def _take(self, client: int, message: messages.Message) -> None:
+        match message:
+            case messages.Capture(action="turned"):
+                self._turn()
+            case _:
+                super()._take(client, message)
+
+    def _turn(self) -> None:
+        """Let the cell turn to where the loop asks, and look."""
+        asked = self.loop.asked
+        if self._eye is None:
+            raise IllegalDecisionError("A robot turns the item here; it announces the angle.")
+        if self._is_turning or isinstance(asked, Waiting):
+            raise IllegalDecisionError("A view is being taken; decide about its proposal first.")
+        if isinstance(asked, End):
+            raise IllegalDecisionError(f"The loop has ended. {asked.reason}")
+        self._is_turning = True
+        self._work.later(functools.partial(self._look, self._eye, asked))
+        self._publish()
+
+    def propose_view(self, number: int) -> None:
+        """Propose a view that was taken; called on the thread of the computations."""
+
+        def propose() -> None:
+            self._undecided = number
+            started = self._state.document.start_view is not None
+            self._do(Propose(number) if started else Start())
+
+        self._put(None, propose)
+
+    def _settle(self) -> None:
+        super()._settle()
+        number = self._undecided
+        if number is None or self._is_learning or self._state.phase in (Phase.COMPUTING, Phase.DECIDING):
+            return
+        self._is_learning = True
+        self._work.later(functools.partial(self._learn, number))
+
+    def _auto_step(self) -> None:
+        """Also let the cell turn, and put off what is not sure, as a run without an operator does."""
+        pending = self._state.document.pending
+        if self._state.phase is Phase.FINISHED or (pending is None and self._undecided is not None):
+            if self._page_status.auto and self._undecided is None and not self._is_turning:
+                if isinstance(self.loop.asked, Next) and self._eye is not None:
+                    self._turn()
+                elif isinstance(self.loop.asked, End):
+                    self._end_auto("info", self.loop.asked.reason)
+            return
+        low = pending is not None and not pending.score >= self._page_settings.now.auto_threshold
+        if self._page_status.auto and pending is not None and low and self._is_up_to_date:
+            self._do(Reject(pending.view_index, UNSURE))
+            return
+        super()._auto_step()
+
+    @property
+    def _is_up_to_date(self) -> bool:
+        return self._picture is not None and self._picture.document is self._state.document
+
+    def _page_state(self) -> PageState:
+        state = super()._page_state()
+        return structs.replace(
+            state, active=self.status(), actions=tuple(self._allowed(action) for action in state.actions)
+        )
+
+    def _allowed(self, action: ActionRow) -> ActionRow:
+        """Return an action with the reason why it is not allowed now, for those that the loop changes."""
+        asks = isinstance(self.loop.asked, Next) and self._eye is not None
+        if action.name == "auto" and asks:
+            return structs.replace(action, why_not=None)
+        if action.name == "capture_turned":
+            return structs.replace(action, why_not=None if asks else "No turn is asked of the cell now.")
+        return action
+
+    def status(self) -> ActiveStatus:
+        """Return the state of the loop for the page."""
+        loop, asked = self.loop, self.loop.asked
+        following = asked if isinstance(asked, Next) else None
+        return ActiveStatus(
+            source=self._source,
+            goal=str(loop.goal),
+            budget=str(loop.budget),
+            folder=str(loop.folder),
+            views=loop.views,
+            stands_deg=loop.stands_deg,
+            knows=loop.knowledge.about(loop.goal),
+            angle_deg=None if following is None else following.angle_deg,
+            turn_deg=None if following is None else following.turn_deg,
+            why="" if following is None else following.why,
+            new_cm2=None if following is None else finite(1e4 * following.new_m2),
+            end=asked.reason if isinstance(asked, End) else None,
+            reached=isinstance(asked, End) and asked.reached,
+            waiting=asked.reason if isinstance(asked, Waiting) else "",
+            turning=self._is_turning,
+            turns_itself=self._eye is not None,
+            steps=tuple(
+                ActiveStep(
+                    number=line["number"], angle_deg=line["angle_deg"], expected=line["why"], got=line["got"]
+                )
+                for line in loop.steps()[-STEPS_SHOWN:]
+            ),
+        )
+
+    # --- the thread of the computations ---------------------------------------------------------
+
+    def _look(self, eye: Eye, asked: Next) -> None:
+        trouble = ""
+        try:
+            taken = self.loop.take(eye(asked.angle_deg, self.loop.views), self.loop.views)
+            trouble = " ".join(taken.told)
+        except FlatclothError as error:
+            trouble = str(error)
+            self.loop.fail(trouble)
+        finally:
+            self._put(None, functools.partial(self._turned, trouble))
+
+    def _turned(self, trouble: str) -> None:
+        self._is_turning = False
+        if trouble:
+            self._tell(None, "warning", trouble)
+        self._publish()
+
+    def _learn(self, number: int) -> None:
+        """Begin again with a view that alone shows more than the shape, or learn from the view."""
+        better = None
+        try:
+            better = self._better_start()
+            if better is None:
+                self.loop.settled(number)
+        except FlatclothError as error:
+            self._put(None, functools.partial(self._tell, None, "warning", str(error)))
+        finally:
+            self._put(None, functools.partial(self._learnt, better))
+
+    def _better_start(self) -> int | None:
+        """Return the start view that Auto begins again with, once each."""
+        better = None
+        if self._page_status.auto:
+            better = better_start(self._integration, self._state.document)
+        return None if better == self._restarted_with else better
+
+    def _learnt(self, better: int | None) -> None:
+        self._is_learning = False
+        if better is not None:
+            self._restarted_with = better
+            self._do(Restart(better))
+            return
+        self._undecided = None
+        if isinstance(self.loop.asked, End):
+            self._tell(None, "info", self.loop.asked.reason)
+            self._work.later(self._write)
+        self._settle()
+
+    def _write(self) -> None:
+        """Write the result to the folder when the loop has ended."""
+        try:
+            self.answered(self.loop.write)
+        except FlatclothError as error:
+            self._put(None, functools.partial(self._tell, None, "error", str(error)))
+
+
+def active_controller(
+    loop: PageLoop, eye: Eye | None, source: str
+) -> Callable[[SceneView, ClientSink], ActiveApplication]:
+    """Return the factory of the page of a loop, for :func:`flatcloth.viewer.server.app.serve`."""
+    return lambda scene_view, sink: ActiveApplication(loop, scene_view, sink, eye, source)

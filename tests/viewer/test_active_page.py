@@ -1,0 +1,94 @@
+"""The page of an active loop: the cell turns at a click or by Auto; proposals are decided; a robot turns."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import pytest
+from cells import SHAPE, sheet_cell
+from page_tabs import Tab, get, post
+
+from flatcloth.active.goal import Budget
+from flatcloth.active.station import view_of_cell
+from flatcloth.recordings import open_recording
+from flatcloth.viewer import PageServer
+from flatcloth.viewer.modes.active import PageLoop, active_controller
+from flatcloth.viewer.server.workspace import Opened
+
+
+@pytest.fixture
+def served(tmp_path: Path):
+    cell = sheet_cell(tmp_path / "cell")
+    eye = functools.partial(view_of_cell, cell)
+    loop = PageLoop(tmp_path / "out", SHAPE, Budget(views=5.0))
+    loop.take(eye(0.0, 0))
+    controller = active_controller(loop, eye, cell.name)
+    opened = Opened(loop.integration, loop.session, controller=controller, close=loop.close)
+    with PageServer(opened=opened, port=0) as server:
+        yield server
+
+
+def asking(state: dict) -> bool:
+    return state["active"]["angle_deg"] is not None and not state["active"]["turning"]
+
+
+def action(state: dict, name: str) -> str | None:
+    return next(row["why_not"] for row in state["actions"] if row["name"] == name)
+
+
+def test_a_click_turns_the_cell_and_the_view_is_a_proposal_as_any_other(
+    served: PageServer, tmp_path: Path
+) -> None:
+    with Tab(served) as tab:
+        state = tab.state_where(asking)
+        asked = state["active"]["angle_deg"]
+        assert action(state, "capture_turned") is None
+        tab.say(type="capture", action="turned")
+        state = tab.state_where(lambda s: s["pending"] and s["layers"]["overlay"])
+        assert state["pending"]["view_index"] == 1
+        assert state["active"]["waiting"]
+        assert action(state, "capture_turned") is not None
+        assert open_recording(tmp_path / "out" / "recording").angles_deg == (0.0, asked)
+        tab.say(type="do", action="accept", view_index=1)
+        state = tab.state_where(lambda s: asking(s) and s["active"]["views"] == 2)
+        assert [view["state"] for view in state["views"]] == ["start", "accepted"]
+        assert state["active"]["angle_deg"] not in (0.0, asked)
+        assert state["active"]["steps"][-1]["got"].endswith("cm2 new")
+
+
+def test_a_view_that_is_rejected_is_left_and_the_next_angle_is_asked(served: PageServer) -> None:
+    with Tab(served) as tab:
+        tab.state_where(asking)
+        tab.say(type="capture", action="turned")
+        tab.state_where(lambda s: s["pending"] and s["layers"]["overlay"])
+        tab.say(type="do", action="reject", view_index=1)
+        state = tab.state_where(lambda s: asking(s) and s["active"]["views"] == 2)
+        assert [view["state"] for view in state["views"]] == ["start", "rejected"]
+
+
+def test_auto_turns_until_the_loop_ends_and_its_files_are_written(served: PageServer, tmp_path: Path) -> None:
+    with Tab(served) as tab:
+        state = tab.state_where(asking)
+        assert action(state, "auto") is None
+        tab.say(type="auto", running=True)
+        state = tab.state_where(lambda s: s["active"]["end"] and not s["auto"]["running"])
+        assert "budget of 5 views" in state["active"]["end"]
+        assert state["step"] >= 4
+    assert get(served, "/robot/next").json()["done"]
+    assert (tmp_path / "out" / "grasps.json").exists()
+
+
+def test_a_robot_announces_to_the_page_and_waits_for_the_operator(served: PageServer) -> None:
+    with Tab(served) as tab:
+        tab.state_where(asking)
+        asked = get(served, "/robot/next").json()
+        answer = post(served, "/robot/view", json={"angle_deg": asked["angle_deg"], "number": 1}).json()
+        assert answer["taken"]["number"] == 1
+        assert "its proposal is decided on the page" in answer["waiting"]
+        tab.state_where(lambda s: s["pending"] and s["layers"]["overlay"])
+        tab.say(type="do", action="accept", view_index=1)
+        tab.state_where(lambda s: asking(s) and s["active"]["views"] == 2)
+        following = get(served, "/robot/next").json()
+        assert following["waiting"] is None
+        assert following["number"] == 2
