@@ -33,7 +33,7 @@ PRETTIER := --print-width 118 --object-wrap collapse
 .NOTPARALLEL:
 
 # The first time the page says that it waits for the compiler.
-demo: $(VENV)/.demo $(VENV)/.libegl
+demo: $(VENV)/.demo
 	$(BIN)/flatcloth view shirt-sleeve-clean
 
 test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm

@@ -31,7 +31,7 @@ def load_open3d() -> Any:
     except (ImportError, OSError) as error:
         raise SynthesisError(
             f"Rendering needs Open3D, which cannot be loaded ({error}). "
-            "Run: pip install open3d libusb-package, and install the system library named here."
+            "Run: pip install 'flatcloth[synthesis]', and install the system library named here."
         ) from error
     return open3d
 
