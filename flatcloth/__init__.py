@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from flatcloth.api.integrating import integrate as integrate
     from flatcloth.api.integrating import open_session as open_session
     from flatcloth.api.shape import Shape as Shape
+    from flatcloth.checking.check import check_recording as check_recording
+    from flatcloth.checking.findings import Check as Check
+    from flatcloth.checking.findings import Finding as Finding
     from flatcloth.core.config import Config as Config
     from flatcloth.core.errors import CancelledError as CancelledError
     from flatcloth.core.errors import FlatclothError as FlatclothError
@@ -42,12 +45,16 @@ if TYPE_CHECKING:
     from flatcloth.recordings import open_recording as open_recording
     from flatcloth.recordings.arrays import recording_from_arrays as recording_from_arrays
     from flatcloth.recordings.copying import copy_recording as copy_recording
+    from flatcloth.recordings.mending import Mends as Mends
+    from flatcloth.recordings.mending import mended as mended
 
 __version__ = "0.1.0"
 
 _HOMES = {
     "flatcloth.api.integrating": ("flatten", "integrate", "open_session"),
     "flatcloth.api.shape": ("Shape",),
+    "flatcloth.checking.check": ("check_recording",),
+    "flatcloth.checking.findings": ("Check", "Finding"),
     "flatcloth.core.config": ("Config",),
     "flatcloth.core.errors": ("CancelledError", "FlatclothError", "GarmentError", "RecordingError"),
     "flatcloth.core.geometry": ("Rigid3",),
@@ -63,6 +70,7 @@ _HOMES = {
     "flatcloth.recordings": ("Recording", "SourceOptions", "open_recording"),
     "flatcloth.recordings.arrays": ("recording_from_arrays",),
     "flatcloth.recordings.copying": ("copy_recording",),
+    "flatcloth.recordings.mending": ("Mends", "mended"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

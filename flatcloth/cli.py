@@ -19,6 +19,7 @@ from flatcloth import __version__
 from flatcloth.commands import (
     active,
     batch,
+    check,
     evaluate,
     export,
     import_,
@@ -36,7 +37,20 @@ from flatcloth.core.signals import handled_by
 
 COMMANDS: dict[str, ModuleType] = {
     command.NAME: command
-    for command in (view, run, active, segment, batch, export, evaluate, import_, record, synthesize, schema)
+    for command in (
+        view,
+        run,
+        check,
+        active,
+        segment,
+        batch,
+        export,
+        evaluate,
+        import_,
+        record,
+        synthesize,
+        schema,
+    )
 }
 _OWN_OPTIONS = ("-h", "--help", "--version", "--print-completion")
 _WITHOUT_JSON = ("view", "active", "record", "evaluate", "schema")

@@ -28,6 +28,8 @@ from flatcloth.batch.garments import garment_columns
 from flatcloth.batch.measure import coverage_estimate, write_thumbnail
 from flatcloth.batch.rows import DONE, FAILED, MEMORY, UNFINISHED, next_attempt, read_row, write_row
 from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
+from flatcloth.checking.check import check_recording
+from flatcloth.checking.findings import Check
 from flatcloth.core.errors import FlatclothError, JournalError
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.subprocess_worker import memory_limit_bytes
@@ -108,6 +110,11 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
 def _integrated(task: Task, folder: Path, stages: _Stages, progress: Progress) -> dict[str, Any]:
     with stages.stage("opening"):
         recording = open_recording(task.source, task.options)
+    check = Check()
+    if not task.options.as_recorded:
+        with stages.stage("checking"):
+            check = check_recording(recording, progress=progress)
+            check.refuse(recording.location)
     shape = _patiently(recording, task.method, folder, progress)
     for name, seconds in shape.seconds.items():
         stages.add(name, seconds)
@@ -118,8 +125,10 @@ def _integrated(task: Task, folder: Path, stages: _Stages, progress: Progress) -
     with stages.stage("measuring"):
         coverage = coverage_estimate(shape.data.integration, shape.data.canonical)
         write_thumbnail(shape.view, folder)
+    columns = _outcome_columns(shape.report, shape.data.integration)
+    columns["notes"] = " ".join([columns["notes"], *(finding.line for finding in check.findings)]).strip()
     return {
-        **_outcome_columns(shape.report, shape.data.integration),
+        **columns,
         "coverage_estimate": round(coverage, 4),
         **garment_columns(folder),
     }

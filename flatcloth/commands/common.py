@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import gc
 import math
 import sys
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from flatcloth.core.config import Config
     from flatcloth.engine.integration import Integration
     from flatcloth.recordings import SourceOptions
+    from flatcloth.recordings.mending import Mends
 
 
 def add_method(parser: argparse.ArgumentParser) -> None:
@@ -77,6 +79,7 @@ def add_source_options(parser: argparse._ActionsContainer) -> None:
     )
     given.add_argument("--turning", type=float, metavar="DEG", help=TURNING)
     add_camera_options(parser)
+    add_mends(parser)
 
 
 TURNING = (
@@ -120,7 +123,86 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
         turning_deg=options.turning,
         sweep=options.sweep,
         format=options.format,
+        mends=mends_of(options),
+        as_recorded=getattr(options, "as_recorded", None) or None,
     )
+
+
+_FLAGS = {
+    "reverse": "the item turns the other way than the angles say",
+    "estimate_axis": "do not use the recorded axis and held point; estimate them",
+    "mirror": "flip the images left to right",
+    "invert_masks": "invert the masks",
+    "without_masks": "do not use the masks",
+}
+_FACTORS = {
+    "angle_factor": "multiply all angles",
+    "depth_factor": "multiply depth",
+    "focal_factor": "multiply the focal length",
+    "color_scale": "enlarge color about the middle of the image",
+}
+_LISTS = {
+    "view_angles": ("VIEW=DEG,...", "angles of single views, as if recorded"),
+    "leave_out": ("VIEW,...", "views that are not read; later ones count on without them"),
+}
+
+
+def add_mends(parser: argparse._ActionsContainer) -> None:
+    """Declare the options that mend a recording (docs/checking.md)."""
+    group = parser
+    if isinstance(parser, argparse.ArgumentParser):
+        group = parser.add_argument_group("mends", "read a recording as if a mistake in it had not been made")
+    for name, text in _FLAGS.items():
+        group.add_argument(f"--{name.replace('_', '-')}", action="store_true", help=text)
+    for name, text in _FACTORS.items():
+        group.add_argument(f"--{name.replace('_', '-')}", metavar="FACTOR", help=f"{text} by this factor")
+    for name, (form, text) in _LISTS.items():
+        group.add_argument(f"--{name.replace('_', '-')}", metavar=form, help=text)
+    group.add_argument(
+        "--rotate", choices=("90", "180", "270"), help="turn the images clockwise by these degrees"
+    )
+    group.add_argument(
+        "--color-shift",
+        nargs=2,
+        type=float,
+        metavar=("RIGHT", "DOWN"),
+        help="move color by these pixels",
+    )
+    group.add_argument(
+        "--as-recorded",
+        action="store_true",
+        help="mend nothing, and go on although the check finds that something is wrong",
+    )
+
+
+def mends_of(options: argparse.Namespace) -> Mends | None:
+    """Return the mends of the options; None if there are none.
+
+    Raises
+    ------
+    RecordingError
+        If a value is invalid.
+    """
+    from flatcloth.recordings.mending import MEND_NAMES, Mends
+
+    given = {name: getattr(options, name, None) for name in MEND_NAMES}
+    said = {name: value for name, value in given.items() if value not in (None, False)}
+    return Mends.from_dict(said, "the command line") if said else None
+
+
+def kept_mends(options: SourceOptions, session: Path) -> SourceOptions:
+    """Return options with the mends of a session that is continued, if none are given."""
+    from flatcloth.core.errors import JournalError
+    from flatcloth.recordings import SourceOptions
+    from flatcloth.session.header import HEADER, read_header
+
+    if options.mends is not None or not (session / HEADER).exists():
+        return options
+    try:
+        kept = SourceOptions.from_dict(read_header(session).recording.options, str(session))
+    except JournalError:
+        return options  # it is reported when the session is opened
+    return dataclasses.replace(options, mends=kept.mends)
 
 
 @contextmanager

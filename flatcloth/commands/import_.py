@@ -6,7 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import TURNING, ProgressBar, add_camera_options, source_options_of
+from flatcloth.commands.common import (
+    TURNING,
+    ProgressBar,
+    add_camera_options,
+    add_mends,
+    mends_of,
+    source_options_of,
+)
 from flatcloth.commands.output import report
 from flatcloth.core.errors import RecordingError
 
@@ -40,6 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--turning", type=float, metavar="DEG", help=TURNING)
     add_camera_options(parser)
+    add_mends(parser)
     parser.add_argument(
         "--turning-speed",
         type=float,
@@ -55,12 +63,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Read the source, write the folder, and print a summary."""
+    from flatcloth.checking.check import check_recording
+    from flatcloth.recordings import open_recording
     from flatcloth.recordings.copying import copy_recording
 
     with ProgressBar(Path(options.source).name) as bar:
         recording = _opened(options, bar)
         count = copy_recording(recording, options.out, options.name, bar.show)
+        check = check_recording(open_recording(options.out), progress=bar.show)
     angles, notes = recording.angles_deg, list(getattr(recording, "notes", ()))
+    notes += [finding.line for finding in check.findings]
     views = "1 view" if count == 1 else f"{count} views, {min(angles):g} to {max(angles):g} degrees,"
     line = f"{views} written to {options.out}. Open it with: flatcloth view {options.out}"
     document = {"folder": str(options.out), "angles_deg": list(angles), "notes": notes}
@@ -70,6 +82,7 @@ def run(options: argparse.Namespace) -> None:
 def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
     from flatcloth.recordings import open_recording
     from flatcloth.recordings.isolated import open_isolated
+    from flatcloth.recordings.mending import Mends, mended
     from flatcloth.recordings.realsense.player import is_realsense
 
     path = Path(options.source).expanduser()
@@ -85,4 +98,5 @@ def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
         "angles": options.angles,
         "turning_speed_deg_s": options.turning_speed,
     }
-    return open_isolated("realsense", path, {k: v for k, v in given.items() if v is not None}, bar.show)
+    opened = open_isolated("realsense", path, {k: v for k, v in given.items() if v is not None}, bar.show)
+    return mended(opened, mends_of(options) or Mends())

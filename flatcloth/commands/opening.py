@@ -49,7 +49,7 @@ class Opener:
         options = argparse.Namespace(**vars(self._options))
         options.live = False
         if chosen.header is None:
-            return _opened(options, chosen.source, None, current)
+            return _opened(options, chosen.source, None, current, chosen)
         options.method = chosen.header.method
         return _opened(options, chosen.source, chosen.session, current, chosen)
 
@@ -104,6 +104,8 @@ def _source_options(options: argparse.Namespace, chosen: Chosen | None) -> Sourc
     """Return what a recording is opened with: what its session was opened with, or the options given now."""
     from flatcloth.recordings import SourceOptions
 
+    if chosen is not None and chosen.options is not None:
+        return chosen.options
     if chosen is not None and chosen.header is not None:
         return SourceOptions.from_dict(chosen.header.recording.options, "the session").again()
     return SourceOptions() if chosen is not None and chosen.kind == "example" else source_options_of(options)

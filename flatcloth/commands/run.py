@@ -10,6 +10,7 @@ from flatcloth.commands.common import (
     add_method,
     add_sides,
     add_source,
+    kept_mends,
     loading,
     source_options_of,
 )
@@ -40,12 +41,15 @@ def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
     with loading():
         from flatcloth.api.integrating import integrate
+        from flatcloth.checking.check import check_recording
         from flatcloth.engine.outcome import view_lines
         from flatcloth.recordings import open_recording
 
     base_from_camera, strokes = hand_eye_of(options), strokes_of(options)
-    recording = open_recording(options.source, source_options_of(options))
+    recording = open_recording(options.source, kept_mends(source_options_of(options), options.out))
     with ProgressBar(recording.name, steps=True) as bar:
+        if not options.as_recorded:
+            check_recording(recording, progress=bar.show).refuse(recording.location)
         shape = integrate(
             recording,
             method=options.method,

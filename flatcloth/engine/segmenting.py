@@ -17,7 +17,7 @@ from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Decision, ImageStroke, why_off_image
 from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.engine.views import RecordedViews
-from flatcloth.recordings.base import Recording, check_index
+from flatcloth.recordings.base import Plain, Recording, check_index
 from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.observed import observe
 from flatcloth.segmentation.result import OF_INTEREST, Segmentation
@@ -65,6 +65,12 @@ class WithMasks:
     def notes(self) -> tuple[str, ...]:
         """Notes for the operator on the recording."""
         return tuple(getattr(self._recording, "notes", ()))
+
+    @property
+    def mends(self) -> Plain | None:
+        """What is read otherwise than recorded."""
+        made: Plain | None = getattr(self._recording, "mends", None)
+        return made
 
     @property
     def location(self) -> str:

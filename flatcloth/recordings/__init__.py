@@ -14,6 +14,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.core.resources import sample_recordings
 from flatcloth.recordings.base import Recording, keep_source_options
 from flatcloth.recordings.manifest import HEADER
+from flatcloth.recordings.mending import mended
 from flatcloth.recordings.registry import every_format, format_of, open_by
 from flatcloth.recordings.source import SourceOptions
 
@@ -57,6 +58,7 @@ def open_recording(
     form = format_of(path, options)
     if form is not None:
         recording = open_by(form, path, options)
+        recording = recording if options.mends is None else mended(recording, options.mends)
         keep_source_options(recording, options.again().to_dict())
         return recording
     if not path.is_dir():

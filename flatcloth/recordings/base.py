@@ -64,6 +64,14 @@ class Recording(Protocol):
         ...
 
 
+class Plain(Protocol):
+    """What can be written as JSON."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        ...
+
+
 class ViewImages(NamedTuple):
     """The images of a view: ``color`` (H, W, 3) RGB, ``depth_m`` (H, W), ``mask`` (H, W) or None.
 
@@ -81,7 +89,8 @@ class LazyRecording:
     """A :class:`Recording` whose views are read by a function; all built-in formats return one.
 
     ``read`` returns the images of a view, given its number, or raises ``RecordingError``. ``notes`` are
-    remarks for the operator on how the recording was read.
+    remarks for the operator on how the recording was read; ``mends`` are what is read otherwise than recorded
+    (:class:`flatcloth.recordings.mending.Mends`), None if nothing is.
     """
 
     name: str
@@ -94,6 +103,7 @@ class LazyRecording:
     rotation_axis: RotationAxis | None = None
     held_point_m: Float64 | None = None
     has_masks: bool = False
+    mends: Plain | None = None
 
     def __len__(self) -> int:
         """Return the number of views."""
@@ -146,7 +156,7 @@ def check_index(recording: Sized, view_index: int) -> None:
 def fingerprint(recording: Recording) -> str:
     """Return 16 hexadecimal digits that identify a recording, also after it was moved.
 
-    They depend on name, camera, axis, held point, angles and the presence of masks, not on the
+    They depend on name, camera, axis, held point, angles, the presence of masks, and mends, not on the
     location and the pixels.
     """
     camera, axis, held = recording.intrinsics, recording.rotation_axis, recording.held_point_m
@@ -158,4 +168,6 @@ def fingerprint(recording: Recording) -> str:
         list(recording.angles_deg),
         recording.has_masks,
     ]
+    if mends := getattr(recording, "mends", None):
+        content.append(mends.to_dict())
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:16]

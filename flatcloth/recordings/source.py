@@ -16,6 +16,7 @@ from typing import Any
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import GivenAngles
+from flatcloth.recordings.mending import MEND_NAMES, Mends
 
 SWEEPS = ("forth", "back")
 
@@ -28,7 +29,8 @@ class SourceOptions:
     describes the camera, ``fov_deg`` (horizontal, vertical) describes it approximately.
     ``turning_deg`` is the angle between the first and the last image of a turn, right-handed about
     the upward axis, and ``sweep`` the part that is read, for data sets that turn forth and back.
-    ``format`` names the format if it should not be recognised from the content.
+    ``format`` names the format if it should not be recognised from the content. ``mends`` are what is read
+    otherwise than recorded.
     """
 
     angles: Path | None = None
@@ -38,6 +40,8 @@ class SourceOptions:
     turning_deg: float | None = None
     sweep: str | None = None
     format: str | None = None
+    mends: Mends | None = None
+    as_recorded: bool | None = None
 
     @property
     def given_angles(self) -> GivenAngles:
@@ -85,6 +89,9 @@ class SourceOptions:
         said: dict[str, Any] = {}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
+            if isinstance(value, Mends):
+                said |= value.to_dict()
+                continue
             if isinstance(value, Path):
                 value = str(value.expanduser().absolute())
             if value is not None:
@@ -110,10 +117,14 @@ class SourceOptions:
             If a name is unknown or a value is invalid.
         """
         known = {name: value for name, value in values.items() if value not in (None, "")}
+        mends = {name: known.pop(name) for name in MEND_NAMES if name in known}
         unknown = sorted(set(known) - set(_READ))
         if unknown:
-            raise RecordingError(f"{where}: unknown option {unknown[0]!r:.60}. Known are {', '.join(_READ)}.")
+            names = ", ".join((*_READ, *MEND_NAMES))
+            raise RecordingError(f"{where}: unknown option {unknown[0]!r:.60}. Known are {names}.")
         made = {name: _READ[name](value, f"{where}: {name}") for name, value in known.items()}
+        if mends:
+            made["mends"] = Mends.from_dict(mends, where)
         for name in ("angles", "camera_file"):
             if name in made and base is not None:
                 made[name] = base / made[name].expanduser()
@@ -128,6 +139,7 @@ OPTION_NAMES = {
     "turning_deg": "--turning",
     "sweep": "--sweep",
     "format": "--format",
+    "as_recorded": "--as-recorded",
 }
 """Names of the options on the command line."""
 
@@ -199,6 +211,13 @@ def _sweep(value: Any, where: str) -> str:
     return str(value)
 
 
+def _flag(value: Any, where: str) -> bool:
+    said = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+    if str(value).lower() not in said:
+        raise RecordingError(f"{where} is {value!r:.60}. Give yes or no.")
+    return said[str(value).lower()]
+
+
 _READ: dict[str, Callable[[Any, str], Any]] = {
     "angles": _path,
     "step_deg": _number,
@@ -207,4 +226,5 @@ _READ: dict[str, Callable[[Any, str], Any]] = {
     "turning_deg": _number,
     "sweep": _sweep,
     "format": _text,
+    "as_recorded": _flag,
 }

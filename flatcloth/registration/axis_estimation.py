@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import back_project, held_from_camera
-from flatcloth.core.types import Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import item_mask
 from flatcloth.registration.pose_prior import (
     EXTENT_M,
@@ -35,6 +35,7 @@ from flatcloth.registration.pose_prior import (
 from flatcloth.registration.view_features import (
     CHANNELS,
     MOST_APART_DEG,
+    POINTS_PER_VIEW,
     TERMS,
     ComparedImages,
     Gates,
@@ -66,14 +67,19 @@ def coarse_features(frame: RgbdFrame, config: SurfaceConfig) -> ViewFeatures | N
         item = item_mask(small, None, config)
     except SurfaceError:
         return None
-    k = small.intrinsics
-    xyz = back_project(np.where(item, small.depth_m, 0).astype(np.float32), k)
+    return depth_features(small, item)
+
+
+def depth_features(frame: RgbdFrame, item: Bool, points: int = POINTS_PER_VIEW) -> ViewFeatures | None:
+    """Return the features of the pixels ``item`` (H, W) of a thinned view; None if they show no surface."""
+    k = frame.intrinsics
+    xyz = back_project(np.where(item, frame.depth_m, 0).astype(np.float32), k)
     normals = _normals(xyz)
     with np.errstate(invalid="ignore"):
         usable = -(normals * xyz).sum(axis=-1) > Gates().least_facing_cos * np.linalg.norm(xyz, axis=-1)
     if not usable.any():
         return None
-    pixel = grid_points(usable)
+    pixel = grid_points(usable, points)
     at = pixel[:, 0], pixel[:, 1]
     images = ComparedImages(np.zeros((CHANNELS, 1, 1), dtype=np.float32), normals)
     return ViewFeatures(

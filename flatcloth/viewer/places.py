@@ -35,13 +35,15 @@ class PlaceError(FlatclothError):
 class Chosen:
     """What is to be opened: a camera, or a recording and perhaps a session on it.
 
-    ``header`` is that of the session; None for a new one.
+    ``header`` is that of the session; None for a new one. ``options`` are those of the source, by
+    default those that the program was started with.
     """
 
     kind: Kind
     source: str = ""
     session: Path | None = None
     header: Header | None = None
+    options: SourceOptions | None = None
 
 
 class Places:

@@ -12,10 +12,12 @@ import { Readout } from "/static/panels/readout.js";
 import { SidesPanel } from "/static/panels/sides.js";
 import { SettingsSheet } from "/static/panels/settings.js";
 import { SourcePanel } from "/static/panels/sources.js";
+import { CheckPanel } from "/static/review/check.js";
 
 /** Each is made with the page (page/page.js: Page) and may have what its typedef Panel names. */
 export const PANELS = [
   ActivePanel,
+  CheckPanel,
   CapturePanel,
   ProposalPanel,
   PiecesPanel,

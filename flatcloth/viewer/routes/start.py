@@ -2,8 +2,9 @@
 
 ``GET /start/places.json`` returns the offer, ``GET /start/folder.json?path=`` what lies in a folder below the
 root, ``GET /start/picture/{kind}/{name}`` the first image of an example or a session. ``POST /start/open``
-with ``{"kind": "example", "name": "..."}`` opens it for all tabs, and answers when it is open. Errors are
-``{"error": reason}`` with code 400 (malformed), 409 (cannot be opened) or 429 (another is being opened).
+with ``{"kind": "example", "name": "..."}`` opens it for all tabs, and answers when it is open.
+``POST /start/mend`` with ``{"mends": {"reverse": true}}`` opens what is open again, with these mends. Errors
+are ``{"error": reason}`` with code 400 (malformed), 409 (cannot be opened) or 429 (another is being opened).
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
@@ -22,6 +23,7 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import static_folder
+from flatcloth.recordings.mending import Mends
 from flatcloth.viewer.http import made, read_body, refused
 from flatcloth.viewer.places import Chosen, Kind, Places
 
@@ -34,6 +36,7 @@ PICTURES_KEPT = 64
 PICTURES_AT_ONCE = 2
 """Recordings read for their pictures at a time; each may start a reader of its own. Chosen: two cores."""
 _NEW = {"Cache-Control": "no-store"}
+T = TypeVar("T")
 
 
 class OpenPlace(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -41,6 +44,12 @@ class OpenPlace(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     kind: Kind
     name: Annotated[str, msgspec.Meta(max_length=1000)] = ""
+
+
+class Mend(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The body of ``POST /start/mend``; see :class:`flatcloth.recordings.mending.Mends`."""
+
+    mends: dict[str, Any]
 
 
 class StartRoutes:
@@ -54,11 +63,18 @@ class StartRoutes:
         Opens a place for all tabs; raises ``FlatclothError``.
     current : callable
         Returns the name of what is open, None if nothing is.
+    mend : callable
+        Opens what is open with more mends; raises ``FlatclothError``.
     """
 
     def __init__(
-        self, places: Places, open_place: Callable[[Chosen], None], current: Callable[[], str | None]
+        self,
+        places: Places,
+        open_place: Callable[[Chosen], None],
+        current: Callable[[], str | None],
+        mend: Callable[[Mends], None],
     ) -> None:
+        self._mend = mend
         self._places = places
         self._open = open_place
         self._current = current
@@ -74,6 +90,7 @@ class StartRoutes:
             Route("/start/folder.json", self._folder),
             Route("/start/picture/{kind}/{name}", self._picture),
             Route("/start/open", self._take, methods=["POST"]),
+            Route("/start/mend", self._take_mend, methods=["POST"]),
         ]
 
     async def page(self, _request: Request) -> Response:
@@ -103,8 +120,16 @@ class StartRoutes:
         return self._pictures.get(source, lambda: first_picture(source))
 
     async def _take(self, request: Request) -> Response:
+        return await self._opened(request, OpenPlace, self._open_place)
+
+    async def _take_mend(self, request: Request) -> Response:
+        return await self._opened(
+            request, Mend, lambda said: self._mend(Mends.from_dict(said.mends, "the page"))
+        )
+
+    async def _opened(self, request: Request, kind: type[T], opener: Callable[[T], None]) -> Response:
         try:
-            wanted = msgspec.json.decode(await read_body(request, MAX_BODY_BYTES), type=OpenPlace)
+            wanted = msgspec.json.decode(await read_body(request, MAX_BODY_BYTES), type=kind)
         except msgspec.ValidationError as error:
             return refused(f"Not understood: {error}.", 400)
         except (ValueError, RecursionError) as error:
@@ -112,7 +137,7 @@ class StartRoutes:
         if not self._opening.acquire(blocking=False):
             return refused("Something else is being opened; wait until it is there.", 429)
         try:
-            await run_in_threadpool(self._open_place, wanted)
+            await run_in_threadpool(opener, wanted)
         except FlatclothError as error:
             return refused(str(error), 409)
         finally:

@@ -23,6 +23,7 @@ from starlette.types import Receive, Scope, Send
 from flatcloth.core.errors import ServerError
 from flatcloth.core.memory import return_freed_memory, trim_freed_memory
 from flatcloth.core.resources import static_folder
+from flatcloth.recordings.mending import Mends
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.protocol.answers import Switched
 from flatcloth.viewer.routes.start import StartRoutes
@@ -111,7 +112,9 @@ class PageServer:
             self._now = _workspace_of(opened)
         elif integration is not None and folder is not None:
             self._now = _workspace(integration, folder, **more)
-        self._start = StartRoutes(places or Places(own=is_loopback(host)), self._open, self._current)
+        self._start = StartRoutes(
+            places or Places(own=is_loopback(host)), self._open, self._current, self._mend
+        )
         self._ready = threading.Event()
         self._uvicorn = limited_server(self._app())
         self._thread = threading.Thread(target=self._run, name="flatcloth-web", daemon=True)
@@ -204,6 +207,12 @@ class PageServer:
 
     def _current(self) -> str | None:
         return None if self._now is None else self._now.name
+
+    def _mend(self, mends: Mends) -> None:
+        """Open the present recording with more mends."""
+        if self._now is None:
+            raise ServerError("Nothing is open; choose a recording.")
+        self._open(self._now.mended(mends))
 
     def _open(self, chosen: Chosen) -> None:
         """Open a place and close the present source; one call at a time."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from starlette.concurrency import run_in_threadpool
@@ -16,6 +16,9 @@ from starlette.websockets import WebSocket
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
+from flatcloth.recordings import SourceOptions
+from flatcloth.recordings.base import source_options
+from flatcloth.recordings.mending import Mends
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.http import rotation_of
 from flatcloth.viewer.modes.active import ActiveApplication
@@ -25,11 +28,13 @@ from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
 from flatcloth.viewer.modes.player import Player
 from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.modes.teaching import TeachingRoutes
+from flatcloth.viewer.places import Chosen
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import HoverAnswer, RayAnswer
 from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.active import active_routes
 from flatcloth.viewer.routes.capture import capture_routes
+from flatcloth.viewer.routes.check import CheckRoutes
 from flatcloth.viewer.routes.exports import ExportRoutes
 from flatcloth.viewer.routes.layers import LayerRoutes
 from flatcloth.viewer.routes.robot import robot_routes
@@ -111,6 +116,7 @@ class Workspace:
             [
                 *LayerRoutes(lambda: self.application.picture, integration).routes(),
                 *SourceRoutes(self.application, integration).routes(),
+                *CheckRoutes(integration).routes(),
                 Route("/export/grasps.json", self._grasps),
                 Route("/export/{name}", self._exports.serve),
                 Route("/teaching/{part}", self._teaching.serve),
@@ -133,6 +139,21 @@ class Workspace:
     def folder(self) -> Path | None:
         """The folder of the session."""
         return getattr(self._opened.folder, "folder", None)
+
+    def mended(self, mends: Mends) -> Chosen:
+        """Return the open recording as a place to open, with more mends.
+
+        Raises
+        ------
+        FlatclothError
+            If it is a camera.
+        """
+        recording = self._opened.integration.recording
+        if self.has_camera:
+            raise FlatclothError("A camera has no mends; open the recording that was captured.")
+        options = SourceOptions.from_dict(source_options(recording), "the session").again()
+        more = (options.mends or Mends()).then(mends)
+        return Chosen("folder", recording.location, options=replace(options, mends=more))
 
     @property
     def has_camera(self) -> bool:

@@ -1,0 +1,77 @@
+"""The command ``check``: whether a recording says the truth, and what mends it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flatcloth.commands.common import ProgressBar, add_source, source_options_of
+from flatcloth.commands.output import report
+from flatcloth.core.errors import RecordingError
+
+if TYPE_CHECKING:
+    from flatcloth.checking.findings import Check
+    from flatcloth.recordings import Recording
+
+NAME = "check"
+SUMMARY = "find mistakes of a recording: its turning, its images, its camera"
+EXAMPLES = """examples:
+  flatcloth check my-recording
+  flatcloth check my-recording --reverse --pictures why   is it right with this mend? draw what shows it"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    add_source(parser)
+    parser.add_argument(
+        "--pictures",
+        type=Path,
+        metavar="DIR",
+        help="new or empty folder for a picture of each finding: two views laid on each other",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Check, and print a line for each finding; 1 if results would certainly be wrong."""
+    from flatcloth.checking.check import check_recording
+    from flatcloth.recordings import open_recording
+
+    recording = open_recording(options.source, source_options_of(options))
+    with ProgressBar(recording.name) as bar:
+        check = check_recording(recording, progress=bar.show)
+    lines = [f"{recording.name}: {line}" for line in check.lines]
+    if options.pictures is not None:
+        files = _write_pictures(recording, check, options.pictures)
+        lines.append(f"Pictures written to {options.pictures}: {', '.join(files) or 'none'}")
+    document: dict[str, Any] = {"recording": recording.name, **check.to_dict()}
+    report(options, document, lines)
+    return 1 if check.certain else 0
+
+
+def _write_pictures(recording: Recording, check: Check, folder: Path) -> list[str]:
+    """Write a picture of each finding that views show, ``sense.png`` and so on; return their names.
+
+    Raises
+    ------
+    RecordingError
+        If the folder has other files, or cannot be written.
+    """
+    from flatcloth.rendering.drawing import png_of
+    from flatcloth.rendering.evidence import evidence
+
+    made = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise RecordingError(f"{folder}: not empty. Choose a new or an empty folder.")
+        for finding in check.findings:
+            picture = evidence(recording, finding)
+            if picture is not None:
+                made.append(f"{finding.name}.png")
+                (folder / made[-1]).write_bytes(png_of(picture))
+    except OSError as error:
+        raise RecordingError(
+            f"{folder}: cannot be written ({error.strerror}). Choose a writable folder."
+        ) from error
+    return made

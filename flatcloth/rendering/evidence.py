@@ -1,0 +1,128 @@
+"""Pictures that show a mistake of a recording: as recorded, and as mended."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from flatcloth.checking.findings import Finding
+from flatcloth.core.config import SurfaceConfig
+from flatcloth.core.errors import SurfaceError
+from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.types import Bool, RgbdFrame, RotationAxis, Uint8
+from flatcloth.flattening.surface import foreground_mask
+from flatcloth.recordings.base import Recording
+from flatcloth.recordings.mending import mended
+from flatcloth.registration.axis_estimation import UP
+
+_ONE, _OTHER = np.array([23, 102, 194]), np.array([217, 130, 43])
+"""Colors of the two views: blue and orange, which colour-blind people tell apart."""
+_PAPER, _INK = 255, (26, 31, 38)
+"""Colors of the background and the captions, as in other figures. Chosen."""
+_HEIGHT_PX = 420
+"""Height of a picture. Chosen for a panel of the page."""
+_MARGIN_PX, _GAP_PX, _CAPTION_PX = 24, 12, 26
+"""Around the item, between the pictures, and above them. Chosen."""
+
+
+def evidence(recording: Recording, finding: Finding) -> Uint8 | None:
+    """Return a picture (H, W, 3) of a finding; None if no views show it.
+
+    Two views are laid on each other after the recorded turn, or the outlines in depth and of the mask are
+    drawn on the color; left as recorded, right with the first mend.
+
+    Raises
+    ------
+    RecordingError
+        If the views cannot be read.
+    """
+    if finding.views is None:
+        return None
+    told = [("as recorded", recording)]
+    if finding.mends:
+        told.append((f"with {finding.mends[0].words()}"[:60], mended(recording, finding.mends[0])))
+    draw = _turned if finding.picture == "turned" else _outlined
+    views = [_index(made, view, recording) for made in (told[-1][1],) for view in finding.views]
+    pictures = [
+        _captioned(_fitted(draw(made, finding.views if made is recording else tuple(views))), text)
+        for text, made in told
+    ]
+    gap = np.full((pictures[0].shape[0], _GAP_PX, 3), _PAPER, np.uint8)
+    return np.concatenate([pictures[0], *(part for p in pictures[1:] for part in (gap, p))], axis=1)
+
+
+def _index(made: Recording, view: int, recording: Recording) -> int:
+    """Return a view's number in a mended recording, which may have fewer."""
+    return min(view, len(made) - 1) if len(made) != len(recording) else view
+
+
+def _turned(recording: Recording, views: tuple[int, ...]) -> Uint8:
+    one, other = (recording[view] for view in views)
+    items = [_item(frame, recording.rotation_axis) for frame in (one, other)]
+    k = one.intrinsics
+    points = [
+        back_project(f.depth_m, f.intrinsics)[item] for f, item in zip((one, other), items, strict=True)
+    ]
+    axis = recording.rotation_axis
+    if axis is None:
+        axis = RotationAxis(point_m=np.median(points[0], axis=0), direction=UP)
+    onto = held_from_camera(axis, one.angle_deg).inverse() @ held_from_camera(axis, other.angle_deg)
+    canvas = np.full((k.height, k.width, 3), _PAPER, np.uint8)
+    shade = np.zeros((2, k.height, k.width), np.float32)
+    for n, xyz in enumerate((points[0].astype(np.float64), onto.apply(points[1]))):
+        xyz = xyz[xyz[:, 2] > 0]
+        col = np.rint(k.fx * xyz[:, 0] / xyz[:, 2] + k.cx).astype(int)
+        row = np.rint(k.fy * xyz[:, 1] / xyz[:, 2] + k.cy).astype(int)
+        inside = (row >= 0) & (row < k.height) & (col >= 0) & (col < k.width)
+        shade[n, row[inside], col[inside]] = 1.0
+    for there, color in zip(shade, (_ONE, _OTHER), strict=True):
+        closed = cv2.morphologyEx(there, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))[..., None]
+        canvas = (canvas * (1 - 0.55 * closed) + color * 0.55 * closed).astype(np.uint8)
+    return _cropped(canvas, np.asarray((shade > 0).any(axis=0)))
+
+
+def _outlined(recording: Recording, views: tuple[int, ...]) -> Uint8:
+    frame = recording[views[0]]
+    item = _item(frame, recording.rotation_axis)
+    picture = frame.color.copy()
+    for of, color in ((item, _OTHER), (frame.mask, _ONE)):
+        if of is not None:
+            found, _ = cv2.findContours(of.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+            cv2.drawContours(picture, found, -1, color.tolist(), 2)
+    return _cropped(picture, item)
+
+
+def _item(frame: RgbdFrame, axis: RotationAxis | None) -> Bool:
+    try:
+        return foreground_mask(replace(frame, mask=None), axis, SurfaceConfig())
+    except SurfaceError:
+        return np.asarray(frame.depth_m > 0)
+
+
+def _cropped(picture: Uint8, item: Bool) -> Uint8:
+    rows, cols = np.flatnonzero(item.any(axis=1)), np.flatnonzero(item.any(axis=0))
+    if not len(rows):
+        return picture
+    return picture[
+        max(rows[0] - _MARGIN_PX, 0) : rows[-1] + _MARGIN_PX,
+        max(cols[0] - _MARGIN_PX, 0) : cols[-1] + _MARGIN_PX,
+    ]
+
+
+def _fitted(picture: Uint8) -> Uint8:
+    scale = _HEIGHT_PX / picture.shape[0]
+    size = max(1, round(scale * picture.shape[1])), _HEIGHT_PX
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _captioned(picture: Uint8, text: str) -> Uint8:
+    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.5
+    (wide, _), _ = cv2.getTextSize(text, font, size, 1)
+    width = max(picture.shape[1], wide + 8)
+    made = np.full((_CAPTION_PX + picture.shape[0], width, 3), _PAPER, np.uint8)
+    left = (width - picture.shape[1]) // 2
+    made[_CAPTION_PX:, left : left + picture.shape[1]] = picture
+    cv2.putText(made, text, (4, 18), font, size, _INK, 1, cv2.LINE_AA)
+    return made

@@ -1,0 +1,71 @@
+// What is wrong with the recording: one card a finding, with the picture that shows why and a button that mends it.
+
+import { askJson, post } from "/static/page/connection.js";
+import { byId, closeButton, make } from "/static/page/dom.js";
+
+/**
+ * @typedef {object} Finding
+ * @property {string} name
+ * @property {string} text
+ * @property {number} probability
+ * @property {boolean} certain
+ * @property {({ options: string } & Record<string, unknown>)[]} mends
+ * @property {number[] | null} views
+ */
+
+export class CheckPanel {
+  name = "check";
+
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
+    this.checked = /** @type {string | null} */ (null);
+    this.panel = make("section#check.check", { label: "Check of the recording", hidden: true });
+    byId("stage").append(this.panel);
+  }
+
+  update(/** @type {State} */ state) {
+    if (state.capture || state.recording.name === this.checked) return;
+    this.checked = state.recording.name;
+    void this.ask();
+  }
+
+  get status() {
+    return { findings: this.panel.hidden ? 0 : this.panel.querySelectorAll("article").length };
+  }
+
+  async ask() {
+    /** @type {{ as_recorded: boolean; findings: Finding[] } | null} */
+    const told = await askJson("/check.json");
+    if (!told?.findings.length || told.as_recorded) return;
+    this.panel.replaceChildren(
+      make("header", make("strong", "Something about this recording is wrong"), this.closing()),
+      ...told.findings.map((finding, n) => this.card(finding, n)),
+    );
+    this.panel.hidden = false;
+  }
+
+  closing() {
+    return closeButton("Go on as recorded", () => (this.panel.hidden = true));
+  }
+
+  card(/** @type {Finding} */ finding, /** @type {number} */ n) {
+    const sure = `${Math.min(99.9, 100 * finding.probability).toFixed(finding.certain ? 1 : 0)} % sure`;
+    const buttons = finding.mends.map(({ options, ...mends }) =>
+      make("button.button", { click: () => this.mend(mends), tip: "Opens the recording again with this setting" }, options),
+    );
+    return make(
+      "article",
+      make("p", `${finding.text} (${sure}).`),
+      finding.views && make("img", { src: `/check/${n}.png`, alt: "Two views laid on each other, as recorded and as mended" }),
+      buttons.length ? make("div.group", ...buttons) : make("p.soft", "No setting mends this; record it again."),
+    );
+  }
+
+  async mend(/** @type {Record<string, unknown>} */ mends) {
+    this.panel.setAttribute("aria-busy", "true");
+    const answer = await post("/start/mend", { mends });
+    const told = await answer?.json().catch(() => null);
+    this.panel.removeAttribute("aria-busy");
+    if (!answer?.ok) this.page.notify("error", told?.error ?? "There is no connection to flatcloth.");
+  }
+}

@@ -1,0 +1,141 @@
+"""Mistakes that are made on the bundled recordings, which are right."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from flatcloth.checking.check import check_recording
+from flatcloth.core.errors import RecordingError
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.base import LazyRecording, ViewImages
+from flatcloth.recordings.mending import Mends, mended
+
+NAMES = ("shirt-corner-d435", "shirt-sleeve-clean", "trousers-waist-d435")
+RIGHT = "shirt-corner-d435"
+
+
+@pytest.fixture(scope="module")
+def right():
+    return open_recording(RIGHT)
+
+
+def _with(recording, images):
+    """The recording with other images: ``images(frame)`` makes them."""
+    same = ("name", "location", "intrinsics", "angles_deg", "rotation_axis", "held_point_m", "has_masks")
+    kept = {name: getattr(recording, name) for name in same}
+    return LazyRecording(read=lambda n: images(recording[n]), **kept)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_wrong_with_a_right_recording(name):
+    check = check_recording(open_recording(name))
+    assert check.findings == ()
+    assert check.views == 36
+    assert check.pairs == 35
+
+
+@pytest.mark.parametrize(
+    ("mistake", "name"),
+    [
+        (Mends(reverse=True), "sense"),
+        (Mends(mirror=True), "sense"),
+        (Mends(angle_factor=0.5), "factor"),
+        (Mends(angle_factor=2.0), "factor"),
+        (Mends(reverse=True, angle_factor=0.5), "sense"),
+        (Mends(rotate=180), "rotated"),
+        (Mends(rotate=90), "rotated"),
+        (Mends(rotate=270), "rotated"),
+        (Mends(depth_factor=0.1), "unit"),
+        (Mends(depth_factor=10.0), "unit"),
+        (Mends(color_shift=(15.0, 0.0)), "color"),
+        (Mends(color_scale=1.15), "color"),
+        (Mends(focal_factor=1.3), "focal"),
+        (Mends(focal_factor=0.75), "focal"),
+        (Mends(view_angles=((4, 210.0), (21, 40.0))), "views"),
+    ],
+    ids=lambda value: value.words() if isinstance(value, Mends) else value,
+)
+def test_a_mistake_is_named_stops_a_run_and_is_mended(right, mistake, name):
+    wrong = mended(right, mistake)
+    check = check_recording(wrong)
+    assert check.findings[0].name == name
+    assert check.findings[0].is_certain
+    assert any(check_recording(mended(wrong, mends)).findings == () for mends in check.findings[0].mends)
+    with pytest.raises(RecordingError, match="--as-recorded"):
+        check.refuse(wrong.location)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_views_in_a_random_order_are_put_in_order_again(right, seed):
+    angles = np.random.default_rng(seed).permutation(right.angles_deg)
+    wrong = mended(right, Mends(view_angles=tuple(enumerate(map(float, angles)))))
+    (found,) = check_recording(wrong).findings
+    assert found.name == "order"
+    turned = np.array(mended(wrong, found.mends[0]).angles_deg) - right.angles_deg
+    assert np.allclose((turned - turned[0] + 180) % 360 - 180, 0.0)
+
+
+def test_a_slipped_turntable_is_told_from_a_single_view(right):
+    slipped = tuple((n, right.angles_deg[n] - 16.0) for n in range(20, 36))
+    (found,) = check_recording(mended(right, Mends(view_angles=slipped))).findings
+    assert found.name == "views"
+    assert "From view 20 on" in found.text
+
+
+def test_an_item_that_does_not_turn_is_named_and_nothing_mends_it(right):
+    first = right[0]
+    still = _with(right, lambda _: ViewImages(first.color, first.depth_m, first.mask))
+    (found,) = check_recording(still).findings
+    assert found.name == "still"
+    assert found.mends == ()
+    assert "Record it again" in found.line
+
+
+def test_inverted_masks_are_inverted_again(right):
+    wrong = _with(right, lambda frame: ViewImages(frame.color, frame.depth_m, ~frame.mask))
+    found = check_recording(wrong).findings[0]
+    assert found.name == "masks"
+    again = mended(wrong, found.mends[0])[3].mask
+    assert again is not None
+    assert (again == (right[3].mask & (right[3].depth_m > 0))).all()
+
+
+def test_masks_beside_the_item_are_not_to_be_used(right):
+    wrong = _with(right, lambda frame: ViewImages(frame.color, frame.depth_m, np.roll(frame.mask, 120, 1)))
+    found = check_recording(wrong).findings[0]
+    assert found.name == "masks"
+    assert found.mends == (Mends(without_masks=True),)
+
+
+def test_an_axis_beside_the_item_is_to_be_estimated(right):
+    axis = right.rotation_axis
+    beside = dataclasses.replace(axis, point_m=axis.point_m + np.array([0.06, 0.0, 0.05]))
+    (found,) = check_recording(dataclasses.replace(right, rotation_axis=beside)).findings
+    assert found.name == "axis"
+    assert found.mends == (Mends(estimate_axis=True),)
+
+
+def test_what_makes_results_worse_only_is_told_and_does_not_stop(right):
+    def exposed(frame):
+        color = np.clip(frame.color * (0.4 if frame.view_index == 9 else 1.0), 0, 255).astype(np.uint8)
+        return ViewImages(color, frame.depth_m, frame.mask)
+
+    check = check_recording(_with(right, exposed))
+    assert [found.name for found in check.findings] == ["exposure"]
+    assert check.certain == ()
+    few = mended(right, Mends(leave_out=tuple(n for n in range(36) if n % 6)))
+    check = check_recording(few)
+    assert [found.name for found in check.findings] == ["coverage"]
+    check.refuse("few")
+
+
+def test_a_recording_without_axis_is_checked_about_the_vertical(right):
+    bare = mended(right, Mends(estimate_axis=True))
+    assert check_recording(bare).findings == ()
+    assert check_recording(mended(bare, Mends(reverse=True))).findings[0].name == "sense"
+
+
+def test_a_single_view_is_no_mistake(right):
+    one = mended(right, Mends(leave_out=tuple(range(1, 36))))
+    assert check_recording(one).findings == ()

@@ -1,0 +1,45 @@
+import json
+
+from flatcloth.cli import main
+from flatcloth.session.header import read_header
+
+NAME = "shirt-corner-d435"
+
+
+def test_a_right_recording_is_told_so(capsys):
+    assert main(["check", NAME]) == 0
+    assert "Nothing is wrong with 36 views" in capsys.readouterr().out
+
+
+def test_a_finding_is_one_line_with_its_mend_and_a_picture(capsys, tmp_path):
+    assert main(["check", NAME, "--angle-factor", "0.5", "--pictures", str(tmp_path / "why")]) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].endswith("Mended by --angle-factor 2.")
+    assert (tmp_path / "why" / "factor.png").stat().st_size > 1000
+
+
+def test_a_check_is_a_document(capsys):
+    assert main(["check", NAME, "--depth-factor", "0.1", "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    (found,) = document["findings"]
+    assert found["name"] == "unit"
+    assert found["mends"] == [{"options": "--depth-factor 10", "depth_factor": 10.0}]
+
+
+def test_run_stops_at_what_is_certain_and_names_the_option(capsys, tmp_path):
+    assert main(["run", NAME, "--reverse", "--out", str(tmp_path / "out")]) == 2
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "Mended by --reverse or --mirror, or go on with --as-recorded." in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_mend_stays_with_its_session(capsys, tmp_path):
+    folder, out = tmp_path / "few", str(tmp_path / "out")
+    left = ",".join(str(n) for n in range(36) if n % 9)
+    assert main(["import", NAME, "--leave-out", left, "--out", str(folder)]) == 0
+    given = ["run", str(folder), "--out", out, "--sides", "one"]
+    assert main([*given, "--view-angles", "1=90.5"]) == 0
+    assert read_header(tmp_path / "out").recording.options["view_angles"] == [[1, 90.5]]
+    assert main(given) == 0, "it is continued with the same mends"
+    assert main([*given, "--reverse"]) == 2
+    assert "belongs to another recording" in capsys.readouterr().err
