@@ -3,6 +3,9 @@
 import { askJson, post } from "/static/page/connection.js";
 import { byId, closeButton, make } from "/static/page/dom.js";
 
+const AGAIN = "Opens the recording again with this setting";
+const SHOWN = "Two views laid on each other, as recorded and as mended";
+
 /**
  * @typedef {object} Finding
  * @property {string} name
@@ -51,12 +54,12 @@ export class CheckPanel {
   card(/** @type {Finding} */ finding, /** @type {number} */ n) {
     const sure = `${Math.min(99.9, 100 * finding.probability).toFixed(finding.certain ? 1 : 0)} % sure`;
     const buttons = finding.mends.map(({ options, ...mends }) =>
-      make("button.button", { click: () => this.mend(mends), tip: "Opens the recording again with this setting" }, options),
+      make("button.button", { click: () => this.mend(mends), tip: AGAIN }, options),
     );
     return make(
       "article",
       make("p", `${finding.text} (${sure}).`),
-      finding.views && make("img", { src: `/check/${n}.png`, alt: "Two views laid on each other, as recorded and as mended" }),
+      finding.views && make("img", { src: `/check/${n}.png`, alt: SHOWN }),
       buttons.length ? make("div.group", ...buttons) : make("p.soft", "No setting mends this; record it again."),
     );
   }
