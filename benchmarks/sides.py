@@ -14,6 +14,8 @@ from benchmarks.unattended import measure_each, unattended
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.results.sides_truth import compare_sides
+from flatcloth.export.data import GraspFrames
+from flatcloth.export.session_data import SessionData
 
 _COLUMNS = {
     "this_seen": "this side: share of seen cloth",
@@ -46,10 +48,13 @@ def row_of(source: str) -> dict[str, Any]:
     """Return the figures of one recording."""
     began_s = time.process_time()
     integration, document, truth = unattended(source)
-    this = integration.canonical(document).view
+    integration.canonical(document)
     between_s = time.process_time()
-    sides = BothSides(integration).of(document)
+    both = BothSides(integration)
+    sides = both.of(document)
     ended_s = time.process_time()
+    frames = GraspFrames(axis=integration.axis, rotation_deg=0.0)
+    this = SessionData(integration, document, (), frames, both=both).canonical.view
     row: dict[str, Any] = {"recording": integration.recording.name}
     own = compare(this, truth, integration.recording).evaluation
     figures: dict[str, float] = {"seconds_this": between_s - began_s, "seconds_other": ended_s - between_s}

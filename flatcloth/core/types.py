@@ -203,3 +203,15 @@ class FlattenedView:
 def finite(value: float | None) -> float | None:
     """Return the value, or None if it is not finite, which JSON cannot express."""
     return value if value is not None and np.isfinite(value) else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaidPiece:
+    """A floating piece, by its index, at its place on the plane of the shape.
+
+    ``std_m`` is the standard deviation of its distance from its true place.
+    """
+
+    index: int
+    shape_from_piece: Rigid2
+    std_m: float

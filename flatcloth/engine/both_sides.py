@@ -11,11 +11,12 @@ import numpy as np
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Bool, Float64, Progress, RgbdFrame, RotationAxis, no_progress
+from flatcloth.core.types import Bool, Float64, LaidPiece, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import WithMasks, prepare
 from flatcloth.engine.views import RecordedViews
+from flatcloth.garments.deciding import decided_pieces
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.segmentation.other_side import other_side
 from flatcloth.session.document import Document
@@ -49,7 +50,7 @@ class BothSides:
         """
         try:
             with self._lock:
-                key = document.shape_key, document.garment.seams
+                key = document.shape_key, document.garment.pieces, document.garment.seams
                 return self._joined.get(key, lambda: self._made(document, progress, cores))
         except FlatclothError as error:
             return f"Only one side is in the shape: {error}"
@@ -61,7 +62,13 @@ class BothSides:
         key = (*document.strokes, tuple(this.axis.point_m), tuple(this.axis.direction))
         other, its = self._others.get(key, lambda: self.integrated(document, progress, cores))
         parts = this.parts_taken_off(document)
-        return this.algorithm.with_other_side(document, parts, this.canonical(document), other.algorithm, its)
+        canonical = this.canonical(document)
+        pieces = decided_pieces(document.garment, canonical.view, canonical.floating)
+        laid = [
+            LaidPiece(index=index, shape_from_piece=motion, std_m=pieces.std_m[index])
+            for index, motion in pieces.shape_from_piece.items()
+        ]
+        return this.algorithm.with_other_side(document, parts, canonical, laid, other.algorithm, its)
 
     def integrated(
         self, document: Document, progress: Progress = no_progress, cores: int = 1

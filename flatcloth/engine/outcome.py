@@ -13,6 +13,7 @@ import numpy as np
 
 from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
+from flatcloth.core.types import FlattenedView
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.results.result import uncertainty
@@ -30,6 +31,7 @@ def outcome_of(
     integration: Integration,
     document: Document,
     scores: Mapping[int, float] | None = None,
+    shape: FlattenedView | None = None,
 ) -> dict[str, Any]:
     """Return the report, ready for JSON: areas in cm2, lengths in mm, angles in degrees.
 
@@ -41,8 +43,12 @@ def outcome_of(
         The decisions, of an operator or of an unattended run.
     scores : dict of int to float, optional
         Scores of views whose acceptance keeps none; see :func:`earlier_scores`.
+    shape : FlattenedView, optional
+        The shape as it is written, with placed pieces; by default the canonical view.
     """
     canonical = integration.canonical(document)
+    shape = canonical.view if shape is None else shape
+    pieces = sheet_of(canonical, document).pieces
     angles = integration.recording.angles_deg
     accepted = [
         _accepted(added, angles[added.view_index], scores or {}, integration.accept_score)
@@ -62,10 +68,10 @@ def outcome_of(
         "accepted": accepted,
         "left": left,
         "ended": document.finished or "",
-        "area_cm2": round(1e4 * canonical.view.area_m2, 1),
-        "floating_cm2": [round(1e4 * piece.area_m2, 1) for piece in canonical.floating],
-        "floating": [_floating(piece) for piece in sheet_of(canonical, document).pieces],
-        **uncertainty(canonical.view),
+        "area_cm2": round(1e4 * shape.area_m2, 1),
+        "floating_cm2": [round(1e4 * piece.view.area_m2, 1) for piece in pieces if piece.placed is None],
+        "floating": [_floating(piece) for piece in pieces],
+        **uncertainty(shape),
         "pixels": pixel_counts(integration, document),
         **_cameras(integration, document),
         **_segmentation(integration),

@@ -22,7 +22,7 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.flattening.resampling import place
-from flatcloth.garments.deciding import decided_pieces
+from flatcloth.garments.deciding import DecidedPieces, decided_pieces
 from flatcloth.methods.answers import Canonical
 from flatcloth.methods.base import Views
 
@@ -232,6 +232,23 @@ def sheet_of(canonical: Canonical, document: Document) -> Sheet:
     """Lay out a canonical view, with the pieces that its document places by the garment."""
     placed = decided_pieces(document.garment, canonical.view, canonical.floating)
     return lay_out(canonical, placed.shape_from_piece)
+
+
+def with_placed_pieces(canonical: Canonical, pieces: DecidedPieces) -> Canonical:
+    """Return a shape with the cloth of the floating pieces that have a place on it; they stay listed.
+
+    Their standard deviations are those of their places.
+    """
+    if not pieces.shape_from_piece:
+        return canonical
+    main, laid = canonical.view, []
+    for index, motion in sorted(pieces.shape_from_piece.items()):
+        moved = _moved(canonical.floating[index], motion, main)
+        if main.placement_std_m is not None:
+            std = np.where(moved.valid, pieces.std_m[index], np.nan).astype(np.float32)
+            moved = replace(moved, placement_std_m=std)
+        laid.append(moved)
+    return replace(canonical, view=_joined(main, laid)[0])
 
 
 def overlay_on(integration: Integration, document: Document, sheet: Sheet) -> FlattenedView:

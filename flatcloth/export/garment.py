@@ -61,7 +61,7 @@ def garment_document(garment: KnownGarment, sides: JoinedSides | str | None = No
     """
     beyond = points_on_other_side(garment, sides) if isinstance(sides, JoinedSides) else {}
     other = sides.other.view if isinstance(sides, JoinedSides) else None
-    found, shape = garment.found, garment.canonical.view
+    found, shape = garment.found, garment.shape
     known = found.kind != NONE
     return {
         "format": FORMAT,
@@ -93,7 +93,7 @@ def _point(
     if beyond is not None and other is not None:
         pixel, cloth = beyond, other
     known: dict[str, Any] = {
-        "uv_m": np.round(point.uv_m - garment.canonical.view.origin_uv_m, 5).tolist(),
+        "uv_m": np.round(point.uv_m - garment.shape.origin_uv_m, 5).tolist(),
         "std_m": round(point.std_m, 5),
         "seen": pixel is not None,
         "held": name in garment.found.held,
@@ -118,7 +118,7 @@ def _pieces(garment: KnownGarment) -> dict[str, Any]:
         motion = decided.get(index) or proposed[index].shape_from_piece
         piece = proposed.get(index)
         pieces[floating_file(index + 1)] = {
-            "shape_from_piece": _matrix(motion, garment.canonical.view, floating[index]),
+            "shape_from_piece": _matrix(motion, garment.shape, floating[index]),
             "std_m": None if piece is None else round(piece.std_m, 5),
             "probability": None if piece is None else round(piece.probability, 4),
             "placed": index in decided,

@@ -17,6 +17,7 @@ from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.outcome import FILE as OUTCOME
 from flatcloth.engine.outcome import outcome_of, outcome_text, sides_entry
+from flatcloth.engine.sheet import with_placed_pieces
 from flatcloth.export.data import (
     GARMENT,
     GraspFrames,
@@ -26,6 +27,7 @@ from flatcloth.export.data import (
     write_files,
 )
 from flatcloth.export.garment import garment_document, garment_points, other_points, outcome_entry
+from flatcloth.garments.deciding import decided_pieces
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.session.journal import Pick
 from flatcloth.session.machine import Document
@@ -56,14 +58,17 @@ class SessionData:
 
     @cached_property
     def canonical(self) -> Canonical:
-        """The shape and its floating pieces.
+        """The shape, with the pieces that have a place on it, and its floating pieces.
 
         Raises
         ------
         FlatclothError
             If nothing is flattened yet.
         """
-        return self.integration.canonical(self.document)
+        canonical = self.integration.canonical(self.document)
+        pieces = decided_pieces(self.document.garment, canonical.view, canonical.floating)
+        laid = self.sides.laid if isinstance(self.sides, JoinedSides) else ()
+        return with_placed_pieces(canonical, pieces.with_laid(laid))
 
     @cached_property
     def sides(self) -> JoinedSides | str | None:
@@ -78,7 +83,7 @@ class SessionData:
     @cached_property
     def outcome(self) -> dict[str, Any]:
         """The content of ``outcome.json``."""
-        outcome = outcome_of(self.integration, self.document, self.scores)
+        outcome = outcome_of(self.integration, self.document, self.scores, self.canonical.view)
         outcome["garment"] = outcome_entry(self.garment)
         if self.sides is not None:
             outcome["other_side"] = sides_entry(self.sides)

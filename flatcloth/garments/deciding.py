@@ -7,13 +7,13 @@ it, and found again by where these points lie then.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, Rigid2
+from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, LaidPiece, Rigid2
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import APART_M, HELD_STD_M, Pull, thinned
 from flatcloth.garments.links import Cloth, DoubtedLink, side_of
@@ -34,10 +34,23 @@ _LEAST_FOUND = 0.5  # by definition: most of the points of a decision, or its cl
 
 @dataclass(frozen=True, kw_only=True)
 class DecidedPieces:
-    """Decisions about floating pieces, by their index: where those placed lie, and which were refused."""
+    """Decisions about floating pieces, by their index: where those placed lie, and which were refused.
+
+    ``std_m`` are the standard deviations of the places.
+    """
 
     shape_from_piece: dict[int, Rigid2]
     refused: frozenset[int]
+    std_m: dict[int, float] = field(default_factory=dict)
+
+    def with_laid(self, laid: Sequence[LaidPiece]) -> DecidedPieces:
+        """Return these with the pieces that seams lay, each where it is known better."""
+        surer = [each for each in laid if each.std_m < self.std_m.get(each.index, np.inf)]
+        return replace(
+            self,
+            shape_from_piece=self.shape_from_piece | {each.index: each.shape_from_piece for each in surer},
+            std_m=self.std_m | {each.index: each.std_m for each in surer},
+        )
 
 
 def decided(
@@ -125,6 +138,7 @@ def placed_piece(
     shape: FlattenedView,
     shape_from_piece: Rigid2,
     probability: float,
+    std_m: float,
     *,
     accepted: bool,
 ) -> PlacedPiece:
@@ -136,6 +150,7 @@ def placed_piece(
         piece=replace(own, uv_m=tuple((float(u), float(v)) for u, v in laid)),
         shape=_cloth_of(shape),
         probability=float(probability),
+        std_m=float(std_m),
     )
 
 
@@ -144,6 +159,7 @@ def decided_pieces(
 ) -> DecidedPieces:
     """Return what was decided about the pieces that float now; the last decision about a piece counts."""
     motions: dict[int, Rigid2] = {}
+    std_m: dict[int, float] = {}
     refused: set[int] = set()
     trees = [cKDTree(piece.xyz_m[piece.valid]) for piece in floating] if decisions.pieces else []
     for decision in decisions.pieces:
@@ -160,7 +176,8 @@ def decided_pieces(
             refused.add(index)
         elif moved is not None and own is not None:
             motions[index] = moved @ own.inverse()
-    return DecidedPieces(shape_from_piece=motions, refused=frozenset(refused))
+            std_m[index] = decision.std_m or KNOWN_STD_M
+    return DecidedPieces(shape_from_piece=motions, refused=frozenset(refused), std_m=std_m)
 
 
 def _cloth_of(view: FlattenedView) -> ClothPlaces:

@@ -14,6 +14,9 @@ ALIKE_M = 0.040
 """Errors of cloth and edges are alike over this distance, which is also their standard deviation in a coarse
 search. Chosen."""
 
+_ENDS = 0.06
+"""Share at either end of a line between two places that may lie outside. Chosen: 2 cm of 30."""
+
 
 class Distances(NamedTuple):
     """How places (N, 2) lie to an outline.
@@ -117,6 +120,31 @@ def inside_outline(q: Float64, outline: Float64) -> Bool:
         for a in range(len(outline)):
             ax, ay, bx, by = outline[a - 1, 0], outline[a - 1, 1], outline[a, 0], outline[a, 1]
             found[i] ^= _crosses(q[i, 0], q[i, 1], ax, ay, bx, by)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def straight_inside(one: Float64, other: Float64, outline: Float64) -> Bool:
+    """Return (K, L) whether lines from places (K, 2) to others (L, 2) lie inside the outline.
+
+    Without ``_ENDS``, because places near the outline may lie on either side of it.
+    """
+    found = np.zeros((len(one), len(other)), dtype=np.bool_)
+    length = 1.0 - 2.0 * _ENDS
+    for k in range(len(one)):
+        for n in range(len(other)):
+            dx, dy = other[n, 0] - one[k, 0], other[n, 1] - one[k, 1]
+            x, y, dx, dy = one[k, 0] + _ENDS * dx, one[k, 1] + _ENDS * dy, length * dx, length * dy
+            inside, crossed = False, False
+            for a in range(len(outline)):
+                ax, ay, bx, by = outline[a - 1, 0], outline[a - 1, 1], outline[a, 0], outline[a, 1]
+                inside ^= _crosses(x, y, ax, ay, bx, by)
+                # On which sides of the line the ends of the side lie, and the other way round.
+                from_line = (dx * (ay - y) - dy * (ax - x)) * (dx * (by - y) - dy * (bx - x))
+                ex, ey = bx - ax, by - ay
+                from_side = (ex * (y - ay) - ey * (x - ax)) * (ex * (y + dy - ay) - ey * (x + dx - ax))
+                crossed |= from_line < 0.0 and from_side < 0.0
+            found[k, n] = inside and not crossed
     return found
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.garments.distance import ALIKE_M, inside_outline
+from flatcloth.garments.distance import ALIKE_M, straight_inside
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
 from flatcloth.garments.fit import (
     OUTLINE_STD_M,
@@ -31,7 +31,10 @@ from flatcloth.garments.model import with_slope
 
 @dataclass(frozen=True, kw_only=True)
 class Placed:
-    """Where a floating piece lies: ``shape_from_piece``, how probable against other places, its std (m)."""
+    """Where a floating piece lies: ``shape_from_piece``, and how probable that is against other places.
+
+    ``std_m`` is the standard deviation of the distance from its true place.
+    """
 
     index: int
     shape_from_piece: Rigid2
@@ -121,9 +124,7 @@ def _contradiction(
     flat = np.linalg.norm(there[own][:, None] - main.inside_uv_m[others][None], axis=-1)
     space = np.linalg.norm(piece.inside_xyz_m[own][:, None] - main.inside_xyz_m[others][None], axis=-1)
     first, last = pose.apply(piece.inside_uv_m[own]), main_pose.apply(main.inside_uv_m[others])
-    share = np.array([1, 2, 3])[:, None, None, None] / 4
-    between = (1 - share) * first[None, :, None] + share * last[None, None]
-    joined = inside_outline(between.reshape(-1, 2), outline).reshape(between.shape[:3]).all(axis=0)
+    joined = straight_inside(first, last, outline)
     if not joined.any():
         return energy
     nearer = bounded_cost((space - flat)[joined] - ALIKE_M, ALIKE_M)
@@ -131,7 +132,7 @@ def _contradiction(
 
 
 def _std_m(fit: Fit, piece: PieceEvidence) -> float:
-    """Return the standard deviation of the middle of the piece relative to the main one."""
+    """Return the standard deviation of the distance of the piece's middle from its true place."""
     count = len(fit.kind.parameters)
     shape = fit.covariance[count:, count:]
     middle = piece.inside_uv_m.mean(axis=0)

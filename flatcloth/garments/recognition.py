@@ -123,7 +123,7 @@ class Recognition:
 
 def is_sure(piece: Placed) -> bool:
     """Return whether a piece may be placed without asking the operator."""
-    return piece.probability >= SURE and piece.std_m <= KNOWN_STD_M
+    return piece.probability >= SURE and piece.std_m <= math.sqrt(2) * KNOWN_STD_M  # of both axes together
 
 
 def is_offered(piece: Placed) -> bool:

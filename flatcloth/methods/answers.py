@@ -13,6 +13,7 @@ from flatcloth.core.types import (
     Float64,
     Int16,
     Int32,
+    LaidPiece,
     Rigid2,
 )
 from flatcloth.flattening.borders import SPACING_M
@@ -264,11 +265,13 @@ class JoinedSides:
     ``other`` is its canonical view with its floating pieces, as seen from its own outside; its standard
     deviations are relative to this side's shape, and None if it is not related to that. Where
     ``is_related``, a place (u, v) of its plane times :data:`MIRROR` lies on the plane of this side.
+    ``laid`` are floating pieces of this side that seams join to the shape, over cloth of the other side.
     """
 
     other: Canonical
     seams: tuple[Seam, ...]
     is_related: bool
+    laid: tuple[LaidPiece, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,6 +18,7 @@ from flatcloth.core.types import (
     Bool,
     FlattenedView,
     Float64,
+    LaidPiece,
     Progress,
     RgbdFrame,
     Rigid2,
@@ -172,7 +173,13 @@ class Method(Protocol):
         return None
 
     def with_other_side(
-        self, document: Document, parts: Sequence[Bool], canonical: Canonical, other: Method, its: Document
+        self,
+        document: Document,
+        parts: Sequence[Bool],
+        canonical: Canonical,
+        laid: Sequence[LaidPiece],
+        other: Method,
+        its: Document,
     ) -> JoinedSides:
         """Join the other side of the item to the shape along the seams.
 
@@ -184,6 +191,8 @@ class Method(Protocol):
             Samples of the shape that were taken off it, as in :meth:`apart`.
         canonical : Canonical
             This side without them.
+        laid : sequence of LaidPiece
+            Its floating pieces that were placed by the garment.
         other, its
             The same method, made for the masks of the other side, and the decisions about it.
         """

@@ -47,13 +47,15 @@ class PlacedPiece:
     """A piece that lies on the plane of the shape by the garment, or is refused there.
 
     ``piece`` are points of its cloth with their places on the shape's plane; ``shape`` are points of the
-    shape, which fix that plane. ``probability`` is that of the proposal.
+    shape, which fix that plane. ``probability`` is that of the proposal, ``std_m`` the standard deviation of
+    the place, 0 if it was not kept.
     """
 
     accepted: bool
     piece: ClothPlaces
     shape: ClothPlaces
     probability: float
+    std_m: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,7 @@ def test_a_piece_placed_by_the_garment_counts_as_shape(session: OpenedSession) -
             return canonical
 
     onto = Rigid2(0.0, 0.1 - 12.0, -3.0)
-    decided = placed_piece(far, main, onto, 0.9, accepted=True)
+    decided = placed_piece(far, main, onto, 0.9, 0.02, accepted=True)
     document = Document(
         start_view=0, accepted=(Accepted(1, Rigid2()),), garment=GarmentDecisions(pieces=(decided,))
     )

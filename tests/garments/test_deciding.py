@@ -86,10 +86,11 @@ def test_a_placed_piece_stays_on_its_place_when_both_planes_turn_and_the_last_de
     left[:, :40], right[:, 50:] = True, True
     shape, piece = sheet_view(left), sheet_view(right)
     laid = Rigid2(0.1, 0.02, 0.03)
-    decision = placed_piece(piece, shape, laid, 0.97, accepted=True)
+    decision = placed_piece(piece, shape, laid, 0.97, 0.02, accepted=True)
     turned = Rigid2(-1.0, 3.0, 4.0)
     found = decided_pieces(GarmentDecisions(pieces=(decision,)), place(shape, MOVED), (place(piece, turned),))
     assert found.refused == frozenset()
+    assert found.std_m == {0: 0.02}
     expected = MOVED @ laid @ turned.inverse()
     corner = turned.apply(np.array([0.3, 0.1]))
     np.testing.assert_allclose(found.shape_from_piece[0].apply(corner), expected.apply(corner), atol=0.006)

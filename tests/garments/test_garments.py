@@ -12,7 +12,7 @@ from garment_evidence import at_mean, blank_view, evidence_from, sampled
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Intrinsics, Rigid2
-from flatcloth.garments.distance import inside_outline, outside, to_edges
+from flatcloth.garments.distance import inside_outline, outside, straight_inside, to_edges
 from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
 from flatcloth.garments.fit import Pull, crossing_energy, refine, starts
 from flatcloth.garments.kinds import kind_named, known_kinds
@@ -57,6 +57,13 @@ def test_an_outline_is_symmetric_runs_clockwise_and_does_not_cross_itself(name: 
     places, normals = sampled(outline, 0.02)
     assert not inside_outline(places + 1e-4 * normals, outline).any()
     assert inside_outline(places - 1e-4 * normals, outline).all()
+
+
+def test_a_line_across_the_gap_between_two_legs_is_not_inside() -> None:
+    legs = np.array([[0, 0], [4, 0], [4, 10], [2.2, 10], [2.0, 2], [1.8, 10], [0, 10]], dtype=np.float64)
+    one, other = np.array([[1.0, 9.5], [1.0, 1.0]]), np.array([[3.0, 9.0], [3.0, 1.2], [1.2, 8.0]])
+    # A sixteenth of the gap's width would do: no sampling of the line may miss it.
+    assert straight_inside(one, other, legs).tolist() == [[False, False, True], [False, True, True]]
 
 
 @pytest.mark.parametrize("name", KINDS)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.sheet import with_placed_pieces
 from flatcloth.garments.deciding import (
     DecidedPieces,
     decided,
@@ -93,6 +95,11 @@ class KnownGarment:
     pieces: DecidedPieces
     cloth: Cloth | None = None
     links: tuple[DoubtedLink, ...] = ()
+
+    @cached_property
+    def shape(self) -> FlattenedView:
+        """The canonical view with the cloth of the placed pieces."""
+        return with_placed_pieces(self.canonical, self.pieces).view
 
     def cloth_of(self, point: Point) -> FlattenedView:
         """Return the flattened view with the pixel of a named point: the shape, or a placed piece."""
@@ -240,5 +247,6 @@ def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> Pl
         canonical.view,
         piece.shape_from_piece,
         piece.probability,
+        piece.std_m,
         accepted=accepted,
     )

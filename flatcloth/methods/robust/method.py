@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.types import Bool, Progress, RgbdFrame, Rigid2, Uint8, no_progress
+from flatcloth.core.types import Bool, LaidPiece, Progress, RgbdFrame, Rigid2, Uint8, no_progress
 from flatcloth.flattening.pixel_states import states_of_view
 from flatcloth.methods.answers import (
     AlignmentScore,
@@ -223,7 +223,13 @@ class RobustMethod(Method):
     # ------------------------------------------------- the other side
 
     def with_other_side(
-        self, document: Document, parts: Sequence[Bool], canonical: Canonical, other: Method, its: Document
+        self,
+        document: Document,
+        parts: Sequence[Bool],
+        canonical: Canonical,
+        laid: Sequence[LaidPiece],
+        other: Method,
+        its: Document,
     ) -> JoinedSides:
         """Join the other side, integrated by itself, along the seams (``docs/robust.md``, "Both sides")."""
         assert isinstance(other, RobustMethod)
@@ -232,13 +238,14 @@ class RobustMethod(Method):
             this = taken_apart(this, parts)
         alone = other.canonical(its)
         pieces = (canonical.view, *canonical.floating), (alone.view, *alone.floating)
-        joined = join_sides(
-            this, other.shapes.settled(its), pieces, self._views.held_point_m, document.garment.seams
-        )
+        held_point_m, seams = self._views.held_point_m, document.garment.seams
+        joined = join_sides(this, other.shapes.settled(its), pieces, held_point_m, laid, seams)
         drawn = other._draw(its, joined.shape, (np.nan_to_num(joined.std_m), joined.unreliable))
         if not joined.is_related:  # it floats, and has no deviation from this side's shape
             drawn = replace(drawn, view=replace(drawn.view, placement_std_m=None))
-        return JoinedSides(other=drawn, seams=seams_of(joined), is_related=joined.is_related)
+        return JoinedSides(
+            other=drawn, seams=seams_of(joined), is_related=joined.is_related, laid=joined.laid
+        )
 
     # ------------------------------------------------- 4. acceptance without an operator
 

@@ -108,7 +108,7 @@ def joined(this: JointShape, other: JointShape, this_at: Float64 = UV, other_at:
         ]
         for shape, at, is_other in ((this, this_at, False), (other, other_at, True))
     )
-    return join_sides(this, other, pieces, HELD_M, decided)
+    return join_sides(this, other, pieces, HELD_M, (), decided)
 
 
 def test_both_sides_lie_on_each_other_wherever_the_other_one_lay_before() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Float64, Int64
+from flatcloth.core.types import Bool, FlattenedView, Float64, Int64, LaidPiece
 from flatcloth.methods.answers import MIRROR, Seam
 from flatcloth.methods.robust.connectivity import Links, both_ends, pairs_once
 from flatcloth.methods.robust.joint import flatten_jointly
@@ -49,7 +49,8 @@ class JoinedSide:
     side if it ``is_related``: seams join its main piece to that of this side. ``std_m`` (N,) are the standard
     deviations of its nodes relative to the main piece of this side, NaN if it is not related to that;
     ``unreliable`` (N,) are the nodes not determined.
-    ``matches`` are where rims meet, ``links`` their sets.
+    ``matches`` are where rims meet, ``links`` their sets; ``laid`` the floating pieces of
+    this side that seams join to its main piece.
     """
 
     shape: JointShape
@@ -58,6 +59,7 @@ class JoinedSide:
     matches: Matches
     links: tuple[SeamLink, ...]
     is_related: bool
+    laid: tuple[LaidPiece, ...] = ()
 
 
 def join_sides(
@@ -65,6 +67,7 @@ def join_sides(
     other: JointShape,
     pieces: tuple[Sequence[FlattenedView], Sequence[FlattenedView]],
     held_point_m: Float64,
+    laid: Sequence[LaidPiece] = (),
     decided: Sequence[DecidedSeam] = (),
 ) -> JoinedSide:
     """Join the settled shapes of both sides along the seams.
@@ -77,6 +80,8 @@ def join_sides(
         All pieces of each side, rasterised where their nodes lie.
     held_point_m : (3,) float64
         Held point, object frame.
+    laid : sequence of LaidPiece
+        Floating pieces of this side with a known place: what seams join to them has one, too.
     decided : sequence of DecidedSeam
         The operator's decisions about seams.
     """
@@ -93,9 +98,19 @@ def join_sides(
     both = _one_shape(own, mirrored, matches.chosen(joining), (places[0][joining], places[1][joining]))
     # 4. Eq. (2) over both sides (joint.py).
     both = flatten_jointly(both, most_cut=None, precise=True)
-    # 5. The other side again on its own plane, with its standard deviations.
-    std_m[1] = np.hypot(std_m[1], placement_std_m(both, held_point_m)[len(this.nodes) :][: len(other.nodes)])
-    return _other_of(both, this, other, std_m[1], joining, matches, links)
+    # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
+    seamed = np.where(both.piece[: len(this.nodes)] == 0, this.piece, 0)
+    joint_std_m = placement_std_m(both, held_point_m)
+    std_m = [
+        np.hypot(std_m[0], joint_std_m[: len(this.nodes)]),
+        np.hypot(std_m[1], joint_std_m[len(this.nodes) :][: len(other.nodes)]),
+    ]
+    for piece in laid:
+        both = _with_laid(both, this, piece, std_m[1])
+    joined = _other_of(both, this, other, std_m[1], joining, matches, links)
+    return replace(
+        joined, laid=tuple(_laid(both, this, int(k), std_m[0]) for k in np.unique(seamed[seamed > 0]))
+    )
 
 
 def _posed(
@@ -130,12 +145,14 @@ def _posed(
         # The group with the smaller number stays where it lies: this side's main piece is 0.
         stays, moves = (0, 1) if groups[0] < groups[1] else (1, 0)
         motion = fit_rigid2(places[moves][own], places[stays][own])
+        there = np.flatnonzero(number[stays] == groups[stays])
+        its_variance = variance[stays][there[cKDTree(uv[stays][there]).query(places[stays][own])[1]]].mean()
         middle, extent_m2 = places[stays][own].mean(axis=0), places[stays][own].var(axis=0).sum()
         for side in (0, 1):
             moved = number[side] == groups[moves]
             uv[side][moved] = motion.apply(uv[side][moved])
             away_m2 = np.square(uv[side][moved] - middle).sum(axis=1)
-            variance[side][moved] += SEAM_STD_M**2 * (1.0 + away_m2 / extent_m2)
+            variance[side][moved] += its_variance + SEAM_STD_M**2 * (1.0 + away_m2 / extent_m2)
             number[side][moved] = groups[stays]
             moved = of_match[side] == groups[moves]
             places[side][moved] = motion.apply(places[side][moved])
@@ -253,11 +270,28 @@ def _listed(parts: Sequence[Links], n: int) -> Links:
     )
 
 
+def _with_laid(both: JointShape, this: JointShape, piece: LaidPiece, other_std_m: Float64) -> JointShape:
+    """Return both sides with a floating piece of this side, and what seams join to it, at a known place.
+
+    Adds its standard deviation to that (M,) of the nodes of the other side.
+    """
+    n, m = len(this.nodes), len(other_std_m)
+    own = np.flatnonzero((this.piece == piece.index + 1) & (both.piece[:n] > 0))
+    if not own.size:
+        return both  # seams join it to the shape
+    group = both.piece == np.bincount(both.piece[own]).argmax()
+    motion = fit_rigid2(both.all_uv_m[own], piece.shape_from_piece.apply(this.all_uv_m[own]))
+    uv = both.all_uv_m.copy()
+    uv[group] = motion.apply(uv[group])
+    other_std_m[group[n : n + m]] = np.hypot(np.nan_to_num(other_std_m[group[n : n + m]]), piece.std_m)
+    return replace(both, all_uv_m=uv, piece=np.where(group, 0, both.piece).astype(np.int32))
+
+
 def _other_of(
     both: JointShape,
     this: JointShape,
     other: JointShape,
-    joint_std_m: Float64,
+    other_std_m: Float64,
     joining: Int64,
     matches: Matches,
     links: Sequence[SeamLink],
@@ -285,7 +319,7 @@ def _other_of(
         shift_m = np.linalg.norm(at - matches.this_uv_m[joining[seam]], axis=1)
         seam_m = np.hypot(matches.this_std_m[joining[seam]], shift_m)
         nearest = cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]
-        std_m = np.hypot(joint_std_m, seam_m[nearest])
+        std_m = np.hypot(other_std_m, seam_m[nearest])
         unreliable = undetermined(made, std_m)
     return JoinedSide(
         shape=made,
@@ -294,6 +328,16 @@ def _other_of(
         matches=_moved(matches, links, other, made),
         links=tuple(links),
         is_related=is_related,
+    )
+
+
+def _laid(both: JointShape, this: JointShape, number: int, std_m: Float64) -> LaidPiece:
+    """Return a floating piece of this side, by its number, where seams lay it."""
+    own = np.flatnonzero((this.piece == number) & both.has_place[: len(this.nodes)])
+    return LaidPiece(
+        index=number - 1,
+        shape_from_piece=fit_rigid2(this.all_uv_m[own], both.all_uv_m[own]),
+        std_m=float(np.sqrt(np.square(std_m[own]).mean())),
     )
 
 
