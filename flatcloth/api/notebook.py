@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 class Shown(Protocol):
     """What is shown of a :class:`flatcloth.Shape`, and asked."""
 
-    data: SessionData
+    @property
+    def data(self) -> SessionData:
+        """The recording with its decisions."""
 
     @property
     def view(self) -> FlattenedView:
@@ -88,16 +90,16 @@ def widget_of(shape: Shown) -> Any:
             f"The widget needs anywidget ({error}); pip install 'flatcloth[jupyter]'."
         ) from error
 
-    class ShapeWidget(anywidget.AnyWidget):  # type: ignore[misc]
+    class ShapeWidget(anywidget.AnyWidget):
         """The flat image; a click on the cloth adds a pick, whose pose is in ``poses``."""
 
         _esm = static_folder() / "notebook" / "shape.js"
         image = traitlets.Unicode().tag(sync=True)
-        size = traitlets.List().tag(sync=True)
-        points = traitlets.List().tag(sync=True)
-        picks = traitlets.List().tag(sync=True)
+        size: Any = traitlets.List().tag(sync=True)
+        points: Any = traitlets.List().tag(sync=True)
+        picks: Any = traitlets.List().tag(sync=True)
         told = traitlets.Unicode("Click the cloth.").tag(sync=True)
-        asked = traitlets.List([0, 0, 0]).tag(sync=True)
+        asked: Any = traitlets.List([0, 0, 0]).tag(sync=True)
 
         def __init__(self) -> None:
             super().__init__(image=image_of(shape), size=list(shape.valid.shape), points=marks_of(shape))

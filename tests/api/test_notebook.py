@@ -22,12 +22,15 @@ def shape(tmp_path_factory: pytest.TempPathFactory) -> flatcloth.Shape:
 
 def picture(url: str) -> np.ndarray:
     data = base64.b64decode(url.removeprefix("data:image/png;base64,"))
-    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    return image
 
 
 def test_a_cell_shows_the_flat_image_the_picks_and_the_summary(shape: flatcloth.Shape) -> None:
     html = shape._repr_html_()
-    shown = picture(re.search(r'href="([^"]+)"', html)[1])
+    (url,) = re.findall(r'href="([^"]+)"', html)
+    shown = picture(url)
     np.testing.assert_array_equal(shown[..., 3] > 0, shape.valid)
     assert html.count("<circle") == 2  # the third pick is no longer on the cloth
     assert "edge &lt;b&gt;" in html
