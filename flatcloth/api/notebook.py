@@ -6,9 +6,13 @@ import base64
 from html import escape
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import static_folder
+from flatcloth.core.types import Rigid2
 from flatcloth.export.data import png_bytes
+from flatcloth.export.garment import upright_rad
 
 if TYPE_CHECKING:
     from flatcloth.core.types import Bool, FlattenedView
@@ -42,6 +46,8 @@ class Shown(Protocol):
         """Return the grasp pose at a pixel."""
 
 
+_MARGIN_PX = 12.0
+"""Margin of the pictures around the cloth, so that marks at its rim are whole. Chosen."""
 _WIDTH_PX = 360
 """Width of the picture in a cell. Chosen: beside it the summary has room."""
 
@@ -57,10 +63,23 @@ def html_of(shape: Shown) -> str:
         for mark in marks_of(shape)
     )
     image = f'<image href="{image_of(shape)}" width="{cols}" height="{rows}"/>'
+    turn, box = turned_upright(shape)
     label = 'role="img" aria-label="The flattened garment"'
-    picture = f'<svg viewBox="0 0 {cols} {rows}" width="{_WIDTH_PX}" {label}>{image}{marks}</svg>'
+    layer = f'<g transform="{turn}">{image}{marks}</g>'
+    picture = f'<svg viewBox="{box}" width="{_WIDTH_PX}" {label}>{layer}</svg>'
     lines = "".join(f"<li>{escape(line)}</li>" for line in shape.lines())
-    return f'<div style="display:flex;gap:1em;flex-wrap:wrap">{picture}<ul>{lines}</ul></div>'
+    text = f'<ul style="flex:1 1 20em">{lines}</ul>'
+    return f'<div style="display:flex;gap:1em;flex-wrap:wrap">{picture}{text}</div>'
+
+
+def turned_upright(shape: Shown) -> tuple[str, str]:
+    """Return the transform that turns the picture upright, and the box around the cloth, as SVG has them."""
+    turn_rad = upright_rad(shape.data.garment)
+    pixels = np.argwhere(shape.valid)[:, ::-1] + 0.5
+    turned = Rigid2(theta_rad=turn_rad).apply(pixels)
+    low, high = turned.min(axis=0) - _MARGIN_PX, turned.max(axis=0) + _MARGIN_PX
+    box = " ".join(f"{number:.1f}" for number in (*low, *(high - low)))
+    return f"rotate({np.degrees(turn_rad):.2f})", box
 
 
 def image_of(shape: Shown) -> str:
@@ -95,6 +114,8 @@ def widget_of(shape: Shown) -> Any:
 
         _esm = static_folder() / "notebook" / "shape.js"
         image = traitlets.Unicode().tag(sync=True)
+        turn = traitlets.Unicode().tag(sync=True)
+        box = traitlets.Unicode().tag(sync=True)
         size: Any = traitlets.List().tag(sync=True)
         points: Any = traitlets.List().tag(sync=True)
         picks: Any = traitlets.List().tag(sync=True)
@@ -102,7 +123,9 @@ def widget_of(shape: Shown) -> Any:
         asked: Any = traitlets.List([0, 0, 0]).tag(sync=True)
 
         def __init__(self) -> None:
-            super().__init__(image=image_of(shape), size=list(shape.valid.shape), points=marks_of(shape))
+            turn, box = turned_upright(shape)
+            size, points = list(shape.valid.shape), marks_of(shape)
+            super().__init__(image=image_of(shape), turn=turn, box=box, size=size, points=points)
             self.poses: dict[str, GraspPose] = {}
 
         @traitlets.observe("asked")

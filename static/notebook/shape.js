@@ -12,21 +12,24 @@ function drawn(name, values) {
 /** @param {{ model: any, el: HTMLElement }} cell */
 function render({ model, el }) {
   const [rows, cols] = model.get("size");
-  const picture = drawn("svg", { viewBox: `0 0 ${cols} ${rows}`, role: "img", tabindex: 0 });
+  const picture = /** @type {SVGSVGElement} */ (
+    drawn("svg", { viewBox: model.get("box"), role: "img", tabindex: 0 })
+  );
   picture.setAttribute("aria-label", "The flattened garment; click the cloth to pick a point");
   picture.style.cssText = "max-width: 100%; max-height: 70vh; cursor: crosshair; background: #fff";
   const image = drawn("image", { href: model.get("image"), width: cols, height: rows });
   const marks = drawn("g", {});
-  picture.append(image, marks);
+  const layer = /** @type {SVGGElement} */ (drawn("g", { transform: model.get("turn") }));
+  layer.append(image, marks);
+  picture.append(layer);
   const words = document.createElement("output");
   words.style.cssText = "display: block; font-family: monospace; min-height: 1.4em";
   el.append(picture, words);
 
   picture.addEventListener("click", (event) => {
-    const box = picture.getBoundingClientRect();
-    const col = Math.floor(((event.clientX - box.left) * cols) / box.width);
-    const row = Math.floor(((event.clientY - box.top) * rows) / box.height);
-    model.set("asked", [row, col, model.get("asked")[2] + 1]);
+    const toPicture = layer.getScreenCTM()?.inverse();
+    const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(toPicture);
+    model.set("asked", [Math.floor(y), Math.floor(x), model.get("asked")[2] + 1]);
     model.save_changes();
   });
 
