@@ -279,6 +279,7 @@ const shown = {
   fps: () => liveBar.fps,
   teaching: () => teaching.status,
   layerRevision: () => canvas.layerRevision,
+  layerShown: () => canvas.layer.shown?.address ?? null,
   pairEnds: () => repair.status.ends,
   differenceShown: () => comparison.shownKind,
   overlayRevision: () => canvas.overlay.shown?.revision ?? 0,

@@ -200,6 +200,7 @@ def _seam(seam: Seam) -> dict[str, Any]:
         "other_piece": seam.other_piece,
         "joins": not seam.why,
         "reason": seam.why,
+        "decided": seam.decided,
         "length_mm": round(1e3 * seam.length_m),
         "matches": len(seam.residual_m),
         "residual_mm": round(1e3 * float(np.median(seam.residual_m)), 1),

@@ -12,12 +12,12 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import replacing
-from flatcloth.core.types import Bool, Float64, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Float64, Uint8
 from flatcloth.export.growth import Growth, Step
 from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.charts import SMALL, draw_scale_bar
 from flatcloth.rendering.drawing import BLUE, GRID, SOFT, TEXT, Drawing
-from flatcloth.rendering.pictures import NEW_RGB, cropped
+from flatcloth.rendering.pictures import NEW_RGB, PlanePicture, cropped, side_by_side
 from flatcloth.rendering.points import camera_around, paint_points
 
 if TYPE_CHECKING:
@@ -102,6 +102,9 @@ def frames(session: OpenedSession) -> Iterator[Frame]:
         yield painter.frame(page, scene, angle_deg, _HOLD_MS)
         scene = painter.scene(step, step.order, False)
     yield painter.frame(painter.page(last, last.order, False), scene, angle_deg, _LAST_MS)
+    if painter.other is not None:
+        page, scene = painter.both_page(last, painter.other), painter.with_other(scene, painter.other)
+        yield painter.frame(page, scene, angle_deg, _LAST_MS)
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,7 @@ class _Painter:
         view = self._growth.view
         self._camera = camera_around(view.xyz_m[view.valid], self._integration.axis, _PANE, _HEIGHT - _FOOT)
         self._drawing = Drawing(_WIDTH, _HEIGHT)
+        self.other = session.view_of("other")
 
     def frame(self, page: Uint8, scene: _Scene, angle_deg: float, duration_ms: int) -> Frame:
         """Paint a scene next to the shape on its page."""
@@ -147,12 +151,30 @@ class _Painter:
         """Paint the shape next to an empty pane, with the step as text and on a timeline."""
         growth, drawing = self._growth, self._drawing
         drawing.clear()
-        pane = _HEIGHT - _FOOT
         shown = growth.shown_after(order)
         flat = np.zeros((*growth.view.shape, 4), dtype=np.uint8)
         flat[shown, :3] = _colors(growth, shown, order, tinted)
         flat[shown, 3] = 255
-        picture = cropped(flat, growth.view)
+        self._lay(cropped(flat, growth.view))
+        _draw_foot(drawing, growth, step, order)
+        return drawing.paint(1.0)
+
+    def both_page(self, last: Step, other: FlattenedView) -> Uint8:
+        """Paint both sides beside one another, each as seen from its own outside."""
+        self._drawing.clear()
+        self._lay(side_by_side(self._growth.view, other)[0])
+        _draw_foot(self._drawing, self._growth, last, last.order, "Both sides, each from its own outside")
+        return self._drawing.paint(1.0)
+
+    def with_other(self, scene: _Scene, other: FlattenedView) -> _Scene:
+        """Return a scene with the cloth of the other side."""
+        xyz, rgb = other.xyz_m[other.valid], other.rgb[other.valid]
+        behind_m = np.concatenate([scene.behind_m, np.zeros(len(xyz))])
+        return _Scene(np.concatenate([scene.xyz_m, xyz]), np.concatenate([scene.rgb, rgb]), behind_m)
+
+    def _lay(self, picture: PlanePicture) -> None:
+        """Draw a picture of the plane into the right pane, with its scale."""
+        drawing, pane = self._drawing, _HEIGHT - _FOOT
         rows, cols = picture.rgba.shape[:2]
         room = (_WIDTH - _PANE - 32, pane - 56)
         per_pixel = min(room[0] / cols, room[1] / rows)
@@ -160,8 +182,6 @@ class _Painter:
         left, top = _PANE + 16 + (room[0] - width) / 2, 16 + (room[1] - height) / 2
         drawing.picture(picture.rgba, left, top, width, height)
         draw_scale_bar(drawing, _PANE + 16, pane - 8, per_pixel / picture.pixel_size_m, 120)
-        _draw_foot(drawing, growth, step, order)
-        return drawing.paint(1.0)
 
 
 def _colors(growth: Growth, shown: Bool, order: int, tinted: bool) -> Uint8:
@@ -172,7 +192,7 @@ def _colors(growth: Growth, shown: Bool, order: int, tinted: bool) -> Uint8:
     return rgb
 
 
-def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int) -> None:
+def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int, told: str = "") -> None:
     count = len(growth.steps)
     y = _HEIGHT - _FOOT + 16
     ends = np.array([(20.0, y), (_WIDTH - 20.0, y)])
@@ -181,7 +201,7 @@ def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int) -> None
         x = 20.0 + (_WIDTH - 40.0) * (n / max(count - 1, 1))
         drawing.dot(x, y, 6.0 if n == step.order else 4.0, BLUE if n <= order else GRID)
     turn = f"{step.angle_deg:g}\u00b0"
-    said = (
+    said = told or (
         f"View {step.view_index} at {turn}"
         if order == step.order
         else f"Turning to view {step.view_index}, {turn}"

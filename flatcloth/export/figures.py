@@ -92,7 +92,10 @@ def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
 
 def all_figures(session: OpenedSession) -> Iterator[Figure]:
     """Yield all figures."""
+    from flatcloth.export.both_sides import both_sides
+
     yield from maps(session)
+    yield from both_sides(session)
     yield from garment(session)
     yield growth(session)
     yield energy(session)
@@ -190,6 +193,8 @@ def picks_on(session: OpenedSession) -> list[tuple[float, float, str]]:
     view = session.growth.view
     places = []
     for pick in session.history.picks:
+        if pick.side == "other":
+            continue
         rc, distance_m = pixel_of_point(view, pick.position_held_m)
         if distance_m <= LOST_AT_M:
             u_m, v_m = view.uv_from_rc(np.array(rc)).tolist()
@@ -208,11 +213,13 @@ def map_drawing(
     pieces: Sequence[SheetPiece] = (),
     rings: Sequence[tuple[float, float, str]] = (),
     outline: Floats | None = None,
+    dots: Sequence[tuple[Floats, str]] = (),
 ) -> Drawing:
     """Return a picture of the plane with a title, a scale bar and a legend on the right.
 
     ``marks`` are points (u, v in m) with a short label each, ``rings`` such points that were not seen;
-    floating ``pieces`` are named where they lie; ``outline`` (N, 2) is a closed line.
+    floating ``pieces`` are named where they lie; ``outline`` (N, 2) is a closed line, ``dots`` are
+    places (N, 2) with their color.
     """
     rows, cols = picture.rgba.shape[:2]
     per_pixel = longest / max(rows, cols)
@@ -245,6 +252,9 @@ def map_drawing(
         line = np.array([place(uv) for uv in (*outline.tolist(), outline[0].tolist())])
         drawing.line(line, PAPER, 3.5)
         drawing.line(line, BLUE, 1.8)
+    for places_m, color in dots:
+        for uv_m in places_m:
+            drawing.dot(*place(uv_m), 1.6, color)
     for u_m, v_m, label in (*marks, *rings):
         x, y = place((u_m, v_m))
         drawing.dot(x, y, 6.5, PAPER)

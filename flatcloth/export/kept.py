@@ -18,6 +18,7 @@ from flatcloth.engine.sheet import Sheet
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
+    from flatcloth.engine.both_sides import BothSides
     from flatcloth.engine.garment.recognition import GarmentService
 
 _MIB = 1 << 20
@@ -57,10 +58,14 @@ class Kept:
     ----------
     garments : GarmentService, optional
         Recognises the garment; by default each export has its own.
+    both : callable, optional
+        Returns the other side if it is known already.
     """
 
-    def __init__(self, garments: GarmentService | None = None) -> None:
-        self.garments = garments
+    def __init__(
+        self, garments: GarmentService | None = None, both: Callable[[], BothSides | None] = lambda: None
+    ) -> None:
+        self.garments, self.both = garments, both
         self.growths: Cache[GrownArrays] = Cache(_MOST, _GROWTHS_BYTES)
         self.pictures: Cache[PngPicture] = Cache(_MOST, _PICTURES_BYTES, lambda kept: len(kept.png))
         self._sheets: Cache[_PackedSheet] = Cache(_MOST, _SHEETS_BYTES, lambda kept: len(kept.data))

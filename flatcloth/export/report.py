@@ -13,7 +13,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import Floats
 from flatcloth.engine.sheet import Sheet
-from flatcloth.export import figures
+from flatcloth.export import both_sides, figures
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.figures import Figure
 from flatcloth.export.garment import summary
@@ -34,6 +34,7 @@ def report(session: OpenedSession) -> str:
         *_head(session),
         *_settings(history.config),
         *_decisions(session),
+        *_both_sides(session),
         *_garment(session),
         *_picks(session),
         *_figures(session),
@@ -170,6 +171,18 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     yield "</div></section>"
 
 
+def _both_sides(session: OpenedSession) -> Iterable[str]:
+    sides = session.sides
+    if sides is None:
+        return
+    yield "<h2>Both sides</h2>"
+    if isinstance(sides, str):
+        yield f"<p>{escape(sides)}</p>"
+        return
+    yield from (_figure(figure, "hero") for figure in both_sides.both_sides(session))
+    yield _table(("seam", "places", "residual", "views", "verdict"), both_sides.seam_rows(sides))
+
+
 def _garment(session: OpenedSession) -> Iterable[str]:
     known = session.garment
     yield "<h2>Garment</h2>"
@@ -209,12 +222,16 @@ def _picks(session: OpenedSession) -> Iterable[str]:
     if not history.picks:
         yield "<p>There are no picks.</p>"
         return
-    view, axis = session.growth.view, session.integration.axis
+    axis = session.integration.axis
     rows = []
     for pick in history.picks:
-        pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, history.grips.get(pick.id))
+        view, grip = session.view_of(pick.side), history.grips.get(pick.id)
+        pose = None
+        if view is not None:
+            pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, grip)
         source = f"view {pick.view_index} @ {pick.source_rc[0]:.1f}, {pick.source_rc[1]:.1f}"
-        rows.append((str(pick.id), pick.name, _vector_mm(pick.position_held_m), *_posed(pose), source))
+        name = pick.name if pick.side == "this" else f"{pick.name} (other side)"
+        rows.append((str(pick.id), name, _vector_mm(pick.position_held_m), *_posed(pose), source))
     yield (
         "<p>Positions in the object frame (the camera frame of view 0, the item turned back), approach along"
         " the inward normal; uncertainties are one standard deviation.</p>"

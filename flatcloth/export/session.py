@@ -16,18 +16,19 @@ from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.outcome import earlier_scores, has_other_side
-from flatcloth.engine.sheet import Sheet, sheet_of
+from flatcloth.engine.sheet import Sheet, lay_out, sheet_of
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.export.kept import Kept, key_of
 from flatcloth.grasping.grasps import Grip
-from flatcloth.methods.answers import ColumnCurves
+from flatcloth.methods.answers import ColumnCurves, JoinedSides
 from flatcloth.methods.paper.planning import column_curves
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.session.axis_file import read_axis
 from flatcloth.session.header import HEADER
+from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
@@ -83,6 +84,27 @@ class OpenedSession:
         """What is known of the garment, or why nothing can be said of it."""
         return self.garments.known(self.history.begun)
 
+    @cached_property
+    def both(self) -> BothSides | None:
+        """The other side, if the session has it: its page or an unattended run computed it, or uses it."""
+        kept = self.kept.both()
+        if kept is not None:
+            return kept
+        begun, picks = self.history.begun, self.history.picks
+        used = begun.garment.seams or any(pick.side == "other" for pick in picks)
+        return BothSides(self.integration) if used or has_other_side(self.history.folder) else None
+
+    @cached_property
+    def sides(self) -> JoinedSides | str | None:
+        """The other side joined to the shape, or why there is none; None: the session has one side."""
+        return None if self.both is None else self.both.of(self.history.begun, self.progress)
+
+    def view_of(self, side: SheetSide) -> FlattenedView | None:
+        """Return the cloth of a side, floating pieces included; None if it is not known."""
+        if side == "this":
+            return self.growth.view
+        return lay_out(self.sides.other).view if isinstance(self.sides, JoinedSides) else None
+
     @property
     def view(self) -> FlattenedView:
         """The shape, without its growth.
@@ -130,7 +152,7 @@ class OpenedSession:
             self.frames(base_from_camera, rotation_deg),
             earlier_scores(self.history.folder),
             self.garments,
-            BothSides(self.integration) if has_other_side(self.history.folder) else None,
+            self.both,
         )
 
 

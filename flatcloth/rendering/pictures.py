@@ -12,6 +12,8 @@ from flatcloth.core.types import Bool, FlattenedView, Uint8
 
 OUTLINE_RGB, NEW_RGB = (230, 126, 0), (255, 140, 0)
 """Colors of the outline and of new pixels. Chosen."""
+BESIDE_M = 0.06
+"""Gap between both sides where they are drawn beside one another. Chosen: as on the page."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,3 +83,29 @@ def laid_on(shape: FlattenedView, overlay: FlattenedView, new_points: Bool) -> P
         pixel_size_m=size,
         origin_uv_m=(float(origin[0]), float(origin[1])),
     )
+
+
+def side_by_side(this: FlattenedView, other: FlattenedView) -> tuple[PlanePicture, float]:
+    """Return both sides in color, each as seen from its own outside, as an opened book.
+
+    The picture lies on the plane of this side; the number is how far (u, m) the plane of the other side is
+    shifted on it. What is at one height of the item is at one height of the picture.
+    """
+    own, its = cropped(_colored(this), this), cropped(_colored(other), other)
+    size = own.pixel_size_m
+    gap_px = round(BESIDE_M / size)
+    down = round((its.origin_uv_m[1] - own.origin_uv_m[1]) / size)
+    top = min(0, down)
+    rows = max(own.rgba.shape[0], down + its.rgba.shape[0]) - top
+    left = own.rgba.shape[1] + gap_px
+    image = np.zeros((rows, left + its.rgba.shape[1], 4), dtype=np.uint8)
+    image[-top : -top + own.rgba.shape[0], : own.rgba.shape[1]] = own.rgba
+    image[down - top : down - top + its.rgba.shape[0], left:] = its.rgba
+    u_m, v_m = own.origin_uv_m
+    picture = PlanePicture(rgba=image, pixel_size_m=size, origin_uv_m=(u_m, v_m + top * size))
+    return picture, u_m + left * size - its.origin_uv_m[0]
+
+
+def _colored(view: FlattenedView) -> Uint8:
+    alpha = np.where(view.valid, 255, 0).astype(np.uint8)
+    return np.concatenate([view.rgb, alpha[..., None]], axis=-1)

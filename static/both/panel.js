@@ -40,7 +40,10 @@ export class BothSides {
 
   get status() {
     const { side, beside } = this.canvas;
-    return { side, beside: Boolean(beside.picture.shown), seams: this.showsSeams, chosen: this.chosen };
+    /** Where a place of the other side is on the screen. @param {number} u @param {number} v */
+    const toScreen = (u, v) => this.canvas.toScreen(...(this.canvas.shownAt("other", [u, v]) ?? [NaN, NaN]));
+    const { places, chosen } = this;
+    return { side, beside: Boolean(beside.picture.shown), seams: this.showsSeams, chosen, places, toScreen };
   }
 
   update(/** @type {State} */ state) {

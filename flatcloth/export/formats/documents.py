@@ -226,6 +226,7 @@ class SeamEntry(Written, frozen=True):
     matches: int
     residual_mm: float
     views: list[int]
+    decided: Literal["cut", "keep"] | None = None
 
 
 class OtherFloatingEntry(Written, frozen=True):

@@ -21,6 +21,7 @@ from starlette.routing import BaseRoute
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import Grip
@@ -160,6 +161,10 @@ class PageController(ABC):
     def grips(self) -> Mapping[int, Grip]:
         """The grips of picks for which the operator chose one."""
         return self._picks.grips
+
+    def both(self) -> BothSides | None:
+        """Return the other side of the item if the page shows it."""
+        return None
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this mode."""

@@ -112,6 +112,10 @@ class Application(PageController):
             *self.other.routes(),
         ]
 
+    def both(self) -> BothSides | None:
+        """Return the other side of the item if the page shows it."""
+        return None if self.other.status.made is None else self.other.both
+
     def start(self) -> None:
         """Show the session in its last state, and request the start view if there is none."""
         self._put(None, self._begin)
@@ -390,14 +394,8 @@ class Application(PageController):
         self._page_status = replace(self._page_status, progress=self._work.progress)
         state = self._state_of(self._picture, session=self._state)
         views, review = self._review.of_views(state.views, self._state.document)
-        return structs.replace(
-            state,
-            views=views,
-            review=review,
-            sides=self._sides.info(),
-            garment=self._garment.info(),
-            other=self.other.info(),
-        )
+        told = {"sides": self._sides.info(), "garment": self._garment.info(), "other": self.other.info()}
+        return structs.replace(state, views=views, review=review, **told)
 
     # --- results of the worker ---------------------------------------------------------------
 

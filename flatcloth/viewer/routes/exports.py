@@ -18,6 +18,7 @@ from starlette.responses import PlainTextResponse, Response
 
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.memory import trim_freed_memory
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.export.kept import Kept
@@ -102,6 +103,7 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
     "outline.json": ("application/json", _outline(".json")),
     "data.zip": ("application/zip", _data),
     "flattened.npz": ("application/octet-stream", _data_file("flattened.npz")),
+    "flattened-other.npz": ("application/octet-stream", _data_file("flattened-other.npz")),
     "flattened.png": ("image/png", _data_file("flattened.png")),
     "cloud.ply": ("application/octet-stream", _data_file("cloud.ply")),
     "outcome.json": ("application/json", _data_file("outcome.json")),
@@ -132,13 +134,19 @@ class ExportRoutes:
         The session of the page; only read.
     garments : GarmentService, optional
         Recognises the garment; that of the page.
+    both : callable, optional
+        Returns the other side if the page shows it.
     """
 
     def __init__(
-        self, integration: Integration, folder: SessionFolder, garments: GarmentService | None = None
+        self,
+        integration: Integration,
+        folder: SessionFolder,
+        garments: GarmentService | None = None,
+        both: Callable[[], BothSides | None] = lambda: None,
     ) -> None:
         self._integration = integration
-        self._kept = Kept(garments)
+        self._kept = Kept(garments, both)
         self._folder = folder
         self._turn = threading.Lock()
         self._pool = ThreadPoolExecutor(1, "flatcloth-export")

@@ -106,7 +106,7 @@ class Workspace:
             self.scene.offer_clouds(integration)
             self.scene.offer_axis(self.application.adjust_axis)
         self._teaching = TeachingRoutes(integration, lambda: self.application.garments.last)
-        self._exports = ExportRoutes(integration, folder, self.application.garments)
+        self._exports = ExportRoutes(integration, folder, self.application.garments, self.application.both)
         capture = capture_routes(self.application) if isinstance(self.application, CaptureApplication) else ()
         active: list[BaseRoute] = []
         if isinstance(self.application, ActiveApplication):

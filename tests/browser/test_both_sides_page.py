@@ -1,0 +1,90 @@
+"""Both sides in a browser: Auto, the garment turned over, a pick behind, a seam cut, both side by side."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+from playwright.sync_api import expect
+
+from flatcloth.core.resources import sample_recordings
+
+pytestmark = pytest.mark.browser
+
+KNOWN = "flatcloth.state.other?.layers && !flatcloth.state.other.working"
+PLACES = "flatcloth.bothSides.places"
+
+
+@pytest.fixture
+def program(tmp_path, program_of):
+    """Every fourth view of trousers: both sides take some 25 s."""
+    source, folder = sample_recordings()["trousers-waist-d435"], tmp_path / "few"
+    header = json.loads((source / "recording.json").read_text())
+    header["views"] = header["views"][::4]
+    for view in header["views"]:
+        for kind in ("color", "depth", "mask"):
+            (folder / view[kind]).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(source / view[kind], folder / view[kind])
+    (folder / "recording.json").write_text(json.dumps(header))
+    return program_of(str(folder), tmp_path / "session")
+
+
+def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(open_tab):
+    tab = open_tab(1500, 950).ready()
+    keys = tab.page.keyboard
+    keys.press("g")
+    tab.until("flatcloth.phase === 'finished'")
+    tab.until(KNOWN)  # after Auto, without being asked
+    expect(tab.page.get_by_role("region", name="Result")).to_contain_text("Other side")
+    first = tab.page.evaluate("flatcloth.state.other.layers.area_cm2")
+    assert first > 500
+    # Turned over: the other side, its own pixels under the pointer, and a pick with a pose there.
+    keys.press("m")
+    tab.until("flatcloth.bothSides.side === 'other' && flatcloth.layerShown?.startsWith('/other/')")
+    expect(tab.page.get_by_text("Other side, as seen from outside")).to_be_visible()
+    tab.until(f"{PLACES}")
+    seam = tab.page.evaluate(
+        "(() => { const s = flatcloth.state.other.seams, p = flatcloth.bothSides.places.seams;"
+        " const n = s.findIndex((seam) => !seam.why);"
+        " return { n, uv: p[n].other_uv_m[Math.floor(p[n].other_uv_m.length / 2)] }; })()"
+    )
+    there = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", seam["uv"])
+    tab.page.mouse.move(there["x"], there["y"])
+    tab.page.mouse.click(there["x"], there["y"])
+    tab.until("flatcloth.pick")
+    assert tab.pick()["side"] == "other"
+    assert tab.pick()["in_shape"]
+    assert tab.pick()["grip"] is not None
+    tab.shoot("turned-over")
+    # Seams are shown and chosen on the flattened view; cutting one is a decision.
+    keys.press("Shift+Q")
+    tab.page.mouse.click(there["x"], there["y"])
+    tab.until("flatcloth.bothSides.chosen !== null")
+    panel = tab.page.get_by_role("region", name="Both sides")
+    chosen = tab.page.evaluate("flatcloth.bothSides.chosen")
+    expect(panel.get_by_role("group", name=f"Seam {chosen + 1}")).to_contain_text("Residual")
+    tab.shoot("seam-chosen")
+    panel.get_by_role("button", name=f"Cut seam {chosen + 1}").click()
+    tab.until(f"{KNOWN} && flatcloth.state.other.seams.some((seam) => seam.decided === 'cut')")
+    assert tab.state()["undo"] == "cut a seam"
+    keys.press("u")
+    tab.until(f"{KNOWN} && flatcloth.state.other.seams.every((seam) => seam.decided === null)")
+    # Both beside one another: what is picked on the right is on the other side.
+    keys.press("Shift+J")
+    tab.until("flatcloth.bothSides.beside && flatcloth.bothSides.side === 'this'")
+    tab.shoot("side-by-side")
+    expect(tab.page.locator('[data-action="beside"]')).to_have_attribute("aria-pressed", "true")
+    keys.press("Shift+Q")
+    at = tab.page.evaluate("([u, v]) => flatcloth.bothSides.toScreen(u, v)", seam["uv"])
+    tab.page.mouse.click(at["x"], at["y"])
+    tab.until("flatcloth.state.picks.length === 2")
+    assert tab.pick()["side"] == "other"
+    off = [a - b for a, b in zip(tab.pick()["uv_m"], seam["uv"], strict=True)]
+    assert max(map(abs, off)) < 0.01
+    for width, height in ((390, 844), (1366, 768)):
+        tab.page.set_viewport_size({"width": width, "height": height})
+        tab.page.wait_for_timeout(300)
+        assert max(tab.overflow()) <= 0
+        tab.shoot(f"both-sides-{width}")
+    assert tab.findings() == []
