@@ -60,7 +60,7 @@ page.ruler = page.add(new Ruler(page));
 page.add(toolbar);
 const layout = page.add(new Layout(page));
 page.sceneMarks = page.add(new SceneMarks(page));
-page.add(new StatusLines());
+page.add(new StatusLines(page));
 for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page, nudges));
 const liveBar = page.add(new LiveBar(page, drawFrame));
@@ -75,6 +75,7 @@ const teaching = new Teaching({
   name: () => page.state.recording.name,
   startView: () => page.state.start_view,
   garment: () => page.state.garment?.revision ?? 0,
+  other: () => page.state.other?.revision ?? 0,
   notify,
   run,
 });

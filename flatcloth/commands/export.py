@@ -180,7 +180,7 @@ def _write(
             from flatcloth.export.outline import outline_text
 
             turn_rad, name = upright_rad(session.garment), session.history.recording_name
-            write_text(path, outline_text(session.view, name, path.suffix, turn_rad))
+            write_text(path, outline_text(session.view, name, path.suffix, turn_rad, session.other_view))
 
 
 def _garment_text(session: OpenedSession) -> str:

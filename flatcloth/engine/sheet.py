@@ -144,6 +144,12 @@ class Sheet:
         """Return the motion from the method's plane to the sheet of a piece, 0 the shape."""
         return Rigid2() if piece == 0 else self.pieces[piece - 1].sheet_from_plane
 
+    def places(self, uv_m: Floats) -> tuple[int, Float64]:
+        """Return the piece that places (N, 2) of the method's plane belong to, and their places here."""
+        known = np.isfinite(uv_m).all(axis=1)
+        piece = self.piece_on_plane(np.median(uv_m[known], axis=0)) if known.any() else 0
+        return piece, self.shift(piece).apply(uv_m)
+
     def shown(self, placement: Rigid2, center_m: Floats) -> Rigid2:
         """Return a placement (plane from a component's own plane) as it is on the sheet.
 

@@ -22,15 +22,13 @@ def both_sides(session: OpenedSession) -> Iterator[Figure]:
     sides = session.sides
     if not isinstance(sides, JoinedSides):
         return
-    picture, shift_m = side_by_side(session.growth.view, lay_out(sides.other).view)
+    own, its = session.growth.sheet, lay_out(sides.other)
+    picture, shift_m = side_by_side(own.view, its.view)
     dots = []
     for seam in sides.seams:
-        color = JOINS_NOT if seam.why else JOINS
-        known = np.isfinite(seam.other_uv_m).all(axis=1) & np.isfinite(seam.this_uv_m).all(axis=1)
-        if seam.this_piece == 0:
-            dots.append((seam.this_uv_m[known], color))
-        if seam.other_piece == 0:
-            dots.append((seam.other_uv_m[known] + (shift_m, 0.0), color))
+        for sheet, uv_m, shift in ((own, seam.this_uv_m, 0.0), (its, seam.other_uv_m, shift_m)):
+            places = sheet.places(uv_m)[1] + (shift, 0.0)
+            dots.append((places[np.isfinite(places).all(axis=1)], JOINS_NOT if seam.why else JOINS))
     line = " ".join(other_side_lines(sides_entry(sides)))
     yield Figure(
         name="both-sides",

@@ -22,6 +22,8 @@ MARGIN_MM = 10.0
 """Margin of the sheet, and length of the drawn rule. Chosen."""
 RULE_MM = 100.0
 """See ``MARGIN_MM``."""
+GAP_MM = 60.0
+"""Between both sides. Chosen: as on the page."""
 
 
 _STRAIGHT_PX = 4
@@ -138,10 +140,15 @@ class Drawing:
     origin_uv_mm: tuple[float, float]
     area_cm2: float
     pixel_size_mm: float
+    other: Drawing | None = None
 
 
-def drawing(view: FlattenedView, name: str, turn_rad: float = 0.0) -> Drawing:
+def drawing(
+    view: FlattenedView, name: str, turn_rad: float = 0.0, other: FlattenedView | None = None
+) -> Drawing:
     """Return the outline of a view in mm, turned clockwise as seen by ``turn_rad``.
+
+    ``other`` is the other side as seen from its own outside, which turns the other way.
 
     Raises
     ------
@@ -162,7 +169,22 @@ def drawing(view: FlattenedView, name: str, turn_rad: float = 0.0) -> Drawing:
         origin_uv_mm=(float(corner[0]), float(corner[1])),
         area_cm2=1e4 * sum(p.area_m2 for p in pieces),
         pixel_size_mm=1e3 * view.pixel_size_m,
+        other=None if other is None else drawing(other, name, -turn_rad),
     )
+
+
+def _opened(drawn: Drawing) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Return how far this side and the other are moved as an opened book, and the size of both, mm.
+
+    What is at one height of the item is at one height of the drawing.
+    """
+    other = drawn.other
+    if other is None:
+        return (0.0, 0.0), (0.0, 0.0), drawn.size_mm
+    down = other.origin_uv_mm[1] - drawn.origin_uv_mm[1]
+    own, its = (0.0, max(0.0, -down)), (drawn.size_mm[0] + GAP_MM, max(0.0, down))
+    height = max(own[1] + drawn.size_mm[1], its[1] + other.size_mm[1])
+    return own, its, (its[0] + other.size_mm[0], height)
 
 
 def _in_mm(piece: Piece, corner: Float64) -> tuple[Float64, tuple[Float64, ...]]:
@@ -171,11 +193,9 @@ def _in_mm(piece: Piece, corner: Float64) -> tuple[Float64, tuple[Float64, ...]]
 
 def svg(drawn: Drawing) -> str:
     """Return an SVG in true millimetres, with a rule of 100 mm to check a print."""
-    width, height = (size + 2 * MARGIN_MM for size in drawn.size_mm)
+    own, its, size_mm = _opened(drawn)
+    width, height = (size + 2 * MARGIN_MM for size in size_mm)
     below = height + 6.0
-    paths = [
-        f'<path d="{_path(outer)}{"".join(_path(hole) for hole in holes)}"/>' for outer, holes in drawn.pieces
-    ]
     rule = f"M{MARGIN_MM:g} {below - 4:.2f}v2h{RULE_MM:g}v-2"
     return "\n".join(
         [
@@ -183,9 +203,8 @@ def svg(drawn: Drawing) -> str:
             f' viewBox="0 0 {width:.2f} {below:.2f}">',
             f"<title>{escape(drawn.name)}</title>",
             f"<desc>Outline of the flattened cloth, 1:1 in mm; {drawn.area_cm2:.1f} cm2.</desc>",
-            '<g id="outline" fill="none" fill-rule="evenodd" stroke="#000" stroke-width="0.25">',
-            *paths,
-            "</g>",
+            *_group("outline", drawn, own),
+            *(() if drawn.other is None else _group("other-side", drawn.other, its)),
             f'<path id="rule-{RULE_MM:g}-mm" fill="none" stroke="#000" stroke-width="0.25" d="{rule}"/>',
             "</svg>",
             "",
@@ -193,13 +212,23 @@ def svg(drawn: Drawing) -> str:
     )
 
 
+def _group(name: str, drawn: Drawing, at_mm: tuple[float, float]) -> list[str]:
+    paths = [
+        f'<path d="{_path(outer + at_mm)}{"".join(_path(hole + at_mm) for hole in holes)}"/>'
+        for outer, holes in drawn.pieces
+    ]
+    style = 'fill="none" fill-rule="evenodd" stroke="#000" stroke-width="0.25"'
+    return [f'<g id="{name}" {style}>', *paths, "</g>"]
+
+
 def _path(polygon: Float64) -> str:
     x, y = (polygon + MARGIN_MM).T
     return "M" + "L".join(f"{a:.2f} {b:.2f}" for a, b in zip(x, y, strict=True)) + "Z"
 
 
-_LAYERS = {"OUTLINE": 7, "HOLES": 1}
-"""Layers of the DXF file, and their colours: black or white, and red. By definition of AutoCAD's colours."""
+_LAYERS = {"OUTLINE": 7, "HOLES": 1, "OTHER_OUTLINE": 5, "OTHER_HOLES": 6}
+"""Layers of the DXF file, and their colours: black or white, red, blue, magenta. By definition of AutoCAD's
+colours."""
 
 
 def dxf(drawn: Drawing) -> str:
@@ -210,10 +239,12 @@ def dxf(drawn: Drawing) -> str:
         *_layer_table(),
         *((0, "SECTION"), (2, "ENTITIES")),
     ]
-    for outer, holes in drawn.pieces:
-        pairs += _polyline("OUTLINE", outer, drawn.size_mm[1])
-        for hole in holes:
-            pairs += _polyline("HOLES", hole, drawn.size_mm[1])
+    own, its, (_, height_mm) = _opened(drawn)
+    for side, at_mm, prefix in ((drawn, own, ""), (drawn.other, its, "OTHER_")):
+        for outer, holes in () if side is None else side.pieces:
+            pairs += _polyline(f"{prefix}OUTLINE", outer + at_mm, height_mm)
+            for hole in holes:
+                pairs += _polyline(f"{prefix}HOLES", hole + at_mm, height_mm)
     pairs += [(0, "ENDSEC"), (0, "EOF")]
     return "".join(f"{code}\n{value}\n" for code, value in pairs)
 
@@ -253,6 +284,8 @@ def polygons(drawn: Drawing) -> str:
             {"outer": plain(outer), "holes": [plain(h) for h in holes]} for outer, holes in drawn.pieces
         ],
     }
+    if drawn.other is not None:
+        document["other_side"] = json.loads(polygons(drawn.other))
     return json.dumps(document, ensure_ascii=False) + "\n"
 
 
@@ -269,7 +302,13 @@ def check_suffix(suffix: str) -> None:
         )
 
 
-def outline_text(view: FlattenedView, name: str, suffix: str, upright_rad: float = 0.0) -> str:
+def outline_text(
+    view: FlattenedView,
+    name: str,
+    suffix: str,
+    upright_rad: float = 0.0,
+    other: FlattenedView | None = None,
+) -> str:
     """Return the outline as text in the format of a file suffix.
 
     Drawings are turned upright; JSON, which programs read, stays on the flattened plane.
@@ -281,4 +320,4 @@ def outline_text(view: FlattenedView, name: str, suffix: str, upright_rad: float
     """
     check_suffix(suffix)
     turn_rad = 0.0 if suffix.lower() == ".json" else upright_rad
-    return WRITERS[suffix.lower()](drawing(view, name, turn_rad))
+    return WRITERS[suffix.lower()](drawing(view, name, turn_rad, other))

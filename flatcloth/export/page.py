@@ -21,12 +21,14 @@ from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
+from flatcloth.engine.sheet import Sheet, lay_out
 from flatcloth.export.figures import verdict_text, words_of
 from flatcloth.export.garment import summary
 from flatcloth.export.growth import Growth
 from flatcloth.export.session import OpenedSession
 from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
 from flatcloth.grasping.grips import grip_numbers
+from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.drawing import data_url, png_of
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, hex_of, legend, rgba
@@ -48,6 +50,8 @@ Integers = TypeVar("Integers", bound=np.integer[Any])
 
 ENTRY = "offline/offline.js"
 """The module of ``static/`` that the page starts with."""
+_OTHER = "other "
+"""Before the names of the other side's data. Chosen."""
 _IMPORTED = re.compile(r'from "/static/([^"]+)"')
 _STYLES = "page/page.css", "canvas/canvas.css", "garment/garment.css", "offline/offline.css"
 
@@ -140,20 +144,11 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
     every = np.concatenate([xyz, *around])
     low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
     step_m = float(max((high - low).max() / 65535, 1e-9))
-    parcel.array("first", growth.first_step[window].ravel())
-    parcel.array("source", growth.source_step[window].ravel())
-    parcel.array("xyz", differences(_levels(xyz, low, step_m)))
-    normal = np.rint(127 * np.nan_to_num(view.normal[window][cloth]))
-    parcel.array("normal", differences(normal.astype(np.int8)))
-    z_angle = np.rint(10 * np.nan_to_num(view.z_angle_deg[window][cloth]))
-    parcel.array("z_angle", differences(z_angle.astype(np.int16)[:, None]))
-    source_rc = np.clip(np.rint(10 * view.source_rc[window][cloth]), 0, 65535)
-    parcel.array("source_rc", differences(source_rc.astype(np.uint16)))
+    _put_cloth(parcel, view, growth.first_step, growth.source_step, low, step_m)
     coarse = _AROUND_LEVELS * (_levels(np.concatenate(around), low, step_m) // _AROUND_LEVELS)
     parcel.array("around_xyz", differences(coarse))
     parcel.array("around_rgb", differences(np.concatenate(around_rgb) & _AROUND_COLOR_BITS))
     starts = np.cumsum([0, *(len(points) for points in around)]).tolist()
-    origin = view.uv_from_rc(np.array([window[0].start, window[1].start]))
     shown_low, shown_high = np.nanpercentile(every, 0.5, axis=0), np.nanpercentile(every, 99.5, axis=0)
     return {
         "format": FORMAT,
@@ -165,24 +160,8 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
         "method": history.method,
         "finished": history.document.finished,
         "count": len(xyz),
-        "grid": {
-            "rows": cloth.shape[0],
-            "cols": cloth.shape[1],
-            "pixel_size_m": view.pixel_size_m,
-            "origin_uv_m": origin.tolist(),
-            "corner_rc": [window[0].start, window[1].start],
-        },
-        "pieces": [
-            {
-                "label": piece.label,
-                "area_cm2": 1e4 * piece.view.area_m2,
-                "reason": piece.reason,
-                "placed": piece.placed is not None,
-                "color": hex_of(piece_color(n)),
-                "grid": grid_of(piece.view),
-            }
-            for n, piece in enumerate(growth.sheet.pieces, start=1)
-        ],
+        "grid": _grid(view),
+        "pieces": _pieces(growth.sheet),
         "bounds": {"low": low.tolist(), "step": step_m},
         "extent": {"low": shown_low.tolist(), "high": shown_high.tolist()},
         "half_extents_m": _half_extents_m(every, (shown_low + shown_high) / 2, axis),
@@ -198,8 +177,78 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
         "garment": {"text": session.garment, "found": None}
         if isinstance(session.garment, str)
         else {"text": "", "found": summary(session.garment)},
-        "layers": _layers(session, parcel, window),
+        "layers": _layers(session, parcel, view),
+        "other": _other_side(session, parcel, low, step_m),
     }
+
+
+def _other_side(session: OpenedSession, parcel: Parcel, low: Float64, step_m: float) -> dict[str, Any] | None:
+    """Return the other side, as seen from its own outside; None if the session has one side."""
+    sides = session.sides
+    if not isinstance(sides, JoinedSides):
+        return None
+    sheet = lay_out(sides.other)
+    there = np.where(sheet.view.valid, 0, -1).astype(np.int16)
+    _put_cloth(parcel, sheet.view, there, sheet.view.view_index, low, step_m, _OTHER)
+    return {
+        "is_related": sides.is_related,
+        "count": int(sheet.view.valid.sum()),
+        "area_cm2": 1e4 * sides.other.view.area_m2,
+        "grid": _grid(sheet.view),
+        "pieces": _pieces(sheet),
+        "layers": _layers(session, parcel, sheet.view, _OTHER),
+    }
+
+
+def _put_cloth(
+    parcel: Parcel,
+    view: FlattenedView,
+    first: NDArray[np.int16],
+    source: NDArray[np.int16],
+    low: Float64,
+    step_m: float,
+    prefix: str = "",
+) -> None:
+    """Put the pixels of a side into the parcel; ``first`` (H, W) is the step of each, -1 off the cloth."""
+    window = _window(view)
+    cloth = first[window] >= 0
+    parcel.array(f"{prefix}first", first[window].ravel())
+    parcel.array(f"{prefix}source", source[window].ravel())
+    xyz = view.xyz_m[window][cloth].astype(np.float64)
+    parcel.array(f"{prefix}xyz", differences(_levels(xyz, low, step_m)))
+    normal = np.rint(127 * np.nan_to_num(view.normal[window][cloth]))
+    parcel.array(f"{prefix}normal", differences(normal.astype(np.int8)))
+    z_angle = np.rint(10 * np.nan_to_num(view.z_angle_deg[window][cloth]))
+    parcel.array(f"{prefix}z_angle", differences(z_angle.astype(np.int16)[:, None]))
+    source_rc = np.clip(np.rint(10 * view.source_rc[window][cloth]), 0, 65535)
+    parcel.array(f"{prefix}source_rc", differences(source_rc.astype(np.uint16)))
+
+
+def _grid(view: FlattenedView) -> dict[str, Any]:
+    """Return the part of a grid that contains cloth."""
+    window = _window(view)
+    corner = [window[0].start, window[1].start]
+    return {
+        "rows": window[0].stop - corner[0],
+        "cols": window[1].stop - corner[1],
+        "pixel_size_m": view.pixel_size_m,
+        "origin_uv_m": view.uv_from_rc(np.array(corner)).tolist(),
+        "corner_rc": corner,
+    }
+
+
+def _pieces(sheet: Sheet) -> list[dict[str, Any]]:
+    return [
+        {
+            "label": piece.label,
+            "area_cm2": 1e4 * piece.view.area_m2,
+            "reason": piece.reason,
+            "placed": piece.placed is not None,
+            "color": hex_of(piece_color(n)),
+            "grid": grid_of(piece.view),
+        }
+        for n, piece in enumerate(sheet.pieces, start=1)
+    ]
 
 
 def _window(view: FlattenedView) -> tuple[slice, slice]:
@@ -284,16 +333,23 @@ def _decisions(session: OpenedSession) -> list[dict[str, Any]]:
 
 
 def _pick(session: OpenedSession, pick: Pick) -> dict[str, Any]:
-    view, axis = session.growth.view, session.integration.axis
-    pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, session.history.grips.get(pick.id))
-    rc, distance_m = pixel_of_point(view, pick.position_held_m)
-    on_shape = distance_m <= LOST_AT_M
-    z_angle = float(view.z_angle_deg[rc]) if on_shape else float("nan")
+    view, axis, grip = (
+        session.view_of(pick.side),
+        session.integration.axis,
+        session.history.grips.get(pick.id),
+    )
+    pose, place, z_angle = None, None, float("nan")
+    if view is not None:
+        pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, grip)
+        rc, distance_m = pixel_of_point(view, pick.position_held_m)
+        if distance_m <= LOST_AT_M:
+            place, z_angle = rc, float(view.z_angle_deg[rc])
     return {
         "id": pick.id,
         "name": pick.name,
-        "rc": list(rc) if on_shape else None,
-        "uv_m": view.uv_from_rc(np.array(rc)).tolist() if on_shape else None,
+        "side": pick.side,
+        "rc": list(place) if place else None,
+        "uv_m": view.uv_from_rc(np.array(place)).tolist() if view is not None and place else None,
         "miss_m": 0.0,
         "position_held_m": _finite(pick.position_held_m),
         "normal_held": _finite(pick.normal_held),
@@ -309,15 +365,17 @@ def _finite(values: Floats) -> list[float | None]:
     return [float(x) if np.isfinite(x) else None for x in np.asarray(values)]
 
 
-def _layers(session: OpenedSession, parcel: Parcel, window: tuple[slice, slice]) -> list[dict[str, Any]]:
-    view, integration = session.growth.view, session.integration
+def _layers(
+    session: OpenedSession, parcel: Parcel, view: FlattenedView, prefix: str = ""
+) -> list[dict[str, Any]]:
+    integration, window = session.integration, _window(view)
     angles_deg = integration.recording.angles_deg
     made = []
     for name in LAYERS:
         if name in QUALITY_LAYERS and view.quality is None:
             continue
         image = rgba(view, name, integration.axis, len(angles_deg))[window]
-        parcel.picture(f"layer {name}", png_of(image), image.shape[:2])
+        parcel.picture(f"{prefix}layer {name}", png_of(image), image.shape[:2])
         title, about = words_of(name)
         made.append(
             {

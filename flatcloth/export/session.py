@@ -99,6 +99,11 @@ class OpenedSession:
         """The other side joined to the shape, or why there is none; None: the session has one side."""
         return None if self.both is None else self.both.of(self.history.begun, self.progress)
 
+    @property
+    def other_view(self) -> FlattenedView | None:
+        """The other side without its floating pieces; None if it is not known."""
+        return self.sides.other.view if isinstance(self.sides, JoinedSides) else None
+
     def view_of(self, side: SheetSide) -> FlattenedView | None:
         """Return the cloth of a side, floating pieces included; None if it is not known."""
         if side == "this":

@@ -20,7 +20,7 @@ export function seen(state, side) {
 }
 
 /** A garment as seen from the other side. What is decided about its parts is decided on this one. */
-function turned(/** @type {FoundGarment | null} */ found) {
+export function turned(/** @type {FoundGarment | null} */ found) {
   return (
     found && {
       ...found,

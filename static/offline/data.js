@@ -4,6 +4,8 @@ import { boxOf, pixelAt } from "/static/canvas/geometry.js";
 import { contextOf } from "/static/page/dom.js";
 import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
 
+const OTHER = "other "; // before the names of the other side's data
+
 /**
  * Unpack the page's own data: `history` (texts and numbers), its arrays and its pictures.
  * @returns {Promise<OfflineData>}
@@ -16,11 +18,23 @@ export async function unpack(/** @type {string} */ historyText, /** @type {strin
   const bytes = new Uint8Array(await new Response(unzipped).arrayBuffer());
   const end = 8 + lengthsOf(bytes)[0];
   const arrays = partsOf(valuesOf(bytes.subarray(8, end)).parts, bytes.subarray(end));
-  const layers = /** @type {OfflineData["layers"]} */ ({});
-  for (const layer of history.layers) {
-    layers[layer.name] = { ...layer, pixels: await pixelsOf(arrays.pictures[`layer ${layer.name}`]) };
-  }
-  return { history, layers, cloth: new Cloth(history, arrays), around: aroundOf(history, arrays) };
+  const steps = history.steps.map((step) => step.view_index);
+  const own = { layers: await layersOf(history, arrays), cloth: new Cloth(history, arrays, history.bounds, steps) };
+  const { other } = history;
+  const behind = other && {
+    layers: await layersOf(other, arrays, OTHER),
+    // All of it is there from the first step on, and its sources are views.
+    cloth: new Cloth(other, arrays, history.bounds, [...Array(history.recording.n_views).keys()], OTHER),
+  };
+  return { history, ...own, other: behind, around: aroundOf(history, arrays) };
+}
+
+/** @param {{ layers: OfflineLayer[] }} side @param {Parts} parts */
+async function layersOf({ layers }, { pictures }, prefix = "") {
+  const made = /** @type {OfflineData["layers"]} */ ({});
+  for (const layer of layers)
+    made[layer.name] = { ...layer, pixels: await pixelsOf(pictures[`${prefix}layer ${layer.name}`]) };
+  return made;
 }
 
 async function pixelsOf(/** @type {Blob} */ png) {
@@ -36,23 +50,26 @@ async function pixelsOf(/** @type {Blob} */ png) {
  * the grid.
  */
 export class Cloth {
-  constructor(/** @type {OfflineHistory} */ history, /** @type {Parts} */ arrays) {
-    const { first, source } = arrays.arrays;
-    const xyz = summed(arrays.arrays.xyz, 3);
-    this.grid = history.grid;
-    this.box = boxOf(history.grid);
-    this.at = new Uint32Array(history.count);
+  /**
+   * @param {OfflineSide} side @param {Parts} parts @param {OfflineHistory["bounds"]} bounds
+   * @param {number[]} views that the sources of the pixels number
+   */
+  constructor(side, { arrays }, bounds, views, prefix = "") {
+    const [first, source] = [arrays[`${prefix}first`], arrays[`${prefix}source`]];
+    this.grid = side.grid;
+    this.box = boxOf(side.grid);
+    this.at = new Uint32Array(side.count);
     let n = 0;
     for (let i = 0; i < first.length; i++) if (first[i] >= 0) this.at[n++] = i;
     this.numberOfGrid = new Int32Array(first.length).fill(-1);
     this.at.forEach((i, k) => (this.numberOfGrid[i] = k));
     this.first = Float32Array.from(this.at, (i) => first[i]);
     this.source = Int16Array.from(this.at, (i) => source[i]);
-    this.xyz = metres(xyz, history.bounds);
-    this.normals = Float32Array.from(summed(arrays.arrays.normal, 3), (x) => x / 127);
-    this.zAngles = summed(arrays.arrays.z_angle, 1);
-    this.sourceRc = summed(arrays.arrays.source_rc, 2);
-    this.views = history.steps.map((s) => s.view_index);
+    this.xyz = metres(summed(arrays[`${prefix}xyz`], 3), bounds);
+    this.normals = Float32Array.from(summed(arrays[`${prefix}normal`], 3), (x) => x / 127);
+    this.zAngles = summed(arrays[`${prefix}z_angle`], 1);
+    this.sourceRc = summed(arrays[`${prefix}source_rc`], 2);
+    this.views = views;
   }
 
   get count() {

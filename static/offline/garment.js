@@ -5,8 +5,8 @@ import { words } from "/static/garment/marks.js";
 import { byId, make, rebuild } from "/static/page/dom.js";
 
 export function showGarment(/** @type {OfflinePage} */ page) {
-  const { text, found } = page.history.garment;
-  rebuild(byId("garment"), ["garment"], () => {
+  const { text, found } = page.garment;
+  rebuild(byId("garment"), ["garment", page.flat.side], () => {
     const title = make("h2", "Garment");
     if (!found) return [title, make("p.nothing", text)];
     const [name, share] = found.probabilities[0];
@@ -32,7 +32,7 @@ function row(/** @type {OfflinePage} */ page, /** @type {GarmentPoint} */ point)
     mouseleave: at(false),
     focus: at(true),
     blur: at(false),
-    click: () => point.seen && page.pickAt(...point.uv_m),
+    click: () => point.seen && page.flat.side === "this" && page.pickAt(...point.uv_m),
   });
   return make("li", { class: point.seen ? "seen" : "predicted" }, button);
 }

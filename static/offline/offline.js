@@ -20,6 +20,7 @@ import { startTips } from "/static/page/notices.js";
 import { actionTable } from "/static/offline/actions.js";
 import { CloudView } from "/static/offline/cloud.js";
 import { copyPick, showDecisions, showPick, showPicks, showValues } from "/static/offline/details.js";
+import { turned } from "/static/both/seen.js";
 import { drawGarment } from "/static/garment/marks.js";
 import { showGarment } from "/static/offline/garment.js";
 import { unpack } from "/static/offline/data.js";
@@ -30,8 +31,10 @@ const PLAY_MS = 1300;
 const NEW = [255, 140, 0];
 
 export class Page {
-  constructor(/** @type {OfflineData} */ { history, layers, cloth, around }) {
+  constructor(/** @type {OfflineData} */ { history, layers, cloth, other, around }) {
     this.history = history;
+    /** @type {Record<SideName, OfflineData["other"]>} */
+    this.sides = { this: { layers, cloth }, other };
     this.layers = layers;
     this.cloth = cloth;
     this.last = history.steps.length - 1;
@@ -48,12 +51,12 @@ export class Page {
     });
     // They lie beside the shape as they do in the end.
     this.flat.drawers.push((_, context, style) =>
-      drawPieces(this.flat, context, style, this.step === this.last ? floatingOf(history).pieces : [], null),
+      drawPieces(this.flat, context, style, this.step === this.last ? floatingOf(this.shownSide).pieces : [], null),
     );
     this.pointed = /** @type {string | null} */ (null); // the named point of the garment that is pointed at
     this.timer = /** @type {number | null} */ (null);
     this.flat.drawers.push((_, context, style) => {
-      const found = history.garment.found;
+      const { found } = this.garment;
       if (this.step === this.last && found?.kind) drawGarment(this.flat, context, style, found, this.pointed);
     });
     const { low, high } = history.extent;
@@ -68,7 +71,11 @@ export class Page {
       spacing: history.around_spacing_m,
       start: this.step,
     };
-    this.cloud = new CloudView(canvasOf("cloud"), canvasOf("cloud-marks"), scene, (n) => n >= 0 && this.pick(n, 0));
+    this.cloud = new CloudView(canvasOf("cloud"), canvasOf("cloud-marks"), scene, (n) => {
+      if (n < 0) return;
+      this.turn("this"); // the points of the scene are those of this side
+      this.pick(n, 0);
+    });
     byId("cloud-empty").hidden = this.cloud.works;
     this.cloud.setStep(this.step, false);
     setText(
@@ -107,7 +114,7 @@ export class Page {
     setText(byId("recording"), `${recording.name} · ${count(recording.n_views, "view")} · method ${method}`);
     if (recording.description) byId("recording").dataset.tip = recording.description;
     const tools = {
-      "page-actions": ["tint", "theme", "help"],
+      "page-actions": ["tint", ...(this.history.other ? ["turn_over"] : []), "theme", "help"],
       layers: layers.map(({ name }) => `layer_${name}`),
       "zoom-tools": ["zoom_out", "zoom_in", "fit"],
       "cloud-tools": ["reset", "follow", "around"],
@@ -137,6 +144,39 @@ export class Page {
     );
   }
 
+  // --- the other side -------------------------------------------------------------------------
+
+  /** The side that is shown. */
+  get shownSide() {
+    return this.flat.side === "other" && this.history.other ? this.history.other : this.history;
+  }
+
+  /** The garment as it is seen on the shown side. */
+  get garment() {
+    const { garment, other } = this.history;
+    if (this.flat.side === "this" || !other) return garment;
+    return { ...garment, found: other.is_related ? turned(garment.found) : null };
+  }
+
+  turnOver() {
+    if (this.history.other) this.turn(this.flat.side === "this" ? "other" : "this");
+    else setText(byId("hint"), "This session has one side: its other side was not computed.");
+  }
+
+  turn(/** @type {SideName} */ side) {
+    const shown = this.sides[side];
+    if (!shown || side === this.flat.side) return;
+    this.flat.side = side;
+    this.cloth = shown.cloth;
+    this.layers = shown.layers;
+    this.flat.boxes.clear();
+    this.flat.extent = null;
+    const { angle, flipped } = this.flat.transform;
+    this.flat.fitted = true;
+    this.flat.turnTo((2 * Math.PI - angle) % (2 * Math.PI), flipped); // what was up stays up
+    this.show();
+  }
+
   // --- what is shown -------------------------------------------------------------------------
 
   show() {
@@ -151,12 +191,14 @@ export class Page {
     const pressed = {
       play: Boolean(this.timer),
       tint: this.tint,
+      turn_over: this.flat.side === "other",
       follow: this.follow,
       around: this.cloud.showAround,
     };
     for (const { name } of this.history.layers) pressed[`layer_${name}`] = name === this.layer;
     for (const [name, on] of Object.entries(pressed)) setPressed(buttonOf(name), on);
     buttonOf("play").childNodes[0].textContent = this.timer ? "Pause" : "Play";
+    const { other } = this.history;
     const floating = step.floating_cm2 ? `, and ${cm2(step.floating_cm2)} float.` : ".";
     const end = this.step === this.last && this.history.finished ? ` ${this.history.finished}` : "";
     setText(
@@ -164,6 +206,8 @@ export class Page {
       `Step ${this.step + 1} of ${this.last + 1}: view ${step.view_index} at ${number(step.angle_deg, 0)}°,` +
         ` ${step.told}. It adds ${cm2(step.added_cm2)}; the shape has ${cm2(step.area_cm2)}${floating}${end}`,
     );
+    if (this.flat.side === "other" && other)
+      setText(byId("hint"), `The other side, as seen from its own outside: ${cm2(other.area_cm2)}.`);
     showLegend(this.layers[this.layer].legend);
     showPicks(this);
     showDecisions(this);
@@ -189,7 +233,7 @@ export class Page {
     contextOf(canvas).putImageData(image, 0, 0);
     this.flat.showFrame({ revision: this.step + 1, grid, box: this.cloth.box, image: canvas }, 0, null);
     this.cloud.tint = this.tint ? 0.5 : 0;
-    this.cloud.setColors(colors);
+    if (this.flat.side === "this") this.cloud.setColors(colors);
     this.marks();
   }
 
@@ -201,7 +245,8 @@ export class Page {
   }
 
   /** @param {OfflinePick} pick */
-  isShown = (pick) => pick.uv_m !== null && this.cloth.pixelAt(...pick.uv_m, this.step) >= 0;
+  isShown = (pick) =>
+    pick.uv_m !== null && pick.side === this.flat.side && this.cloth.pixelAt(...pick.uv_m, this.step) >= 0;
 
   // --- steps ---------------------------------------------------------------------------------
 
@@ -275,6 +320,7 @@ export class Page {
     this.setCurrent({
       id: null,
       name: "Here",
+      side: this.flat.side,
       rc,
       uv_m: uv,
       miss_m: miss,
@@ -290,6 +336,7 @@ export class Page {
 
   setCurrent(/** @type {OfflinePick} */ pick) {
     this.current = pick;
+    this.turn(pick.side);
     this.marks();
     showPick(this);
     showPicks(this);

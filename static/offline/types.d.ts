@@ -15,7 +15,7 @@ declare global {
     run: () => void;
   };
   type OfflineLayer = { name: string; title: string; about: string; legend: Legend; start: number; count: number };
-  type OfflinePick = Omit<ListedPick, "id" | "uv_m" | "side"> & {
+  type OfflinePick = Omit<ListedPick, "id" | "uv_m"> & {
     id: number | null;
     uv_m: UV | null;
     rc: UV | null;
@@ -36,13 +36,13 @@ declare global {
     told: string;
     camera_m: XYZ;
   };
+  /** A side of the item: the part of its grid that has cloth, and how many pixels. */
+  type OfflineSide = { grid: Grid & { corner_rc: [number, number] }; count: number; layers: OfflineLayer[]; pieces: Piece[] };
   /** The texts and numbers of the page. */
-  type OfflineHistory = {
+  type OfflineHistory = OfflineSide & {
     recording: { name: string; description: string; n_views: number };
     method: string;
     finished: string | null;
-    grid: Grid & { corner_rc: [number, number] };
-    count: number;
     bounds: { low: XYZ; step: number };
     extent: { low: XYZ; high: XYZ };
     half_extents_m: [number, number];
@@ -50,8 +50,7 @@ declare global {
     around: { start: number; count: number }[];
     around_spacing_m: number;
     steps: OfflineStep[];
-    layers: OfflineLayer[];
-    pieces: Piece[];
+    other: (OfflineSide & { is_related: boolean; area_cm2: number }) | null;
     picks: OfflinePick[];
     decisions: { view_index: number; angle_deg: number; verdict: string; told: string; stands: boolean; step: number }[];
     garment: { text: string; found: FoundGarment | null };
@@ -64,6 +63,7 @@ declare global {
     history: OfflineHistory;
     layers: Record<string, OfflineLayer & { pixels: Uint8ClampedArray }>;
     cloth: Cloth;
+    other: { layers: OfflineData["layers"]; cloth: Cloth } | null;
     around: Around[];
   };
   type CloudScene = {

@@ -6,7 +6,8 @@ import { count, floatingOf, number } from "/static/page/format.js";
 const BUSY_AFTER_MS = 250;
 
 export class StatusLines {
-  constructor() {
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
     this.busyTimer = /** @type {number | null} */ (null);
     this.busy = make("p.busy", { role: "status", hidden: true }, "Drawing the shape …");
     byId("stage").append(this.busy);
@@ -21,7 +22,7 @@ export class StatusLines {
     document.title = `${name} · flatcloth`;
     byId("live").hidden = state.mode !== "live";
     byId("hint").hidden = state.mode === "live";
-    setText(byId("hint"), hint(state));
+    setText(byId("hint"), hint(this.page.told)); // of this side, also while the garment is turned over
     this.showProgress(state.progress);
     this.showNotes(state);
     this.showBusy(Boolean(state.drawing));

@@ -10,6 +10,7 @@ import {
   smallButton,
 } from "/static/page/dom.js";
 import { keyName, number } from "/static/page/format.js";
+import { SEAM_STAGES } from "/static/both/teaching.js";
 import { FLATTENING_STAGES } from "/static/teaching/fig2.js";
 import { EXTENDING_STAGES } from "/static/teaching/fig4.js";
 import { GARMENT_STAGES } from "/static/teaching/garment.js";
@@ -21,6 +22,7 @@ const GROUPS = [
   ["Adding the next view", EXTENDING_STAGES],
   ["Without masks", SIDE_STAGES],
   ["Which garment it is", GARMENT_STAGES],
+  ["Both sides", SEAM_STAGES],
 ];
 export const STAGES = GROUPS.flatMap(([, stages]) => stages);
 

@@ -9,7 +9,7 @@ import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
 
 const AHEAD = /** @type {PartName[]} */ (["flattening", "planning", "alignment"]); // asked for before they are wanted
-const PARTS = /** @type {PartName[]} */ ([...AHEAD, "sides", "garment"]);
+const PARTS = /** @type {PartName[]} */ ([...AHEAD, "sides", "garment", "seams"]);
 const PARAMETERS = /** @type {ParameterName[]} */ (["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"]);
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer
@@ -161,6 +161,7 @@ export class Teaching {
   query(/** @type {PartName} */ part) {
     if (part === "sides") return {}; // the same whatever is changed
     if (part === "garment") return { revision: this.session.garment() };
+    if (part === "seams") return { revision: this.session.other() };
     const start = this.session.startView();
     /** @type {Record<string, number>} */
     const query = start === null ? {} : { start_view: start };

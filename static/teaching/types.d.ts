@@ -9,7 +9,7 @@ declare global {
   type Plot = PlotClass;
   type Teaching = TeachingClass;
   type NumberArray = Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array;
-  type PartName = "flattening" | "planning" | "alignment" | "sides" | "garment";
+  type PartName = "flattening" | "planning" | "alignment" | "sides" | "garment" | "seams";
   type ParameterName = "sampling_interval_px" | "z_angle_limit_deg" | "overlap_cm2";
 
   /** From a pane's own units to CSS pixels. */
@@ -78,13 +78,14 @@ declare global {
     promise?: Promise<void>;
     since?: number;
   };
-  /** What the teaching mode asks of the page; `garment` is the revision of what is known of it. */
+  /** What the teaching mode asks of the page; `garment` and `other` are the revisions of what is known of them. */
   type Session = {
     actions: () => ActionRow[];
     tip: (action: ActionRow) => string;
     name: () => string;
     startView: () => number | null;
     garment: () => number;
+    other: () => number;
     notify: Notify;
     run: (name: string) => void;
   };
@@ -96,6 +97,7 @@ declare global {
     alignment: AlignmentLesson;
     sides: SidesLesson;
     garment: GarmentLesson;
+    seams: SeamsLesson;
   };
   type Lesson = {
     array: Record<string, Float32Array>;
@@ -210,6 +212,16 @@ declare global {
       before: Crop;
       after: Crop;
     } | null;
+  };
+  type SeamsLesson = Lesson & {
+    this_grid: Grid;
+    other_grid: Grid;
+    this_cm2: number;
+    other_cm2: number;
+    this_floating: number;
+    other_floating: number;
+    residual_mm: number | null;
+    seams: { start: number; places: number; length_mm: number; why: string; decided: string | null }[];
   };
   type GarmentLesson = Lesson & {
     flat: Grid | null;

@@ -208,3 +208,14 @@ def test_after_auto_both_sides_are_known_and_a_changed_shape_is_joined_again(ser
         tab.say(type="do", action="undo")
         state = tab.state_where(lambda s: known(s) and s["other"]["revision"] > first)
     assert [len(document.accepted) for document in both.asked] == [3, 2]
+
+
+def test_its_seams_are_taught_once_it_is_known(server, both):
+    refused = get(server, "/teaching/seams").content
+    assert b"The other side is not known yet" in refused
+    with Tab(server) as tab:
+        turned_over(tab)
+    answer = get(server, "/teaching/seams?revision=1").content
+    assert b"'kind': 'error'" not in answer
+    assert b'"kind":"seams"' in answer.replace(b" ", b"")
+    assert b"mirrored_uv" in answer

@@ -130,7 +130,7 @@ def test_progress_is_told_before_the_lesson(page):
     assert found[-1][0]["kind"] == "alignment"
 
 
-@pytest.mark.parametrize("part", [part for part in PARTS if part not in ("sides", "garment")])
+@pytest.mark.parametrize("part", [part for part in PARTS if part not in ("sides", "garment", "seams")])
 def test_arrays_and_pictures_are_whole(page, part):
     assert_whole(*lesson(page, part, start_view=0))
 
@@ -218,7 +218,7 @@ def test_the_sliders_reach_the_sessions_own_values():
         (
             "/teaching/magic",
             404,
-            "Unknown part 'magic'; choose one of flattening, planning, alignment, sides, garment.",
+            "Unknown part 'magic'; choose one of flattening, planning, alignment, sides, garment, seams.",
         ),
         ("/teaching/planning?color=1", 400, "Unknown parameter 'color'"),
         ("/teaching/planning?start_view=one", 400, "start_view: 'one' is not a valid number"),

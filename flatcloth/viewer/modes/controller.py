@@ -33,7 +33,7 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer, ServerMessage
 from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
-from flatcloth.viewer.protocol.picture import Picture, described
+from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described
 from flatcloth.viewer.protocol.sent import Note, NoteLevel
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
 from flatcloth.viewer.protocol.snapshot import PageStatus, page_state
@@ -141,6 +141,11 @@ class PageController(ABC):
     def picture(self) -> Picture | None:
         """The picture that is shown at present; immutable."""
         return self._picture
+
+    @property
+    def other_sheet(self) -> OtherSheet | None:
+        """The other side that is shown; immutable."""
+        return None if self._picture is None else self._picture.other
 
     @property
     def last_state(self) -> PageState | None:

@@ -6,21 +6,24 @@ from typing import Any
 
 import numpy as np
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import Bool, FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
 from flatcloth.engine.garment.lesson import GarmentLesson
 from flatcloth.engine.segmenting import SidesLesson
+from flatcloth.engine.sheet import outline_loops
 from flatcloth.engine.teaching import AlignmentLesson, FlatteningLesson, PlanningLesson
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Level
 from flatcloth.flattening.surface import Surface
 from flatcloth.garments.fit import TEMPERATURE
 from flatcloth.garments.recognition import MISFIT, NONE, misfit_of
-from flatcloth.methods.answers import Alignment, ColumnCurves, SidePlan, ZAngleLine
+from flatcloth.methods.answers import MIRROR, Alignment, ColumnCurves, SidePlan, ZAngleLine
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.segmentation.result import Segmentation
+from flatcloth.viewer.protocol.picture import OtherSheet
 
 CM2 = 1e4
 """Square centimetres in a square metre."""
@@ -325,6 +328,56 @@ def garment_parcel(lesson: GarmentLesson, axis: RotationAxis) -> Parcel:
         "none": lesson.probabilities[NONE],
         "misfit": misfit_of(lesson.fits[0], evidence),
         "misfit_limit": MISFIT,
+    }
+    return parcel
+
+
+# --- both sides ------------------------------------------------------------------------------------
+
+
+def seams_parcel(other: OtherSheet | None, axis: RotationAxis) -> Parcel:
+    """Return the drawing data of the seams between both sides.
+
+    Raises
+    ------
+    FlatclothError
+        If the other side is not known.
+    """
+    if other is None:
+        raise FlatclothError(
+            "The other side is not known yet. Leave with Esc, and turn the garment over (M)."
+        )
+    parcel, seams, this = Parcel(), other.sides.seams, other.this
+    for name, sheet in (("this", this), ("other", other.sheet)):
+        _picture(parcel, name, layers.rgba(sheet.view, "color", axis, 1))
+        for n, loop in enumerate(outline_loops(sheet.canonical.view)):
+            parcel.array(f"{name}_loop_{n}", loop if name == "this" else loop * MIRROR, "float32")
+    none = [np.zeros((0, 2))]
+    own = [this.places(seam.this_uv_m)[1] for seam in seams]
+    its = [other.sheet.places(seam.other_uv_m)[1] for seam in seams]
+    parcel.array("this_uv", np.concatenate([*none, *own]), "float32")
+    parcel.array("other_uv", np.concatenate([*none, *its]), "float32")
+    parcel.array("mirrored_uv", np.concatenate([*none, *its]) * MIRROR, "float32")
+    starts = np.cumsum([0, *(len(seam.xyz_m) for seam in seams)])
+    joining = [seam.residual_m for seam in seams if not seam.why]
+    parcel.values = {
+        "this_grid": grid_of(this.view),
+        "other_grid": grid_of(other.view),
+        "this_cm2": CM2 * this.shape_m2,
+        "other_cm2": CM2 * other.sheet.shape_m2,
+        "this_floating": len(this.pieces),
+        "other_floating": len(other.sheet.pieces),
+        "residual_mm": 1e3 * float(np.median(np.concatenate(joining))) if joining else None,
+        "seams": [
+            {
+                "start": int(start),
+                "places": len(seam.xyz_m),
+                "length_mm": 1e3 * seam.length_m,
+                "why": seam.why,
+                "decided": seam.decided,
+            }
+            for start, seam in zip(starts, seams, strict=False)
+        ],
     }
     return parcel
 

@@ -234,8 +234,8 @@ def seam_info(made: OtherSheet, seam: Seam) -> SeamInfo:
     """Return a seam for the list of the page."""
     median_mm, most_mm = 1e3 * np.quantile(seam.residual_m, (0.5, 0.9))
     return SeamInfo(
-        this_piece=label_of(_piece_of(made.this, seam.this_uv_m)),
-        other_piece=label_of(_piece_of(made.sheet, seam.other_uv_m)),
+        this_piece=label_of(made.this.places(seam.this_uv_m)[0]),
+        other_piece=label_of(made.sheet.places(seam.other_uv_m)[0]),
         length_mm=1e3 * seam.length_m,
         places=len(seam.xyz_m),
         residual_mm=(float(median_mm), float(most_mm)),
@@ -269,15 +269,8 @@ def places_of(made: OtherSheet) -> SidePlaces:
     )
 
 
-def _piece_of(sheet: Sheet, uv_m: Float64) -> int:
-    """Return the piece of a sheet, 0 the shape, that places on the method's plane belong to."""
-    known = uv_m[np.isfinite(uv_m).all(axis=1)]
-    return sheet.piece_on_plane(np.median(known, axis=0)) if len(known) else 0
-
-
 def _on(sheet: Sheet, uv_m: Float64) -> list[tuple[float, float]]:
-    moved = sheet.shift(_piece_of(sheet, uv_m)).apply(uv_m)
-    return [(float(u), float(v)) for u, v in np.round(np.nan_to_num(moved), 4)]
+    return [(float(u), float(v)) for u, v in np.round(np.nan_to_num(sheet.places(uv_m)[1]), 4)]
 
 
 def _rounded(loops: list[Float64]) -> list[list[tuple[float, float]]]:

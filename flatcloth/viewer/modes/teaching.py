@@ -31,15 +31,17 @@ from flatcloth.viewer.modes.lessons import (
     flattening_parcel,
     garment_parcel,
     planning_parcel,
+    seams_parcel,
     sides_parcel,
 )
+from flatcloth.viewer.protocol.picture import OtherSheet
 from flatcloth.viewer.worker import Worker
 
 _log = logging.getLogger(__name__)
 
-PARTS = ("flattening", "planning", "alignment", "sides", "garment")
-"""The parts: Fig. 2, Fig. 4a, the rest of Fig. 4, the side of interest without masks, and the garment."""
-_OF_ALL_VIEWS = ("sides", "garment")
+PARTS = ("flattening", "planning", "alignment", "sides", "garment", "seams")
+"""The parts: Fig. 2, Fig. 4a, the rest of Fig. 4, the side of interest, the garment, both sides."""
+_OF_ALL_VIEWS = ("sides", "garment", "seams")
 """Parts without a start view of their own, and without parameters. By definition."""
 
 SLIDERS: dict[str, dict[str, float]] = {
@@ -62,12 +64,17 @@ class TeachingRoutes:
         The session's; only read.
     garment : callable
         Returns the garment of the shape that is shown, None if it is not known; from any thread.
+    other : callable
+        Returns the other side that is shown, None if it is not known; from any thread.
     """
 
     def __init__(
-        self, integration: Integration, garment: Callable[[], KnownGarment | None] = lambda: None
+        self,
+        integration: Integration,
+        garment: Callable[[], KnownGarment | None] = lambda: None,
+        other: Callable[[], OtherSheet | None] = lambda: None,
     ) -> None:
-        self._integration, self._garment = integration, garment
+        self._integration, self._garment, self._other = integration, garment, other
         self._worker = Worker("flatcloth-teaching")
         self._teaching: Teaching | None = None
 
@@ -129,6 +136,8 @@ class TeachingRoutes:
                 parcel = sides_parcel(teaching.sides(progress))
             case "garment":
                 parcel = garment_parcel(garment_lesson(self._garment(), progress), axis)
+            case "seams":
+                parcel = seams_parcel(self._other(), axis)
             case _:
                 parcel = alignment_parcel(teaching.alignment(view, parameters, progress), axis)
         common = {
@@ -218,7 +227,7 @@ def _asked(given: dict[str, str], n_views: int) -> dict[str, Any]:
         "sampling_interval_px": int,
         "z_angle_limit_deg": float,
         "overlap_cm2": float,
-        "revision": int,  # revision of the garment: the page requests the lesson again when it has changed
+        "revision": int,  # of garment or other side: the page asks again when it has changed
     }
     asked: dict[str, Any] = {"start_view": None}
     for name, text in given.items():

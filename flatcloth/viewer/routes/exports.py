@@ -60,7 +60,11 @@ def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
         from flatcloth.export.outline import outline_text
 
         return outline_text(
-            session.view, session.history.recording_name, suffix, upright_rad(session.garment)
+            session.view,
+            session.history.recording_name,
+            suffix,
+            upright_rad(session.garment),
+            session.other_view,
         ).encode()
 
     return make

@@ -105,7 +105,9 @@ class Workspace:
         if isinstance(self.application, Application):
             self.scene.offer_clouds(integration)
             self.scene.offer_axis(self.application.adjust_axis)
-        self._teaching = TeachingRoutes(integration, lambda: self.application.garments.last)
+        self._teaching = TeachingRoutes(
+            integration, lambda: self.application.garments.last, lambda: self.application.other_sheet
+        )
         self._exports = ExportRoutes(integration, folder, self.application.garments, self.application.both)
         capture = capture_routes(self.application) if isinstance(self.application, CaptureApplication) else ()
         active: list[BaseRoute] = []
