@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, Rigid2
+from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, LaidPiece, Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.flattening.resampling import place
 from flatcloth.garments.deciding import DecidedPieces, decided_pieces
@@ -36,7 +36,7 @@ _NEAR_M = 1.0
 """A piece whose middle is nearer to the shape than this is already near its place. Set by hand."""
 
 FLOATS = "Nothing seen connects it to the shape."
-PLACED = "Placed by the garment: no view connects it, its edges fit the outline."
+PLACED = "Placed by the garment or by seams with the other side: no view connects it."
 TAKEN_OFF = "Taken off the shape: no garment allows it where it was joined."
 LOOSE = "A narrow neck or weak overlaps connect it to the shape: its place is not reliable."
 
@@ -234,10 +234,18 @@ def lay_out(canonical: Canonical, placed: Mapping[int, Rigid2] = MappingProxyTyp
     return Sheet(canonical=canonical, view=joined, piece=piece, pieces=tuple(pieces))
 
 
-def sheet_of(canonical: Canonical, document: Document) -> Sheet:
-    """Lay out a canonical view, with the pieces that its document places by the garment."""
-    placed = decided_pieces(document.garment, canonical.view, canonical.floating)
-    return lay_out(canonical, placed.shape_from_piece)
+def sheet_of(
+    canonical: Canonical, document: Document, laid: Sequence[LaidPiece] = (), before: Sheet | None = None
+) -> Sheet:
+    """Lay out a canonical view, with the pieces that its document places by the garment, or that seams lay.
+
+    ``before`` is returned if nothing on it has changed.
+    """
+    decided = decided_pieces(document.garment, canonical.view, canonical.floating)
+    placed = decided.with_laid(laid).shape_from_piece
+    if before is not None and before.canonical is canonical and before.placed == placed:
+        return before
+    return lay_out(canonical, placed)
 
 
 def with_placed_pieces(canonical: Canonical, pieces: DecidedPieces) -> Canonical:

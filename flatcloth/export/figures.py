@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +13,15 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Floats
-from flatcloth.engine.sheet import SheetPiece, beyond, overlay_on
+from flatcloth.engine.outcome import other_side_lines, sides_entry
+from flatcloth.engine.sheet import SheetPiece, beyond, lay_out, overlay_on
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.history import ACCEPTED, Decision
 from flatcloth.export.kept import PngPicture, key_of
 from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
-from flatcloth.methods.answers import SidePlan
+from flatcloth.methods.answers import JoinedSides, SidePlan
 from flatcloth.rendering.charts import (
     SIZE,
     SMALL,
@@ -34,9 +35,11 @@ from flatcloth.rendering.charts import (
 from flatcloth.rendering.colormaps import piece_color, view_colors
 from flatcloth.rendering.drawing import BLUE, PAPER, PINK, SOFT, TEXT, Drawing, png_of, text_width
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, hex_of, legend, rgba
-from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on
+from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on, side_by_side, widened
 from flatcloth.session.machine import Document
 
+VIOLET, WARN = "#6a3fb5", "#9a5b00"
+"""Colors of seams that join, and of others: those of the page. Chosen."""
 _BELOW, _HEAD, _MARGIN = 46, 44, 16
 """Layout (px): text below, text above, and the margin. Chosen."""
 
@@ -92,8 +95,6 @@ def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
 
 def all_figures(session: OpenedSession) -> Iterator[Figure]:
     """Yield all figures."""
-    from flatcloth.export.both_sides import both_sides
-
     yield from maps(session)
     yield from both_sides(session)
     yield from garment(session)
@@ -150,6 +151,26 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
         )
 
 
+def both_sides(session: OpenedSession) -> Iterator[Figure]:
+    """Yield the picture of both sides with their seams; none if the session has one side."""
+    sides = session.sides
+    if not isinstance(sides, JoinedSides):
+        return
+    own, its = session.growth.sheet, lay_out(sides.other)
+    picture, shift_m = side_by_side(own.view, its.view)
+    dots = []
+    for seam in sides.seams:
+        for sheet, uv_m, shift in ((own, seam.this_uv_m, 0.0), (its, seam.other_uv_m, shift_m)):
+            places = sheet.places(uv_m)[1] + (shift, 0.0)
+            dots.append((places[np.isfinite(places).all(axis=1)], WARN if seam.why else VIOLET))
+    line = " ".join(other_side_lines(sides_entry(sides)))
+    yield Figure(
+        name="both-sides",
+        caption=f"Both sides, each as seen from its own outside, with the places of their seams. {line}",
+        drawing=map_drawing(picture, "Both sides", "", legend_width=0.0, dots=dots),
+    )
+
+
 def garment(session: OpenedSession) -> Iterator[Figure]:
     """Yield the outline and the named points over the shape; none if it is no known garment."""
     known = session.garment
@@ -174,18 +195,6 @@ def garment(session: OpenedSession) -> Iterator[Figure]:
             picture, "Garment", about, marks=seen, rings=predicted, outline=found.outline_uv_m
         ),
     )
-
-
-def widened(picture: PlanePicture, places_m: Floats) -> PlanePicture:
-    """Return a picture with an empty rim that holds places (N, 2) of the plane, and 3 cm more."""
-    size, origin = picture.pixel_size_m, np.asarray(picture.origin_uv_m)
-    rows, cols = picture.rgba.shape[:2]
-    low = np.ceil(np.maximum(origin - places_m.min(axis=0) + 0.03, 0.0) / size - 1e-6).astype(int)
-    end = origin + size * np.array([cols, rows])
-    high = np.ceil(np.maximum(places_m.max(axis=0) + 0.03 - end, 0.0) / size - 1e-6).astype(int)
-    rgba_wide = np.pad(picture.rgba, ((low[1], high[1]), (low[0], high[0]), (0, 0)))
-    u_m, v_m = (origin - size * low).tolist()
-    return replace(picture, rgba=rgba_wide, origin_uv_m=(u_m, v_m))
 
 
 def picks_on(session: OpenedSession) -> list[tuple[float, float, str]]:

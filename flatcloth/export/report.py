@@ -12,8 +12,9 @@ import numpy as np
 from flatcloth.core.config import Config
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import Floats
+from flatcloth.engine.outcome import sides_entry
 from flatcloth.engine.sheet import Sheet
-from flatcloth.export import both_sides, figures
+from flatcloth.export import figures
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.figures import Figure
 from flatcloth.export.garment import summary
@@ -22,6 +23,7 @@ from flatcloth.export.review import FLAGS, OVERRIDDEN, Flags, is_overridden, ove
 from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import GraspPose, grasp_pose
+from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering.drawing import Drawing, data_url
 
 
@@ -179,8 +181,25 @@ def _both_sides(session: OpenedSession) -> Iterable[str]:
     if isinstance(sides, str):
         yield f"<p>{escape(sides)}</p>"
         return
-    yield from (_figure(figure, "hero") for figure in both_sides.both_sides(session))
-    yield _table(("seam", "places", "residual", "views", "verdict"), both_sides.seam_rows(sides))
+    yield from (_figure(figure, "hero") for figure in figures.both_sides(session))
+    yield _table(("seam", "places", "residual", "views", "verdict"), _seam_rows(sides))
+
+
+def _seam_rows(sides: JoinedSides) -> list[tuple[str, ...]]:
+    """Return the seams as rows of a table: length, places, residual, views, and whether they join."""
+    rows: list[tuple[str, ...]] = []
+    for seam in sides_entry(sides)["seams"]:
+        decided = {"cut": " (cut by hand)", "keep": " (kept by hand)"}.get(seam["decided"] or "", "")
+        rows.append(
+            (
+                f"{seam['length_mm'] / 10:.0f} cm",
+                str(seam["matches"]),
+                f"{seam['residual_mm']:.1f} mm",
+                ", ".join(map(str, seam["views"][:8])),
+                ("joins" if seam["joins"] else f"joins nothing: {seam['reason']}") + decided,
+            )
+        )
+    return rows
 
 
 def _garment(session: OpenedSession) -> Iterable[str]:

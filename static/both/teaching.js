@@ -91,7 +91,7 @@ export const SEAM_STAGES = stagesOf(
   [],
   [
     {
-      name: "Where rims meet",
+      name: "Rims that meet",
       figure: "seams · docs/robust.md",
       text: [
         "A garment is two sheets. Where one is hidden in a fold, the cloth goes on over a seam to the other. All " +
@@ -111,7 +111,7 @@ export const SEAM_STAGES = stagesOf(
       draw: drawMeeting,
     },
     {
-      name: "What seams hold",
+      name: "Seams",
       figure: "seams · docs/robust.md",
       text: [
         "Both sheets lie on one plane, the other one seen through this one: a place on a seam is one place of the " +

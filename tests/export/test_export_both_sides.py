@@ -12,7 +12,7 @@ import pytest
 from exported_sessions import cylinder_session
 
 from flatcloth.export.animation import frames
-from flatcloth.export.both_sides import both_sides
+from flatcloth.export.figures import both_sides
 from flatcloth.export.outline import drawing, outline_text, signed_area
 from flatcloth.export.page import page
 from flatcloth.export.report import report

@@ -21,13 +21,13 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.curves import plan_of, side_of
-from flatcloth.export.figures import all_figures, garment, maps, of_decision, widened, write_figures
+from flatcloth.export.figures import all_figures, garment, maps, of_decision, write_figures
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import Plan
 from flatcloth.rendering.charts import Frame, draw_axes, draw_ramp, nice_below
 from flatcloth.rendering.drawing import Drawing, text_width
-from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, PlanePicture, cropped, laid_on
+from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, PlanePicture, cropped, laid_on, widened
 from flatcloth.session.machine import Document
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from PIL import Image
 from viewer_fakes import HEIGHT_M, CylinderIntegration, cylinder_view
 
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import LaidPiece, Rigid2
 from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 from flatcloth.session.garment import DecideSeam
 from flatcloth.viewer import PageServer
@@ -28,6 +30,7 @@ class Both:
         self.gate = threading.Event()
         self.gate.set()
         self.trouble = ""
+        self.laid: tuple[LaidPiece, ...] = ()
         self.asked: list = []
         self.view = cylinder_view({6: 180.0})
 
@@ -52,7 +55,7 @@ class Both:
             decided=None if not seams else "cut" if cut else "keep",
         )
         other = Canonical(view=self.view, current_from_view={})
-        return JoinedSides(other=other, seams=(seam,), is_related=not cut)
+        return JoinedSides(other=other, seams=(seam,), is_related=not cut, laid=self.laid)
 
 
 @pytest.fixture
@@ -219,3 +222,25 @@ def test_its_seams_are_taught_once_it_is_known(server, both):
     assert b"'kind': 'error'" not in answer
     assert b'"kind":"seams"' in answer.replace(b" ", b"")
     assert b"mirrored_uv" in answer
+
+
+def test_pieces_that_seams_lay_are_shown_on_the_shape(server, both, integration, folder):
+    """Half of the shape floats; the other side that is known then has a place for it."""
+    whole = integration.canonical
+
+    def halved(document):
+        found = whole(document)
+        if found.view.shape not in made:
+            away = replace(cylinder_view({3: 90.0}), origin_uv_m=(7.0, 0.0))
+            made[found.view.shape] = replace(found, floating=(away,))
+        return made[found.view.shape]
+
+    made: dict = {}
+    integration.canonical = halved
+    both.laid = (LaidPiece(index=0, shape_from_piece=Rigid2(0.0, -6.5, 0.0), std_m=0.01),)
+    with Tab(server) as tab:
+        state = tab.proposed()
+        assert [piece["placed"] for piece in state["layers"]["pieces"]] == [False]
+        tab.say(type="other_side")
+        state = tab.state_where(lambda s: known(s) and s["layers"]["pieces"][0]["placed"])
+    assert "seams" in state["layers"]["pieces"][0]["reason"]

@@ -11,7 +11,13 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, link_decision, piece_decision
+from flatcloth.engine.garment.recognition import (
+    GarmentService,
+    KnownGarment,
+    link_decision,
+    piece_decision,
+    points_on_other_side,
+)
 from flatcloth.engine.sheet import label_of, order_of, outline_loops
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pixels_of_part, pulls_of, with_placed_cloth
@@ -22,11 +28,13 @@ from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, is_offered, is_sure
 from flatcloth.methods.answers import Canonical
 from flatcloth.session.garment import DecidePiece, GarmentCommand, HoldPoint, ReleasePoints, SetKind
+from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Document
 from flatcloth.viewer.protocol import garment as asked
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import GarmentPreview, ServerMessage
 from flatcloth.viewer.protocol.garment import FoundGarment, GarmentInfo
+from flatcloth.viewer.protocol.picture import OtherSheet
 from flatcloth.viewer.protocol.sent import typed
 from flatcloth.viewer.worker import Worker
 
@@ -193,8 +201,8 @@ class GarmentController:
 
         self._worker.put(work)
 
-    def seen_point(self, name: str) -> tuple[float, float]:
-        """Return the place of a named point on visible cloth.
+    def seen_point(self, name: str, other: OtherSheet | None = None) -> tuple[float, float, SheetSide]:
+        """Return the place of a named point on visible cloth, and the side that shows it.
 
         Raises
         ------
@@ -203,13 +211,17 @@ class GarmentController:
         """
         known = self._known()
         point = self._named(known, name)
+        behind = {} if other is None else points_on_other_side(known, other.sides)
+        if other is not None and name in behind:
+            u_m, v_m = other.sides.other.view.uv_from_rc(np.array(behind[name])).tolist()
+            return u_m, v_m, "other"
         if point.pixel is None:
             raise FlatclothError(
                 f"{name} is predicted only: no view saw cloth there, so it has no pose. Add views."
             )
         motion = Rigid2() if point.piece is None else known.pieces.shape_from_piece[point.piece]
         u_m, v_m = motion.apply(known.cloth_of(point).uv_from_rc(np.array(point.pixel))).tolist()
-        return u_m, v_m
+        return u_m, v_m, "this"
 
     def _known(self) -> KnownGarment:
         if self.status.known is None:

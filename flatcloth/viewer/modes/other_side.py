@@ -14,10 +14,10 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import Float64
+from flatcloth.core.types import Float64, LaidPiece
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.results.result import uncertainty
-from flatcloth.engine.sheet import Sheet, label_of, lay_out, outline_loops
+from flatcloth.engine.sheet import Sheet, label_of, lay_out, outline_loops, sheet_of
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.rendering import layers
 from flatcloth.session.garment import DecidedSeam, DecideSeam
@@ -112,9 +112,15 @@ class OtherSideController:
         self.status = replace(self.status, working=True, progress=None, text="")
         self._worker.put(lambda: self._work(key, document, sheet))
 
+    def laid(self, document: Document) -> tuple[LaidPiece, ...]:
+        """Return the floating pieces of a document's shape that seams join to it; from any thread."""
+        made = self.status.made
+        return () if made is None or made.key != self._key(document) else made.sides.laid
+
     def _key(self, document: Document) -> tuple[Hashable, ...]:
-        axis = self.both.integration.axis
-        return document.shape_key, document.garment.seams, axis.point_m.tobytes(), axis.direction.tobytes()
+        axis, garment = self.both.integration.axis, document.garment
+        shape = document.shape_key, garment.pieces, garment.seams
+        return *shape, axis.point_m.tobytes(), axis.direction.tobytes()
 
     # --- the worker -----------------------------------------------------------------------------
 
@@ -124,7 +130,7 @@ class OtherSideController:
         made: OtherSheet | str
         try:
             sides = self.both.of(document, self._report)
-            made = sides if isinstance(sides, str) else self._laid_out(key, sides, sheet)
+            made = sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
         except CancelledError:
             return
         except FlatclothError as error:
@@ -134,7 +140,7 @@ class OtherSideController:
             made = UNEXPECTED
         self._put(lambda: self._take(key, made))
 
-    def _laid_out(self, key: Hashable, sides: JoinedSides, this: Sheet) -> OtherSheet:
+    def _laid_out(self, key: Hashable, document: Document, sides: JoinedSides, this: Sheet) -> OtherSheet:
         integration = self.both.integration
         sheet = lay_out(sides.other)
         found = layers.legends(sheet.view, integration.axis, integration.recording.angles_deg)
@@ -143,7 +149,7 @@ class OtherSideController:
             revision=self._revision,
             key=key,
             sides=sides,
-            this=this,
+            this=sheet_of(this.canonical, document, sides.laid, this),
             sheet=sheet,
             legends=typed(found, dict[str, Legend]),
         )

@@ -78,9 +78,9 @@ class Application(PageController):
         super().__init__(integration, folder, scene_view, sink)
         self._going_on = False
         on_thread = partial(self._put, None)
-        self._work = SessionWork(
-            integration, on_thread, self._answered, self._drawn, partial(sink.tell, None)
-        )
+        self.other = OtherSideController(BothSides(integration), on_thread, self._other_made, self._publish)
+        tell = partial(sink.tell, None)
+        self._work = SessionWork(integration, on_thread, self._answered, self._drawn, tell, self.other.laid)
         self._repair = repair.RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(
             integration, lambda: self._picture, scene_view, self._work.later
@@ -94,7 +94,6 @@ class Application(PageController):
         )
         self._sides = SideController(integration, on_thread, self._sides_changed)
         self._garment = GarmentController(self.garments, on_thread, self._publish, sink.tell)
-        self.other = OtherSideController(BothSides(integration), on_thread, self._other_made, self._publish)
 
     @property
     def _state(self) -> SessionState:
@@ -197,7 +196,8 @@ class Application(PageController):
             case garment.DecideSeam(revision=revision, index=index, keep=keep):
                 self._do(self.other.decision(revision, index, keep=keep))
             case garment.PickPoint(name=name):
-                self._pick_at(*self._garment.seen_point(name), name)
+                u, v, side = self._garment.seen_point(name, self.other.status.made)
+                self._pick_at(u, v, name, side)
             case messages.SetAuto(running=running):
                 self._page_status = replace(self._page_status, auto=running)
                 self._settle()
@@ -378,11 +378,14 @@ class Application(PageController):
 
     def _other_made(self) -> None:
         """Show the other side beside the shape that it was joined to."""
-        if self._picture is not None:
-            self._picture = replace(self._picture, other=self.other.status.made)
+        made, picture = self.other.status.made, self._picture
+        if picture is not None and picture.sheet is not None:
+            if made is not None and made.this.placed != picture.sheet.placed:
+                self._work.forget_picture()  # seams lay pieces of this side, too
+            self._picture = replace(picture, other=made)
             self._scene_view.show(self._picture)
             self._picks.redraw(self._picture)
-        self._publish()
+        self._settle()
 
     def _end_auto(self, level: NoteLevel, text: str) -> None:
         self._page_status = replace(self._page_status, auto=False)

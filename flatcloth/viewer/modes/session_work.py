@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import RotationAxis
+from flatcloth.core.types import LaidPiece, RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, place_of_piece
 from flatcloth.engine.warmup import wait_until_compiled
@@ -72,6 +72,8 @@ class SessionWork:
         Called with the present picture, or with the reason if it cannot be drawn.
     on_progress : callable
         Called with the progress, at most every ``PROGRESS_INTERVAL_S``.
+    laid : callable
+        Returns the floating pieces of a document that seams join to the shape; from any thread.
     """
 
     def __init__(
@@ -81,7 +83,9 @@ class SessionWork:
         on_answer: Callable[[Answer], None],
         on_picture: Callable[[Picture | str], None],
         on_progress: Callable[[Progress], None],
+        laid: Callable[[Document], Sequence[LaidPiece]] = lambda _document: (),
     ) -> None:
+        self._laid = laid
         self._integration, self._put = integration, put
         self._on_answer, self._on_picture, self._on_progress = on_answer, on_picture, on_progress
         self._worker = Worker("flatcloth-work")
@@ -195,7 +199,7 @@ class SessionWork:
     def _drawn(self, document: Document) -> Picture | str:
         """Return the picture of a document, or the reason if it cannot be drawn."""
         try:
-            self._made = make_picture(self._integration, document, self._made)
+            self._made = make_picture(self._integration, document, self._made, self._laid(document))
             return self._made
         except FlatclothError as error:
             return str(error)

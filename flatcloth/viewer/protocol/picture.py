@@ -10,11 +10,10 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import height_m, z_angle_deg
-from flatcloth.core.types import Bool, FlattenedView, Floats, Rigid2, RotationAxis, finite
+from flatcloth.core.types import Bool, FlattenedView, Floats, LaidPiece, Rigid2, RotationAxis, finite
 from flatcloth.engine.integration import Integration, Proposal
-from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, label_of, lay_out, overlay_on
+from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, label_of, overlay_on, sheet_of
 from flatcloth.engine.views import ViewCloud
-from flatcloth.garments.deciding import decided_pieces
 from flatcloth.grasping.visibility import Projection, Visibility, project
 from flatcloth.methods.answers import AlignmentScore, JoinedPiece, JoinedSides
 from flatcloth.methods.paper.merging import shows
@@ -140,16 +139,23 @@ class Picture:
         return (self.sheet.canonical.view, *self.sheet.canonical.floating)
 
 
-def make_picture(integration: Integration, document: Document, previous: Picture | None) -> Picture:
+def make_picture(
+    integration: Integration,
+    document: Document,
+    previous: Picture | None,
+    laid: Sequence[LaidPiece] = (),
+) -> Picture:
     """Compute the picture of a document with a start view; revisions continue from ``previous``.
 
     The shape is laid out on a sheet with its floating pieces; the proposal is laid on the sheet; the cloud
-    is that of the present view. What has not changed since ``previous`` is taken from it.
+    is that of the present view; ``laid`` are pieces that seams join to the shape. What has not changed
+    since ``previous`` is taken from it.
     """
     present = document.present_view
     assert present is not None
     angles_deg = integration.recording.angles_deg
-    sheet = _sheet(integration, document, None if previous is None else previous.sheet)
+    drawn = None if previous is None else previous.sheet
+    sheet = sheet_of(integration.canonical(document), document, laid, drawn)
     same = previous if previous is not None and previous.sheet is sheet else None
     if same is not None:
         shape_legends = same.legends
@@ -171,15 +177,6 @@ def make_picture(integration: Integration, document: Document, previous: Picture
         overlay=overlay,
         sheet=sheet,
     )
-
-
-def _sheet(integration: Integration, document: Document, before: Sheet | None) -> Sheet:
-    """Return the sheet of a document: the one before if nothing on it has changed."""
-    canonical = integration.canonical(document)
-    placed = decided_pieces(document.garment, canonical.view, canonical.floating).shape_from_piece
-    if before is not None and before.canonical is canonical and before.placed == placed:
-        return before
-    return lay_out(canonical, placed)
 
 
 _overlay_revisions = itertools.count(1)

@@ -95,7 +95,8 @@ class RobotAnswers:
         }
         if isinstance(known, str):
             return {**shape, "garment": None, "reason": known}
-        return {**shape, "garment": garment_document(known)}
+        sides = None if picture.other is None else picture.other.sides
+        return {**shape, "garment": garment_document(known, sides)}
 
     def grasps(self, rotation_deg: float | None = None) -> dict[str, Any]:
         """Return the document of ``grasps.json`` at a rotation, by default that of the shown view."""
