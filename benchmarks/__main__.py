@@ -13,7 +13,7 @@ from benchmarks.output import Options
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch", "strokes")
 ASKED_FOR = (
     *("soak", "confidence", "accuracy", "stability", "paper_steps", "paper_candidates"),
-    *("same", "sides", "seams", "constants", "mutants", "mistakes", "tables"),
+    *("same", "sides", "seams", "constants", "mutants", "mistakes", "active", "tables"),
 )
 """Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, the others
 are about given recordings."""
@@ -61,6 +61,8 @@ def main() -> None:
         metavar="DIR",
         help="of what measures each recording, constant or mutant: where that is kept",
     )
+    parser.add_argument("--meshes", nargs="+", default=[], metavar="OBJ", help="active: hanging meshes")
+    parser.add_argument("--starts", type=int, default=3, help="active: start angles of each (default: 3)")
     arguments = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as flatcloth itself does
     options = Options(
@@ -72,6 +74,8 @@ def main() -> None:
         timed=arguments.timed,
         views=arguments.views,
         keep=arguments.keep,
+        meshes=arguments.meshes,
+        starts=arguments.starts,
     )
     # Imported late: the libraries read their number of threads when they are loaded.
     for name in (name for name in ASKED_FOR if name in arguments.name):

@@ -23,7 +23,8 @@ class Options:
     repetition and no result file; ``learn`` for weights that are learned anew; ``other`` for an operator
     who wants the other panel than the recording's own. ``copies``, ``timed`` and ``views`` say how large
     ``batch`` is. ``keep`` is a folder where ``accuracy``, ``sides``, ``reliability`` and ``paper_steps``
-    keep what they measured of each recording, so that many can be measured in pieces.
+    keep what they measured of each recording, so that many can be measured in pieces. ``meshes`` and
+    ``starts``, the number of start angles, are those of ``active``.
     """
 
     recordings: Sequence[str] = ()
@@ -34,6 +35,8 @@ class Options:
     timed: int = 200
     views: int = 0
     keep: str = ""
+    meshes: Sequence[str] = ()
+    starts: int = 3
 
 
 def provenance(recordings: Sequence[str]) -> dict[str, Any]:

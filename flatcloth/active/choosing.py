@@ -25,7 +25,7 @@ from flatcloth.methods.answers import Candidate, Plan
 from flatcloth.methods.starting import overlap_area_m2
 from flatcloth.session.document import Document
 
-LOOK_S, TURN_DEG_PER_S = 2.0, 60.0
+LOOK_S, TURN_DEG_PER_S = 2.0, 180.0
 """Time of a stop with a look, and speed of a turntable. Chosen: a robot pays about two seconds a turn."""
 GRID_DEG = 3.0
 """Distance of the angles that are compared. Chosen: the views' overlap changes little over it."""
@@ -33,7 +33,7 @@ APART_DEG = 5.0
 """No angle nearer to a recorded one is chosen: it shows the same cloth. Chosen."""
 LEAST_SHARE = 0.1
 """A point is hidden if no view is expected to show more than this of the cloth around it. Chosen."""
-FLOATING = 0.2
+FLOATING = 0.05
 """Worth of a view without overlap, of one with enough: its cloth floats until a view connects it. Chosen."""
 _HALF_M = APART_M / 2.0
 """Standard deviation of the weight of cloth around a point, by definition: true edges within ``APART_M``, two
@@ -133,7 +133,8 @@ def choose_next(
         start=np.zeros(len(free)),
     )
     if lessened.any():
-        gains = lessened * (FLOATING + (1.0 - FLOATING) * overlap)
+        # More of the outline tells where a point is, as does the cloth around it: both count alike.
+        gains = _of_most(gains) + _of_most(lessened * overlap)
     best = int((gains / np.array([seconds_of(turn) for turn in turns])).argmax())
     chosen = rated[best]
     points_m = {name: float(std[best]) for name, std in after.items()}
@@ -147,6 +148,12 @@ def choose_next(
         points_m=points_m,
         hidden=hidden,
     )
+
+
+def _of_most(gains: Float64) -> Float64:
+    """Return gains as shares of the largest."""
+    shares: Float64 = gains / max(float(gains.max()), 1e-12)
+    return shares
 
 
 def _in_order(plan: Plan) -> list[Candidate]:

@@ -121,6 +121,13 @@ class Knowledge:
         """Return the wanted points that are not known well enough."""
         return tuple(name for name in goal.points if not self.point(name).is_within(goal.within_m))
 
+    def is_surer(self, before: Knowledge, goal: Goal) -> bool:
+        """Return whether a wanted point is known for the first time, or by a tenth better than before."""
+        return any(
+            math.isfinite(self.point(name).std_m) and self.point(name).std_m < 0.9 * before.point(name).std_m
+            for name in goal.points
+        )
+
     def point(self, name: str) -> PointKnown:
         """Return what is known of a named point."""
         return self.points.get(name, PointKnown())

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from flatcloth.core.errors import JournalError
 from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, open_own, read_plain
 
 LOG = "active.jsonl"
+LAST_VIEWS = 3
+"""Views by which it is judged what an expectation is worth. Chosen: one may be unlucky, three are not."""
+ALL_ROUND_DEG = 90.0
+"""Widest gap between views that stand all round: every surface is then seen at 45 degrees. By definition."""
 
 
 class ActiveLog:
@@ -52,6 +60,29 @@ class ActiveLog:
                 f"{self._path}: cannot be written ({error.strerror}). Free disk space."
             ) from error
         self.lines.append(line)
+
+    def kept_promise(self) -> float:
+        """Return the new area that the last views brought, as a share of what was expected of them.
+
+        It is 1 before there are three views that joined the shape; no more is believed than was promised.
+        """
+        lines = (line for line in self.lines if line["event"] == "view" and line.get("joined"))
+        views = [line for line in lines if line.get("expected_m2")][-LAST_VIEWS:]
+        if len(views) < LAST_VIEWS:
+            return 1.0
+        got, expected = (sum(max(0.0, line[key]) for line in views) for key in ("new_m2", "expected_m2"))
+        return float(min(1.0, got / max(expected, 1e-9)))
+
+    def is_exhausted(self, angles_deg: Sequence[float], least_new_m2: float) -> bool:
+        """Return whether views stand all round, and the last ones brought neither cloth nor surer points."""
+        angles = np.sort(np.asarray(angles_deg) % 360.0)
+        views = [line for line in self.lines if line["event"] == "view"][-LAST_VIEWS:]
+        if len(views) < LAST_VIEWS or len(angles) <= LAST_VIEWS:
+            return False
+        widest_deg = float(np.diff([*angles, angles[0] + 360.0]).max())
+        return widest_deg <= ALL_ROUND_DEG and all(
+            line.get("new_m2", math.inf) < least_new_m2 and not line.get("surer", True) for line in views
+        )
 
     def close(self) -> None:
         """Close the file."""

@@ -40,8 +40,6 @@ from flatcloth.session.header import HEADER, kept_config, take_growth
 from flatcloth.session.machine import Document
 from flatcloth.session.store import SessionFolder
 
-LAST_VIEWS = 3
-"""Views by which it is judged what an expectation is worth. Chosen: one may be unlucky, three are not."""
 RECORDING = "recording"
 """The folder of the growing recording, in that of the session."""
 
@@ -340,6 +338,7 @@ class ActiveLoop:
             got=got,
             joined=joined,
             new_m2=self.knowledge.area_m2 - before.area_m2,
+            surer=self.knowledge.is_surer(before, self.goal),
             expected_m2=finite(self._expected_m2),
             knows=self.knowledge.about(self.goal),
             elapsed_s=round(self.elapsed_s, 2),
@@ -409,22 +408,12 @@ class ActiveLoop:
             knowledge,
             goal,
             self.stands_deg,
-            scale=self._kept_promise(),
+            scale=self._log.kept_promise(),
         )
         least_m2 = self._integration.config.robust.least_new_m2
+        if following is not None and self._log.is_exhausted(self._integration.views.angles_deg, least_m2):
+            following = None  # all round, nothing came any more
         return end_of(following, self._known, knowledge, goal, least_m2) or following or FIRST
-
-    def _kept_promise(self) -> float:
-        """Return the new area that the last views brought, as a share of what was expected of them.
-
-        It is 1 before there are three views that joined the shape; no more is believed than was promised.
-        """
-        lines = (line for line in self._log.lines if line["event"] == "view" and line.get("joined"))
-        views = [line for line in lines if line.get("expected_m2")][-LAST_VIEWS:]
-        if len(views) < LAST_VIEWS:
-            return 1.0
-        got, expected = (sum(max(0.0, line[key]) for line in views) for key in ("new_m2", "expected_m2"))
-        return float(min(1.0, got / max(expected, 1e-9)))
 
 
 def _has_views(folder: Path) -> bool:

@@ -53,10 +53,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_goal(parser: argparse._ActionsContainer) -> None:
-    """Declare what is to be known, and the budget."""
+    """Declare what is to be known, and the budget; without it, ``goal`` is None."""
     parser.add_argument(
         "--goal",
-        default="shape",
         metavar="GOAL",
         help="shape, kind, or points:NAME,NAME, such as points:shoulder_left (default: shape)",
     )
@@ -171,7 +170,7 @@ def goal_of(options: argparse.Namespace) -> tuple[Goal, Budget]:
     from flatcloth.active.goal import WITHIN_MM, parse_budget, parse_goal
 
     within_mm = WITHIN_MM if options.within is None else options.within
-    return parse_goal(options.goal, within_mm), parse_budget(options.budget)
+    return parse_goal(options.goal or "shape", within_mm), parse_budget(options.budget)
 
 
 def cell_of(options: argparse.Namespace) -> Cell:

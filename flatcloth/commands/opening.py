@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 from flatcloth.commands.active import cell_of, goal_of
 from flatcloth.commands.common import integration_of, source_options_of
 from flatcloth.commands.export import hand_eye_of
+from flatcloth.commands.output import say
 from flatcloth.commands.record import add_capture_options
 from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
+    from flatcloth.active.service import Eye
     from flatcloth.recordings import SourceOptions
     from flatcloth.viewer.places import Chosen
     from flatcloth.viewer.server.workspace import Opened
@@ -161,17 +163,47 @@ def opened_cell(options: argparse.Namespace) -> Opened:
     """
     from flatcloth.active.station import view_of_cell
     from flatcloth.engine.warmup import compile_beside
+
+    goal_of(options)  # what cannot be known is told before the mesh is read
+    compile_beside()
+    cell = cell_of(options)
+    eye = functools.partial(view_of_cell, cell, masks=not options.no_masks)
+    return _opened_loop(options, eye, cell.name, contextlib.ExitStack())
+
+
+def opened_looking_camera(options: argparse.Namespace, serial: str) -> Opened:
+    """Open a camera with an active loop, for the page; its first view is taken when the item hangs still.
+
+    Raises
+    ------
+    FlatclothError
+        If there is no such camera, it sees no item at rest, or the folder cannot be written.
+    """
+    from flatcloth.active.eye import CameraEye
+    from flatcloth.cameras import capture, open_camera
+    from flatcloth.cameras.feed import CameraFeed
+
+    goal_of(options)
+    frames = capture.FRAMES if options.frames is None else options.frames
+    with contextlib.ExitStack() as stack:
+        feed = CameraFeed(open_camera(serial, options.align or "depth"))
+        stack.callback(lambda: feed.stop(timeout_s=5.0))
+        eye = CameraEye(feed, frames)
+        feed.start()
+        say(f"{feed.camera.name}: the first view is taken when the item hangs still.")
+        return _opened_loop(options, eye, feed.camera.name, stack.pop_all())
+    raise AssertionError("unreachable")
+
+
+def _opened_loop(options: argparse.Namespace, eye: Eye, name: str, stack: contextlib.ExitStack) -> Opened:
     from flatcloth.session.header import state_folder
     from flatcloth.viewer.modes.active import PageLoop, active_controller
     from flatcloth.viewer.server.workspace import Opened
 
     goal, budget = goal_of(options)
-    folder = options.out or state_folder() / "sessions" / f"cell-{datetime.now():%Y%m%d-%H%M%S}"
-    compile_beside()
-    cell = cell_of(options)
-    eye = functools.partial(view_of_cell, cell, masks=not options.no_masks)
-    with contextlib.ExitStack() as stack:
-        loop = PageLoop(folder, goal, budget, options.method, name=cell.name)
+    folder = options.out or state_folder() / "sessions" / f"active-{datetime.now():%Y%m%d-%H%M%S}"
+    with stack:
+        loop = PageLoop(folder, goal, budget, options.method, name=name)
         stack.callback(loop.close)
         if not loop.views:
             loop.take(eye(0.0, 0))
@@ -180,10 +212,11 @@ def opened_cell(options: argparse.Namespace) -> Opened:
         return Opened(
             loop.integration,
             loop.session,
-            controller=active_controller(loop, eye, cell.name),
+            controller=active_controller(loop, eye, name),
             base_from_camera=hand_eye_of(options),
             close=stack.pop_all().close,
         )
+    raise AssertionError("unreachable")
 
 
 def page_options(options: argparse.Namespace) -> dict[str, Any]:
@@ -266,7 +299,7 @@ def _serve_cell(options: argparse.Namespace) -> None:
 def _serve(options: argparse.Namespace) -> None:
     from flatcloth.viewer import serve
 
-    opened = opened_camera(options, options.camera)
+    opened = (opened_camera if options.goal is None else opened_looking_camera)(options, options.camera)
     try:
         serve(opened=opened, **page_options(options))
     finally:

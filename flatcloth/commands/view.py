@@ -72,7 +72,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="with --live: initial frames per second (default: 30)",
     )
     add_camera(parser)
-    add_goal(parser.add_argument_group("active loop (with --cell)"))
+    add_goal(parser.add_argument_group("active loop (with --cell, or --camera and --goal)"))
     add_cell(parser)
 
 

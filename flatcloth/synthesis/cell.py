@@ -79,6 +79,11 @@ class Cell:
             "panel_of_interest": self._item.panel_of_interest,
         }
 
+    @property
+    def points_m(self) -> Float64:
+        """The vertices (N, 3) of the mesh as they hang at the start angle 0, camera frame; for evaluation."""
+        return self._item.hung.points_m
+
     def look(self, angle_deg: float, number: int) -> CellView:
         """Turn the item to an angle, and return what the camera sees.
 

@@ -44,11 +44,17 @@ export class ActivePanel {
   }
 
   turnButton(/** @type {ActiveStatus} */ status) {
-    const look = button("Turn and look", () => this.page.send({ type: "capture", action: "turned" }), {
-      class: "primary",
-      key: "active-turn",
-      tip: "Turn the item to the next angle and take a view. Auto does it by itself.",
-    });
+    const look = button(
+      status.is_simulated ? "Turn and look" : "It is there: look",
+      () => this.page.send({ type: "capture", action: "turned" }),
+      {
+        class: "primary",
+        key: "active-turn",
+        tip: status.is_simulated
+          ? "Turn the item to the next angle and take a view. Auto does it by itself."
+          : "The item stands at this angle: take a view once it hangs still.",
+      },
+    );
     look.id = "active-turn";
     setAllowed(look, status.angle_deg === null || status.turning ? task(status) : null, look.title);
     return look;
@@ -63,7 +69,10 @@ function stateOf(/** @type {ActiveStatus} */ status) {
 /** What is to be done now, in one line. */
 function task(/** @type {ActiveStatus} */ status) {
   if (status.end !== null) return status.end;
-  if (status.turning) return "The item is turned, and a view is taken.";
+  if (status.turning)
+    return status.is_simulated
+      ? "The item is turned, and a view is taken."
+      : "A view is taken once the item hangs still.";
   if (status.angle_deg === null) return status.waiting;
   return `Turn by ${degrees(status.turn_deg ?? 0, 0)}, to ${degrees(status.angle_deg, 0)}.`;
 }

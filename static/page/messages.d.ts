@@ -832,6 +832,7 @@ export interface ActiveStatus {
   waiting: string;
   turning: boolean;
   turns_itself: boolean;
+  is_simulated: boolean;
   steps: ActiveStep[];
 }
 

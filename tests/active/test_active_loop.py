@@ -234,3 +234,29 @@ def test_no_angle_near_a_recorded_one_is_free() -> None:
     assert len(free_angles_deg([])) == 120
     assert free.min() >= 5.0
     assert free.max() <= 353.0
+
+
+def test_a_loop_ends_when_views_all_round_bring_nothing_and_says_where_to_grasp_next(tmp_path: Path) -> None:
+    goal = parse_goal("points:shoulder_left")
+    cell = sheet_cell(tmp_path / "cell")  # no garment: its points cannot be known
+    loop = led(loop_in(tmp_path / "out", goal, views=20), cell, most=20)
+    loop.close()
+    assert isinstance(loop.asked, End)
+    assert not loop.asked.reached
+    assert "cannot be known" in loop.asked.reason
+    assert "Re-grasp" in loop.asked.reason
+    assert loop.views < 20
+    assert loop.asked.hidden == ("shoulder_left",)
+
+
+def test_the_paper_s_planning_drives_the_cell_to_either_side(tmp_path: Path) -> None:
+    cell = sheet_cell(tmp_path / "cell")
+    loop = led(ActiveLoop(tmp_path / "out", SHAPE, Budget(views=6), "paper"), cell, most=6)
+    angles = np.array(loop.integration.recording.angles_deg)
+    loop.close()
+    assert isinstance(loop.asked, End)
+    assert len(loop.document.used_views) >= 3
+    turns = np.abs((angles[1:] - angles[:-1] + 180.0) % 360.0 - 180.0)
+    # section 5: between 10 and 50 degrees from an outermost view, to the left or the right
+    assert turns.min() >= 9.0
+    assert {accepted.side.value for accepted in loop.document.accepted} <= {"left", "right"}

@@ -15,6 +15,7 @@ from msgspec import structs
 
 from flatcloth.active.choosing import Next
 from flatcloth.active.ending import End, Waiting
+from flatcloth.active.eye import CameraEye
 from flatcloth.active.incoming import SeenView
 from flatcloth.active.loop import ActiveLoop, Taken
 from flatcloth.active.service import ActiveService, Eye
@@ -148,7 +149,8 @@ class ActiveApplication(Application):
         if self._state.phase is Phase.FINISHED or (pending is None and self._undecided is not None):
             if self._page_status.auto and self._undecided is None and not self._is_turning:
                 if isinstance(self.loop.asked, Next) and self._eye is not None:
-                    self._turn()
+                    if not isinstance(self._eye, CameraEye):  # a person turns, and says so
+                        self._turn()
                 elif isinstance(self.loop.asked, End):
                     self._end_auto("info", self.loop.asked.reason)
             return
@@ -198,6 +200,7 @@ class ActiveApplication(Application):
             waiting=asked.reason if isinstance(asked, Waiting) else "",
             turning=self._is_turning,
             turns_itself=self._eye is not None,
+            is_simulated=not isinstance(self._eye, CameraEye),
             steps=tuple(
                 ActiveStep(
                     number=line["number"], angle_deg=line["angle_deg"], expected=line["why"], got=line["got"]

@@ -137,4 +137,5 @@ class ActiveStatus(Sent, frozen=True):
     waiting: str
     turning: bool
     turns_itself: bool
+    is_simulated: bool
     steps: tuple[ActiveStep, ...]
