@@ -228,15 +228,14 @@ def test_a_rotation_that_is_none_is_refused(server: PageServer, path: str) -> No
 
 
 def test_every_message_is_one_of_the_schema(server: PageServer) -> None:
-    schema = ask(server, "/robot/schema.json").json()
+    valid = jsonschema.Draft202012Validator(ask(server, "/robot/schema.json").json())
     with open_socket(server, "/robot/events", origin=None) as robot:
         for kind in ("hello", "shape", "pick"):
             event = json.loads(robot.recv(timeout=WAIT_S))
             assert event["type"] == kind
-            jsonschema.validate(event, schema)
+            assert valid.is_valid(event)
     event["grasp"]["id"] = "one"
-    with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(event, schema)
+    assert not valid.is_valid(event)
 
 
 def test_a_deleted_pick_is_told(server: PageServer) -> None:

@@ -9,6 +9,7 @@ from msgspec import Meta
 
 from flatcloth.export.formats.documents import Grasp, Matrix4, Written
 from flatcloth.viewer.protocol.fields import MAX_NAME_CHARS, Count, Metres, Pointed
+from flatcloth.viewer.protocol.posted import PostedView
 
 PROTOCOL: Literal["flatcloth-robot/1"] = "flatcloth-robot/1"
 """The number grows with a change that a client must know; fields may be added without."""
@@ -74,8 +75,8 @@ class ProposedPick(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 def schema() -> dict[str, Any]:
     """Return the JSON Schema of the protocol: a document is one of the events, ``$defs`` has all types."""
-    (events, _), parts = msgspec.json.schema_components(
-        (RobotEvent, ProposedPick), ref_template="#/$defs/{name}"
+    (events, *_), parts = msgspec.json.schema_components(
+        (RobotEvent, ProposedPick, PostedView), ref_template="#/$defs/{name}"
     )
     about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": PROTOCOL}
     return {**about, **events, "$defs": parts}
