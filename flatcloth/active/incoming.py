@@ -6,10 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import back_project, camera_from_held, held_from_camera, project
+from flatcloth.core.strokes import ImageStroke
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
 from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.surface import foreground_mask
@@ -105,6 +107,20 @@ def doubled(view: SeenView, recording: GrowingRecording) -> int | None:
     for number in range(len(recording)):
         if np.array_equal(recording[number].color, view.color):
             return number
+    return None
+
+
+def stroke_on_side(views: RecordedViews) -> ImageStroke | None:
+    """Return a stroke in the middle of the side of interest, as it was found in the first view with it."""
+    masks = views.segment(())
+    for number in range(len(views.angles_deg)):
+        mask = None if masks is None else masks.of(number, views.recorded(number).depth_m.shape)
+        if mask is not None and mask.any():
+            depth_px = ndimage.distance_transform_edt(np.pad(mask, 1))
+            row, col = np.unravel_index(int(depth_px.argmax()), depth_px.shape)
+            return ImageStroke(
+                side="this", view_index=number, points_rc=((float(row) - 1.0, float(col) - 1.0),)
+            )
     return None
 
 

@@ -18,7 +18,7 @@ from typing import Any
 from flatcloth.active.choosing import Next, choose_next
 from flatcloth.active.ending import FIRST, End, Waiting, elsewhere, end_of
 from flatcloth.active.goal import Budget, Goal, Knowledge, knowledge_of
-from flatcloth.active.incoming import SeenView, ViewError, check_view, doubled, find_angle
+from flatcloth.active.incoming import SeenView, ViewError, check_view, doubled, find_angle, stroke_on_side
 from flatcloth.active.log import ActiveLog
 from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
@@ -36,6 +36,7 @@ from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.manifest import HEADER as MANIFEST
 from flatcloth.recordings.manifest import read_manifest
 from flatcloth.recordings.writer import RecordingWriter
+from flatcloth.session.commands import paint
 from flatcloth.session.header import HEADER, kept_config, take_growth
 from flatcloth.session.machine import Document
 from flatcloth.session.store import SessionFolder
@@ -273,7 +274,7 @@ class ActiveLoop:
         recording, told = self._recording, []
         if recording is None or self._integration is None:
             return view, []
-        if len(recording) >= 2:
+        if len(recording) >= 2 and recording.rotation_axis is not None:  # an estimated axis is too unsure
             found = find_angle(view, self._integration.views)
             if found.is_wrong(view.angle_deg):
                 told.append(
@@ -350,15 +351,32 @@ class ActiveLoop:
         """Add a view to the shape, and return the reason if it is not part of it."""
         assert self._run is not None
         try:
+            self._keep_side()
             return self._run.add(number, self._progress)
         except FlatclothError as error:
             return str(error)
+
+    def _keep_side(self) -> None:
+        """Say by a stroke which side is of interest, if it is found from the views: further views keep it."""
+        assert self._integration is not None
+        assert self._session is not None
+        views, document = self._integration.views, self.document
+        if views.sides is None or document.strokes or document.start_view is not None:
+            return
+        stroke = stroke_on_side(views)
+        if stroke is not None:
+            self._session.record(paint(stroke))
 
     def _learnt(self, before: Knowledge) -> str:
         """Update what is known, and return what was got, in one line."""
         document, integration = self.document, self._integration
         if integration is None or document.start_view is None or self._garments is None:
             return "no shape yet"
+        assert self._run is not None
+        try:
+            integration.canonical(document)
+        except FlatclothError:  # other masks or another axis left the start view no cloth
+            document = self._run.begin_again(self._progress).document
         area_m2 = integration.canonical(document).view.area_m2
         self._known = self._garments.known(document)
         self.knowledge = knowledge_of(self.views, area_m2, self._known)

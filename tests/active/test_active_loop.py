@@ -260,3 +260,21 @@ def test_the_paper_s_planning_drives_the_cell_to_either_side(tmp_path: Path) -> 
     # section 5: between 10 and 50 degrees from an outermost view, to the left or the right
     assert turns.min() >= 9.0
     assert {accepted.side.value for accepted in loop.document.accepted} <= {"left", "right"}
+
+
+@pytest.mark.parametrize("knows_axis", [True, False])
+def test_views_without_masks_keep_the_side_that_was_seen_first(tmp_path: Path, knows_axis: bool) -> None:
+    cell = sheet_cell(tmp_path / "cell")
+    loop = loop_in(tmp_path / "out", views=4)
+    while isinstance(loop.asked, Next):
+        view = replace(seen(cell, loop.asked.angle_deg, loop.views), mask=None)
+        if not knows_axis:
+            view = replace(view, axis=None, held_point_m=None)
+        told = loop.take(view).told
+        assert not any("announced" in text for text in told)
+    assert loop.views == 4
+    assert len(loop.document.strokes) == 1
+    least_m2 = 0.08 if knows_axis else 0.05  # one view shows 0.07 m2; an axis of a cylinder is hardly known
+    assert loop.knowledge.area_m2 > least_m2
+    assert loop.write()
+    loop.close()
