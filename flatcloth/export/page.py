@@ -30,7 +30,7 @@ from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
 from flatcloth.grasping.grips import grip_numbers
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering.colormaps import piece_color
-from flatcloth.rendering.drawing import data_url, png_of
+from flatcloth.rendering.drawing import data_url, small_png_of
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, hex_of, legend, rgba
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.journal import Pick
@@ -375,7 +375,7 @@ def _layers(
         if name in QUALITY_LAYERS and view.quality is None:
             continue
         image = rgba(view, name, integration.axis, len(angles_deg))[window]
-        parcel.picture(f"{prefix}layer {name}", png_of(image), image.shape[:2])
+        parcel.picture(f"{prefix}layer {name}", small_png_of(image), image.shape[:2])
         title, about = words_of(name)
         made.append(
             {

@@ -148,7 +148,7 @@ def test_the_cloth_comes_back_as_it_was(session: OpenedSession, history: dict, a
     around = restored(arrays["around_xyz"], 3)
     assert len(around) == sum(a["count"] for a in history["around"])
     assert arrays["around_rgb"].size == around.size
-    image = np.asarray(Image.open(io.BytesIO(arrays["layer color"].tobytes())))
+    image = np.asarray(Image.open(io.BytesIO(arrays["layer color"].tobytes())).convert("RGBA"))
     np.testing.assert_array_equal(image[..., :3][cloth], view.rgb[window][cloth])
 
 
