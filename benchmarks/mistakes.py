@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.inputs import sources
-from benchmarks.output import Options, save, say
+from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.speed import unit_s
 from flatcloth.checking.check import check_recording
 from flatcloth.checking.findings import Check
@@ -28,17 +28,19 @@ from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
 from flatcloth.recordings.mending import Mends, mended
 
+ALL = "all"
 _ANGLE_DEG, _FOCAL, _COLOR_PX, _COLOR_SCALE = 2.2, 0.06, 2.0, 0.02
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of mistake: the names that are right for it, its strengths, and how it is made."""
+    """A kind of mistake: names that are right for it, strengths, how it is made, whether it can be mended."""
 
     name: str
     names: tuple[str, ...]
     strengths: tuple[float, ...]
     make: Callable[[Recording, float], Recording]
+    has_mend: bool = True
 
 
 def _angles(change: Callable[[np.ndarray, float], Any]) -> Callable[[Recording, float], Recording]:
@@ -150,7 +152,7 @@ KINDS = (
     Kind("views in another order", ("order", "views"), (1, 2, 3), _angles(_order)),
     Kind("angle of a view wrong", ("views", "order"), (15.0, 35.0, 155.0), _angles(_one_view)),
     Kind("turntable slipped", ("views",), (12.0, 16.0, 25.0), _angles(_slipped)),
-    Kind("item does not turn", ("still",), (1,), _images(_still)),
+    Kind("item does not turn", ("still",), (1,), _images(_still), False),
     Kind("images mirrored", ("sense",), (1,), _by(mirror=lambda _: True)),
     Kind("images upside down", ("rotated",), (180,), _by(rotate=int)),
     Kind("images on their side", ("rotated",), (90, 270), _by(rotate=int)),
@@ -162,8 +164,8 @@ KINDS = (
     Kind("color larger than depth", ("color",), (0.9, 1.1, 1.2), _by(color_scale=float)),
     Kind("axis beside the item's", ("axis",), (40.0, 80.0, 150.0), _axis_beside),
     Kind("axis tilted", ("axis",), (8.0, 15.0, 25.0), _axis_tilted),
-    Kind("exposure jumps", ("exposure",), (1.8, 2.5, 0.4), _images(_exposed)),
-    Kind("views too far apart", ("coverage",), (5, 6, 9), _few),
+    Kind("exposure jumps", ("exposure",), (1.8, 2.5, 0.4), _images(_exposed), False),
+    Kind("views too far apart", ("coverage",), (5, 6, 9), _few, False),
 )
 
 
@@ -233,7 +235,7 @@ def _row(right: Recording, wrong: Recording, kind: Kind | None, strength: float)
         "certain": bool(check.certain),
         "found": first is not None,
         "named": kind is not None and first is not None and first.name in kind.names,
-        "mended": kind is not None and is_mended(right, wrong, check),
+        "mended": None if kind is None or not kind.has_mend else is_mended(right, wrong, check),
         "time_u": round(seconds / unit, 1),
     }
 
@@ -245,40 +247,39 @@ def run(options: Options) -> None:
     rows: list[dict[str, Any]] = []
     for source in sources(options.recordings):
         rows += rows_of(source)
+        if not options.quick:  # after each recording: all of them take an hour
+            save("mistakes", rows, recordings_of(rows))
         say(f"{rows[-1]['recording']}: " + _told(rows[-sum(len(k.strengths) for k in KINDS) :]))
     more = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     for row in summary(rows):
         say("   ".join(f"{key} {value}" for key, value in row.items()))
     say(f"false alarms {sum(r['found'] for r in rows if r['mistake'] == 'none')}, memory +{more:.0f} MB")
     sys.stdout.flush()
-    if not options.quick:
-        save("mistakes", rows, [row["recording"] for row in rows if row["mistake"] == "none"])
 
 
 def _told(rows: list[dict[str, Any]]) -> str:
     missed = [
-        f"{r['mistake']} {r['strength']:g} {r['findings']}" for r in rows if not (r["named"] and r["mended"])
+        f"{r['mistake']} {r['strength']:g} {r['findings']}"
+        for r in rows
+        if not r["named"] or r["mended"] is False
     ]
     return "; ".join(missed) or "all found, named and mended"
 
 
 def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the shares that were found, named, mended, by kind of mistake, and over all."""
+    """Return the shares that were found, named and mended, by kind of mistake, and over all."""
     made = [row for row in rows if row["mistake"] != "none"]
     found = []
-    for name in [*(kind.name for kind in KINDS), "all"]:
-        own = [row for row in made if name in (row["mistake"], "all")]
-        if own:
-            shares = {
-                key: round(float(np.mean([r[key] for r in own])), 3)
-                for key in ("found", "certain", "named", "mended")
-            }
-            found.append(
-                {
-                    "mistake": name,
-                    "made": len(own),
-                    **shares,
-                    "time_u": round(float(np.median([r["time_u"] for r in own])), 1),
-                }
-            )
+    for name in [*(kind.name for kind in KINDS), ALL]:
+        own = [row for row in made if name in (row["mistake"], ALL)]
+        if not own:
+            continue
+        shares = {
+            key: None
+            if not (said := [r[key] for r in own if r[key] is not None])
+            else round(float(np.mean(said)), 3)
+            for key in ("found", "certain", "named", "mended")
+        }
+        time_u = round(float(np.median([row["time_u"] for row in own])), 1)
+        found.append({"mistake": name, "made": len(own), **shares, "time_u": time_u})
     return found

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from flatcloth.checking.findings import Finding
-from flatcloth.checking.turns import NEAR_DEG, Pair, pair_of, share_at
+from flatcloth.checking.turns import NEAR_DEG, Pair, pair_of, share_at, turns_between
 from flatcloth.core.types import RotationAxis
 from flatcloth.recordings.mending import Mends
 from flatcloth.registration.view_features import ViewFeatures
@@ -65,8 +65,19 @@ class Chain:
         expected = self.factor * pair.recorded_deg
         if abs(expected) > 2 * NEAR_DEG + abs(self.factor) * self.step_deg:
             return (one, other) in self._recorded_pairs  # too far apart to tell
-        near = pair.share_near(expected, NEAR_DEG)
-        return pair.share >= _LEAST_SHARE * self.usual and near >= pair.share - _WORSE
+        if pair.share < _LEAST_SHARE * self.usual:
+            return False
+        # A turn that is not the likeliest may have stopped on the way to it.
+        near = pair.share_near(expected, 0.5 * NEAR_DEG)
+        return abs(pair.turns[0].seen_deg - expected) < NEAR_DEG or near >= pair.share - _WORSE
+
+    def turns_further(self, one: int, other: int, more_deg: float) -> bool:
+        """Return whether two views fit better after so much more than the recorded turn."""
+        recorded = self.recorded_deg[other] - self.recorded_deg[one]
+        expected = self.factor * recorded, self.factor * (recorded + more_deg)
+        turns = turns_between(self._views[one], self._views[other], self._axis, expected)
+        off = [abs(turns[0].seen_deg - turn) for turn in expected] if turns else [0.0, 1.0]
+        return off[1] < off[0]
 
     @property
     def step_deg(self) -> float:
@@ -149,6 +160,8 @@ def order_findings(
         return []
     chain = Chain(views, pairs, axis, 1.0 if factor is None else factor)
     bad = chain.bad_links(chain.order)
+    if not bad and chain.order != sorted(chain.order):
+        bad = chain.bad_links(sorted(chain.order))  # of what was recorded one after the other
     if not bad:
         return []
     by_chance = (_ODDS * len(pairs)) ** len(bad) / math.factorial(min(len(bad), 100))
@@ -215,11 +228,13 @@ def _slip(chain: Chain, sure: float) -> Finding | None:
     n = bad[0]
     pair = chain.pair(order[n], order[n + 1])
     turn = pair.turns[0] if pair.turns else None
-    around = [(n - 1, n + 1), (n, n + 2)]
-    beside = any(chain.agrees(order[i], order[j]) for i, j in around if i >= 0 and j < len(order))
-    if turn is None or pair.share < _FITS * chain.usual or beside:
+    if turn is None or pair.share < _FITS * chain.usual:
         return None
     more = turn.seen_deg / chain.factor - pair.recorded_deg
+    # If a single view stood elsewhere, the views around it would turn as recorded.
+    around = [(order[i], order[i + 2]) for i in (n - 1, n) if 0 <= i < len(order) - 2]
+    if not all(chain.turns_further(one, other, more) for one, other in around):
+        return None
     later = order[n + 1 :]
     mend = Mends(view_angles=tuple((view, round(chain.recorded_deg[view] + more, 1)) for view in later))
     text = f"From view {later[0]} on, the item is turned {more:+.0f} degrees further than recorded"
