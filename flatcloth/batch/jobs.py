@@ -28,8 +28,7 @@ from flatcloth.batch.garments import garment_columns
 from flatcloth.batch.measure import coverage_estimate, write_thumbnail
 from flatcloth.batch.rows import DONE, FAILED, MEMORY, UNFINISHED, next_attempt, read_row, write_row
 from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
-from flatcloth.checking.check import check_recording
-from flatcloth.checking.findings import Check
+from flatcloth.checking.check import checked
 from flatcloth.core.errors import FlatclothError, JournalError
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.subprocess_worker import memory_limit_bytes
@@ -110,10 +109,9 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
 def _integrated(task: Task, folder: Path, stages: _Stages, progress: Progress) -> dict[str, Any]:
     with stages.stage("opening"):
         recording = open_recording(task.source, task.options)
-    check = Check()
-    if not task.options.as_recorded:
-        with stages.stage("checking"):
-            check = check_recording(recording, progress=progress)
+    with stages.stage("checking"):
+        check = checked(recording, progress=progress)
+        if not task.options.as_recorded:
             check.refuse(recording.location)
     shape = _patiently(recording, task.method, folder, progress)
     for name, seconds in shape.seconds.items():

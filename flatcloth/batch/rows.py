@@ -68,6 +68,7 @@ COLUMNS = (
     Column("notes", "text", "notes of the recording's reader"),
     Column("seconds", "number", "wall time of the task"),
     Column("seconds_opening", "number", "of it: comparing with what is done, opening, finding the axis"),
+    Column("seconds_checking", "number", "of it: looking for mistakes of the recording"),
     Column("seconds_integrating", "number", "of it: flattening, choosing views, aligning, joining"),
     Column("seconds_garment", "number", "of it: recognising the garment"),
     Column("seconds_writing", "number", "of it: exports"),

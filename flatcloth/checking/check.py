@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -96,6 +97,29 @@ def check_recording(
         return Check(findings=tuple(wrong_unit), views=len(first), pairs=0)
     seen = list(_seen_views(read, numbers, usual_m, progress))
     return _checked(recording, seen)
+
+
+_KNOWN = "known_check"
+
+
+def checked(
+    recording: Recording,
+    frame: Callable[[int], RgbdFrame] | None = None,
+    progress: Progress = no_progress,
+) -> Check:
+    """Return :func:`check_recording`, kept with the recording, so that it is made once."""
+    known = known_check(recording)
+    if known is None:
+        known = check_recording(recording, frame, progress)
+        with contextlib.suppress(AttributeError):  # a format of another package may have __slots__
+            setattr(recording, _KNOWN, known)
+    return known
+
+
+def known_check(recording: Recording) -> Check | None:
+    """Return what :func:`checked` found of a recording; None if it was not called."""
+    known: Check | None = getattr(recording, _KNOWN, None)
+    return known
 
 
 def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:

@@ -41,15 +41,16 @@ def run(options: argparse.Namespace) -> None:
     """Integrate, and write the result to the session folder."""
     with loading():
         from flatcloth.api.integrating import integrate
-        from flatcloth.checking.check import check_recording
+        from flatcloth.checking.check import checked
         from flatcloth.engine.outcome import view_lines
         from flatcloth.recordings import open_recording
 
     base_from_camera, strokes = hand_eye_of(options), strokes_of(options)
     recording = open_recording(options.source, kept_mends(source_options_of(options), options.out))
     with ProgressBar(recording.name, steps=True) as bar:
+        check = checked(recording, progress=bar.show)
         if not options.as_recorded:
-            check_recording(recording, progress=bar.show).refuse(recording.location)
+            check.refuse(recording.location)
         shape = integrate(
             recording,
             method=options.method,

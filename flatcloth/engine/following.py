@@ -13,6 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from flatcloth.checking import result
+from flatcloth.checking.check import known_check
 from flatcloth.core.errors import AlignmentError, FlatteningError, SurfaceError
 from flatcloth.core.types import FlattenedView, Progress, Rigid2
 from flatcloth.methods.answers import (
@@ -24,6 +26,8 @@ from flatcloth.methods.answers import (
     Plan,
 )
 from flatcloth.methods.base import Method
+from flatcloth.recordings.base import Recording
+from flatcloth.registration.registered import Registered
 from flatcloth.session.document import finish
 from flatcloth.session.machine import Document, Followed, NothingMore, Side
 
@@ -127,3 +131,26 @@ def _extent_m(view: FlattenedView) -> tuple[float, float, float, float]:
     uv = view.uv_from_rc(np.argwhere(view.valid))
     (left, top), (right, bottom) = uv.min(axis=0).tolist(), uv.max(axis=0).tolist()
     return left, top, right, bottom
+
+
+def wrong_with(recording: Recording, registered: Registered | None, canonical: Canonical) -> list[str]:
+    """Return what says that something about a recording is wrong, by its check and by the result."""
+    floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
+    share = floating_m2 / max(floating_m2 + canonical.view.area_m2, 1e-9)
+    return result.wrong_with(known_check(recording), registered, share)
+
+
+def without_trust(canonical: Canonical) -> Canonical:
+    """Return a shape of which nothing is called reliable: no place has a known deviation."""
+    view = canonical.view
+    if view.placement_std_m is None:
+        return canonical
+    unknown = np.full_like(view.placement_std_m, np.nan)
+    return replace(canonical, view=replace(view, placement_std_m=unknown))
+
+
+def why_hopeless(recording: Recording, method: Method, document: Document) -> str:
+    """Return why an unattended run ends because further views cannot help; empty if they may."""
+    if not method.is_unattended or not result.is_hopeless(known_check(recording), method.cameras(document)):
+        return ""
+    return f"{result.WRONG}: no further view is added."

@@ -29,7 +29,15 @@ from flatcloth.core.types import (
     RotationAxis,
     no_progress,
 )
-from flatcloth.engine.following import ended, follow, laid_beside, plan_put_off
+from flatcloth.engine.following import (
+    ended,
+    follow,
+    laid_beside,
+    plan_put_off,
+    why_hopeless,
+    without_trust,
+    wrong_with,
+)
 from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place_all
@@ -195,9 +203,10 @@ class Integration:
         """
         self.views.segment(document.strokes)
         whole = self.algorithm.canonical(document)
-        if not document.garment.parts:
-            return whole
-        return self._by_garment(document, whole).canonical
+        if document.garment.parts:
+            whole = self._by_garment(document, whole).canonical
+        wrong = wrong_with(self.recording, self.algorithm.cameras(document), whole)
+        return without_trust(whole) if wrong else whole
 
     def cloth(self, document: Document) -> Cloth | None:
         """Return how the parts of a document's shape are connected; None if the method does not know.
@@ -328,6 +337,9 @@ class Integration:
         """Propose the planned view; a view that cannot be flattened or aligned is left out."""
         tried: list[str] = []
         passed = set(document.rejected)
+        hopeless = why_hopeless(self.recording, self.algorithm, document)
+        if hopeless:
+            return ended(self.algorithm, self.canonical, document, token, hopeless)
         while True:
             progress(0.05, "choosing the rotation")
             plan = plan_put_off(self.plan, _with_refused(document, passed))

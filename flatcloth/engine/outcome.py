@@ -11,9 +11,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from flatcloth.checking.result import WRONG
 from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
+from flatcloth.engine.following import wrong_with
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.results.result import uncertainty
@@ -68,6 +70,7 @@ def outcome_of(
         "accepted": accepted,
         "left": left,
         "ended": document.finished or "",
+        "wrong": wrong_with(integration.recording, integration.algorithm.cameras(document), canonical),
         "area_cm2": round(1e4 * shape.area_m2, 1),
         "floating_cm2": [round(1e4 * piece.view.area_m2, 1) for piece in pieces if piece.placed is None],
         "floating": [_floating(piece) for piece in pieces],
@@ -142,7 +145,9 @@ def lines_of(outcome: dict[str, Any]) -> list[str]:
     ]
     if scores:
         lines.append(f"Lowest score: {min(scores):.2f}.")
-    if "firm_share" in outcome:
+    if outcome["wrong"]:
+        lines.append(f"{WRONG}: {'; '.join(outcome['wrong'])}. Nothing of the result is reliable.")
+    elif "placement_std_median_mm" in outcome:
         lines.append(
             f"Placement uncertainty: {outcome['placement_std_median_mm']:.1f} mm (median std); "
             f"{outcome['firm_share']:.0%} reliable."

@@ -87,6 +87,8 @@ class SessionData:
         outcome["garment"] = outcome_entry(self.garment)
         if self.sides is not None:
             outcome["other_side"] = sides_entry(self.sides)
+            if outcome["wrong"] and "firm_share" in outcome["other_side"]:
+                outcome["other_side"]["firm_share"] = 0.0
         return outcome
 
     def _shape_files(self) -> dict[str, Writer]:

@@ -967,6 +967,7 @@ export interface ResultInfo {
   trouble: string;
   median_std_mm: number | null;
   reliable_share: number | null;
+  wrong: string[];
   left_out: LeftOutView[];
   more: MoreViews | null;
 }

@@ -55,7 +55,15 @@ export class ResultPanel {
     this.loading = revision;
     const found = /** @type {Found | null} */ (await askJson("/review/result.json"));
     const trouble = "The result cannot be had now; the next decision asks again.";
-    this.found = found ?? { revision, trouble, median_std_mm: null, reliable_share: null, left_out: [], more: null };
+    this.found = found ?? {
+      revision,
+      trouble,
+      median_std_mm: null,
+      reliable_share: null,
+      wrong: [],
+      left_out: [],
+      more: null,
+    };
     if (this.found.revision !== this.loading) this.loading = 0; // a newer picture is on its way
     this.page.changed();
   }
@@ -71,6 +79,8 @@ export class ResultPanel {
         closeButton("Close the result", () => this.toggle(), { key: "close-result" }),
       ),
       finished && make("p.note", finished),
+      found?.wrong.length &&
+        make("p.note.warn", { role: "alert" }, `Something about this recording is wrong: ${found.wrong.join("; ")}.`),
       values(
         ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
         state.other?.layers && ["Other side", otherSide(state.other), "Cloth of the other side, and what joins it"],

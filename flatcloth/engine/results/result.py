@@ -13,6 +13,7 @@ from flatcloth.core.errors import FlatteningError, SurfaceError
 from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.types import FlattenedView, Float64, Progress, Uint8, no_progress
 from flatcloth.engine.evaluation import FIRM_M
+from flatcloth.engine.following import wrong_with
 from flatcloth.engine.results.pixel_states import NEAR_M, states_of
 from flatcloth.flattening.pixel_states import TEXTS, PixelState
 from flatcloth.flattening.surface import foreground_mask
@@ -66,9 +67,10 @@ class More:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """The result of an integration; ``uncertainty`` as in ``outcome.json``."""
+    """The result of an integration; ``uncertainty`` and ``wrong`` as in ``outcome.json``."""
 
     uncertainty: dict[str, float]
+    wrong: tuple[str, ...]
     left_out: tuple[LeftOut, ...]
     more: More
 
@@ -132,6 +134,8 @@ def uncertainty(view: FlattenedView) -> dict[str, float]:
     if view.placement_std_m is None or not view.valid.any():
         return {}
     std = view.placement_std_m[view.valid]
+    if not np.isfinite(std).any():
+        return {"firm_share": 0.0}
     return {
         "placement_std_median_mm": round(1e3 * float(np.median(std)), 2),
         "firm_share": round(float((std <= FIRM_M).mean()), 4),
@@ -150,6 +154,7 @@ def result_of(areas: Areas, document: Document, progress: Progress = no_progress
     canonical = integration.canonical(document)
     return Result(
         uncertainty=uncertainty(canonical.view),
+        wrong=tuple(wrong_with(integration.recording, integration.algorithm.cameras(document), canonical)),
         left_out=tuple(left_out(integration, document, canonical, progress)),
         more=_more(areas, document),
     )

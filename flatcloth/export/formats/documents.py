@@ -259,6 +259,7 @@ class OutcomeDocument(Written, frozen=True):
     accepted: list[AcceptedEntry]
     left: list[LeftEntry]
     ended: str
+    wrong: list[str]
     area_cm2: float
     floating_cm2: list[float]
     floating: list[FloatingEntry]

@@ -197,6 +197,7 @@ class ReviewService:
             revision=picture.revision,
             median_std_mm=found.uncertainty.get("placement_std_median_mm"),
             reliable_share=found.uncertainty.get("firm_share"),
+            wrong=list(found.wrong),
             left_out=[
                 LeftOutView(view_index=left.view_index, area_cm2=1e4 * left.area_m2, reason=left.reason)
                 for left in found.left_out

@@ -164,12 +164,16 @@ class MoreViews(Sent, frozen=True):
 
 
 class ResultInfo(Sent, frozen=True):
-    """The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed."""
+    """The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed.
+
+    ``wrong`` says why something about the recording is wrong, so that nothing is reliable.
+    """
 
     revision: int
     trouble: str = ""
     median_std_mm: float | None = None
     reliable_share: float | None = None
+    wrong: list[str] = msgspec.field(default_factory=list)
     left_out: list[LeftOutView] = msgspec.field(default_factory=list)
     more: MoreViews | None = None
 

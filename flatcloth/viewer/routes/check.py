@@ -9,7 +9,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
-from flatcloth.checking.check import check_recording
+from flatcloth.checking.check import checked
 from flatcloth.checking.findings import Check
 from flatcloth.core.cache import Cache
 from flatcloth.engine.integration import Integration
@@ -42,7 +42,7 @@ class CheckRoutes:
         with self._lock:
             if self._check is None:
                 views = self._integration.views
-                self._check = check_recording(self._integration.recording, views.recorded)
+                self._check = checked(self._integration.recording, views.recorded)
             return self._check
 
     async def _findings(self, _request: Request) -> Response:

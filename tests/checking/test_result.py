@@ -1,0 +1,61 @@
+"""What a result says about its recording."""
+
+import json
+
+import numpy as np
+import pytest
+
+import flatcloth
+from flatcloth.checking.check import checked, known_check
+from flatcloth.checking.result import LEAST_VIEWS, is_hopeless, wrong_with
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.mending import Mends, mended
+from flatcloth.registration.cameras import begin_registration
+
+RIGHT = "shirt-corner-d435"
+
+
+def _registered(views=10, turned_deg=0.0, swung_deg=0.0, beside_m=0.0):
+    """A registration of which one view was turned or swung, or whose axis was moved."""
+    from dataclasses import replace
+
+    recording = open_recording(RIGHT)
+    own = np.zeros((views, 3))
+    own[-1] = np.radians([turned_deg, swung_deg, 0.0])
+    begun = begin_registration(recording.rotation_axis, recording.held_point_m)
+    return replace(begun, features=(None,) * views, own=own, common=np.array([beside_m, 0.0, 0.0, 0.0, 0.0]))
+
+
+def test_corrections_of_careless_recordings_are_no_doubt():
+    careless = _registered(turned_deg=4.5, swung_deg=2.5, beside_m=0.018)
+    assert wrong_with(None, careless, 0.3) == []
+    assert not is_hopeless(None, careless)
+
+
+@pytest.mark.parametrize(
+    ("corrections", "word"),
+    [({"turned_deg": -8.1}, "turns"), ({"swung_deg": 6.0}, "swings"), ({"beside_m": 0.03}, "axis")],
+)
+def test_corrections_that_no_recording_needs_are(corrections, word):
+    (said,) = wrong_with(None, _registered(**corrections), 0.0)
+    assert word in said
+    assert is_hopeless(None, _registered(**corrections))
+    assert wrong_with(None, _registered(LEAST_VIEWS - 1, **corrections), 0.0) == []
+
+
+def test_cloth_most_of_which_floats_is():
+    assert "floats" in wrong_with(None, _registered(), 0.8)[0]
+    assert not is_hopeless(None, _registered())
+
+
+def test_a_result_of_a_wrong_recording_ends_soon_and_calls_nothing_reliable(tmp_path):
+    wrong = mended(open_recording(RIGHT), Mends(reverse=True))
+    assert known_check(wrong) is None
+    checked(wrong)
+    shape = flatcloth.integrate(wrong, cores=1)
+    assert len(shape.views) <= LEAST_VIEWS
+    assert shape.report["firm_share"] == 0.0
+    assert np.isnan(shape.placement_std_m).all()
+    assert "the other way" in shape.report["wrong"][0]
+    assert "Nothing of the result is reliable" in str(shape)
+    assert "placement_std_median_mm" not in json.loads(json.dumps(shape.report, allow_nan=False))
