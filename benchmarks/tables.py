@@ -323,7 +323,29 @@ def segmented() -> str:
     )
 
 
+def mistakes() -> str:
+    """Return which mistakes of recordings the check finds, names and mends."""
+    rows = result("mistakes")
+    right = [row for row in rows if row["mistake"] == "none"]
+    made = [row for row in rows if row["mistake"] != "none"]
+    kinds = list(dict.fromkeys(row["mistake"] for row in made))
+
+    def line(name: str, own: list[dict[str, Any]]) -> tuple[Any, ...]:
+        shares = []
+        for key in ("found", "certain", "named", "mended"):
+            known = [row[key] for row in own if row[key] is not None]
+            shares.append(percent(float(np.mean(known))) if known else "")
+        return (name, len(own), *shares, f"{float(np.median([row['time_u'] for row in own])):.0f}")
+
+    lines = [line(name, [row for row in made if row["mistake"] == name]) for name in kinds]
+    alarms = sum(row["found"] for row in right)
+    head = ("mistake", "made", "found", "certain", "named", "mended", "time, U")
+    about = f"False alarms on the recordings as they are: {alarms} of {len(right)}."
+    return f"{table(head, [*lines, line('all', made)])}\n\n{about}\n\n{origin('mistakes')}"
+
+
 TABLES: dict[str, Callable[[], str]] = {
+    "mistakes": mistakes,
     "bundled": accuracy_of_bundled,
     "accuracy": accuracy,
     "summary": summary,

@@ -70,9 +70,9 @@ class Result:
     """The result of an integration; ``uncertainty`` and ``wrong`` as in ``outcome.json``."""
 
     uncertainty: dict[str, float]
-    wrong: tuple[str, ...]
     left_out: tuple[LeftOut, ...]
     more: More
+    wrong: tuple[str, ...] = ()
 
 
 @dataclass
