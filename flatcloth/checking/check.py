@@ -94,7 +94,7 @@ def check_recording(
     height_m = float(np.median([look_at(f, item_pixels(f, usual_m, EXTENT_M)).height_m for f in first]))
     wrong_unit = unit_findings(usual_m, height_m, recording.rotation_axis)
     if wrong_unit:
-        return Check(findings=tuple(wrong_unit), views=len(first), pairs=0)
+        return Check(findings=tuple(wrong_unit), views=len(numbers), pairs=0)
     seen = list(_seen_views(read, numbers, usual_m, progress))
     return _checked(recording, seen)
 
@@ -107,9 +107,9 @@ def checked(
     frame: Callable[[int], RgbdFrame] | None = None,
     progress: Progress = no_progress,
 ) -> Check:
-    """Return :func:`check_recording`, kept with the recording, so that it is made once."""
+    """Return :func:`check_recording`, kept with the recording; made again once a growing one has doubled."""
     known = known_check(recording)
-    if known is None:
+    if known is None or 0 < 2 * known.views <= min(len(recording), _MOST_VIEWS):
         known = check_recording(recording, frame, progress)
         with contextlib.suppress(AttributeError):  # a format of another package may have __slots__
             setattr(recording, _KNOWN, known)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -14,7 +15,7 @@ from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.types import Bool, RgbdFrame, RotationAxis, Uint8
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.mending import mended
+from flatcloth.recordings.mending import Mends, mended
 from flatcloth.registration.axis_estimation import UP
 
 _ONE, _OTHER = np.array([23, 102, 194]), np.array([217, 130, 43])
@@ -51,6 +52,19 @@ def evidence(recording: Recording, finding: Finding) -> Uint8 | None:
     ]
     gap = np.full((pictures[0].shape[0], _GAP_PX, 3), _PAPER, np.uint8)
     return np.concatenate([pictures[0], *(part for p in pictures[1:] for part in (gap, p))], axis=1)
+
+
+def mistaken(recording: Recording, views: tuple[int, int], mistakes: Sequence[Mends]) -> Uint8:
+    """Return a picture (H, W, 3) of two views laid on each other as recorded, and with mistakes.
+
+    Raises
+    ------
+    RecordingError
+        If the views cannot be read.
+    """
+    told = [("as recorded", recording), *((mends.words(), mended(recording, mends)) for mends in mistakes)]
+    pictures = [_captioned(_fitted(_turned(made, views)), text) for text, made in told]
+    return np.concatenate(pictures, axis=1)
 
 
 def _index(made: Recording, view: int, recording: Recording) -> int:

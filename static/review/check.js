@@ -3,6 +3,7 @@
 import { askJson, post } from "/static/page/connection.js";
 import { byId, closeButton, make } from "/static/page/dom.js";
 
+const LEAST_VIEWS = 4;
 const AGAIN = "Opens the recording again with this setting";
 const SHOWN = "Two views laid on each other, as recorded and as mended";
 
@@ -27,8 +28,10 @@ export class CheckPanel {
   }
 
   update(/** @type {State} */ state) {
-    if (state.capture || state.recording.name === this.checked) return;
-    this.checked = state.recording.name;
+    const { name, n_views: views } = state.recording;
+    const checked = `${name} ${Math.floor(Math.log2(views / LEAST_VIEWS))}`; // again once it has doubled
+    if (state.capture || views < LEAST_VIEWS || checked === this.checked) return;
+    this.checked = checked;
     void this.ask();
   }
 

@@ -15,6 +15,7 @@ import { FLATTENING_STAGES } from "/static/teaching/fig2.js";
 import { EXTENDING_STAGES } from "/static/teaching/fig4.js";
 import { GARMENT_STAGES } from "/static/teaching/garment.js";
 import { SIDE_STAGES } from "/static/teaching/sides.js";
+import { CHECK_STAGES } from "/static/review/check_lesson.js";
 
 /** @type {[string, Stage[]][]} */
 const GROUPS = [
@@ -23,6 +24,7 @@ const GROUPS = [
   ["Without masks", SIDE_STAGES],
   ["Which garment it is", GARMENT_STAGES],
   ["Both sides", SEAM_STAGES],
+  ["Is the recording right?", CHECK_STAGES],
 ];
 export const STAGES = GROUPS.flatMap(([, stages]) => stages);
 

@@ -9,7 +9,7 @@ declare global {
   type Plot = PlotClass;
   type Teaching = TeachingClass;
   type NumberArray = Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array;
-  type PartName = "flattening" | "planning" | "alignment" | "sides" | "garment" | "seams";
+  type PartName = "flattening" | "planning" | "alignment" | "sides" | "garment" | "seams" | "check";
   type ParameterName = "sampling_interval_px" | "z_angle_limit_deg" | "overlap_cm2";
 
   /** From a pane's own units to CSS pixels. */
@@ -98,7 +98,9 @@ declare global {
     sides: SidesLesson;
     garment: GarmentLesson;
     seams: SeamsLesson;
+    check: CheckLesson;
   };
+  type CheckLesson = Lesson & { other_view: number; recorded_deg: number; seen_deg: number; std_deg: number };
   type Lesson = {
     array: Record<string, Float32Array>;
     picture: Record<string, ImageBitmap>;

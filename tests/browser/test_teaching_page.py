@@ -6,7 +6,7 @@ import pytest
 
 pytestmark = pytest.mark.browser
 
-STAGES = 22
+STAGES = 25
 MINIMISATION, FLATTENED, Z_ANGLE, CURVES, ROTATION, SEARCH = 4, 7, 8, 9, 10, 14
 
 

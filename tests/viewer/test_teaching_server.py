@@ -130,7 +130,10 @@ def test_progress_is_told_before_the_lesson(page):
     assert found[-1][0]["kind"] == "alignment"
 
 
-@pytest.mark.parametrize("part", [part for part in PARTS if part not in ("sides", "garment", "seams")])
+ALL_VIEWS = ("sides", "garment", "seams", "check")
+
+
+@pytest.mark.parametrize("part", [part for part in PARTS if part not in ALL_VIEWS])
 def test_arrays_and_pictures_are_whole(page, part):
     assert_whole(*lesson(page, part, start_view=0))
 
@@ -337,3 +340,11 @@ def test_hanging_up_gives_the_computation_up(routes, monkeypatch):
     page.get("/teaching/alignment", start_view=0)
     assert stopped.wait(WAIT_S)
     assert all(message.get("more_body", True) for message in page.sent)
+
+
+def test_the_check_shows_two_views_and_the_turn_on_which_they_agree(page):
+    values, body = lesson(page, "check")
+    assert_whole(values, body)
+    assert abs(values["seen_deg"] - values["recorded_deg"]) < 4 * values["std_deg"] + 2
+    share = values["parts"]["share"]
+    assert share["shape"] == [49]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from flatcloth.checking.lesson import CheckLesson
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import Bool, FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
@@ -234,6 +235,23 @@ def _motion(motion: Rigid2) -> list[float]:
 
 
 # --- the side of interest --------------------------------------------------------------------------
+
+
+def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
+    """Return the drawing data of a check: ``picture`` (H, W, 3) shows two views laid on each other."""
+    parcel = Parcel()
+    opaque = np.full((*picture.shape[:2], 1), 255, np.uint8)
+    _picture(parcel, "laid", np.concatenate([picture, opaque], axis=2))
+    parcel.array("turn_deg", lesson.turn_deg, "float32")
+    parcel.array("share", lesson.share, "float32")
+    parcel.values = {
+        "view_index": lesson.views[0],
+        "other_view": lesson.views[1],
+        "recorded_deg": lesson.recorded_deg,
+        "seen_deg": lesson.seen_deg,
+        "std_deg": lesson.std_deg,
+    }
+    return parcel
 
 
 def sides_parcel(lesson: SidesLesson) -> Parcel:

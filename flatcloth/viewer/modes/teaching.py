@@ -18,6 +18,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import Receive, Scope, Send
 
+from flatcloth.checking.lesson import check_lesson
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.parcel import record
 from flatcloth.core.types import Progress
@@ -25,9 +26,12 @@ from flatcloth.engine.garment.lesson import garment_lesson
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import Parameters, Teaching
+from flatcloth.recordings.mending import Mends
+from flatcloth.rendering.evidence import mistaken
 from flatcloth.viewer.modes.lessons import (
     CM2,
     alignment_parcel,
+    check_parcel,
     flattening_parcel,
     garment_parcel,
     planning_parcel,
@@ -39,9 +43,9 @@ from flatcloth.viewer.worker import Worker
 
 _log = logging.getLogger(__name__)
 
-PARTS = ("flattening", "planning", "alignment", "sides", "garment", "seams")
-"""The parts: Fig. 2, Fig. 4a, the rest of Fig. 4, the side of interest, the garment, both sides."""
-_OF_ALL_VIEWS = ("sides", "garment", "seams")
+PARTS = ("flattening", "planning", "alignment", "sides", "garment", "seams", "check")
+"""The parts: Fig. 2, Fig. 4a, the rest of Fig. 4, the side of interest, the garment, both sides, the check."""
+_OF_ALL_VIEWS = ("sides", "garment", "seams", "check")
 """Parts without a start view of their own, and without parameters. By definition."""
 
 SLIDERS: dict[str, dict[str, float]] = {
@@ -138,6 +142,11 @@ class TeachingRoutes:
                 parcel = garment_parcel(garment_lesson(self._garment(), progress), axis)
             case "seams":
                 parcel = seams_parcel(self._other(), axis)
+            case "check":
+                views, recording = self._integration.views, self._integration.recording
+                checked = check_lesson(recording, views.recorded, axis)
+                mistakes = Mends(reverse=True), Mends(angle_factor=2.0), Mends(focal_factor=1.3)
+                parcel = check_parcel(checked, mistaken(recording, checked.views, mistakes))
             case _:
                 parcel = alignment_parcel(teaching.alignment(view, parameters, progress), axis)
         common = {

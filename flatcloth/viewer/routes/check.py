@@ -40,10 +40,12 @@ class CheckRoutes:
 
     def _made(self) -> Check:
         with self._lock:
-            if self._check is None:
-                views = self._integration.views
-                self._check = checked(self._integration.recording, views.recorded)
-            return self._check
+            views = self._integration.views
+            check = checked(self._integration.recording, views.recorded)
+            if check is not self._check:
+                self._check = check
+                self._pictures = Cache(PICTURES_KEPT)
+            return check
 
     async def _findings(self, _request: Request) -> Response:
         def make() -> dict[str, Any]:
