@@ -36,8 +36,8 @@ export const CHECK_STAGES = stagesOf(
         "Everything holds only if angles, camera and images are what the recording says. Two neighbouring views are " +
           "laid on each other after the recorded turn, blue and orange: as recorded, and with three mistakes.",
         "The curve shows how much of their surface agrees after any other turn. Where it is highest is the turn that " +
-          "the views show; over all pairs, each hypothesis (as recorded, the other way, twice as far, not at all) has a " +
-          "likelihood.",
+          "the views show; over all pairs, each hypothesis (as recorded, the other way, twice as far, not at all) " +
+          "has a likelihood.",
       ],
       math: () => [
         equation(

@@ -44,7 +44,7 @@ from flatcloth.viewer.worker import Worker
 _log = logging.getLogger(__name__)
 
 PARTS = ("flattening", "planning", "alignment", "sides", "garment", "seams", "check")
-"""The parts: Fig. 2, Fig. 4a, the rest of Fig. 4, the side of interest, the garment, both sides, the check."""
+"""The parts: Fig. 2, Fig. 4a, the rest of Fig. 4, the side of interest, the garment, both sides, check."""
 _OF_ALL_VIEWS = ("sides", "garment", "seams", "check")
 """Parts without a start view of their own, and without parameters. By definition."""
 
