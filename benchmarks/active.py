@@ -4,7 +4,7 @@
 their beginning. Each panel is looked at from ``--starts`` start angles, with the noise of a D435 and 2 mm of
 sway, for two named points that are visible by truth, and for two that are not. ``fixed`` turns by 10 degrees;
 ``present`` is the choice among views every 10 degrees by new area alone. ``--keep`` keeps each loop, so that
-many can be measured in pieces.
+many can be measured in pieces; with ``--starts 0`` nothing more is measured.
 """
 
 from __future__ import annotations
@@ -80,6 +80,8 @@ LOOPS = {"active": ActiveLoop, "fixed": _Fixed, "present": _Present}
 def run(options: Options) -> None:
     """Measure and print; write ``results/active.json`` unless ``quick``."""
     rows: list[dict[str, Any]] = []
+    if options.keep and options.starts == 0:  # nothing more is measured
+        rows = [json.loads(file.read_text()) for file in sorted(Path(options.keep).glob("*.json"))]
     for mesh in map(Path, options.meshes):
         found = [name for name in options.recordings if Path(name).name.startswith(mesh.stem)]
         if not found:
@@ -106,7 +108,7 @@ def run(options: Options) -> None:
     found_figures = figures(rows)
     say(json.dumps(found_figures, indent=1))
     if rows and not options.quick:
-        save("active", {"summary": found_figures, "loops": rows}, [f"{Path(m).stem}" for m in options.meshes])
+        save("active", {"summary": found_figures, "loops": rows}, [row["mesh"] for row in rows])
 
 
 def request_of(mesh: Path, panel: int, **more: Any) -> Request:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import pytest
 
 from flatcloth.cli import main
+from flatcloth.commands import view
+from flatcloth.commands.opening import Opener
 from flatcloth.core.resources import sample_mesh
 from flatcloth.synthesis.meshes import read_mesh
+from flatcloth.viewer.places import Places
 
 
 def test_a_goal_that_the_budget_does_not_reach_ends_with_1_and_its_reason(
@@ -53,3 +57,26 @@ def test_the_bundled_mesh_is_a_garment_with_two_sides() -> None:
     mesh = read_mesh(sample_mesh())
     assert mesh.group_names == ("front", "back")
     assert sample_mesh().stat().st_size < 500_000
+
+
+def test_the_start_screen_opens_the_bundled_cell_with_its_first_view_in_the_users_sessions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr("flatcloth.engine.warmup.compile_beside", lambda: None)
+    parser = argparse.ArgumentParser()
+    view.add_options(parser)
+    opened = Opener(parser.parse_args([]))(Places().chosen("cell", ""), None)
+    assert opened is not None
+    try:
+        assert len(opened.integration.recording) == 1
+        assert opened.folder.folder.parent == tmp_path / "flatcloth" / "sessions"
+        assert (opened.folder.folder / "recording" / "recording.json").exists()
+    finally:
+        opened.close()
+
+
+@pytest.mark.parametrize("other", [["--camera"], ["shirt-sleeve-clean"], ["--live"]])
+def test_a_cell_goes_with_no_other_source(capsys: pytest.CaptureFixture[str], other: list[str]) -> None:
+    assert main(["view", *other, "--cell"]) == 2
+    assert "it does not go with --" in capsys.readouterr().err
