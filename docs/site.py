@@ -84,9 +84,9 @@ def tries() -> str:
         if not (GALLERY / f"{name}.html").exists():
             continue
         outcome = json.loads((GALLERY / name / "outcome.json").read_text())
-        garment = outcome["garment"]
+        kind = (outcome["garment"]["kind"] or "no known kind").replace("_", " ")
         parts.append(
-            f"## {name}\n\n{garment['kind'] or 'no known kind'}, {1 + len(outcome['accepted'])} views, "
+            f"## {name}\n\n{kind}, {1 + len(outcome['accepted'])} views, "
             f"{outcome['area_cm2']:.0f} cm², {outcome['firm_share']:.0%} of it placed to 10 mm or better. "
             f"[Alone in the window](try/{name}.html)\n\n"
             f'<iframe src="try/{name}.html" title="{name}" loading="lazy" '

@@ -41,9 +41,9 @@ MOST_AROUND = 6000
 AROUND_SPACING_M = 0.007
 """Distance of the points around the item in the offline page. Chosen for the size of the file."""
 
-_AROUND_LEVELS = np.uint16(32)
-"""Places of those points are rounded to so many of 65,536 levels, some 0.6 mm. Chosen for the file's size."""
-_AROUND_COLOR_BITS = np.uint8(0xF8)
+_AROUND_LEVELS = np.uint16(64)
+"""Places of those points are rounded to so many of 65,536 levels, some 1.3 mm. Chosen for the file's size."""
+_AROUND_COLOR_BITS = np.uint8(0xF0)
 """Bits of their colours that are kept. Chosen for the size of the file."""
 
 Integers = TypeVar("Integers", bound=np.integer[Any])
