@@ -24,12 +24,22 @@ function drawPlaces(sheet, map, lesson, uv, radius) {
   );
 }
 
+const aboutOf = (/** @type {SeamsLesson} */ lesson) =>
+  lesson.is_example ? "the other side of the session is not known yet" : "as seen from outside";
+
 /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts */
 function drawMeeting(sheet, rect, { seams: lesson }) {
   const [left, right] = columns(rect, [1, 1]);
   /** @type {[string, string, string, Grid, Float32Array, Rect][]} */
   const panes = [
-    ["this", "This side", "as seen from outside", lesson.this_grid, lesson.array.this_uv, left],
+    [
+      "this",
+      lesson.is_example ? "An example" : "This side",
+      aboutOf(lesson),
+      lesson.this_grid,
+      lesson.array.this_uv,
+      left,
+    ],
     ["other", "The other side", "as seen from its own outside", lesson.other_grid, lesson.array.other_uv, right],
   ];
   for (const [name, title, detail, grid, uv, pane] of panes)
@@ -58,7 +68,7 @@ function drawHeld(sheet, rect, { seams: lesson }) {
   const { this_uv: own, mirrored_uv: its } = lesson.array;
   const loops = Object.entries(lesson.array).filter(([name]) => name.includes("_loop_"));
   const box = boxOfPoints(Float32Array.from(loops.flatMap(([, uv]) => Array.from(uv))));
-  const inner = sheet.titled(rect, "One plane", "the other side seen through this one");
+  const inner = sheet.titled(rect, lesson.is_example ? "An example" : "One plane", "the other side through this one");
   sheet.show(
     "seams-held",
     box,

@@ -216,6 +216,7 @@ declare global {
     } | null;
   };
   type SeamsLesson = Lesson & {
+    is_example: boolean;
     this_grid: Grid;
     other_grid: Grid;
     this_cm2: number;

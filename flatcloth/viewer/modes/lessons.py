@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from flatcloth.checking.lesson import CheckLesson
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import Bool, FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
 from flatcloth.engine.garment.lesson import GarmentLesson
+from flatcloth.engine.garment.seams_example import example_of_both_sides
 from flatcloth.engine.segmenting import SidesLesson
-from flatcloth.engine.sheet import outline_loops
+from flatcloth.engine.sheet import lay_out, outline_loops
 from flatcloth.engine.teaching import AlignmentLesson, FlatteningLesson, PlanningLesson
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Level
@@ -354,37 +354,33 @@ def garment_parcel(lesson: GarmentLesson, axis: RotationAxis) -> Parcel:
 
 
 def seams_parcel(other: OtherSheet | None, axis: RotationAxis) -> Parcel:
-    """Return the drawing data of the seams between both sides.
-
-    Raises
-    ------
-    FlatclothError
-        If the other side is not known.
-    """
+    """Return the drawing data of the seams between both sides; of an example while they are not known."""
     if other is None:
-        raise FlatclothError(
-            "The other side is not known yet. Leave with Esc, and turn the garment over (M)."
-        )
-    parcel, seams, this = Parcel(), other.sides.seams, other.this
-    for name, sheet in (("this", this), ("other", other.sheet)):
+        canonical, sides = example_of_both_sides()
+        this, its_sheet = lay_out(canonical), lay_out(sides.other)
+    else:
+        sides, this, its_sheet = other.sides, other.this, other.sheet
+    parcel, seams = Parcel(), sides.seams
+    for name, sheet in (("this", this), ("other", its_sheet)):
         _picture(parcel, name, layers.rgba(sheet.view, "color", axis, 1))
         for n, loop in enumerate(outline_loops(sheet.canonical.view)):
             parcel.array(f"{name}_loop_{n}", loop if name == "this" else loop * MIRROR, "float32")
     none = [np.zeros((0, 2))]
     own = [this.places(seam.this_uv_m)[1] for seam in seams]
-    its = [other.sheet.places(seam.other_uv_m)[1] for seam in seams]
+    its = [its_sheet.places(seam.other_uv_m)[1] for seam in seams]
     parcel.array("this_uv", np.concatenate([*none, *own]), "float32")
     parcel.array("other_uv", np.concatenate([*none, *its]), "float32")
     parcel.array("mirrored_uv", np.concatenate([*none, *its]) * MIRROR, "float32")
     starts = np.cumsum([0, *(len(seam.xyz_m) for seam in seams)])
     joining = [seam.residual_m for seam in seams if not seam.why]
     parcel.values = {
+        "is_example": other is None,
         "this_grid": grid_of(this.view),
-        "other_grid": grid_of(other.view),
+        "other_grid": grid_of(its_sheet.view),
         "this_cm2": CM2 * this.shape_m2,
-        "other_cm2": CM2 * other.sheet.shape_m2,
+        "other_cm2": CM2 * its_sheet.shape_m2,
         "this_floating": len(this.pieces),
-        "other_floating": len(other.sheet.pieces),
+        "other_floating": len(its_sheet.pieces),
         "residual_mm": 1e3 * float(np.median(np.concatenate(joining))) if joining else None,
         "seams": [
             {
