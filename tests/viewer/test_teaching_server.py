@@ -221,7 +221,8 @@ def test_the_sliders_reach_the_sessions_own_values():
         (
             "/teaching/magic",
             404,
-            "Unknown part 'magic'; choose one of flattening, planning, alignment, sides, garment, seams, check.",
+            "Unknown part 'magic'; choose one of flattening, planning, alignment, sides, garment, seams,"
+            " check.",
         ),
         ("/teaching/planning?color=1", 400, "Unknown parameter 'color'"),
         ("/teaching/planning?start_view=one", 400, "start_view: 'one' is not a valid number"),
