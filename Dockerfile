@@ -2,7 +2,7 @@
 #   docker build -t flatcloth .
 #   docker run --rm -p 127.0.0.1:8080:8080 -e FLATCLOTH_TOKEN="$(openssl rand -hex 16)" \
 #       -v "$PWD/my-recordings:/recordings:ro" -v flatcloth-sessions:/home/flatcloth flatcloth
-# Any other command: docker run --rm -v "$PWD:/work" flatcloth run /work/my-recording --out /work/result
+# Any other command: docker run --rm -v "$PWD:/data" flatcloth run /data/my-recording --out /data/result
 FROM debian:bookworm-slim
 RUN apt-get update -qq \
     && apt-get install -qq --no-install-recommends python3 python3-venv ca-certificates \
