@@ -344,6 +344,44 @@ def mistakes() -> str:
     return f"{table(head, [*lines, line('all', made)])}\n\n{about}\n\n{origin('mistakes')}"
 
 
+def active() -> str:
+    """Return after how many views active loops know two named points, by how they choose."""
+    words = {
+        "active": "chosen for the goal",
+        "present": "chosen by new area, of every 10 degrees",
+        "fixed": "turned by 10 degrees",
+    }
+
+    def views(found: float | None) -> str:
+        return "more than 12" if found is None else f"{found:g}"
+
+    def share(found: float | None) -> str:
+        return "-" if found is None else percent(found)
+
+    summary_of = result("active")["summary"]
+    return table(
+        (
+            *("angles", "loops", "views until known, median", "known within 6", "within 12"),
+            *("of these truly within 40 mm", "wrongly said unknowable", "wrong kinds above 0.9", "s a view"),
+        ),
+        [
+            (
+                words[name],
+                found["loops"],
+                views(found["known_after_median"]),
+                share(found["known_within_6"]),
+                share(found["known_within_12"]),
+                share(found["known_and_within_40_mm"]),
+                share(found["said_cannot_be_known_wrongly"]),
+                found["wrong_kind_above_0.9"],
+                "-" if found["seconds_a_view_median"] is None else f"{found['seconds_a_view_median']:.1f}",
+            )
+            for name, found in summary_of.items()
+            if name in words
+        ],
+    )
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "mistakes": mistakes,
     "bundled": accuracy_of_bundled,
@@ -363,4 +401,5 @@ TABLES: dict[str, Callable[[], str]] = {
     "segmentation": segmentation,
     "strokes": strokes,
     "segmented": segmented,
+    "active": active,
 }

@@ -127,7 +127,9 @@ def choose_next(
     gains = new_m2 * (FLOATING + (1.0 - FLOATING) * overlap)
     shares = _shares(integration, document, known, knowledge, goal, angles)
     after = {name: _expected_std_m(knowledge.point(name).std_m, share) for name, share in shares.items()}
-    hidden = tuple(name for name, share in shares.items() if share.max() < LEAST_SHARE)
+    # Where a point is must be known to say that nothing shows it there.
+    placed = [name for name in shares if knowledge.point(name).std_m <= APART_M]
+    hidden = tuple(name for name in placed if shares[name].max() < LEAST_SHARE)
     lessened = sum(
         (knowledge.point(name).std_m ** 2 - std**2 for name, std in after.items() if name not in hidden),
         start=np.zeros(len(free)),
