@@ -16,6 +16,9 @@ Picture = Literal["turned", "outline"]
 """``turned``: two views laid on each other; ``outline``: the outline in depth drawn on the color."""
 
 
+_ONLY_TOLD = frozenset({"still", "order"})
+
+
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """A mistake of a recording.
@@ -36,7 +39,8 @@ class Finding:
     @property
     def is_certain(self) -> bool:
         """Whether an unattended run must not go on with it."""
-        return self.stops and self.probability >= CERTAIN
+        # A bare plate looks alike from neighbouring angles: what is told of its order is no reason to stop.
+        return self.stops and self.name not in _ONLY_TOLD and self.probability >= CERTAIN
 
     def to_dict(self) -> dict[str, Any]:
         """Return the finding for JSON."""

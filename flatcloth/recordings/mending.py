@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 
 from flatcloth.core.errors import RecordingError
@@ -273,5 +272,7 @@ def scaled_color(color: Uint8, scale: float, shift_px: tuple[float, float]) -> U
     rows, cols = color.shape[:2]
     middle = np.array([(cols - 1) / 2, (rows - 1) / 2])
     moved = np.column_stack([scale * np.eye(2), (1 - scale) * middle + shift_px])
+    import cv2
+
     made = cv2.warpAffine(color, moved, (cols, rows), borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(made, dtype=np.uint8)

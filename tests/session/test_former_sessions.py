@@ -48,7 +48,7 @@ def test_it_opens_with_its_decisions_and_draws_its_shape(folder: Path) -> None:
 
 
 def test_run_resumes_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "shirt-sleeve-clean", "--method", METHOD, "--out", str(folder)]) == 0
+    assert main(["run", "shirt-sleeve-clean", "--method", METHOD, "--out", str(folder), "--quiet"]) == 0
     assert (folder / "flattened.npz").exists()
     assert capsys.readouterr().err == ""
 
