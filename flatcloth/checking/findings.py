@@ -17,8 +17,8 @@ Picture = Literal["turned", "outline"]
 
 
 _OF_SINGLE_IMAGES = frozenset({"unit", "masks"})
-_LEAST_VIEWS = 12
-"""Views from which on the turning may stop a run. Set by hand: a bare plate in ten views had false alarms."""
+_LEAST_VIEWS = 24
+"""Views from which on the turning may stop a run. Set by hand: a bare plate in 18 views had false alarms."""
 _ONLY_TOLD = frozenset({"still", "order"})
 
 
