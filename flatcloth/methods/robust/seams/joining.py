@@ -318,8 +318,10 @@ def _other_of(
         at = both.all_uv_m[n + m :][seam]
         shift_m = np.linalg.norm(at - matches.this_uv_m[joining[seam]], axis=1)
         seam_m = np.hypot(matches.this_std_m[joining[seam]], shift_m)
-        nearest = cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]
-        std_m = np.hypot(other_std_m, seam_m[nearest])
+        std_m = other_std_m.copy()
+        if seam.size:
+            nearest = cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]
+            std_m = np.hypot(other_std_m, seam_m[nearest])
         unreliable = undetermined(made, std_m)
     return JoinedSide(
         shape=made,
