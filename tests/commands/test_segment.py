@@ -81,7 +81,8 @@ def test_strokes_that_touch_no_image_are_refused_and_not_journaled(
 ):
     off = (ImageStroke(side="this", view_index=view_index, points_rc=((row, 119.0),)),)
     out = tmp_path / "out"
-    assert main(["run", str(recording), "--out", str(out), "--strokes", str(_strokes(tmp_path, off))]) == 2
+    strokes = str(_strokes(tmp_path, off))
+    assert main(["run", str(recording), "--out", str(out), "--strokes", strokes, "--quiet"]) == 2
     said = capsys.readouterr().err
     assert f"decision 1: {cause}" in said or cause in said
     assert said.count("\n") == 1
