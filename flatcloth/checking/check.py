@@ -12,7 +12,7 @@ import numpy as np
 
 from flatcloth.checking.color import VIEWS as COLOR_VIEWS
 from flatcloth.checking.color import color_findings
-from flatcloth.checking.findings import Check, Finding
+from flatcloth.checking.findings import MOST_SURE, Check, Finding
 from flatcloth.checking.hanging import axis_findings, rotated_findings, seen_axis
 from flatcloth.checking.images import (
     EXTENT_M,
@@ -135,7 +135,7 @@ def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
     pairs = pairs_of(views, about, _MOST_APART_DEG) if len(views) > 1 else []
     findings += _turning(recording, views, pairs, about)
     order = {True: 0, False: 1}
-    findings.sort(key=lambda finding: (order[finding.stops], -finding.probability))
+    findings.sort(key=lambda finding: (order[finding.stops], -min(finding.probability, MOST_SURE)))
     return Check(findings=tuple(findings), views=len(looks), pairs=len(pairs))
 
 

@@ -11,15 +11,11 @@ from flatcloth.recordings.mending import Mends
 CERTAIN = 0.99
 """A finding of at least this probability stops an unattended run. Chosen: one in a hundred of those is wrong
 if the probabilities are right."""
+MOST_SURE = 0.999
+"""No finding is told to be surer, and surer ones are equally sure. Chosen."""
 
 Picture = Literal["turned", "outline"]
 """``turned``: two views laid on each other; ``outline``: the outline in depth drawn on the color."""
-
-
-_OF_SINGLE_IMAGES = frozenset({"unit", "masks"})
-_LEAST_VIEWS = 24
-"""Views from which on the turning may stop a run. Set by hand: a bare plate in 18 views had false alarms."""
-_ONLY_TOLD = frozenset({"still", "order"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +38,7 @@ class Finding:
     @property
     def is_certain(self) -> bool:
         """Whether an unattended run must not go on with it."""
-        # A bare plate looks alike from neighbouring angles: what is told of its order is no reason to stop.
-        return self.stops and self.name not in _ONLY_TOLD and self.probability >= CERTAIN
+        return self.stops and self.probability >= CERTAIN
 
     def to_dict(self) -> dict[str, Any]:
         """Return the finding for JSON."""
@@ -59,7 +54,7 @@ class Finding:
     @property
     def line(self) -> str:
         """The finding in one line: what, how sure, what mends it."""
-        sure = f"{min(self.probability, 0.999):.1%}".replace(".0%", "%")
+        sure = f"{min(self.probability, MOST_SURE):.1%}".replace(".0%", "%")
         mend = " or ".join(mend.words() for mend in self.mends)
         return f"{self.text} ({sure} sure). {f'Mended by {mend}.' if mend else 'Record it again.'}"
 
@@ -99,11 +94,8 @@ class Check:
         RecordingError
             With the finding, and the option that mends it.
         """
-        # Few views of simple cloth agree with many motions: only what single images show stops these.
-        enough = self.views >= _LEAST_VIEWS
-        certain = [each for each in self.certain if enough or each.name in _OF_SINGLE_IMAGES]
-        if certain:
-            line = certain[0].line.rstrip(".")
+        if self.certain:
+            line = self.certain[0].line.rstrip(".")
             raise RecordingError(f"{location}: {line}, or go on with --as-recorded.")
 
     def to_dict(self) -> dict[str, Any]:

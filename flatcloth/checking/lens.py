@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from flatcloth.checking.findings import Finding
-from flatcloth.checking.turns import LOOSE_DEG, Reach, turns_between
+from flatcloth.checking.turns import ALIKE_SHARE, LOOSE_DEG, Reach, turns_between
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.recordings.mending import Mends
 from flatcloth.registration.view_features import ViewFeatures
@@ -53,8 +53,8 @@ class FocalLength:
 
     @property
     def differs(self) -> bool:
-        """Whether the focal length is another than recorded."""
-        return abs(self.log_factor) >= _LEAST_CHANGE
+        """Whether the focal length is another than recorded: on flat cloth, others are as good."""
+        return abs(self.log_factor) >= _LEAST_CHANGE and self.best_share > self.share + ALIKE_SHARE
 
 
 def focal_length(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) -> FocalLength | None:

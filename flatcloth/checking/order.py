@@ -47,9 +47,9 @@ class Chain:
         self._views = {view.view_index: view for view in views}
         self._axis, self.factor = axis, factor
         self._pairs = {(pair.first, pair.second): pair for pair in pairs}
-        self._recorded_pairs = frozenset(self._pairs)
         self.usual = float(np.percentile([pair.share for pair in pairs], 75))
         self.order = [view.view_index for view in views]
+        self._neighbours = frozenset(pairwise(self.order))
         self.recorded_deg = {view.view_index: view.angle_deg for view in views}
 
     def pair(self, one: int, other: int) -> Pair:
@@ -64,7 +64,7 @@ class Chain:
         pair = self.pair(one, other)
         expected = self.factor * pair.recorded_deg
         if abs(expected) > 2 * NEAR_DEG + abs(self.factor) * self.step_deg:
-            return (one, other) in self._recorded_pairs  # too far apart to tell
+            return (one, other) in self._neighbours  # too far apart to tell
         if pair.share < _LEAST_SHARE * self.usual:
             return False
         # A turn that is not the likeliest may have stopped on the way to it.

@@ -58,7 +58,7 @@ class Seen:
         return cls(
             recorded_deg=np.array([pair.recorded_deg for pair, _ in found]),
             seen_deg=np.array([turn.seen_deg for _, turn in found]),
-            std_deg=np.array([turn.std_deg for _, turn in found]),
+            std_deg=np.array([pair.turn_std_deg for pair, _ in found]),
             share=np.array([turn.share for _, turn in found]),
             first=tuple(pair.first for pair, _ in found),
             second=tuple(pair.second for pair, _ in found),
