@@ -251,7 +251,7 @@ def sheet_of(
 def with_placed_pieces(canonical: Canonical, pieces: DecidedPieces) -> Canonical:
     """Return a shape with the cloth of the floating pieces that have a place on it; they stay listed.
 
-    Their standard deviations are those of their places.
+    Their standard deviations are those of their places; unknown if those of the shape are.
     """
     if not pieces.shape_from_piece:
         return canonical
@@ -259,7 +259,8 @@ def with_placed_pieces(canonical: Canonical, pieces: DecidedPieces) -> Canonical
     for index, motion in sorted(pieces.shape_from_piece.items()):
         moved = _moved(canonical.floating[index], motion, main)
         if main.placement_std_m is not None:
-            std = np.where(moved.valid, pieces.std_m[index], np.nan).astype(np.float32)
+            is_known = moved.valid & np.isfinite(main.placement_std_m).any()
+            std = np.where(is_known, pieces.std_m[index], np.nan).astype(np.float32)
             moved = replace(moved, placement_std_m=std)
         laid.append(moved)
     return replace(canonical, view=_joined(main, laid)[0])

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, PLACED, label_of, lay_out
+from flatcloth.engine.sheet import FLOATS, GAP_M, LOOSE, PLACED, label_of, lay_out, with_placed_pieces
+from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.methods.answers import Canonical
 
 PIXEL_M = 0.002
@@ -135,3 +136,23 @@ def test_a_piece_placed_by_the_garment_lies_on_the_shape_and_is_found_there() ->
     own = Rigid2(0.3, 0.001, 0.002).about((10.02, -2.97))
     back = sheet.meant(sheet.shown(own, center), center)
     np.testing.assert_allclose(back.apply(center), own.apply(center), atol=1e-9)
+
+
+@pytest.mark.parametrize("is_trusted", [True, False])
+def test_a_placed_piece_is_written_with_the_shape_as_sure_as_its_place_is(is_trusted: bool) -> None:
+    main = patch(20, 30, (0.0, 0.0))
+    std = np.where(main.valid, 0.002 if is_trusted else np.nan, np.nan).astype(np.float32)
+    made = canonical(patch(10, 10, (5.0, 5.0), view_index=3))
+    made = replace(made, view=replace(main, placement_std_m=std))
+    pieces = DecidedPieces(
+        shape_from_piece={0: Rigid2(0.0, -5.1, -5.0)}, refused=frozenset(), std_m={0: 0.02}
+    )
+    whole = with_placed_pieces(made, pieces).view
+    added = whole.valid & (whole.view_index == 3)
+    assert added.sum() == 100
+    assert whole.valid.sum() == 700
+    own = whole.placement_std_m
+    assert own is not None
+    known = np.unique(own[added])
+    np.testing.assert_allclose(known, [0.02 if is_trusted else np.nan], rtol=1e-6)
+    assert with_placed_pieces(made, DecidedPieces(shape_from_piece={}, refused=frozenset())) is made
