@@ -149,10 +149,11 @@ def exposure_findings(looks: Sequence[ViewLook]) -> list[Finding]:
 
 
 def coverage_findings(angles_deg: Sequence[float]) -> list[Finding]:
-    """Return whether there are too few views, or too distant ones; ``angles_deg`` in order."""
+    """Return whether there are too few views, or too distant ones; the widest gap of a turn may be unseen."""
     if len(angles_deg) < 2:
         return []
-    gaps = np.diff(angles_deg)
+    turned = np.sort(np.mod(angles_deg, 360.0))
+    gaps = np.sort(np.diff(turned, append=turned[0] + 360.0))[:-1]
     far = int(np.count_nonzero(gaps > _FAR_DEG))
     if not far and len(angles_deg) >= _FEW:
         return []

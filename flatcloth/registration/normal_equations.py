@@ -70,9 +70,9 @@ class Sums(NamedTuple):
     """The sums to which both directions of a comparison add; see :class:`.view_features.Agreement`.
 
     ``products`` (3, 3) are those of the texture values (own, other, mixed); ``moments`` (4, 4) of the points
-    (x, 1). ``tally`` (3,) is the number of points that fall on the other image, the sum of their robust
-    weights by distance, and of the squared distances with these weights. ``found`` (4, N) are the absolute
-    differences of each term, ``counts`` (2,) how many of the distance and of each channel there are.
+    (x, 1). ``tally`` (3,) is the number of points that fall on the other image and face it, the sum of their
+    robust weights by distance, and of the squared distances with these weights. ``found`` (4, N) are the
+    absolute differences of each term, ``counts`` (2,) how many of the distance and of each channel there are.
     """
 
     matrix: Float64
@@ -175,7 +175,8 @@ def accumulate(
         r_at, c_at = p[1] / p[2] * fy + cy, p[0] / p[2] * fx + cx
         if not (p[2] > 0.0 and 1.0 < r_at < rows - 2 and 1.0 < c_at < cols - 2):
             continue
-        sums.tally[0] += 1.0
+        if p[0] * m[0] + p[1] * m[1] + p[2] * m[2] < 0.0:  # what is turned away, the other view cannot show
+            sums.tally[0] += 1.0
         r, c = int(r_at + 0.5), int(c_at + 0.5)
         if not target.usable[r, c]:
             continue

@@ -1,4 +1,4 @@
-// What is wrong with the recording: one card a finding, with the picture that shows why and a button that mends it.
+// What is wrong with the recording: a card a finding, with the picture that shows why and a button that mends it.
 
 import { askJson, post } from "/static/page/connection.js";
 import { byId, closeButton, make } from "/static/page/dom.js";
@@ -43,15 +43,19 @@ export class CheckPanel {
     /** @type {{ as_recorded: boolean; findings: Finding[] } | null} */
     const told = await askJson("/check.json");
     if (!told?.findings.length || told.as_recorded) return;
+    // What is certain is shown; doubts wait, as one line, until somebody wants to know.
+    const certain = told.findings.some((finding) => finding.certain);
+    const title = certain ? "Something about this recording is wrong" : "Is this recording right?";
     this.panel.replaceChildren(
-      make("header", make("strong", "Something about this recording is wrong"), this.closing()),
-      ...told.findings.map((finding, n) => this.card(finding, n)),
+      make(
+        "details",
+        { open: certain },
+        make("summary", title),
+        ...told.findings.map((finding, n) => this.card(finding, n)),
+      ),
+      closeButton("Go on as recorded", () => (this.panel.hidden = true)),
     );
     this.panel.hidden = false;
-  }
-
-  closing() {
-    return closeButton("Go on as recorded", () => (this.panel.hidden = true));
   }
 
   card(/** @type {Finding} */ finding, /** @type {number} */ n) {
