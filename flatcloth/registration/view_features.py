@@ -152,8 +152,8 @@ class Agreement:
     differences, robust, NaN without any; ``likeness`` (3,) correlation of the texture; ``count``
     compared points (both directions), ``parts`` (B,) by block; ``inertia`` (6, 6) the information
     about the motion if displacements were observed in all directions. ``tally`` (3,): the points that
-    fall on the other image and face it, the sum of their weights by distance, and of the squared distances (m^2)
-    with these weights.
+    fall on the other image and face it, the sum of their weights by distance, and of the squared
+    distances (m^2) with these weights.
     """
 
     matrix: Float64

@@ -63,7 +63,9 @@ class ByKeys(ByMouse):
         """Tab until something has the focus."""
         for _ in range(150):
             self.page.keyboard.press("Tab")
-            if self.page.evaluate(f"(() => {{ const e = document.activeElement; return e !== document.body && {found}; }})()"):
+            if self.page.evaluate(
+                f"(() => {{ const e = document.activeElement; return e !== document.body && {found}; }})()"
+            ):
                 return
         raise AssertionError(f"Tab never came to {found}")
 
