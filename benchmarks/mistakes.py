@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
@@ -146,6 +147,48 @@ def _few(recording: Recording, every: float) -> Recording:
     return mended(recording, Mends(leave_out=tuple(n for n in range(len(recording)) if n % int(every))))
 
 
+def _swinging(recording: Recording, n: int, std_deg: float) -> ViewImages:
+    """The view after a rotation about the held point, drawn anew from the nearest points."""
+    frame, held = recording[n], recording.held_point_m
+    k, (rows, cols) = frame.intrinsics, np.nonzero(frame.depth_m > 0)
+    z = frame.depth_m[rows, cols].astype(np.float64)
+    points = np.stack([(cols - k.cx) / k.fx * z, (rows - k.cy) / k.fy * z, z], axis=1)
+    pivot = points[rows.argmin()] if held is None else held
+    swing = np.random.default_rng(n).normal(0.0, math.radians(std_deg), 2)
+    moved = (points - pivot) @ Rotation.from_rotvec([swing[0], 0.0, swing[1]]).as_matrix().T + pivot
+    at = np.rint(moved[:, :2] / moved[:, 2:] * (k.fx, k.fy) + (k.cx, k.cy)).astype(int)
+    order = np.argsort(-moved[:, 2])  # the nearest is drawn last
+    order = order[((at >= 0) & (at < (k.width, k.height))).all(axis=1)[order]]
+    rows_to, cols_to = at[order, 1], at[order, 0]
+    depth, color = np.zeros_like(frame.depth_m), np.zeros_like(frame.color)
+    depth[rows_to, cols_to] = moved[order, 2]
+    color[rows_to, cols_to] = frame.color[rows[order], cols[order]]
+    mask = None
+    if frame.mask is not None:
+        mask = np.zeros_like(frame.mask)
+        mask[rows_to, cols_to] = frame.mask[rows[order], cols[order]]
+    return ViewImages(color, depth, mask)
+
+
+def _background(recording: Recording, n: int, share: float) -> ViewImages:
+    """A board beside the item, as large as a share of its area, taken for the item."""
+    frame = recording[n]
+    first = recording[0]
+    rows, cols = np.nonzero(first.depth_m > 0)
+    side = int(math.sqrt(share * len(rows)))
+    top = max(int(np.median(rows)) - side // 2, 0)
+    left = max(int(cols.min()) - side - 2, 0) if cols.min() > side else int(cols.max()) + 2
+    board = np.zeros(frame.depth_m.shape, dtype=bool)
+    board[top : top + side, left : left + side] = True
+    board &= ~(frame.depth_m > 0)
+    depth, color = frame.depth_m.copy(), frame.color.copy()
+    random = np.random.default_rng(n)
+    far = float(np.median(first.depth_m[rows, cols])) + 0.1
+    depth[board] = (far + random.normal(0, 0.001, int(board.sum()))).astype(np.float32)
+    color[board] = 120
+    return ViewImages(color, depth, None if frame.mask is None else frame.mask | board)
+
+
 KINDS = (
     Kind("turned the other way", ("sense",), (1,), _by(reverse=lambda _: True)),
     Kind("angles too small or too large", ("factor",), (0.5, 2.0, 1.5), _by(angle_factor=float)),
@@ -164,6 +207,8 @@ KINDS = (
     Kind("color larger than depth", ("color",), (0.9, 1.1, 1.2), _by(color_scale=float)),
     Kind("axis beside the item's", ("axis",), (40.0, 80.0, 150.0), _axis_beside),
     Kind("axis tilted", ("axis",), (8.0, 15.0, 25.0), _axis_tilted),
+    Kind("item swings", ("sway",), (1.5, 2.5, 4.0), _images(_swinging), False),
+    Kind("background taken for the item", ("background",), (0.3, 0.6, 1.0), _images(_background), False),
     Kind("exposure jumps", ("exposure",), (1.8, 2.5, 0.4), _images(_exposed), False),
     Kind("views too far apart", ("coverage",), (5, 6, 9), _few, False),
 )

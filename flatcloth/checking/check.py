@@ -13,10 +13,17 @@ import numpy as np
 from flatcloth.checking.color import VIEWS as COLOR_VIEWS
 from flatcloth.checking.color import color_findings
 from flatcloth.checking.findings import MOST_SURE, Check, Finding
-from flatcloth.checking.hanging import axis_findings, rotated_findings, seen_axis
+from flatcloth.checking.hanging import (
+    axis_findings,
+    nothing_common,
+    rotated_findings,
+    seen_axis,
+    sway_findings,
+)
 from flatcloth.checking.images import (
     EXTENT_M,
     ViewLook,
+    background_findings,
     coverage_findings,
     exposure_findings,
     look_at,
@@ -127,13 +134,16 @@ def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
     looks, views = [s.look for s in seen], [s.features for s in seen if s.features is not None]
     frames = [s.frame for s in seen if s.frame is not None]
     findings = mask_findings(looks) if recording.has_masks else []
+    background = background_findings(looks)
+    findings += background
     findings += coverage_findings([recording.angles_deg[look.view_index] for look in looks])
     findings += exposure_findings(looks)
     if frames:
         findings += color_findings(frames)
     about = axis or _vertical(views)
     pairs = pairs_of(views, about, _MOST_APART_DEG) if len(views) > 1 else []
-    findings += _turning(recording, views, pairs, about)
+    if not background:  # which does not turn
+        findings += _turning(recording, views, pairs, about)
     order = {True: 0, False: 1}
     findings.sort(key=lambda finding: (order[finding.stops], -min(finding.probability, MOST_SURE)))
     return Check(findings=tuple(findings), views=len(looks), pairs=len(pairs))
@@ -153,10 +163,9 @@ def _turning(
         rotated = rotated_findings(views, about, likeliest, factor == -1.0, step, recording.held_point_m)
         if rotated:
             return rotated
-    if share < _LEAST_SHARE and factor is not None:
-        return []
-    if factor == 0.0:
-        return found
+    swings = sway_findings([turn for turn in likeliest if turn.share >= _LEAST_SHARE], about)
+    if swings or factor == 0.0:
+        return swings or found
     axis = recording.rotation_axis
     focal = None if axis is None or factor is None else focal_length(views, axis, factor)
     if axis is not None and factor is not None and 0.0 < abs(abs(factor) - 1.0) < _LIKE_FOCAL:
@@ -165,6 +174,8 @@ def _turning(
         if focal is None or (other is not None and other.differs and other.best_share > focal.share):
             found, factor, focal = [], math.copysign(1.0, factor), other
     found += order_findings(views, pairs, about, factor)
+    if share < _LEAST_SHARE and not found:
+        return [nothing_common(share, likeliest)]
     if factor is None or any(finding.is_certain for finding in found):
         return found
     recorded = {(pair.first, pair.second): pair.recorded_deg for pair in pairs}

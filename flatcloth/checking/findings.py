@@ -61,7 +61,7 @@ class Finding:
 
 NAMES = (
     *("sense", "factor", "still", "order", "views", "axis", "rotated", "coverage"),
-    *("unit", "masks", "color", "focal", "exposure", "sway"),
+    *("unit", "masks", "background", "color", "focal", "exposure", "sway"),
 )
 """All names of findings."""
 

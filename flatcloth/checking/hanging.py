@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from flatcloth.checking.findings import Finding
+from flatcloth.checking.findings import CERTAIN, Finding
 from flatcloth.checking.turns import Turn, turns_between
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import Float64, RotationAxis
@@ -32,6 +32,8 @@ _WORSE = 0.05
 """About the right axis no less of the surface agrees than about a wrong one, up to this share. Chosen."""
 _SIDEWAYS_PAIRS = 6
 """Pairs with which an item on its side is looked for. Chosen: a handful is enough."""
+_LEAST_SWINGS = 6
+"""Pairs that tell a swing, at least. Chosen: a deviation from fewer is a guess."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,6 +117,44 @@ def axis_findings(turns: Sequence[Turn], axis: RotationAxis | None) -> list[Find
             views=(shown.first, shown.second),
         )
     ]
+
+
+def swing_deg(turns: Sequence[Turn], axis: RotationAxis) -> float:
+    """Return by how much a view swings: deviation of the rotation across the axis, in each direction.
+
+    What is proportional to the turn is no swing, but another axis.
+    """
+    turned = np.radians([turn.start_deg - turn.seen_deg for turn in turns])
+    across = np.array([turn.twist[:3] for turn in turns]) - turned[:, None] * axis.direction
+    recorded = np.radians([turn.seen_deg for turn in turns])
+    tilt = recorded @ across / max(float(recorded @ recorded), 1e-12)
+    squares = np.square(across - recorded[:, None] * tilt).sum(axis=1)
+    # Both views of a pair swing, in two directions each; the median of the squares is robust.
+    return math.degrees(math.sqrt(float(np.median(squares)) / (4.0 * math.log(2.0))))
+
+
+def sway_findings(turns: Sequence[Turn], axis: RotationAxis) -> list[Finding]:
+    """Return whether the item swings between views by more than the registration mends."""
+    if len(turns) < _LEAST_SWINGS:
+        return []
+    swing, most = swing_deg(turns, axis), PosePrior().swing_stds_deg[-1]
+    # The deviation of a deviation from n pairs is about 1 / sqrt(n) of it, as the median tells it.
+    sure = 0.5 * (1.0 + math.erf((swing / most - 1.0) * math.sqrt(len(turns) / 2.0)))
+    if sure < 0.5:
+        return []
+    text = f"The item swings by {swing:.1f} degrees from view to view: let it hang still"
+    shown = max(turns, key=lambda turn: turn.tilt_deg)
+    return [Finding(name="sway", text=text, probability=sure, views=(shown.first, shown.second))]
+
+
+def nothing_common(share: float, turns: Sequence[Turn]) -> Finding:
+    """Return that neighbouring views hardly show the same rigid surface; ``share`` of the points agree."""
+    text = (
+        f"Neighbouring views do not show the same surface, only {share:.0%} of it agrees: the item swings or "
+        "was touched, or the views are mixed up"
+    )
+    shown = max(turns, key=lambda turn: turn.share)
+    return Finding(name="sway", text=text, probability=CERTAIN, views=(shown.first, shown.second))
 
 
 def held_end(views: Sequence[ViewFeatures], up: Float64) -> tuple[float, float]:

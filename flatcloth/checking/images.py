@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.checking.findings import Finding
-from flatcloth.core.types import Bool, RgbdFrame, RotationAxis
+from flatcloth.core.types import Bool, Float32, RgbdFrame, RotationAxis
 from flatcloth.recordings.mending import Mends
 
 EXTENT_M = 0.35
@@ -36,6 +36,16 @@ exposure wavers."""
 _FAR_DEG, _FEW = 40.0, 4
 """Neighbouring views farther apart share too little cloth, and fewer views are no turn. Set by hand: garments
 are seen to about 50 degrees from the front (paper, 4.1)."""
+_OFTEN = 0.9
+"""What is taken for the item in more than this share of the views may be background. Chosen."""
+_STILL_OF_DEPTH = 0.005
+"""Depth that stays within this times its square (m) stays: twice the noise of a D435 at short range, whose
+error grows with the square (its datasheet: 2 % at 2 m)."""
+_STILL_GRAY = 8.0
+"""Brightness that stays within this of 255 stays. Chosen: several times the noise of a camera."""
+_MOST_STILL, _ALL_STILL = 0.15, 0.9
+"""More of the item than the first share keeps still if background is part of it: at most 0.06 do on the 34
+recordings. If more than the second does, the item does not turn. Measured; chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +54,7 @@ class ViewLook:
 
     ``mask_share`` of the masked pixels lie on the item; ``covered`` is the share of the item under the mask;
     ``masked`` the share of the image under it; ``brightness`` the logarithm of the item's mean color.
+    ``thinned`` (h, w, 2) are depth (m) and brightness of what is taken for the item, NaN elsewhere.
     """
 
     view_index: int
@@ -53,6 +64,7 @@ class ViewLook:
     covered: float
     masked: float
     brightness: float
+    thinned: Float32
 
 
 def look_at(frame: RgbdFrame, item: Bool, every: int = 4) -> ViewLook:
@@ -65,6 +77,8 @@ def look_at(frame: RgbdFrame, item: Bool, every: int = 4) -> ViewLook:
     mask = None if frame.mask is None else frame.mask[::every, ::every]
     masked = 0 if mask is None else int(mask.sum())
     both = 0 if mask is None else int((mask & near).sum())
+    gray = color.mean(axis=-1, dtype=np.float32)
+    taken = near if mask is None else near & mask
     return ViewLook(
         view_index=frame.view_index,
         depth_m=depth_m,
@@ -73,6 +87,7 @@ def look_at(frame: RgbdFrame, item: Bool, every: int = 4) -> ViewLook:
         covered=both / max(int(near.sum()), 1),
         masked=masked / near.size,
         brightness=math.log(float(color[near].mean()) + 1.0) if near.any() else math.nan,
+        thinned=np.where(taken[..., None], np.dstack([depth, gray]), np.float32(np.nan)),
     )
 
 
@@ -133,6 +148,32 @@ def mask_findings(looks: Sequence[ViewLook]) -> list[Finding]:
             picture="outline",
         )
     ]
+
+
+def still_share(looks: Sequence[ViewLook]) -> float:
+    """Return the area that keeps its place, depth and color in all views, as a share of the item's area."""
+    seen = np.stack([look.thinned for look in looks])
+    shown = np.isfinite(seen[..., 0]).mean(axis=0)
+    often = shown > _OFTEN
+    if not often.any():
+        return 0.0
+    middle = np.nanmedian(seen[:, often], axis=0)
+    off = np.nanmedian(np.abs(seen[:, often] - middle), axis=0)
+    still = (off[:, 0] < _STILL_OF_DEPTH * middle[:, 0] ** 2) & (off[:, 1] < _STILL_GRAY)
+    return float(np.count_nonzero(still) / np.median(np.isfinite(seen[..., 0]).sum(axis=(1, 2))))
+
+
+def background_findings(looks: Sequence[ViewLook]) -> list[Finding]:
+    """Return whether something that stands still is taken for the item, beside it."""
+    if len(looks) < _FEW:
+        return []
+    share = still_share(looks)
+    if not _MOST_STILL < share < _ALL_STILL:
+        return []
+    text = f"{share:.0%} of what is taken for the item never moves: masks must leave out the background"
+    probability = 1.0 - 0.01 * _MOST_STILL / share
+    views = looks[0].view_index, looks[len(looks) // 2].view_index
+    return [Finding(name="background", text=text, probability=probability, views=views)]
 
 
 def exposure_findings(looks: Sequence[ViewLook]) -> list[Finding]:

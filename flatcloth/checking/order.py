@@ -55,17 +55,25 @@ class Chain:
     def pair(self, one: int, other: int) -> Pair:
         """Return two views compared."""
         if (one, other) not in self._pairs:
-            recorded = self.recorded_deg[other] - self.recorded_deg[one]
+            recorded = self.turn_deg(one, other)
             self._pairs[one, other] = pair_of(self._views[one], self._views[other], self._axis, recorded)
         return self._pairs[one, other]
 
+    def turn_deg(self, one: int, other: int) -> float:
+        """Return the recorded turn between two views, the shorter way."""
+        return (self.recorded_deg[other] - self.recorded_deg[one] + 180.0) % 360.0 - 180.0
+
+    def is_near(self, one: int, other: int) -> bool:
+        """Return whether two views are recorded near enough to each other to be compared."""
+        return abs(self.factor * self.turn_deg(one, other)) <= 2 * NEAR_DEG + abs(self.factor) * self.step_deg
+
     def agrees(self, one: int, other: int) -> bool:
         """Return whether two views show the same surface after the recorded turn; far ones may not."""
+        if not self.is_near(one, other):
+            return (one, other) in self._neighbours  # too far apart to tell
         pair = self.pair(one, other)
         expected = self.factor * pair.recorded_deg
-        if abs(expected) > 2 * NEAR_DEG + abs(self.factor) * self.step_deg:
-            return (one, other) in self._neighbours  # too far apart to tell
-        if pair.share < _LEAST_SHARE * self.usual:
+        if not pair.turns or pair.share < _LEAST_SHARE * self.usual:
             return False
         # A turn that is not the likeliest may have stopped on the way to it.
         near = pair.share_near(expected, 0.5 * NEAR_DEG)
@@ -73,7 +81,7 @@ class Chain:
 
     def turns_further(self, one: int, other: int, more_deg: float) -> bool:
         """Return whether two views fit better after so much more than the recorded turn."""
-        recorded = self.recorded_deg[other] - self.recorded_deg[one]
+        recorded = self.turn_deg(one, other)
         expected = self.factor * recorded, self.factor * (recorded + more_deg)
         turns = turns_between(self._views[one], self._views[other], self._axis, expected)
         off = [abs(turns[0].seen_deg - turn) for turn in expected] if turns else [0.0, 1.0]
@@ -87,6 +95,11 @@ class Chain:
     def bad_links(self, order: Sequence[int]) -> list[int]:
         """Return the places in an order after which the next view contradicts."""
         return [n for n in range(len(order) - 1) if not self.agrees(order[n], order[n + 1])]
+
+    def bad_in_time(self) -> list[int]:
+        """Return :meth:`bad_links` of the views as they were recorded one after the other, if near."""
+        order = sorted(self.order)
+        return [n for n in self.bad_links(order) if self.is_near(order[n], order[n + 1])]
 
     def without_wrong(self, most: int) -> list[int] | None:
         """Return the views that contradict their neighbours; None if they are more than ``most``."""
@@ -160,12 +173,14 @@ def order_findings(
         return []
     chain = Chain(views, pairs, axis, 1.0 if factor is None else factor)
     bad = chain.bad_links(chain.order)
-    if not bad and chain.order != sorted(chain.order):
-        bad = chain.bad_links(sorted(chain.order))  # of what was recorded one after the other
-    if not bad:
+    in_time = [] if bad else chain.bad_in_time()  # where it slipped while the angles go round again
+    if not bad and not in_time:
         return []
-    by_chance = (_ODDS * len(pairs)) ** len(bad) / math.factorial(min(len(bad), 100))
+    by_chance = (_ODDS * len(pairs)) ** len(bad or in_time) / math.factorial(min(len(bad), 100))
     sure = 1.0 if factor is None else _WRONG / (_WRONG + (1.0 - _WRONG) * by_chance)
+    if not bad:
+        slip = _slip(chain, sure)
+        return [slip] if slip else []
     shown = chain.order[bad[0]], chain.order[bad[0] + 1]
     told = len(bad), len(pairs), sure, shown
     if factor is None:
@@ -222,7 +237,7 @@ def _numbered(chain: Chain, bad: int, links: int, sure: float, shown: tuple[int,
 def _slip(chain: Chain, sure: float) -> Finding | None:
     """Return the finding that all views from one on are turned further; None if that is not so."""
     order = sorted(chain.recorded_deg)
-    bad = chain.bad_links(order)
+    bad = chain.bad_in_time()
     if len(bad) != 1:
         return None
     n = bad[0]

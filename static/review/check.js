@@ -66,8 +66,8 @@ export class CheckPanel {
     return make(
       "article",
       make("p", `${finding.text} (${sure}).`),
-      finding.views && make("img", { src: `/check/${n}.png`, alt: SHOWN }),
       buttons.length ? make("div.group", ...buttons) : make("p.soft", "No setting mends this; record it again."),
+      finding.views && make("img", { src: `/check/${n}.png`, alt: SHOWN }),
     );
   }
 

@@ -367,3 +367,20 @@ def test_pictures_of_views_are_whole_pngs() -> None:
         assert image.shape == (20, 60, 4)
         assert (image[:, :30, :3] == 7).all()
         assert (image[0, 30:, :3] == 128).all()  # not measured
+
+
+def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
+    camera = SceneCamera(fps=60.0)
+    camera.depth_scale_m = 0.0001  # the camera says so, and means a thousandth
+    feed, integration, session = opened(camera, tmp_path / "session")
+    settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
+    controller = capture_controller(integration, session, feed, settings)
+    with PageServer(integration, session, port=0, controller=controller) as server:
+        robot = Robot(server)
+        for n in range(6):
+            camera.turn_to(15.0 * n)
+            assert robot.post("angle", {"angle_deg": 15.0 * n}).status_code == 200
+            robot.until(lambda s, n=n: len(s["kept_deg"]) == n + 1)  # type: ignore[misc]
+        told = robot.until(lambda s: any("another unit" in text for text in s["warnings"]))
+        assert any("--depth-factor 10" in text for text in told["warnings"])
+    session.close()

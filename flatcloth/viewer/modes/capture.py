@@ -26,9 +26,11 @@ from flatcloth.cameras.capture import HOLD_S, Capture, Phase
 from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.cameras.guided_capture import GuidedCapture, TakenView, writer_for
+from flatcloth.checking.check import check_recording
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.playing.camera import CameraPlayer, cloud_of
+from flatcloth.recordings import open_recording
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS, apply_table
 from flatcloth.session.store import SessionFolder
@@ -61,6 +63,9 @@ _NOT_WITH_A_CAMERA = {
     "source_states": _NO_RECORDING,
 }
 """Why actions that need a whole recording are not allowed here."""
+
+CHECKED_VIEWS = 6
+"""Views on disk after which a capture is checked: fewer pairs tell nothing. Chosen."""
 
 _NOT_BEGUN = "No capture is running; start one first."
 
@@ -107,6 +112,8 @@ class CaptureApplication(LiveApplication):
         self._resume = settings.resume
         self._ended: str | None = None
         self._warnings: tuple[str, ...] = ()
+        self._doubts: tuple[str, ...] = ()
+        self._checked_views = 0
         self._meter = RateMeter()
         self._camera_fps = 0.0
         self._reported_s = self._looked_s = 0.0
@@ -141,6 +148,7 @@ class CaptureApplication(LiveApplication):
                 except FlatclothError as error:
                     self._put(None, partial(self._tell, None, "error", str(error)))
                 changed = self._note_view() or _place(before) != _place(self._guided.state)
+                self._check_if_doubled(len(self._guided.state.kept_deg))
         if changed:
             self._put(None, self._publish)
         if changed or now_s - self._reported_s >= STATUS_INTERVAL_S:
@@ -176,6 +184,21 @@ class CaptureApplication(LiveApplication):
             _log.exception("the cloud of a camera's frame could not be shown")
         finally:
             self._busy.clear()
+
+    def _check_if_doubled(self, kept: int) -> None:
+        """Check the views on disk once there are enough, and again whenever they have doubled."""
+        if kept >= max(CHECKED_VIEWS, 2 * self._checked_views):
+            self._checked_views = kept
+            self._background.put(self._check_kept)
+
+    def _check_kept(self) -> None:
+        try:
+            found = check_recording(open_recording(str(self._settings.folder))).findings
+        except FlatclothError as error:
+            self._put(None, partial(self._tell, None, "warning", str(error)))
+            return
+        self._doubts = tuple(finding.line for finding in found if finding.stops)
+        self._sink.tell(None, self.status())
 
     def _put_on_stage(self, shown: Shown) -> None:
         pass  # the cloud is shown at the camera's rate, not at that of the flattening
@@ -286,7 +309,7 @@ class CaptureApplication(LiveApplication):
                 camera=self._feed.camera.name,
                 camera_fps=round(self._camera_fps, 1),
                 ended=self._ended,
-                warnings=tuple(self._warnings),
+                warnings=(*self._warnings, *self._doubts),
                 folder=str(self._settings.folder),
                 phase=phase,
                 why_not={action: _why_not(action, phase) for action in _ALLOWED},
