@@ -15,6 +15,7 @@ from flatcloth.engine.evaluation import (
     FIRM_M,
     TRIM_SHARE,
     Evaluation,
+    TrueView,
     Truth,
     compare,
     look_up,
@@ -38,6 +39,18 @@ class _Side:
     panel: Uint8
     outer_face: Bool
     flat_uv_m: Float32
+
+
+class _Read:
+    """The truth of all views, read once: it is looked up for each seam and each side."""
+
+    def __init__(self, truth: Truth, views: int) -> None:
+        self.panel_of_interest = truth.panel_of_interest
+        self._views = [truth[n] for n in range(views)]
+
+    def __getitem__(self, view_index: int) -> TrueView:
+        """Return the truth of one view."""
+        return self._views[view_index]
 
 
 class OtherTruth:
@@ -104,7 +117,8 @@ def compare_sides(
         If no pixel of a side has a true position.
     """
     views = len(recording)
-    its_truth = OtherTruth(truth, views)
+    truth = _Read(truth, views)
+    its_truth = _Read(OtherTruth(truth, views), views)
     other = sides.other.view
     seen: dict[str, Any] = {
         "this_seen": _share_of_seen(this, truth, views),

@@ -51,7 +51,8 @@ class CheckRoutes:
         def make() -> dict[str, Any]:
             recording = self._integration.recording
             as_recorded = bool(source_options(recording).get("as_recorded"))
-            return {"as_recorded": as_recorded, **self._made().to_dict()}
+            check = Check() if as_recorded else self._made()
+            return {"as_recorded": as_recorded, **check.to_dict()}
 
         return await http.made(make)
 
