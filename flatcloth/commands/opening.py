@@ -289,18 +289,11 @@ def _serve_cell(options: argparse.Namespace) -> None:
     for name in ("source", "camera", "live", "session"):
         if getattr(options, name) not in (None, False):
             raise FlatclothError(f"--cell shows a simulated cell; it does not go with --{name}.")
-    opened = opened_cell(options)
-    try:
-        serve(opened=opened, **page_options(options))
-    finally:
-        opened.close()
+    serve(first=lambda: opened_cell(options), **page_options(options))
 
 
 def _serve(options: argparse.Namespace) -> None:
     from flatcloth.viewer import serve
 
-    opened = (opened_camera if options.goal is None else opened_looking_camera)(options, options.camera)
-    try:
-        serve(opened=opened, **page_options(options))
-    finally:
-        opened.close()
+    opener = opened_camera if options.goal is None else opened_looking_camera
+    serve(first=lambda: opener(options, options.camera), **page_options(options))

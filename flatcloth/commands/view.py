@@ -91,11 +91,7 @@ def run(options: argparse.Namespace) -> None:
             raise FlatclothError(f"--{given[0]} needs SOURCE; name a recording, or open one on the page.")
         serve(**page)
         return
-    opened = opened_recording(options, options.source, options.session)
-    try:
-        serve(opened=opened, **page)
-    finally:
-        opened.close()
+    serve(first=lambda: opened_recording(options, options.source, options.session), **page)
 
 
 def _port(text: str) -> int:

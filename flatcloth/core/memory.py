@@ -16,12 +16,14 @@ _ARENAS = 2
 """Arenas of the allocator. Chosen: each keeps memory of its own, fewer make threads wait."""
 _TRIM_S = 10.0
 """Least time between two returns of small blocks. Chosen: one takes some 10 ms."""
-_trimming, _trimmed_s = threading.Lock(), -_TRIM_S
-"""Lock held while small blocks are returned, and the time of the last return (monotonic clock)."""
+_asking, _trimmed_s = threading.Lock(), -_TRIM_S
+"""Held while a return is asked for, and the time of the last return (monotonic clock)."""
+_later: threading.Timer | None = None
+"""Returns what is freed shortly after a return; None if nothing waits for it."""
 
 
 def trim_freed_memory() -> None:
-    """Return freed small blocks to the system too, unless that was done shortly before.
+    """Return freed small blocks to the system too, now, or ten seconds after the last return.
 
     By itself the allocator returns only the free blocks at the end of an arena; after an export, which uses
     many small arrays, hundreds of MB remain allocated. Without effect on systems with another C library.
@@ -30,15 +32,24 @@ def trim_freed_memory() -> None:
     -----
     Measured by ``python -m benchmarks soak``.
     """
-    global _trimmed_s
-    if time.monotonic() - _trimmed_s < _TRIM_S or not _trimming.acquire(blocking=False):
-        return
-    try:
-        with contextlib.suppress(OSError, AttributeError):
-            ctypes.CDLL(None).malloc_trim(0)
-        _trimmed_s = time.monotonic()
-    finally:
-        _trimming.release()
+    global _later
+    with _asking:
+        wait_s = _trimmed_s + _TRIM_S - time.monotonic()
+        if wait_s > 0:
+            if _later is None:
+                _later = threading.Timer(wait_s, _trim)
+                _later.daemon = True
+                _later.start()
+            return
+    _trim()
+
+
+def _trim() -> None:
+    global _trimmed_s, _later
+    with _asking:
+        _trimmed_s, _later = time.monotonic(), None
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def return_freed_memory() -> None:

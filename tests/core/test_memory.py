@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from flatcloth.core import memory
 
@@ -18,11 +20,33 @@ def resident_mb() -> float:
     return int(found[1]) / 1024.0
 
 
+def in_small_blocks() -> list[np.ndarray]:
+    """Return 128 MB in blocks of 32 kB."""
+    return [np.full(4_000, float(n)) for n in range(4_000)]
+
+
 def test_small_arrays_that_are_freed_are_returned_though_the_last_one_is_kept() -> None:
     memory._trimmed_s = -memory._TRIM_S
-    arrays = [np.full(4_000, float(n)) for n in range(4_000)]  # 128 MB in blocks of 32 kB
+    arrays = in_small_blocks()
     kept, full_mb = arrays[-1], resident_mb()
     arrays.clear()
     memory.trim_freed_memory()
+    assert resident_mb() < full_mb - 100
+    assert kept[0] == 3_999
+
+
+def test_what_is_freed_shortly_after_a_return_is_returned_by_the_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    memory._trimmed_s = -memory._TRIM_S
+    memory.trim_freed_memory()
+    monkeypatch.setattr(memory, "_TRIM_S", 0.3)
+    arrays = in_small_blocks()
+    kept, full_mb = arrays[-1], resident_mb()
+    arrays.clear()
+    memory.trim_freed_memory()
+    until = time.monotonic() + 30.0
+    while resident_mb() > full_mb - 100 and time.monotonic() < until:
+        time.sleep(0.05)
     assert resident_mb() < full_mb - 100
     assert kept[0] == 3_999

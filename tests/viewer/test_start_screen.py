@@ -16,10 +16,12 @@ from typing import Any
 
 import httpx
 import pytest
+from exported_sessions import write_cylinder
 from foreign_folders import write_open3d
 from page_tabs import WAIT_S, Tab, get, post
 from viewer_fakes import CylinderIntegration, MemoryFolder
 
+from flatcloth.cli import main
 from flatcloth.commands.opening import _source_options
 from flatcloth.core.config import Config
 from flatcloth.core.errors import RecordingError
@@ -113,6 +115,30 @@ def test_what_was_open_is_freed_at_the_switch_also_if_its_tab_stays(
             assert before() is None
     finally:
         gc.enable()
+
+
+def test_what_the_command_line_opened_is_freed_at_the_switch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in "ab":
+        write_cylinder(tmp_path / "root" / name, name)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    freed = []
+
+    def switch(server: PageServer) -> None:
+        before = weakref.ref(server._now._opened.integration)
+        assert opened(server, "folder", "b").status_code == 200
+        until = time.monotonic() + WAIT_S
+        while before() is not None and time.monotonic() < until:
+            time.sleep(0.05)  # its first shape may still be computed
+            gc.collect()
+        freed.append(before() is None)
+
+    monkeypatch.setattr(PageServer, "join", switch)
+    root = tmp_path / "root"
+    given = ["--session", str(tmp_path / "session"), "--root", str(root), "--port", "0"]
+    assert main(["view", str(root / "a"), *given]) == 0
+    assert freed == [True]
 
 
 def test_a_name_that_is_not_utf_8_is_shown_escaped_and_refused_in_words(

@@ -87,6 +87,7 @@ class GarmentController:
 
     def stop(self) -> None:
         """End the thread."""
+        self._asked = None  # recognitions that wait are dropped
         self._worker.stop(timeout_s=2.0)
 
     # --- recognition --------------------------------------------------------------------------------

@@ -314,11 +314,14 @@ def bind(host: str, port: int) -> socket.socket:
     return listener
 
 
-def serve(**options: Any) -> None:
+def serve(*, first: Callable[[], Opened] | None = None, **options: Any) -> None:
     """Print the address of the operator page, and serve it until Ctrl-C.
 
     Parameters
     ----------
+    first : callable, optional
+        Opens the source that is shown first. It is not passed itself: whoever passed it would keep it in
+        memory after another one was opened.
     options
         See :class:`PageServer`.
 
@@ -327,12 +330,22 @@ def serve(**options: Any) -> None:
     ServerError
         If the address cannot be bound, or would admit everybody.
     """
-    with limited_logs(), PageServer(**options) as server:
+    with limited_logs(), _server(first, options) as server:
         _print_url(server.url)
         try:
             server.join()
         except KeyboardInterrupt:
             _log.info("stopped by the operator")
+
+
+def _server(first: Callable[[], Opened] | None, options: dict[str, Any]) -> PageServer:
+    opened = None if first is None else first()
+    try:
+        return PageServer(opened=opened, **options)
+    except BaseException:
+        if opened is not None:
+            opened.close()
+        raise
 
 
 def _print_url(url: str) -> None:
