@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from foreign_folders import CENTER_PX, FOCAL_PX, HEIGHT, WIDTH, depth_m, rgb
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
@@ -79,7 +79,10 @@ def write(path: Path, messages: Sequence[Message], *, packed: bool = False) -> P
         return path
     plugin = StoragePlugin.SQLITE3 if path.suffix == ".db3" else StoragePlugin.MCAP
     folder = path.with_name(path.stem + "-folder") if path.suffix else path
-    with Writer2(folder, version=9, storage_plugin=plugin) as bag2:
+    bag2 = Writer2(folder, version=9, storage_plugin=plugin)
+    if packed:
+        bag2.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with bag2:
         _fill(bag2, messages, ros2=True)
     if not path.suffix:
         return path

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, get_args
 import msgspec
 from msgspec import Meta
 
-from flatcloth.core.decoding import Finite, MisfitError, Vector3, fitted
+from flatcloth.core.decoding import MisfitError, fitted
 from flatcloth.core.errors import SegmentationError
 
 Side = Literal["this", "other"]
@@ -18,10 +18,22 @@ FORMAT = "flatcloth-strokes/1"
 MOST_DECISIONS = 10_000
 """Limit of a file, and of the points of a decision. Chosen: far above what is drawn by hand."""
 _Line = Meta(min_length=1, max_length=MOST_DECISIONS)
-Pixels = Annotated[tuple[tuple[Finite, Finite], ...], _Line]
+_Pixel = Annotated[float, Meta(ge=-1e5, le=1e5)]
+"""A row or column. The limit is chosen: far above any image; the squares of larger numbers are infinite."""
+_Metres = Annotated[float, Meta(ge=-1e3, le=1e3)]
+"""A coordinate of a place. The limit is chosen: ten times what a depth image may measure."""
+_Direction = Annotated[float, Meta(ge=-1.001, le=1.001)]
+"""A component of a unit vector, rounded to three digits."""
+Place = tuple[_Metres, _Metres, _Metres]
+"""A place in space."""
+Normal = tuple[_Direction, _Direction, _Direction]
+"""A unit vector."""
+Pixels = Annotated[tuple[tuple[_Pixel, _Pixel], ...], _Line]
 """Places (row, col) in an image."""
-Places = Annotated[tuple[Vector3, ...], _Line]
-"""Places in space, or normals."""
+Places = Annotated[tuple[Place, ...], _Line]
+"""Places in space."""
+Normals = Annotated[tuple[Normal, ...], _Line]
+"""A normal for each place."""
 Radius = Annotated[float, Meta(gt=0.0, le=0.5)]
 """Half the width of a brush in metres. The limit is chosen: half of a garment."""
 
@@ -50,7 +62,7 @@ class SpaceStroke:
 
     side: Side
     points_m: Places
-    normals: Places
+    normals: Normals
     radius_m: Radius = 0.010
 
 
@@ -63,9 +75,9 @@ class Cut:
     """
 
     points_m: Places
-    normals: Places
-    beyond_m: Vector3
-    beyond_normal: Vector3
+    normals: Normals
+    beyond_m: Place
+    beyond_normal: Normal
 
 
 Decision = ImageStroke | SpaceStroke | Cut

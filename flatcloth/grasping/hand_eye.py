@@ -72,7 +72,8 @@ def rigid_from_matrix(matrix: Float64, path: Path | str) -> Rigid3:
         raise HandEyeError(
             f"{path}: the last row of {KEY} is not 0 0 0 1. Write the matrix row by row, translation last."
         )
-    if np.abs(turn.T @ turn - np.eye(3)).max() > _TOLERANCE:
+    # Large numbers are refused first: their products overflow.
+    if np.abs(turn).max() > 1.0 + _TOLERANCE or np.abs(turn.T @ turn - np.eye(3)).max() > _TOLERANCE:
         raise HandEyeError(
             f"{path}: {KEY} scales or shears. Its left 3 x 3 part must be a rotation, to three digits."
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import cv2
 import numpy as np
@@ -74,7 +75,7 @@ def test_segment_copies_the_recording_with_masks_after_strokes(recording, tmp_pa
 
 @pytest.mark.parametrize(
     ("view_index", "row", "cause"),
-    [(12, 119.0, "view 12 does not exist"), (6, -1e6, "outside the image of view 6"), (6, 1e300, "outside")],
+    [(12, 119.0, "view 12 does not exist"), (6, -1e4, "outside the image of view 6"), (6, 1e5, "outside")],
 )
 def test_strokes_that_touch_no_image_are_refused_and_not_journaled(
     recording, tmp_path, view_index, row, cause, capsys
@@ -88,6 +89,32 @@ def test_strokes_that_touch_no_image_are_refused_and_not_journaled(
     assert said.count("\n") == 1
     assert (out / "journal.jsonl").read_bytes() == b""
     assert main(["run", str(recording), "--out", str(out), "--strokes", str(_strokes(tmp_path))]) == 0
+
+
+ON_CLOTH = {"side": "this", "points_m": [[0.0, 0.0, 0.7]] * 2, "normals": [[0.0, 0.0, -1.0]] * 2}
+
+
+@pytest.mark.parametrize(
+    ("decision", "said"),
+    [
+        (
+            {"kind": "image", "side": "this", "view_index": 0, "points_rc": [[119.0, 119.0], [1e300, 0.0]]},
+            r"points_rc\[1\]\[0\] is 1e\+300",
+        ),
+        ({"kind": "space", **ON_CLOTH, "points_m": [[0, 0, 0.7], [1e300, 0, 0]]}, r"m\[1\]\[0\] is 1e"),
+        ({"kind": "space", **ON_CLOTH, "normals": [[0, 0, -1], [0, 0, -1e200]]}, r"normals\[1\]\[2\] is -1e"),
+        ({"kind": "space", **ON_CLOTH, "normals": [[0, 0, 0]] * 2}, "no cloth under it"),
+        ({"kind": "space", **ON_CLOTH, "radius_m": 1e-300}, "no cloth under it"),
+        ({"kind": "space", **ON_CLOTH, "points_m": [[900.0, 0, 0], [900.0, 0, -900.0]]}, "no cloth under it"),
+    ],
+)
+def test_numbers_that_no_stroke_has_are_told_in_one_line(recording, tmp_path, capsys, decision, said):
+    file = tmp_path / "strokes.json"
+    file.write_text(json.dumps({"format": "flatcloth-strokes/1", "decisions": [decision]}))
+    assert main(["segment", str(recording), "--out", str(tmp_path / "out"), "--strokes", str(file)]) == 2
+    error = capsys.readouterr().err.strip()
+    assert re.search(said, error)
+    assert "\n" not in error
 
 
 def test_run_segments_first_and_writes_the_certainty(recording, tmp_path):
@@ -132,8 +159,6 @@ def test_strokes_that_are_none_are_told_in_one_line(recording, tmp_path, capsys,
     file = tmp_path / "strokes.json"
     file.write_text(content)
     assert main(["segment", str(recording), "--out", str(tmp_path / "out"), "--strokes", str(file)]) == 2
-    import re
-
     error = capsys.readouterr().err.strip()
     assert re.search(said, error)
     assert "\n" not in error

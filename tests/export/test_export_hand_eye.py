@@ -41,6 +41,8 @@ def test_a_rotation_of_few_digits_is_mended(tmp_path: Path) -> None:
     ("matrix", "cause"),
     [
         (rows(1.01 * TURN), "scales or shears"),
+        (rows(1e200 * TURN), "scales or shears"),
+        (rows(1e-200 * TURN), "scales or shears"),
         (rows(TURN @ np.diag([1.0, 1.0, -1.0])), "mirrors"),
         (rows(shift=(400.0, -200.0, 900.0)), "Give metres"),
         (rows(shift=(1e300, 0.0, 0.0)), "Give metres"),

@@ -14,10 +14,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from rosbags.rosbag2 import storage_mcap
+
 Mutation = Callable[[Path, random.Random], None]
 """Changes the file in place."""
 
 _SIZES = (0, 1, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**62, 2**63, 2**64 - 1)
+_ZSTD: Any = vars(storage_mcap)["zstd"]  # where it is depends on Python's version
 _SPARSE_BYTES = 5_000_000_000
 _OTHERS = (
     b"", b"\0" * 64, b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0", b"\x89PNG\r\n\x1a\n",
@@ -298,6 +301,20 @@ def packed_bomb(path: Path, rng: random.Random) -> None:
     path.write_bytes(data[:at] + bomb + data[at + len(bomb) :])
 
 
+def mcap_bomb(path: Path, rng: random.Random) -> None:
+    """Let the first packed chunk of an MCAP file unpack to gigabytes."""
+    data = path.read_bytes()
+    at = data.find(b"\x28\xb5\x2f\xfd")
+    if at < 8:
+        return
+    (size,) = struct.unpack("<Q", data[at - 8 : at])
+    piece = _ZSTD.compress(b"\0" * 200_000_000)
+    bomb = piece * ((size - 8) // len(piece))
+    rest = size - len(bomb) - 8
+    bomb += struct.pack("<II", 0x184D2A50, rest) + bytes(rest)  # a frame that is skipped
+    path.write_bytes(data[:at] + bomb + data[at + size :])
+
+
 def zip_bomb(path: Path, rng: random.Random) -> None:
     """Let an array of an archive unpack to gigabytes."""
     with zipfile.ZipFile(path) as archive:
@@ -330,6 +347,7 @@ BY_SUFFIX: dict[str, tuple[Mutation, ...]] = {
     ".ply": (text_hostile,) * 4,
     ".db3": (cell_hostile,) * 16,
     ".bag": (packed_bomb,) * 2,
+    ".mcap": (mcap_bomb,) * 2,
     ".npz": (zip_bomb,) * 2,
     ".png": (png_announcing_much, png_announcing_much, png_with_chunk_bomb),
     ".jpg": (jpeg_of_many_segments, jpeg_of_many_segments),

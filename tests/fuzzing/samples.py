@@ -92,11 +92,11 @@ def _ros(suffix: str) -> Callable[[Path], object]:
     return lambda place: ros_bags.write(place / f"in{suffix}", ros_bags.views(3))
 
 
-def _ros1_packed(place: Path) -> None:
-    """Write a bag of one packed chunk, with room for a bomb."""
-    filling = ros_bags.Compressed("png", np.random.default_rng(5).bytes(20_000))
+def _ros_packed(name: str, filling_bytes: int) -> Callable[[Path], object]:
+    """Write a recording of one packed chunk, with room for a bomb."""
+    filling = ros_bags.Compressed("png", np.random.default_rng(5).bytes(filling_bytes))
     messages = [*ros_bags.views(3), ros_bags.Message("/other", ros_bags.START_S + 3, filling)]
-    ros_bags.write(place / "in.bag", messages, packed=True)
+    return lambda place: ros_bags.write(place / name, messages, packed=True)
 
 
 def _ros_compressed(place: Path) -> None:
@@ -199,8 +199,9 @@ SAMPLES = (
     Sample("camera-file", _open3d(".png", np.uint16), _GIVEN_CAMERA, ("in/intrinsic.json",)),
     Sample("angles", _with_table, _import("in"), ("in/angles.csv",)),
     Sample("ros1-bag", _ros(".bag"), _import("in.bag", "--step", "10")),
-    Sample("ros1-bag-packed", _ros1_packed, _import("in.bag", "--step", "10")),
+    Sample("ros1-bag-packed", _ros_packed("in.bag", 20_000), _import("in.bag", "--step", "10")),
     Sample("mcap", _ros(".mcap"), _import("in.mcap", "--step", "10")),
+    Sample("mcap-packed", _ros_packed("in.mcap", 200_000), _import("in.mcap", "--step", "10")),
     Sample("mcap-compressed-images", _ros_compressed, _import("in.mcap", "--step", "10")),
     Sample("ros2-folder", _ros(""), _STEPPED),
     Sample("ros2-db3", _ros(".db3"), _import("in.db3", "--step", "10")),

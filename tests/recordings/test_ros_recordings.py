@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import struct
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from foreign_folders import HEIGHT, WIDTH, depth_m, rgb
+from fuzzing.mutations import Mutation, mcap_bomb, packed_bomb
 from ros_bags import COLOR, DEPTH, START_S, Compressed, Image, Info, K, Message, views, write
 
 from flatcloth.core.errors import RecordingError
@@ -266,6 +268,19 @@ def test_damaged_files_never_end_in_a_traceback(tmp_path: Path, name: str) -> No
         except RecordingError:
             told += 1
     assert told
+
+
+@pytest.mark.parametrize(
+    ("name", "filling_bytes", "bomb"), [("x.bag", 20_000, packed_bomb), ("x.mcap", 200_000, mcap_bomb)]
+)
+def test_a_chunk_that_unpacks_to_gigabytes_is_one_line(
+    tmp_path: Path, name: str, filling_bytes: int, bomb: Mutation
+) -> None:
+    filling = Compressed("png", np.random.default_rng(5).bytes(filling_bytes))
+    path = write(tmp_path / name, [*views(), Message("/other", START_S + 3, filling)], packed=True)
+    assert len(read(path)) == 3
+    bomb(path, random.Random(1))
+    refused(path, "more than 1.2 GB")
 
 
 def test_a_file_that_only_begins_like_a_recording(tmp_path: Path) -> None:

@@ -13,12 +13,15 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import httpx
+import numpy as np
 import pytest
 from exported_sessions import write_cylinder
 from websockets.sync.client import connect
@@ -28,19 +31,32 @@ from flatcloth.batch.rows import read_row, rows_in, write_row
 from flatcloth.cli import main
 from flatcloth.core.errors import JournalError
 from flatcloth.export.history import read_history
+from flatcloth.recordings import open_recording
+from torture.capturer import pixels
 from torture.test_torture import _cut, _double, _flip, _insert, _overwrite, _remove, _swap
 
-PAGE_KILLS, RUN_KILLS, BATCH_KILLS, DAMAGES = 200, 50, 50, 1000
+PAGE_KILLS, SWITCH_KILLS, CAPTURE_KILLS, RUN_KILLS, BATCH_KILLS, DAMAGES = 200, 50, 50, 50, 50, 1000
 ROOT = Path(__file__).parents[2]
 RESULTS = "abc"
 pytestmark = pytest.mark.thorough
 
 
-def started(*arguments: str) -> subprocess.Popen[str]:
+def started(*arguments: str, program: Sequence[str] = ("app.py",), **env: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "app.py", *arguments],
+        [sys.executable, *program, *arguments],
         cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True,
+        env={**os.environ, **env},
     )  # fmt: skip
+
+
+def address_of(page: subprocess.Popen[str]) -> tuple[str, str]:
+    """Return the address and the token that a page prints."""
+    assert page.stdout is not None
+    while True:
+        line = page.stdout.readline()
+        assert line, "the page did not start"
+        if found := re.search(r"(http://\S+)/\?token=(\S+)", line):
+            return found[1], found[2]
 
 
 def killed(process: subprocess.Popen[str]) -> None:
@@ -93,13 +109,7 @@ def test_what_the_page_has_shown_survives_its_kill(tmp_path: Path) -> None:
     rng, counts, before = random.Random(3), Counter[str](), set[int]()
     for _ in range(PAGE_KILLS):
         page = started("view", str(recording), "--session", str(session), "--port", "0")
-        assert page.stdout is not None
-        found = None
-        while found is None:
-            line = page.stdout.readline()
-            assert line, "the page did not start"
-            found = re.search(r"(http://\S+)/\?token=(\S+)", line)
-        seen = picked(found[1], found[2], rng) | before
+        seen = picked(*address_of(page), rng) | before
         kept = lines_of(session / "journal.jsonl")
         killed(page)
         on_disk = {pick.id for pick in read_history(session).picks}
@@ -111,6 +121,76 @@ def test_what_the_page_has_shown_survives_its_kill(tmp_path: Path) -> None:
     print(f"\npage killed: {dict(counts)}")
     assert counts["picks"] > PAGE_KILLS // 10
     assert counts["lost"] == counts["rewritten"] == 0
+
+
+def test_what_the_page_has_shown_survives_kills_while_recordings_are_switched(tmp_path: Path) -> None:
+    root, state = tmp_path / "root", tmp_path / "state"
+    for name in "ab":
+        write_cylinder(root / name, name)
+    rng, counts = random.Random(7), Counter[str]()
+    shown: dict[str, set[int]] = {"a": set(), "b": set()}
+    given = ("--root", str(root), "--port", "0")
+    for n in range(SWITCH_KILLS):
+        before, after = "ab" if n % 2 else "ba"
+        page = started("view", str(root / before), *given, XDG_STATE_HOME=str(state))
+        url, token = address_of(page)
+        shown[before] |= picked(url, token, rng)
+        switch = threading.Thread(target=open_place, args=(url, token, after), daemon=True)
+        switch.start()
+        if rng.random() < 0.5:
+            time.sleep(rng.uniform(0.0, 1.0))
+            counts["killed while it opened"] += switch.is_alive()
+        else:
+            switch.join(60.0)
+            shown[after] |= picked(url, token, rng)
+        killed(page)
+        counts["kills"] += 1
+        on_disk = {name: set[int]() for name in "ab"}
+        for header in state.glob("flatcloth/sessions/*/session.json"):
+            history = read_history(header.parent)
+            on_disk[history.recording_name] |= {pick.id for pick in history.picks}
+        counts["lost"] += sum(len(shown[name] - on_disk[name]) for name in "ab")
+    counts["picks"] = sum(map(len, shown.values()))
+    print(f"\npage killed at a switch: {dict(counts)}")
+    assert counts["picks"] > SWITCH_KILLS
+    assert counts["killed while it opened"] > 0
+    assert counts["lost"] == 0
+
+
+def open_place(url: str, token: str, name: str) -> None:
+    """Open a recording below the root, as the start screen does; the page may be killed meanwhile."""
+    headers = {"Authorization": f"Bearer {token}"}
+    with contextlib.suppress(httpx.HTTPError):
+        httpx.post(url + "/start/open", json={"kind": "folder", "name": name}, headers=headers, timeout=60.0)
+
+
+# --- a capture -----------------------------------------------------------------------------------
+
+
+def test_views_of_a_capture_that_were_told_survive_its_kill(tmp_path: Path) -> None:
+    rng, counts = random.Random(8), Counter[str]()
+    python_path = os.pathsep.join([str(ROOT / "tests"), str(ROOT)])
+    folder = tmp_path / "0"
+    for n in range(CAPTURE_KILLS):
+        capture = started(str(folder), program=("-m", "torture.capturer"), PYTHONPATH=python_path)
+        assert capture.stdout is not None
+        told = int(capture.stdout.readline())
+        time.sleep(rng.uniform(0.0, 0.3))
+        os.killpg(capture.pid, signal.SIGKILL)
+        told = max([told, *map(int, capture.stdout.read().split("\n")[:-1])])
+        killed(capture)
+        recording = open_recording(folder)
+        counts["kills"] += 1
+        counts["lost"] += len(recording) < told
+        for view in {0, told - 1, len(recording) - 1}:
+            color, depth = pixels(view)
+            counts["views looked at"] += 1
+            counts["torn"] += not np.array_equal(recording[view].color, color)
+            counts["torn"] += not np.allclose(recording[view].depth_m, 0.001 * depth)
+        if len(recording) > 300:
+            folder = tmp_path / str(n + 1)
+    print(f"\ncapture killed: {dict(counts)}")
+    assert counts["lost"] == counts["torn"] == 0
 
 
 # --- run and batch -------------------------------------------------------------------------------

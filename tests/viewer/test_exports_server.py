@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import re
 import shutil
 import threading
 import time
@@ -12,6 +13,7 @@ import zipfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from xml.etree import ElementTree
 
 import httpx
 import pytest
@@ -167,7 +169,14 @@ def test_other_exports_are_made_when_asked_for(unchanged: PageServer, name: str,
 def test_all_figures_come_in_one_archive(unchanged: PageServer) -> None:
     with zipfile.ZipFile(io.BytesIO(get(unchanged, "/export/figures.zip", timeout=120).content)) as archive:
         assert archive.testzip() is None
-        assert {"map-color.png", "map-color.svg", "growth.svg"} <= set(archive.namelist())
+        names = archive.namelist()
+        assert {"map-color.png", "map-color.svg", "growth.svg"} <= set(names)
+        assert len(set(names)) == len(names)
+        # The recording's name is a script; no name leads out of the folder that it is unpacked into.
+        assert all(re.fullmatch(r"[a-z0-9-]+\.(png|svg)", name) for name in names)
+        for drawn in (archive.read(name) for name in names if name.endswith(".svg")):
+            tags = {element.tag.rpartition("}")[2] for element in ElementTree.fromstring(drawn).iter()}
+            assert not tags & {"script", "foreignObject", "b"}
 
 
 def test_the_data_are_those_of_the_command_line_with_the_scores_of_decisions_by_hand(

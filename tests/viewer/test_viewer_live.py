@@ -321,6 +321,29 @@ def test_nothing_is_decided_in_live_mode(serve, action):
     assert "live mode" in note["text"]
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 90_000,
+        "\x00",
+        '{"type": "nothing"}',
+        '{"type": "set", "fps": 1e308}',
+        '{"type": "set", "fps": -1}',
+        '{"type": "ready", "layer": "../../etc/passwd"}',
+        '{"type": "pick", "u_m": 1e300, "v_m": 0}',
+        '{"type": "do", "action": "view", "view_index": 1000000}',
+    ],
+)
+def test_what_is_not_understood_is_told_and_frames_go_on(serve, text):
+    server = serve(STILL)
+    with LiveTab(server) as tab:
+        tab.frame_where(lambda _: True)
+        tab.say_raw(text)
+        assert tab.until(lambda m: m["type"] == "note")["text"]
+        tab.say(type="play", frame=1)
+        tab.frame_where(lambda frame: frame["view_index"] == 1)
+
+
 def test_nobody_looking_means_no_work_and_the_next_tab_goes_on(serve, player):
     server = serve(FAST)
     with LiveTab(server) as tab:

@@ -139,7 +139,7 @@ class Bag:
     def _read_errors(self) -> Iterator[None]:
         try:
             yield
-        except RecordingError:
+        except (RecordingError, MemoryError):
             raise
         except Exception as error:  # on a damaged file the library may raise anything
             text = shortened(" ".join(str(error).split()), 160) or type(error).__name__
