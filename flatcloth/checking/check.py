@@ -173,6 +173,9 @@ def _turning(
         other = focal_length(views, axis, math.copysign(1.0, factor))
         if focal is None or (other is not None and other.differs and other.best_share > focal.share):
             found, factor, focal = [], math.copysign(1.0, factor), other
+    tilted = axis_findings(likeliest, axis) if found else []
+    if any(finding.is_certain for finding in tilted):
+        return tilted  # about the recorded axis the item turns less than about its own
     found += order_findings(views, pairs, about, factor)
     if share < _LEAST_SHARE and not found:
         return [nothing_common(share, likeliest)]
