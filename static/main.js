@@ -6,7 +6,9 @@ import { KeyPointer } from "/static/canvas/key_pointer.js";
 import { Looking } from "/static/canvas/look.js";
 import { isMove, KeyNudges } from "/static/canvas/nudges.js";
 import { Ruler } from "/static/canvas/ruler.js";
+import { Column } from "/static/layout/column.js";
 import { Layout } from "/static/layout/layout.js";
+import { PageAddress } from "/static/page/address.js";
 import { Connection } from "/static/page/connection.js";
 import { byId, setText } from "/static/page/dom.js";
 import { showExports } from "/static/page/exports.js";
@@ -68,6 +70,8 @@ const verdicts = page.add(new Verdicts(page, decide));
 page.add(new Timeline(page, chooseView));
 page.add(new ReviewList(page, verdicts));
 page.add(new ResultPanel(page, verdicts));
+const column = page.add(new Column(page)); // after all that have a part of it
+page.add(new PageAddress(page));
 const keyPointer = new KeyPointer();
 const teaching = new Teaching({
   actions: () => page.state.actions,
@@ -205,6 +209,7 @@ function run(/** @type {string} */ name, large = false) {
   }
   if (name === "accept" && page.panels.some((panel) => panel.mayAccept?.(page.state) === false)) return;
   layout.reveal(name);
+  if (column.brings(name)) return;
   const perform = PAGE_ACTIONS[name] ?? page.actionOf(name);
   if (name in LAYERS) {
     page.layer = LAYERS[name];
@@ -216,6 +221,7 @@ function run(/** @type {string} */ name, large = false) {
   } else {
     decide(name);
   }
+  column.reveal(name);
 }
 
 /** @type {NonNullable<Panel["actions"]>} */

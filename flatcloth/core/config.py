@@ -82,7 +82,7 @@ class RobustConfig:
     accept_confidence: float = 0.5
     """Least confidence of a proposal that is accepted without an operator: right more often than wrong."""
     most_views: int = 14
-    """Views after which no further one is proposed to an operator; without one, the gain alone decides.
+    """Views of a limited run (``Run.is_limited``); otherwise the gain alone decides.
 
     The number that the paper needed for its hardest item (trousers, Fig. 6).
     """

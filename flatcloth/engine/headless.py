@@ -89,7 +89,7 @@ class Run:
     policy : Policy
         Decides about proposals.
     is_limited : bool
-        Use no more views than are proposed to an operator.
+        Use no more than ``most_views`` of the settings.
     watch : callable
         Called with every command and answer after it was recorded, in order.
     on_view : callable
@@ -125,6 +125,7 @@ class Run:
             If no start view can be flattened.
         """
         self.integration.algorithm.is_unattended = not self.is_limited
+        self.integration.algorithm.is_limited = self.is_limited
         self.integration.views.keep_frames()
         self.integration.flattens_ahead = cores > 1
         if self.state.document.start_view is None:

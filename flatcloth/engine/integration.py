@@ -30,6 +30,7 @@ from flatcloth.core.types import (
     no_progress,
 )
 from flatcloth.engine.following import (
+    cloth_of,
     ended,
     follow,
     laid_beside,
@@ -43,7 +44,7 @@ from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.resampling import place_all
 from flatcloth.garments.deciding import parts_taken_off, with_doubts
 from flatcloth.garments.links import Cloth
-from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan, SurfaceEdges
+from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method
 from flatcloth.methods.registry import method_entry
 from flatcloth.methods.sides import fronts, side_of
@@ -179,7 +180,7 @@ class Integration:
         self._decided: Cache[_ByGarment] = Cache(2)
         before = self.algorithm
         self.algorithm = self._kind(self.views, self.views.angles_deg)
-        self.algorithm.is_unattended = before.is_unattended
+        self.algorithm.is_unattended, self.algorithm.is_limited = before.is_unattended, before.is_limited
 
     # ---------------------------------------------------------------- the shape
 
@@ -214,7 +215,7 @@ class Integration:
         Removed parts have no place.
         """
         if not document.garment.parts:
-            return _cloth_of(self.algorithm.surface_edges(document))
+            return cloth_of(self.algorithm.surface_edges(document))
         return self._by_garment(document, self.algorithm.canonical(document)).cloth
 
     def taken_off(self, document: Document) -> Bool | None:
@@ -225,7 +226,7 @@ class Integration:
 
     def parts_taken_off(self, document: Document) -> list[Bool]:
         """Return the parts (N,) of the shape's samples that were removed, because no garment allows them."""
-        cloth = _cloth_of(self.algorithm.surface_edges(document)) if document.garment.parts else None
+        cloth = cloth_of(self.algorithm.surface_edges(document)) if document.garment.parts else None
         return [] if cloth is None else parts_taken_off(cloth, document.garment.parts)
 
     def _by_garment(self, document: Document, whole: Canonical) -> _ByGarment:
@@ -235,13 +236,13 @@ class Integration:
         """
 
         def make() -> _ByGarment:
-            made, cloth = whole, _cloth_of(self.algorithm.surface_edges(document))
+            made, cloth = whole, cloth_of(self.algorithm.surface_edges(document))
             if cloth is None:
                 return _ByGarment(made, None, None)
             parts = parts_taken_off(cloth, document.garment.parts)
             apart = self.algorithm.apart(document, parts) if parts else None
             if apart is not None:
-                made, cloth = apart[0], _cloth_of(apart[1]) or cloth
+                made, cloth = apart[0], cloth_of(apart[1]) or cloth
             made = replace(made, view=with_doubts(made.view, cloth, document.garment.parts))
             return _ByGarment(made, cloth, np.any(parts, axis=0) if parts else None)
 
@@ -433,12 +434,6 @@ class Integration:
             why,
             proposal.placement.also,
         )
-
-
-def _cloth_of(edges: SurfaceEdges) -> Cloth | None:
-    if edges.evidence is None:
-        return None
-    return Cloth(uv_m=edges.uv_m, xyz_m=edges.xyz_m, edges=edges.edges, evidence=edges.evidence)
 
 
 def _shape_of(document: Document) -> tuple[Hashable, ...]:

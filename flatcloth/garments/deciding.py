@@ -242,7 +242,13 @@ def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
 
 def is_decided(cloth: Cloth, link: DoubtedLink, decisions: Sequence[DoubtedPart]) -> bool:
     """Return whether one of the decisions is about the part of a link."""
-    return any(_is_same(part, link.part) for _, part in _last_decisions(cloth, decisions))
+    return any(is_same_part(part, link.part) for _, part in _last_decisions(cloth, decisions))
+
+
+def kept_parts(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[Bool]:
+    """Return the samples (N,) of each part that the operator keeps on the shape."""
+    last = _last_decisions(cloth, decisions)
+    return [part for decision, part in last if not decision.taken_off and not decision.std_m]
 
 
 def parts_taken_off(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[Bool]:
@@ -256,12 +262,13 @@ def _last_decisions(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[tupl
     for decision in decisions:
         part = found_again(cloth, decision)
         if part is not None:
-            found = [(before, other) for before, other in found if not _is_same(part, other)]
+            found = [(before, other) for before, other in found if not is_same_part(part, other)]
             found.append((decision, part))
     return found
 
 
-def _is_same(part: Bool, other: Bool) -> bool:
+def is_same_part(part: Bool, other: Bool) -> bool:
+    """Return whether two parts (N,) have most of their samples in common."""
     return bool((part & other).sum() > 0.5 * (part | other).sum())
 
 

@@ -10,7 +10,7 @@ kinds are: by the evidence of both fits, where a part that lies freely costs its
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,13 +40,16 @@ class Cloth:
     """How the shape hangs together: its samples and the pairs of them that were seen to be one sheet.
 
     ``uv_m`` (N, 2) on the plane, NaN for samples of other pieces; ``xyz_m`` (N, 3), object frame; ``edges``
-    (M, 2) int32; ``evidence`` (M,) that both ends of a pair are one sheet, from 0.
+    (M, 2) int32; ``evidence`` (M,) that both ends of a pair are one sheet, from 0. ``length_m`` (M,) of each
+    pair along the cloth and the view ``view_index`` (M,) that saw it, if they are known.
     """
 
     uv_m: Float64
     xyz_m: Float64
     edges: Int32
     evidence: Float64
+    length_m: Float64 | None = None
+    view_index: Int32 | None = None
 
     @property
     def placed(self) -> Bool:
@@ -121,12 +124,7 @@ def doubted_links(fits: Sequence[Fit], main: PieceEvidence, cloth: Cloth) -> lis
     """
     together = max(fit.log_evidence for fit in fits)
     found: list[DoubtedLink] = []
-    for core, other in basins(cloth):
-        part = side_of(cloth, core, other)
-        if 2 * part.sum() > cloth.placed.sum():  # the core lies on the larger side
-            part = cloth.placed & ~part
-        if not part.any():
-            continue
+    for part in weakly_joined(cloth):
         own, rest = split(main, cloth, part)
         if own.area_m2 < LEAST_AREA_M2:
             continue
@@ -142,6 +140,16 @@ def doubted_links(fits: Sequence[Fit], main: PieceEvidence, cloth: Cloth) -> lis
             )
         )
     return sorted(found, key=lambda link: link.probability)
+
+
+def weakly_joined(cloth: Cloth) -> Iterator[Bool]:
+    """Yield the smaller side (N,) of each cut of least evidence between areas of well connected cloth."""
+    for core, other in basins(cloth):
+        part = side_of(cloth, core, other)
+        if 2 * part.sum() > cloth.placed.sum():  # the core lies on the larger side
+            part = cloth.placed & ~part
+        if part.any():
+            yield part
 
 
 def basins(cloth: Cloth) -> list[tuple[Int64, Int64]]:

@@ -280,7 +280,7 @@ class SurfaceEdges:
 
     ``uv_m`` (N, 2) and ``xyz_m`` (N, 3, object frame) of the samples, NaN without a position;
     ``edges`` (M, 2) int32; ``length_m`` (M,) along the cloth. ``evidence`` (M,) that both ends are one
-    sheet, from 0; None if the method does not know.
+    sheet, from 0, and ``view_index`` (M,) int32 the view that saw it; None if the method does not know.
     """
 
     uv_m: Float64
@@ -288,6 +288,7 @@ class SurfaceEdges:
     edges: Int32
     length_m: Float64
     evidence: Float64 | None = None
+    view_index: Int32 | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -87,7 +87,9 @@ class Method(Protocol):
     joins_sides: ClassVar[bool] = False
     """Whether it joins the other side of an item to the shape: :meth:`with_other_side`."""
     is_unattended: bool = False
-    """Set by a run without an operator: what a further view would add decides, not a number of views."""
+    """Set by a run without an operator: it ends where further views cannot help."""
+    is_limited: bool = False
+    """Set by a run that uses no more than a number of views; otherwise what a view would add decides."""
 
     @abstractmethod
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None: ...

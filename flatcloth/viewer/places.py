@@ -16,6 +16,7 @@ from flatcloth.recordings.manifest import HEADER as MANIFEST
 from flatcloth.recordings.source import SourceOptions
 from flatcloth.session.header import HEADER, Header, read_header, state_folder
 from flatcloth.session.journal import JOURNAL
+from flatcloth.viewer.summary import read_summary
 
 MOST_SESSIONS = 12
 """Sessions that are listed. Chosen: what a page shows without scrolling."""
@@ -75,6 +76,17 @@ class Places:
             "sessions": [_plain_session(*session) for session in self._sessions()],
             "root": None if self._root is None else shown(self._root.name or str(self._root)),
         }
+
+    def place_of(self, folder: Path | None) -> dict[str, str] | None:
+        """Return kind and name by which a session's folder can be opened again; None: it is not offered."""
+        if folder is None:
+            return None
+        found = folder.resolve()
+        if self._own and found.parent == (state_folder() / "sessions").resolve():
+            return {"kind": "session", "name": shown(found.name)}
+        if self._root is not None and found.is_relative_to(self._root):
+            return {"kind": "folder", "name": shown(found.relative_to(self._root).as_posix())}
+        return None
 
     def listing(self, path: str) -> dict[str, Any]:
         """Return what can be opened in a folder below the root, and its folders.
@@ -156,7 +168,7 @@ class Places:
         except (OSError, RuntimeError, ValueError) as error:
             raise PlaceError(f"{path:.200}: there is no such folder below {self._root.name}.") from error
 
-    def _entries(self, folder: Path) -> Iterator[dict[str, str]]:
+    def _entries(self, folder: Path) -> Iterator[dict[str, Any]]:
         assert self._root is not None
         for n, entry in enumerate(sorted(folder.iterdir(), key=lambda e: e.name.lower())):
             if n >= MOST_ENTRIES:
@@ -167,7 +179,8 @@ class Places:
                 found = entry.resolve(strict=True)
                 kind = _kind_of(found)
                 if kind and found.is_relative_to(self._root):
-                    yield {"name": shown(entry.name), "kind": kind}
+                    about = {"name": shown(entry.name), "kind": kind}
+                    yield about if kind == "folder" else {**about, **_about(found, kind)}
 
     def _sessions(self) -> list[tuple[Path, Header, float]]:
         """Return the user's sessions whose recordings are there, and when each was used, the latest first."""
@@ -204,12 +217,24 @@ def _used_at(folder: Path) -> float:
 
 
 def _plain_session(folder: Path, header: Header, used_at: float) -> dict[str, Any]:
-    used = datetime.fromtimestamp(used_at, UTC)
     about = header.recording
     return {
         "name": shown(folder.name),
         "recording": about.name,
         "views": about.views,
         "method": header.method,
-        "used": used.isoformat(timespec="seconds"),
+        "used": _dated(used_at),
+        "summary": read_summary(folder),
     }
+
+
+def _about(place: Path, kind: str) -> dict[str, Any]:
+    """Return when a place was used last; of a session also how far it is."""
+    if kind != "session":
+        file = place / MANIFEST if kind == "recording" else place
+        return {"used": _dated(file.stat().st_mtime)}
+    return {"used": _dated(_used_at(place)), "summary": read_summary(place)}
+
+
+def _dated(time_s: float) -> str:
+    return datetime.fromtimestamp(time_s, UTC).isoformat(timespec="seconds")

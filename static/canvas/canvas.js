@@ -27,7 +27,7 @@ const ONE_LAYER = {
  *
  * @typedef {{
  *   kind: "tool" | "turn" | "drag" | "pan"; tool?: Tool; button: number; x: number; y: number; lastX: number;
- *   lastY: number; moved: boolean; by: By
+ *   lastY: number; moved: boolean; by: By; begun: By
  * }} Gesture
  *
  * @typedef {object} CanvasHandlers
@@ -67,6 +67,7 @@ export class FlatCanvas {
     this.drawers = /** @type {Drawer[]} */ ([]);
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
     this.center = [0, 0];
+    this.snap = (/** @type {By} */ by) => by; // to places that a panel knows
     this.dirty = false;
     new ResizeObserver(() => this.resize()).observe(byId("stage"));
     new ResizeObserver(() => this.fitted && this.fit()).observe(byId("legend"));
@@ -227,6 +228,13 @@ export class FlatCanvas {
     this.redraw();
   }
 
+  /** Show the proposal moved by so much, or to a place near there that it snaps to. */
+  showPreview(/** @type {By} */ by) {
+    this.preview = this.snap(by);
+    this.handlers.moving?.(this.preview);
+    this.redraw();
+  }
+
   /**
    * A turn (clockwise) and a step (metres right and down) as they are seen, as a motion on the plane.
    * @param {number} turn @param {number} right @param {number} down
@@ -356,6 +364,7 @@ export class FlatCanvas {
       ...{ x, y, lastX: x, lastY: y },
       moved: false,
       by: { theta: 0, u: 0, v: 0 },
+      begun: { ...this.preview },
     };
     this.gesture = gesture;
   }
@@ -387,7 +396,9 @@ export class FlatCanvas {
       if (by.theta > Math.PI) by.theta -= 2 * Math.PI;
       if (by.theta < -Math.PI) by.theta += 2 * Math.PI;
       addTo(gesture.by, by);
-      this.movePreview(by);
+      const all = { ...gesture.begun };
+      addTo(all, gesture.by);
+      this.showPreview(all);
     }
     gesture.lastX = x;
     gesture.lastY = y;
@@ -416,7 +427,9 @@ export class FlatCanvas {
       const { u, v } = this.transform.toPlane(gesture.x, gesture.y);
       if (this.layer.shown) this.handlers.pick(u, v);
     } else if (gesture.moved && gesture.kind !== "pan") {
-      this.handlers.nudge(gesture.by); // one gesture, one decision
+      const { preview } = this;
+      const { begun } = gesture; // one gesture, one decision
+      this.handlers.nudge({ theta: preview.theta - begun.theta, u: preview.u - begun.u, v: preview.v - begun.v });
     }
     this.move(event);
   }

@@ -46,3 +46,12 @@ export function floatingOf(/** @type {{ pieces: Piece[] }} */ layers) {
   const pieces = layers.pieces.filter((piece) => !piece.placed);
   return { pieces, area_cm2: pieces.reduce((sum, piece) => sum + piece.area_cm2, 0) };
 }
+
+const MUCH_FLOATS = 0.1; // of all cloth: from here on an end is no success, as in viewer/auto.py
+
+/** The end of an integration in a word, or that much cloth still floats. */
+export function endOf(/** @type {State} */ { layers }) {
+  const floating = layers ? floatingOf(layers).area_cm2 : 0;
+  const share = floating / Math.max(1, floating + (layers?.area_cm2 ?? 0));
+  return share < MUCH_FLOATS ? "Finished" : `Ended, but ${percent(share)} of the cloth floats`;
+}

@@ -143,6 +143,13 @@ export interface SetGrip {
   opening_m?: number | null;
 }
 
+/** Undo or redo until ``done`` of the decisions are done; ``of`` are those that were listed, in number. */
+export interface GoTo {
+  type: "go_to";
+  done: number;
+  of: number;
+}
+
 /** Switch Auto on or off. */
 export interface SetAuto {
   type: "auto";
@@ -154,6 +161,9 @@ export interface Set {
   type: "set";
   reset?: boolean;
   auto_threshold?: number | null;
+  auto_until?: "all" | "area" | "views" | null;
+  auto_least_cm2?: number | null;
+  auto_views?: number | null;
   advance?: boolean | null;
   follow?: boolean | null;
   turn_to_pick?: boolean | null;
@@ -272,6 +282,14 @@ export interface DecideLink {
   taken_off: boolean;
 }
 
+/** Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``. */
+export interface DecideJoint {
+  type: "decide_joint";
+  revision: number;
+  index: number;
+  cut: boolean;
+}
+
 /** Ask how the outline would lie if a point were held so; ``id`` comes back with the answer. */
 export interface PreviewPoint {
   type: "preview_point";
@@ -320,6 +338,7 @@ export type ClientMessage =
   | RenamePick
   | DeletePick
   | SetGrip
+  | GoTo
   | SetAuto
   | Set
   | ShowEdges
@@ -337,6 +356,7 @@ export type ClientMessage =
   | ReleasePoints
   | DecidePiece
   | DecideLink
+  | DecideJoint
   | PreviewPoint
   | PickPoint
   | DecideSeam
@@ -368,6 +388,8 @@ export interface PageState {
   finished: string | null;
   undo: string | null;
   redo: string | null;
+  done: string[];
+  undone: string[];
   n_later: number;
   request: AwaitedRequest | null;
   progress: Progress | null;
@@ -390,9 +412,12 @@ export interface RecordingInfo {
   n_views: number;
 }
 
-/** Whether Auto decides. */
+/** Whether Auto decides; ``waits_for`` the operator, if it does; ``ended`` by choice, and why. */
 export interface AutoInfo {
   running: boolean;
+  waits_for: string;
+  ended: string;
+  until: string;
 }
 
 /** The pictures of the shape; ``revision`` is part of their addresses. */
@@ -524,6 +549,9 @@ export interface Note {
 export interface SettingsTable {
   advance: Switch;
   auto_threshold: Slider;
+  auto_until: Choice;
+  auto_least_cm2: Slider;
+  auto_views: Slider;
   step_mm: Slider;
   step_deg: Slider;
   follow: Switch;
@@ -540,6 +568,7 @@ export interface Switch {
   low: null;
   high: null;
   step: null;
+  options: null;
 }
 
 /** A setting with a range. */
@@ -552,6 +581,20 @@ export interface Slider {
   low: number;
   high: number;
   step: number;
+  options: null;
+}
+
+/** A setting with one of some options: value and words. */
+export interface Choice {
+  name: string;
+  title: string;
+  description: string;
+  value: string;
+  default: string;
+  options: [string, string][];
+  low: null;
+  high: null;
+  step: null;
 }
 
 /** A view on the timeline: what was decided about it, and what it added to the shape. */
@@ -616,6 +659,7 @@ export interface PendingInfo {
   cameras: string;
   undetermined: string[];
   hypotheses: HypothesisInfo[];
+  ghosts: GhostInfo[];
 }
 
 /** A rigid motion of the plane for reading. */
@@ -672,6 +716,13 @@ export interface HypothesisInfo {
   v_mm: number;
   source: string;
   score: number | null;
+}
+
+/** Where a piece placed by hand would lie by the garment, or by seams, with its deviation there. */
+export interface GhostInfo {
+  source: "garment" | "seams";
+  placement: Placement;
+  std_mm: number;
 }
 
 /** ``token`` changes when the pictures of the views do; ``flags`` are the texts of the views' flags. */
@@ -1103,6 +1154,35 @@ export interface SeamPlaces {
   other_uv_m: [number, number][];
   xyz_m: [number, number, number][];
   residual_mm: number[];
+}
+
+/** The answer of ``/joints/REVISION.json``: the weakest joints first; ``trouble`` if there are none. */
+export interface JointsInfo {
+  revision: number;
+  trouble: string;
+  joints: JointInfo[];
+}
+
+/** Where a part of the shape is joined to the rest, and what holds it. */
+export interface JointInfo {
+  area_cm2: number;
+  evidence: number;
+  weak: boolean;
+  probability: number | null;
+  kept: boolean;
+  outline_uv_m: [number, number][][];
+  seam_uv_m: [number, number][];
+  seam_xyz_m: [number, number, number][];
+  views: HeldByView[];
+}
+
+/** A view that joins a part to the rest: pairs, median and ninth decile of residuals, and their pixels. */
+export interface HeldByView {
+  view_index: number;
+  angle_deg: number;
+  pairs: number;
+  residual_mm: [number, number];
+  rc: [number, number][];
 }
 
 /** Every message that the server sends as text. */

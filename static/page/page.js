@@ -17,6 +17,8 @@ export class Page {
     this.looking = /** @type {Looking} */ (later);
     this.ruler = /** @type {Ruler} */ (later);
     this.sceneMarks = /** @type {SceneMarks} */ (later); // what is drawn over the 3D scene
+    this.lookedAt = /** @type {number | null} */ (null); // a view other than that of the page
+    this.sourceMarks = /** @type {((view: number) => UV[])[]} */ ([]); // pixels that panels mark in a source image
     this.brush = /** @type {SidesPanel} */ (later); // of the side of interest, for panels that can be painted on
     this.panels = /** @type {Panel[]} */ ([]);
   }

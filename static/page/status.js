@@ -1,7 +1,7 @@
 // The lines above the canvas: the shown view, the next step, the progress, and notes about the session.
 
 import { byId, closeButton, make, rebuild, setText } from "/static/page/dom.js";
-import { count, floatingOf, number } from "/static/page/format.js";
+import { count, endOf, floatingOf, number } from "/static/page/format.js";
 
 const BUSY_AFTER_MS = 250;
 
@@ -79,15 +79,19 @@ function hint(/** @type {State} */ state) {
   const waiting = state.n_later
     ? ` Then ${count(state.n_later, "later view")} follow${state.n_later === 1 ? "s" : ""}.`
     : "";
-  if (state.auto.running && state.phase !== "computing") return `Auto is running; press Auto (G) to stop it.${area}`;
+  const { running, waits_for, ended, until } = state.auto;
+  if (waits_for) return `${waits_for}${area}`;
+  const auto = running ? `Auto (G stops it) goes on ${until}. ` : "";
+  if (auto && state.phase !== "computing") return `${auto}${area}`;
+  if (ended && state.phase === "ready") return `Auto has ended: ${ended} Step (S) goes on.${area}`;
   if (state.mode === "live") return "";
   switch (state.phase) {
     case "computing":
       if (!request || request.kind === "start") return "Choosing and flattening the start view.";
       if (request.kind === "follow") return `Laying ${angle(request.view_index)} on the changed shape.${area}`;
       return request.view_index === null
-        ? `Looking for the next view.${area}`
-        : `Laying ${angle(request.view_index)} on the shape.${area}`;
+        ? `${auto}Looking for the next view.${area}`
+        : `${auto}Laying ${angle(request.view_index)} on the shape.${area}`;
     case "deciding":
       if (!pending) return "";
       if (pending.again && !pending.why)
@@ -100,7 +104,7 @@ function hint(/** @type {State} */ state) {
         ` or move it with the arrow keys.${waiting}${area}`
       );
     case "finished":
-      return `Finished: ${state.finished ?? ""} Click the cloth for a grasp point.${area}`;
+      return `${endOf(state)}: ${state.finished ?? ""} Click the cloth for a grasp point.${area}`;
     default:
       return state.start_view === null
         ? "Press Step (S): the start view is chosen and flattened."

@@ -20,6 +20,8 @@ import { keySection, showKeys } from "/static/page/keys.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
 const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];
+/** @type {Record<string, string>} */
+const MORE = { reject: "reject_menu", redo: "history", auto: "auto_until" };
 const PAGE = ["home", "teach", "export", "settings", "palette", "help"];
 /** @type {[number, number][]} */
 const STEPS = [
@@ -130,15 +132,17 @@ export class Toolbar {
       names.map((name) => {
         if (name === "|") return make("span.gap", { "aria-hidden": "true" });
         const button = this.button(name, titles[name]);
-        return name === "reject" ? make("span.joined", button, this.rejectMore()) : button;
+        const more = MORE[name];
+        return more ? make("span.joined", button, this.more(more)) : button;
       }),
     );
   }
 
-  rejectMore() {
-    const button = this.button("reject_menu", "▾");
+  /** The small button beside another that opens a menu. */
+  more(/** @type {string} */ name) {
+    const button = this.button(name, "▾");
     button.classList.add("more");
-    button.setAttribute("aria-haspopup", "menu");
+    if (name === "reject_menu") button.setAttribute("aria-haspopup", "menu");
     return button;
   }
 
@@ -149,7 +153,7 @@ export class Toolbar {
       Object.keys(LAYERS).filter((name) => !QUALITY.includes(name)),
     );
     this.build(byId("quality-layers"), quality);
-    this.build(byId("look-tools"), live ? ["look"] : ["look", "turn_over"]);
+    this.build(byId("look-tools"), live ? ["look"] : ["look", "turn_over", "joints"]);
   }
 
   buildOverlay() {

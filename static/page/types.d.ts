@@ -104,6 +104,8 @@ declare global {
     disconnected?(): void;
     /** Another server process may answer from now on. */
     reconnected?(): void;
+    /** Look at another view; null: at that of the page. */
+    goToView?(view: number | null): void;
     /** Show a pixel of a view. */
     lookAt?(view: number, rc: RC): void;
     /** Which of its actions are on, for their buttons. */
@@ -124,7 +126,8 @@ declare global {
     | "placed"
     | "disconnected"
     | "reconnected"
-    | "lookAt";
+    | "lookAt"
+    | "goToView";
   type CallPanels<Result> = <E extends PanelEvent>(event: E, ...args: Parameters<NonNullable<Panel[E]>>) => Result;
 
   type Page = PageClass;

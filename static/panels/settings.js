@@ -49,15 +49,21 @@ export class SettingsSheet {
     const id = `setting-${name}`;
     const about = { id, key: id, "aria-describedby": `${id}-about` };
     const field =
-      setting.low === null
-        ? tickBox(setting.value, set, about)
-        : numberBox(setting, setting.value, {
-            ...about,
-            change: ({ target: box }) =>
-              box.validity.rangeOverflow || box.validity.rangeUnderflow || !box.value
-                ? (box.value = String(value))
-                : set(box.valueAsNumber),
-          });
+      setting.options !== null
+        ? choice(
+            setting.options.map(([value, words]) => [value, words]),
+            setting.value,
+            { ...about, change: ({ target }) => set(target.value) },
+          )
+        : setting.low === null
+          ? tickBox(setting.value, set, about)
+          : numberBox(setting, setting.value, {
+              ...about,
+              change: ({ target: box }) =>
+                box.validity.rangeOverflow || box.validity.rangeUnderflow || !box.value
+                  ? (box.value = String(value))
+                  : set(box.valueAsNumber),
+            });
     const reset =
       value !== setting.default &&
       this.resetButton(id, title, `default: ${told(setting.default)}`, () => set(setting.default));

@@ -92,7 +92,7 @@ export class SourcePanel {
   update(/** @type {State} */ state) {
     this.panel.hidden = Boolean(state.capture) || state.present_view === null || Boolean(state.live?.playing);
     if (this.panel.hidden) return;
-    if (state.present_view !== this.present) this.pinned = null;
+    if (state.present_view !== this.present) this.pinned = this.page.lookedAt = null;
     this.present = state.present_view;
     this.angles = state.views.map((v) => v.angle_deg);
     this.revision = state.layers?.revision ?? 0;
@@ -198,8 +198,14 @@ export class SourcePanel {
   /** Look at another view: its image here, the item in 3D from where it was taken. */
   pin(/** @type {number} */ view) {
     this.page.send({ type: "turn_to", view_index: view });
-    this.pinned = view === this.present ? null : view;
+    this.pinned = this.page.lookedAt = view === this.present ? null : view;
     this.show();
+    this.page.changed();
+  }
+
+  goToView(/** @type {number | null} */ view) {
+    const to = view !== null && view < this.angles.length ? view : this.present;
+    if (to !== null) this.pin(to);
   }
 
   // --- the pick --------------------------------------------------------------------------------
@@ -352,6 +358,10 @@ export class SourcePanel {
       const [x, y] = [(rc[1] + 0.5 - box.left) * scale, (rc[0] + 0.5 - box.top) * scale];
       strokeRimmed(context, style.getPropertyValue(name), 1.75, () => traceCross(context, x, y, 3, 10));
     }
+    context.fillStyle = style.getPropertyValue("--accent");
+    for (const marks of this.page.sourceMarks)
+      for (const [row, col] of marks(view))
+        context.fillRect((col + 0.5 - box.left) * scale - 2, (row + 0.5 - box.top) * scale - 2, 4, 4);
     const states = Boolean(lost && labels);
     this.drawn = { labels: Boolean(labels), states, view, masked, box, scale, pick, pointer };
     if (this.stroke) this.drawStroke(context, this.stroke, this.drawn);

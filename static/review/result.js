@@ -3,7 +3,7 @@
 import { askJson } from "/static/page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "/static/page/dom.js";
 import { exportButton, showExports } from "/static/page/exports.js";
-import { cm2, count, floatingOf, mm, number, percent } from "/static/page/format.js";
+import { cm2, count, endOf, floatingOf, mm, number, percent } from "/static/page/format.js";
 import { doubtsOf, flagsOf } from "/static/review/timeline.js";
 
 const MOST = 4; // of each list
@@ -32,21 +32,22 @@ export class ResultPanel {
       this.closed = null;
     } else {
       this.asked = false;
-      this.closed = this.page.state.finished;
+      this.closed = endedBy(this.page.state);
     }
     this.page.changed();
     if (this.asked) this.section.scrollIntoView({ block: "nearest" });
   }
 
   update(/** @type {State} */ state) {
-    const ended = state.phase === "finished" && this.closed !== state.finished;
-    if (state.phase !== "finished") this.closed = null;
+    const end = endedBy(state);
+    const ended = end !== null && this.closed !== end;
+    if (end === null) this.closed = null;
     const { layers } = this.page.told; // the result is that of this side; the other one follows below
     this.section.hidden = !state.review || !layers || Boolean(state.pending) || !(ended || this.asked);
     if (this.section.hidden || !layers) return;
     if (this.loading !== layers.revision) this.load(layers.revision);
     const found = this.found?.revision === layers.revision ? this.found : null;
-    rebuild(this.section, [state.views, layers.area_cm2, layers.pieces, state.finished, found, state.other], () =>
+    rebuild(this.section, [state.views, layers.area_cm2, layers.pieces, endedBy(state), found, state.other], () =>
       this.build(state, layers, found),
     );
   }
@@ -70,12 +71,12 @@ export class ResultPanel {
 
   /** @param {State} state @param {NonNullable<State["layers"]>} layers @param {Found | null} found */
   build(state, layers, found) {
-    const { finished } = state;
+    const finished = endedBy(state);
     const { pieces, area_cm2: floating } = floatingOf(layers);
     const letters = pieces.map((piece) => piece.label).join(", ");
     return [
       heading(
-        finished ? "Finished" : "Result so far",
+        finished === null ? "Result so far" : endOf(this.page.told),
         closeButton("Close the result", () => this.toggle(), { key: "close-result" }),
       ),
       finished && make("p.note", finished),
@@ -215,6 +216,10 @@ export class ResultPanel {
     return { open: !this.section.hidden, found: this.found };
   }
 }
+
+/** Why the integration has ended, by the method or by the choice of how far Auto runs; null: it has not. */
+const endedBy = (/** @type {State} */ { phase, finished, auto }) =>
+  phase === "finished" ? finished : phase === "ready" && auto.ended ? auto.ended : null;
 
 /** The other side in a few words. */
 function otherSide(/** @type {NonNullable<State["other"]>} */ { layers, is_related, reliable_share }) {

@@ -1,17 +1,30 @@
 // The start screen: examples, the last sessions, folders below the root, a camera. What is chosen opens for all tabs.
 
 import { ask, post } from "/static/page/connection.js";
-import { button, byId, find, make } from "/static/page/dom.js";
-import { count } from "/static/page/format.js";
+import { button, byId, find, make, rebuild } from "/static/page/dom.js";
+import { cm2, count, number } from "/static/page/format.js";
 import { applyTheme } from "/static/page/theme.js";
 import { answerDrops } from "/static/start/drop.js";
 
 /** @type {Record<string, string>} */
 const WORDS = { recording: "recording", session: "session", file: "file", folder: "folder ›" };
 /**
+ * @typedef {object} Summary how far a session is
+ * @property {number} views
+ * @property {number} area_cm2
+ * @property {number} floating_cm2
+ * @property {string} garment
+ * @property {boolean} ended
+ *
+ * @typedef {object} Entry of a folder; a folder in it has neither date nor summary
+ * @property {string} name
+ * @property {string} kind
+ * @property {string} [used]
+ * @property {Summary | null} [summary]
+ *
  * @typedef {object} Places what can be opened
  * @property {{ name: string }[]} examples
- * @property {{ name: string; recording: string; views: number; method: string; used: string }[]} sessions
+ * @property {{ name: string; recording: string; views: number; used: string; summary: Summary | null }[]} sessions
  * @property {string | null} root
  * @property {string | null} current
  */
@@ -71,7 +84,7 @@ function card(kind, name, title, ...lines) {
     "button.card",
     { data: { kind, name }, click: () => open(kind, name, title) },
     make("img", {
-      src: `/start/picture/${kind}/${encodeURIComponent(name)}`,
+      src: `/start/picture/${kind}/${name.split("/").map(encodeURIComponent).join("/")}`,
       alt: "",
       width: 72,
       height: 92,
@@ -87,6 +100,17 @@ function card(kind, name, title, ...lines) {
 function aboutExample(/** @type {string} */ name) {
   const [garment, held, camera] = name.split("-");
   return `${garment}, held at the ${held}${camera === "clean" ? ", without noise" : ", with a camera's noise"}`;
+}
+
+/** How far a session is: garment, area, views. @param {Summary | null} summary @param {number | null} of views */
+function aboutSession(summary, of = null) {
+  if (!summary) return of === null ? ["session"] : [count(of, "view")];
+  const { garment, area_cm2, floating_cm2, views, ended } = summary;
+  const floats = floating_cm2 >= 1 ? `, ${number(floating_cm2, 0)} float` : "";
+  return [
+    `${garment || "garment not known"} · ${cm2(area_cm2)}${floats}`,
+    `${views}${of === null ? "" : ` of ${of}`} views · ${ended ? "ended" : "not ended"}`,
+  ];
 }
 
 /** @param {string} text */
@@ -108,9 +132,7 @@ function showPlaces(/** @type {Places} */ { examples, sessions, root, current })
   );
   byId("recent").replaceChildren(
     ...(sessions.length
-      ? sessions.map((s) =>
-          card("session", s.name, s.recording, `${count(s.views, "view")} · method ${s.method}`, dated(s.used)),
-        )
+      ? sessions.map((s) => card("session", s.name, s.recording, ...aboutSession(s.summary, s.views), dated(s.used)))
       : [make("p.soft", "None yet. Each recording that is opened has a session, and is kept here.")]),
   );
   if (root === null) {
@@ -125,7 +147,7 @@ function showPlaces(/** @type {Places} */ { examples, sessions, root, current })
 }
 
 async function showFolder(/** @type {string} */ path, /** @type {string} */ root) {
-  /** @type {{ path: string; entries: { name: string; kind: string }[]; error?: string }} */
+  /** @type {{ path: string; entries: Entry[]; error?: string }} */
   const told = await answerTo(ask(`/start/folder.json?path=${encodeURIComponent(path)}`));
   if (told.error) return show("trouble", told.error);
   show("trouble", "");
@@ -152,24 +174,29 @@ async function showFolder(/** @type {string} */ path, /** @type {string} */ root
     make("button.button", { type: "submit" }, "Open"),
     here && button("Up", () => showFolder(here.split("/").slice(0, -1).join("/"), root)),
   );
-  const entries = told.entries.map(({ name, kind }) =>
+  const folders = told.entries.filter(({ kind }) => kind === "folder");
+  const openable = told.entries.filter(({ kind }) => kind !== "folder");
+  const entries = folders.map(({ name, kind }) =>
     make(
       "li",
       make(
-        "button",
-        {
-          class: `entry${kind === "folder" ? "" : " openable"}`,
-          click: () => (kind === "folder" ? showFolder(inside(name), root) : open("folder", inside(name), name)),
-        },
+        "button.entry",
+        { click: () => showFolder(inside(name), root) },
         make("b", name),
         make("span", WORDS[kind]),
       ),
     ),
   );
-  byId("folder").replaceChildren(
+  const cards = openable.map(({ name, kind, used, summary }) => {
+    const about = kind === "session" ? aboutSession(summary ?? null) : [WORDS[kind]];
+    return card("folder", inside(name), name, ...about, ...(used ? [dated(used)] : []));
+  });
+  rebuild(byId("folder"), [told], () => [
     form,
-    entries.length ? make("ul.entries", ...entries) : make("p.soft", "There is nothing to open in this folder."),
-  );
+    entries.length > 0 && make("ul.entries", ...entries),
+    cards.length > 0 && make("div.cards", ...cards),
+    !told.entries.length && make("p.soft", "There is nothing to open in this folder."),
+  ]);
 }
 
 const CAMERA =

@@ -82,7 +82,9 @@ class Page:
         self.told = threading.Event()
         self.answers: list[dict] = []
         self.heard = threading.Event()
-        self.controller = GarmentController(service, lambda job: job(), self.told.set, self.tell)
+        self.controller = GarmentController(
+            service, lambda job: job(), self.told.set, self.tell, lambda _: SetKind("towel")
+        )
 
     def tell(self, _client, message) -> None:
         self.answers.append(msgspec.to_builtins(message))

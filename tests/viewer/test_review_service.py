@@ -12,6 +12,7 @@ from route_client import RouteClient
 from scenes import AXIS
 
 from flatcloth.core.types import Rigid2
+from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.result import More, Result
 from flatcloth.export.review import Flags
@@ -20,6 +21,8 @@ from flatcloth.session.machine import Accepted, Document
 from flatcloth.viewer.modes import review
 from flatcloth.viewer.modes.review import ReviewService
 from flatcloth.viewer.protocol.state import ViewRow
+
+GARMENTS = cast("GarmentService", SimpleNamespace(last=None))
 
 
 def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,7 +44,7 @@ def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(review, "result_of", result_of)
     integration = cast("Integration", SimpleNamespace(accept_score=0.5, axis=AXIS))
     shown: list[Any] = []
-    service = ReviewService(integration, None, lambda: shown[-1], lambda _job: None, lambda: None)
+    service = ReviewService(integration, None, GARMENTS, lambda: shown[-1], lambda _job: None, lambda: None)
     client = RouteClient(service.routes())
     for revision, document in enumerate(documents):
         shown.append(SimpleNamespace(revision=revision, document=document))
@@ -52,7 +55,7 @@ def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch
 def test_a_view_accepted_against_the_check_stays_flagged_though_its_score_has_risen() -> None:
     jobs: list[Callable[[], None]] = []
     integration = cast("Integration", SimpleNamespace(accept_score=0.5, axis=AXIS))
-    service = ReviewService(integration, None, lambda: None, jobs.append, lambda: None)
+    service = ReviewService(integration, None, GARMENTS, lambda: None, jobs.append, lambda: None)
     accepted = (Accepted(3, Rigid2(), score=0.9), Accepted(1, Rigid2(), score=0.9, fixed=True))
     document = Document(start_view=0, accepted=accepted)
     rows = tuple(ViewRow(index=index, angle_deg=0.0, state="accepted") for index in range(4))

@@ -21,9 +21,10 @@ FIRST = Settings(auto_threshold=0.5)
 def test_every_setting_is_in_the_table_with_its_meaning() -> None:
     assert {s.name for s in SETTINGS} == {f.name for f in dataclasses.fields(Settings)}
     assert all(s.description.endswith(".") for s in SETTINGS)
-    for setting in SETTINGS:  # a switch has no range, a number has one, and its default lies in it
+    for setting in SETTINGS:  # only a number has a range, and its default lies in it
         default = getattr(FIRST, setting.name)
-        assert isinstance(default, bool) == (setting.low is None)
+        assert isinstance(default, bool | str) == (setting.low is None)
+        assert setting.options is None or default in dict(setting.options)
         assert setting.low is None or setting.low <= default <= (setting.high or 0.0)
 
 

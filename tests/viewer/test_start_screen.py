@@ -279,7 +279,9 @@ def test_examples_and_sessions_have_pictures(empty: PageServer) -> None:
     assert picture.headers["content-type"] == "image/jpeg"
     assert picture.content[:2] == b"\xff\xd8"
     assert get(empty, "/start/picture/example/nothing").status_code == 409
-    assert get(empty, "/start/picture/folder/a").status_code == 404
+    assert get(empty, "/start/picture/folder/a").status_code == 409, "it has no image"
+    assert get(empty, "/start/picture/folder/../outside").status_code in (404, 409)
+    assert get(empty, "/start/picture/camera/a").status_code == 404
 
 
 def test_sessions_are_offered_where_only_the_user_reaches_the_page(state_home: Path, root: Path) -> None:

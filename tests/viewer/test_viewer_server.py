@@ -342,16 +342,34 @@ def test_auto_runs_until_finished(server):
     assert "Auto has finished" in state["log"][-1]["text"]
 
 
-def test_auto_stops_when_unsure(server, integration):
+def test_auto_waits_where_it_is_unsure_and_goes_on_after_the_verdict(server, integration):
     integration.scores = 0.1
     with Tab(server) as tab:
         tab.ready()
         tab.say(type="set", auto_threshold=0.75)
         tab.say(type="auto", running=True)
-        state = tab.state_where(lambda s: s["log"])
+        state = tab.state_where(lambda s: s["auto"]["waits_for"])
+        assert state["pending"]["view_index"] == 1
+        assert "0.10, below 0.75" in state["log"][-1]["text"]
+        tab.say(type="do", action="reject", view_index=1)
+        state = tab.state_where(lambda s: s["auto"]["waits_for"] and s["pending"]["view_index"] == 2)
+        assert state["auto"]["running"]
+        tab.say(type="do", action="undo")
+        state = tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 1)
     assert not state["auto"]["running"]
-    assert state["pending"]["view_index"] == 1
-    assert "0.10, below 0.75" in state["log"][-1]["text"]
+
+
+def test_auto_ends_after_as_many_views_as_chosen_and_step_goes_on(server):
+    with Tab(server) as tab:
+        tab.ready()
+        tab.say(type="set", auto_until="views", auto_views=3)
+        tab.say(type="auto", running=True)
+        state = tab.state_where(lambda s: s["auto"]["ended"])
+        assert (state["step"], state["phase"], state["auto"]["running"]) == (3, "ready", False)
+        tab.say(type="do", action="step")
+        tab.state_where(lambda s: s["pending"])
+        tab.say(type="set", auto_until="most")
+        assert "auto_until" in tab.note()["text"]
 
 
 def test_a_decision_by_hand_stops_auto(server, integration):

@@ -87,6 +87,7 @@ class Areas:
 
     integration: Integration
     _known: dict[Hashable, float] = field(default_factory=dict)
+    _planned: dict[Hashable, dict[int, float]] = field(default_factory=dict)
 
     def added_m2(self, document: Document) -> list[float | None]:
         """Return the area added by the start view and each accepted view; None where not computed yet."""
@@ -102,6 +103,15 @@ class Areas:
         if _key(document, order) not in self._known:
             self.compute(document, order)
         return self._known[_key(document, order)]
+
+    def planned_m2(self, document: Document, order: int) -> dict[int, float]:
+        """Return what the planner expected of each view at the time when it had ``order`` others."""
+        key = _key(document, order)
+        if key not in self._planned:
+            before = replace(at_step(document, order), rejected=(), skipped=())
+            candidates = self.integration.plan(before).candidates
+            self._planned[key] = {c.view_index: c.new_m2 for c in candidates}
+        return self._planned[key]
 
     def missing(self, document: Document) -> list[int]:
         """Return the orders of the views after which the area is not known, the last first."""
@@ -255,6 +265,16 @@ def _parts(integration: Integration, view_index: int, states: Uint8 | None) -> I
     )
 
 
+def expected_next_m2(areas: Areas, document: Document) -> float | None:
+    """Return what the next view is expected to add, in the light of what the last ones did; None: unknown."""
+    plan = areas.integration.plan(replace(document, pending=None, finished=None))
+    planned = {c.view_index: c.new_m2 for c in plan.candidates}
+    if plan.view_index not in planned:
+        return None
+    share = _share(areas, document)
+    return planned[plan.view_index] * (1.0 if share is None else min(1.0, share))
+
+
 def _more(areas: Areas, document: Document) -> More:
     plan = areas.integration.plan(replace(document, pending=None, finished=None))
     angles_deg = areas.integration.recording.angles_deg
@@ -272,8 +292,7 @@ def _share(areas: Areas, document: Document) -> float | None:
     expected = added = 0.0
     first = max(0, len(document.accepted) - _LAST_VIEWS)
     for order, accepted in enumerate(document.accepted[first:], start=first):
-        before = replace(at_step(document, order), rejected=(), skipped=())
-        planned = {c.view_index: c.new_m2 for c in areas.integration.plan(before).candidates}
+        planned = areas.planned_m2(document, order)
         if accepted.view_index in planned:
             expected += planned[accepted.view_index]
             added += max(0.0, areas.total_m2(document, order + 1) - areas.total_m2(document, order))

@@ -86,7 +86,7 @@ class RobustMethod(Method):
         if best.new_m2 < c.least_new_m2:
             reason = f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2."
             return _no_plan(reason, rated)
-        if len(used) >= c.most_views and not self.is_unattended:
+        if len(used) >= c.most_views and self.is_limited:
             more = sum(candidate.new_m2 >= c.least_new_m2 for candidate in rated)
             reason = f"The limit of {len(used)} views is reached; {more} more may show cloth that is missing."
             return _no_plan(f"{reason} Choose one to continue.", rated)
@@ -315,6 +315,7 @@ def _edges_of(shape: JointShape) -> SurfaceEdges:
         edges=shape.links.edges,
         length_m=shape.links.length_m,
         evidence=shape.evidence,
+        view_index=np.array(shape.views, dtype=np.int32)[shape.links.observation],
     )
 
 

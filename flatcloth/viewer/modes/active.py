@@ -147,7 +147,7 @@ class ActiveApplication(Application):
         """Also let the cell turn, and put off what is not sure, as a run without an operator does."""
         pending = self._state.document.pending
         if self._state.phase is Phase.FINISHED or (pending is None and self._undecided is not None):
-            if self._page_status.auto and self._undecided is None and not self._is_turning:
+            if self._page_status.auto.running and self._undecided is None and not self._is_turning:
                 if isinstance(self.loop.asked, Next) and self._eye is not None:
                     if not isinstance(self._eye, CameraEye):  # a person turns, and says so
                         self._turn()
@@ -155,7 +155,7 @@ class ActiveApplication(Application):
                     self._end_auto("info", self.loop.asked.reason)
             return
         low = pending is not None and not pending.score >= self._page_settings.now.auto_threshold
-        if self._page_status.auto and pending is not None and low and self._is_up_to_date:
+        if self._page_status.auto.running and pending is not None and low and self._is_up_to_date:
             self._do(Reject(pending.view_index, UNSURE))
             return
         super()._auto_step()
@@ -243,7 +243,7 @@ class ActiveApplication(Application):
     def _better_start(self) -> int | None:
         """Return the start view that Auto begins again with, once each."""
         better = None
-        if self._page_status.auto:
+        if self._page_status.auto.running:
             better = better_start(self._integration, self._state.document)
         return None if better == self._restarted_with else better
 

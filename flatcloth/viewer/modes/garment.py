@@ -68,6 +68,8 @@ class GarmentController:
         Called on the application thread when the status has changed.
     tell : callable
         Sends a message to a tab.
+    of_joint : callable
+        Returns the decision about a joint of the shape.
     """
 
     def __init__(
@@ -76,8 +78,10 @@ class GarmentController:
         put: Callable[[Callable[[], None]], None],
         changed: Callable[[], None],
         tell: Callable[[int | None, ServerMessage], None],
+        of_joint: Callable[[asked.DecideJoint], GarmentCommand],
     ) -> None:
         self._service, self._put, self._changed, self._tell = service, put, changed, tell
+        self._of_joint = of_joint
         self._worker = Worker("flatcloth-garment")
         self._asked: Document | None = None
         self._answered: Document | None = None
@@ -162,6 +166,8 @@ class GarmentController:
         FlatclothError
             If there is no garment, or no such point or kind.
         """
+        if isinstance(message, asked.DecideJoint):
+            return self._of_joint(message)
         known = self._known()
         match message:
             case asked.SetKind(kind=kind):

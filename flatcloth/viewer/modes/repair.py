@@ -18,7 +18,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import PairFit, RefinedScore, fit_pairs
-from flatcloth.session.machine import Document, Pending
+from flatcloth.session.machine import Document, Nudge, Pending
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer, ServerMessage
 from flatcloth.viewer.protocol.picture import Overlay
@@ -149,6 +149,28 @@ def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:
     own = np.array(pairs.new_uv_m, dtype=np.float64).reshape(-1, 2)
     there = np.array(pairs.shape_uv_m, dtype=np.float64).reshape(-1, 2)
     return fit_pairs(placement.apply(own), there, np.array(pairs.weights))
+
+
+def fitted(
+    document: Document, placed: tuple[Pending, Overlay] | None, pairs: messages.Pairs
+) -> tuple[Nudge | None, PairsAnswer]:
+    """Return the decision that fits pairs, if that is wanted, and what the page is told of the fit.
+
+    Raises
+    ------
+    FlatclothError
+        If the proposal is another by now, or is not drawn yet.
+    """
+    meant(document, pairs.view_index)
+    if placed is None:
+        raise FlatclothError("The proposal is being drawn; fit the pairs again in a moment.")
+    pending, overlay = placed
+    shown = overlay.shown(pending)
+    fit = fit_of(shown, pairs)
+    if not pairs.fit:
+        return None, pairs_answer(fit)
+    nudge = Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of")
+    return nudge, pairs_answer(fit_of(fit.by @ shown, pairs))
 
 
 def pairs_answer(fit: PairFit) -> PairsAnswer:

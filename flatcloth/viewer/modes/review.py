@@ -14,8 +14,9 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
+from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.result import Areas, Result, result_of
+from flatcloth.engine.results.result import Areas, Result, expected_next_m2, result_of
 from flatcloth.export.history import read_history
 from flatcloth.export.review import FLAGS, SUSPECT, Flags, overridden
 from flatcloth.flattening.surface import item_mask
@@ -26,6 +27,7 @@ from flatcloth.viewer import http
 from flatcloth.viewer.protocol.answers import ExpectedArea, LeftOutView, MoreViews, ResultInfo
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.state import ReviewInfo, ViewRow
+from flatcloth.viewer.summary import keep_summary
 
 _log = logging.getLogger(__name__)
 
@@ -42,6 +44,8 @@ class ReviewService:
         The session's; only read.
     folder : object
         Its folder; a session in memory has no journal, and thus no flag of an overridden check.
+    garments : GarmentService
+        Knows the garment that was recognised last.
     picture : callable
         Returns the present picture; called from any thread.
     later : callable
@@ -54,11 +58,12 @@ class ReviewService:
         self,
         integration: Integration,
         folder: object,
+        garments: GarmentService,
         picture: Callable[[], Picture | None],
         later: Callable[[Callable[[], None]], None],
         changed: Callable[[], None],
     ) -> None:
-        self._integration, self._folder = integration, folder
+        self._integration, self._folder, self._garments = integration, folder, garments
         self._picture, self._later, self._changed = picture, later, changed
         self._areas = Areas(integration)
         self._flags = Flags(integration.accept_score)
@@ -85,6 +90,7 @@ class ReviewService:
             return
         if picture.sheet is not None:
             self._areas.note(document, picture.sheet.canonical)
+            self._later(self.keep_summary)
         with self._lock:
             self._document = document
             known = not self._areas.missing(document) and self._read == document.accepted
@@ -92,6 +98,17 @@ class ReviewService:
             self._working = self._working or begins
         if begins:
             self._later(self._work)
+
+    def keep_summary(self) -> None:
+        """Keep how far the session is, for lists of sessions."""
+        picture = self._picture()
+        if picture is not None and picture.sheet is not None and picture.document is not None:
+            sheet, folder = picture.sheet, getattr(self._folder, "folder", None)
+            keep_summary(folder, picture.document, sheet.shape_m2, sheet.floating_m2, self._garments.last)
+
+    def foresee(self, document: Document, done: Callable[[Document, float | None], None]) -> None:
+        """Look up what the next view is expected to add (m2); ``done`` is called on the worker."""
+        self._later(lambda: done(document, expected_next_m2(self._areas, document)))
 
     def of_views(
         self, views: tuple[ViewRow, ...], document: Document

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from dataclasses import replace
 from functools import partial
 
@@ -12,11 +11,10 @@ from msgspec import structs
 from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Floats, Rigid2, RotationAxis, finite
+from flatcloth.core.types import Floats, Rigid2, RotationAxis
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import RefinedScore
-from flatcloth.session.axis_file import check_axis
 from flatcloth.session.commands import LeaveOut, paint
 from flatcloth.session.machine import (
     Accept,
@@ -37,20 +35,22 @@ from flatcloth.session.machine import (
     TakePart,
 )
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.modes import repair
+from flatcloth.viewer import auto
+from flatcloth.viewer.joints import JointService
+from flatcloth.viewer.modes import repair, session_work
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.other_side import OtherSideController
 from flatcloth.viewer.modes.review import ReviewService
-from flatcloth.viewer.modes.session_work import Answer, SessionWork, chosen, placing_piece, turned_about
+from flatcloth.viewer.modes.session_work import Answer, SessionWork
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import garment, messages
 from flatcloth.viewer.protocol.actions import NOT_LIVE
-from flatcloth.viewer.protocol.allowed import command_of, nudge_about
+from flatcloth.viewer.protocol.allowed import command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
-from flatcloth.viewer.protocol.snapshot import center_uv_m
+from flatcloth.viewer.protocol.snapshot import Auto
 from flatcloth.viewer.protocol.state import PageState
 
 _log = logging.getLogger(__name__)
@@ -77,6 +77,8 @@ class Application(PageController):
     ) -> None:
         super().__init__(integration, folder, scene_view, sink)
         self._going_on = False
+        self._expected: tuple[Document, float | None] | None = None
+        self._placing = session_work.Placing()
         on_thread = partial(self._put, None)
         self.other = OtherSideController(BothSides(integration), on_thread, self._other_made, self._publish)
         tell = partial(sink.tell, None)
@@ -88,12 +90,16 @@ class Application(PageController):
         self._review = ReviewService(
             integration,
             folder,
+            self.garments,
             lambda: self._picture,
             self._work.later,
             lambda: self._put(None, self._publish),
         )
         self._sides = SideController(integration, on_thread, self._sides_changed)
-        self._garment = GarmentController(self.garments, on_thread, self._publish, sink.tell)
+        self._joints = JointService(integration, self.garments, lambda: self._picture)
+        self._garment = GarmentController(
+            self.garments, on_thread, self._publish, sink.tell, self._joints.decision
+        )
 
     @property
     def _state(self) -> SessionState:
@@ -107,6 +113,7 @@ class Application(PageController):
             *super().routes(),
             *self._diagnostics.routes(),
             *self._review.routes(),
+            *self._joints.routes(),
             *self._sides.routes(lambda: self._picture),
             *self.other.routes(),
         ]
@@ -123,6 +130,7 @@ class Application(PageController):
         """Stop the running work and both threads; the journal keeps the session."""
         self._put(None, self._work.cancel)
         self._front.stop(timeout_s=5.0)
+        self._review.keep_summary()
         self._work.stop()
         self._repair.stop(timeout_s=2.0)
         self._sides.stop()
@@ -146,7 +154,7 @@ class Application(PageController):
     def _restart(self) -> None:
         self._work.cancel()
         self._work.forget_picture()
-        self._page_status = replace(self._page_status, auto=False)
+        self._page_status = replace(self._page_status, auto=Auto())
         self._settle()
 
     def _take(self, client: int, message: messages.Message) -> None:
@@ -165,16 +173,19 @@ class Application(PageController):
             case messages.LeaveOut(view_index=view, part_view=part_view, component=component):
                 self._by_hand(LeaveOut(view, part_view, component))
             case messages.PlacePiece(label=label):
-                # Propose the view that shows most of the piece again, with the component that shows it.
                 sheet = None if self._picture is None else self._picture.sheet
-                for command in placing_piece(self._integration, self._state.document, sheet, label):
+                laid = self.other.laid(self._state.document)
+                self._placing = session_work.placing_piece(
+                    self._integration, self._state.document, sheet, label, self.garments.last, laid
+                )
+                for command in self._placing.commands:
                     self._by_hand(command)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():
                 self._fit(client, message)
             case messages.Choose(view_index=view, index=index):
-                self._by_hand(chosen(self._state.document.pending, self._overlay, view, index))
+                self._by_hand(session_work.chosen(self._state.document.pending, self._overlay, view, index))
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
             case messages.ShowEdges(show=show):
@@ -198,8 +209,11 @@ class Application(PageController):
             case garment.PickPoint(name=name):
                 u, v, side = self._garment.seen_point(name, self.other.status.made)
                 self._pick_at(u, v, name, side)
+            case messages.GoTo():
+                for command in session_work.way_to(self._state, message):
+                    self._by_hand(command)
             case messages.SetAuto(running=running):
-                self._page_status = replace(self._page_status, auto=running)
+                self._page_status = replace(self._page_status, auto=Auto(running=running))
                 self._settle()
             case _:
                 raise FlatclothError(NOT_LIVE)
@@ -207,7 +221,11 @@ class Application(PageController):
     def _decide(self, client: int, do: messages.Do) -> None:
         if do.action == "step" and self._page_status.trouble:
             raise FlatclothError(self._page_status.trouble)
-        given = {"view_index": do.view_index, "reason": do.reason, "score": self._score_now()}
+        given = {
+            "view_index": do.view_index,
+            "reason": do.reason,
+            "score": session_work.score_shown(self._picture, self._state.document),
+        }
         before = self._state
         command = command_of(do.action, before, {k: v for k, v in given.items() if v is not None})
         self._going_on = self._page_settings.now.advance and isinstance(command, Accept | Reject | Skip)
@@ -222,19 +240,10 @@ class Application(PageController):
         return None if self._picture is None else self._picture.overlay
 
     def _placed(self) -> tuple[Pending, Overlay] | None:
-        """Return the proposal with its picture, None while there is none."""
-        overlay, pending = self._overlay, self._state.document.pending
-        if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
-            return None
-        return pending, overlay
+        return session_work.placed(self._state.document, self._overlay)
 
     def _meant(self, theta_rad: float, u_m: float, v_m: float) -> Rigid2:
-        """Return the nudge for a turn about the centre of the shown proposal, and a shift."""
-        placed = self._placed()
-        if placed is None:
-            return nudge_about((0.0, 0.0), theta_rad, u_m, v_m)
-        pending, overlay = placed
-        return overlay.meant(pending, nudge_about(center_uv_m(pending, overlay), theta_rad, u_m, v_m))
+        return session_work.meant(self._placed(), theta_rad, u_m, v_m)
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
@@ -257,23 +266,14 @@ class Application(PageController):
         self._tell(client, "info", text)
 
     def _fit(self, client: int, pairs: messages.Pairs) -> None:
-        repair.meant(self._state.document, pairs.view_index)
-        placed = self._placed()
-        if placed is None:
-            raise FlatclothError("The proposal is being drawn; fit the pairs again in a moment.")
-        pending, overlay = placed
-        fit = repair.fit_of(overlay.shown(pending), pairs)
-        if pairs.fit:
-            fitted = fit.by @ overlay.shown(pending)
-            self._by_hand(Nudge(pairs.view_index, overlay.meant(pending, fit.by), "fit pairs of"))
-            fit = repair.fit_of(fitted, pairs)
-        self._sink.tell(client, repair.pairs_answer(fit))
+        nudge, answer = repair.fitted(self._state.document, self._placed(), pairs)
+        if nudge is not None:
+            self._by_hand(nudge)
+        self._sink.tell(client, answer)
 
     def _sides_changed(self, changed: str) -> None:
         """Report the effect of a stroke; the labels of the cloth have changed."""
-        if not changed:
-            return self._publish()
-        self._tell(None, "info", changed)
+        self._tell(None, "info", changed) if changed else self._publish()
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:
@@ -282,26 +282,18 @@ class Application(PageController):
         if dab is not None:
             self._by_hand(paint(dab))
 
-    def _score_now(self) -> float | None:
-        """Return the score of the present placement of the proposal, if that is shown."""
-        picture = self._picture
-        if picture is None or picture.overlay is None or picture.document is not self._state.document:
-            return None
-        return finite(picture.overlay.score.total)
-
     def adjust_axis(self, axis: RotationAxis) -> None:
         """Set the turning axis by hand; may be called from any thread."""
         self._put(None, lambda: self._adjust_axis(axis))
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
-        check_axis(axis)
-        if self._state.request is not None:
-            raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
-        self._folder.keep_axis(axis)
-        self._page_status = replace(self._page_status, auto=False)
+        session_work.keep_axis(axis, self._folder)
+        self._page_status = replace(self._page_status, auto=Auto())
 
         def work() -> None:
-            text = turned_about(self._integration, axis)  # later jobs of the queue use the new axis
+            text = session_work.turned_about(
+                self._integration, axis
+            )  # later jobs of the queue use the new axis
             self._put(None, lambda: self._turned_about(axis, text))
 
         self._work.later(work)
@@ -314,8 +306,8 @@ class Application(PageController):
         self._tell(None, "info", text)
 
     def _by_hand(self, command: Command) -> None:
-        # A decision by hand stops Auto.
-        self._page_status = replace(self._page_status, auto=False)
+        # A decision by hand stops Auto, unless Auto waits for it.
+        self._page_status = replace(self._page_status, auto=auto.after(self._page_status.auto, command))
         self._do(command)
 
     def _do(self, command: Command | Event) -> None:
@@ -334,14 +326,14 @@ class Application(PageController):
         self._work.follow(self._state)
         self._follow_garment()
         # After Auto, both sides are known as after an unattended run.
-        self.other.is_wanted |= self._state.phase is Phase.FINISHED and self._page_status.auto
-        self.other.follow(self._picture, busy=self._page_status.auto)
+        self.other.is_wanted |= self._state.phase is Phase.FINISHED and self._page_status.auto.running
+        self.other.follow(self._picture, busy=self._page_status.auto.is_busy)
         if document.start_view is None and self._picture is not None:
             self._picture = None
             self._scene_view.show(None)
             self._diagnostics.picture_changed()
         self._publish()
-        if self._page_status.auto:
+        if self._page_status.auto.running:
             self._put(None, self._auto_step)
         elif self._going_on and self._state.phase is not Phase.COMPUTING:
             self._put(None, self._go_on)
@@ -353,28 +345,32 @@ class Application(PageController):
             self._do(Propose())
 
     def _auto_step(self) -> None:
-        state, status, threshold = self._state, self._page_status, self._page_settings.now.auto_threshold
-        up_to_date = self._picture is not None and self._picture.document is state.document
-        started = state.document.start_view is not None
-        if not status.auto or state.phase is Phase.COMPUTING or (started and not up_to_date):
-            return
-        pending = state.document.pending
-        if state.phase is Phase.FINISHED:
-            self._end_auto("info", f"Auto has finished. {state.document.finished}")
-        elif pending is None:
-            self._do(Propose() if started else Start())
-        elif math.isfinite(pending.score) and pending.score >= threshold:
-            self._do(Accept(pending.view_index, self._score_now()))
-        else:
-            self._end_auto(
-                "warning",
-                f"Auto stopped: the score of view {pending.view_index} is {pending.score:.2f}, below"
-                f" {threshold:.2f}. Accept, move or reject it.",
-            )
+        running, settings = self._page_status.auto, self._page_settings.now
+        step = auto.next_step(self._state, running, settings, self._picture, self._expected)
+        match step:
+            case None:
+                return
+            case auto.Foresee():
+                self._review.foresee(self._state.document, self._foreseen)
+            case auto.Wait(text):
+                self._page_status = replace(self._page_status, auto=Auto(running=True, waits_for=text))
+                self._follow_garment()
+                self._tell(None, "warning", text)
+            case auto.End():
+                self.other.is_wanted = True
+                self._end_auto(step.level, step.text, step.by_choice)
+            case Accept(view_index=view):
+                self._do(Accept(view, session_work.score_shown(self._picture, self._state.document)))
+            case _:
+                self._do(step)
+
+    def _foreseen(self, document: Document, expected_m2: float | None) -> None:
+        self._expected = document, expected_m2
+        self._put(None, self._auto_step)
 
     def _follow_garment(self) -> None:
         shown = None if self._picture is None else self._picture.document
-        self._garment.follow(shown, busy=self._page_status.auto)
+        self._garment.follow(shown, busy=self._page_status.auto.is_busy)
 
     def _other_made(self) -> None:
         """Show the other side beside the shape that it was joined to."""
@@ -387,8 +383,8 @@ class Application(PageController):
             self._picks.redraw(self._picture)
         self._settle()
 
-    def _end_auto(self, level: NoteLevel, text: str) -> None:
-        self._page_status = replace(self._page_status, auto=False)
+    def _end_auto(self, level: NoteLevel, text: str, ended: str = "") -> None:
+        self._page_status = replace(self._page_status, auto=Auto(ended=ended))
         self._follow_garment()
         self.other.follow(self._picture, busy=False)
         self._tell(None, level, text)
@@ -398,14 +394,16 @@ class Application(PageController):
         state = self._state_of(self._picture, session=self._state)
         views, review = self._review.of_views(state.views, self._state.document)
         told = {"sides": self._sides.info(), "garment": self._garment.info(), "other": self.other.info()}
-        return structs.replace(state, views=views, review=review, **told)
+        until = structs.replace(state.auto, until=auto.until_text(self._page_settings.now))
+        pending = self._placing.shown(state.pending, self._overlay)
+        return structs.replace(state, views=views, review=review, pending=pending, auto=until, **told)
 
     # --- results of the worker ---------------------------------------------------------------
 
     def _answered(self, answer: Answer) -> None:
         before, event = self._state, answer.event
         if event is None:
-            self._page_status = replace(self._page_status, auto=False)
+            self._page_status = replace(self._page_status, auto=Auto())
             self._do(Failed(answer.state.request.token if answer.state.request else 0))
             self._tell(None, "error", answer.trouble)
             return

@@ -7,27 +7,39 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Literal, TypeVar
+
+import numpy as np
+from msgspec import structs
 
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.types import LaidPiece, RotationAxis
+from flatcloth.core.types import LaidPiece, Rigid2, RotationAxis, finite
+from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, place_of_piece
 from flatcloth.engine.warmup import wait_until_compiled
+from flatcloth.session.axis_file import check_axis
 from flatcloth.session.machine import (
     Command,
     Document,
     Event,
     Nudge,
     Pending,
+    Redo,
     Reopen,
     Request,
     SessionState,
     TakePart,
+    Undo,
     apply,
 )
+from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.protocol.allowed import nudge_about
+from flatcloth.viewer.protocol.messages import GoTo
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import Progress
+from flatcloth.viewer.protocol.snapshot import center_uv_m, placement_of
+from flatcloth.viewer.protocol.state import GhostInfo, PendingInfo
 from flatcloth.viewer.worker import Worker
 
 _log = logging.getLogger(__name__)
@@ -217,6 +229,20 @@ def turned_about(integration: Integration, axis: RotationAxis) -> str:
         return f"The turning axis was set by hand. {error}"
 
 
+def keep_axis(axis: RotationAxis, folder: SessionFolder) -> None:
+    """Keep an axis that was set by hand with its session.
+
+    Raises
+    ------
+    FlatclothError
+        If there cannot be such an axis, or a computation runs.
+    """
+    check_axis(axis)
+    if folder.state.request is not None:
+        raise FlatclothError("The axis cannot be set during a computation: wait, or cancel it.")
+    folder.keep_axis(axis)
+
+
 def chosen(pending: Pending | None, overlay: Overlay | None, view: int, index: int) -> Nudge:
     """Return the decision that moves a proposal to one of its hypotheses.
 
@@ -236,10 +262,82 @@ def chosen(pending: Pending | None, overlay: Overlay | None, view: int, index: i
     return Nudge(view, target @ pending.current_from_new.inverse())
 
 
+def placed(document: Document, overlay: Overlay | None) -> tuple[Pending, Overlay] | None:
+    """Return the proposal with its picture, None while there is none."""
+    pending = document.pending
+    if overlay is None or pending is None or overlay.proposal.view_index != pending.view_index:
+        return None
+    return pending, overlay
+
+
+def way_to(state: SessionState, asked: GoTo) -> Sequence[Command]:
+    """Return the commands that lead to an earlier or later decision of the list of what was done.
+
+    Raises
+    ------
+    FlatclothError
+        If the list has changed since.
+    """
+    now, all_of = len(state.undo), len(state.undo) + len(state.redo)
+    if asked.of != all_of or asked.done > all_of:
+        raise FlatclothError("The list of what was done has changed; look again.")
+    return [Undo()] * (now - asked.done) + [Redo()] * (asked.done - now)
+
+
+def score_shown(picture: Picture | None, document: Document) -> float | None:
+    """Return the score of the present placement of the proposal, if that is shown."""
+    if picture is None or picture.overlay is None or picture.document is not document:
+        return None
+    return finite(picture.overlay.score.total)
+
+
+def meant(shown: tuple[Pending, Overlay] | None, theta_rad: float, u_m: float, v_m: float) -> Rigid2:
+    """Return the nudge for a turn about the centre of the shown proposal, and a shift."""
+    if shown is None:
+        return nudge_about((0.0, 0.0), theta_rad, u_m, v_m)
+    pending, overlay = shown
+    return overlay.meant(pending, nudge_about(center_uv_m(pending, overlay), theta_rad, u_m, v_m))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placing:
+    """The decisions that make a floating piece the proposal, and where it may belong.
+
+    ``ghosts`` are source, placement (plane of the shape from the component's own) and deviation (m).
+    """
+
+    commands: tuple[Command, ...] = ()
+    view_index: int = -1
+    component: int = -1
+    ghosts: tuple[tuple[Literal["garment", "seams"], Rigid2, float], ...] = ()
+
+    def shown(self, pending: PendingInfo | None, overlay: Overlay | None) -> PendingInfo | None:
+        """Return the proposal for the page, with the ghosts if it is that of the piece."""
+        if pending is None or overlay is None or pending.view_index != self.view_index:
+            return pending
+        if not any(part.chosen and part.component == self.component for part in pending.pieces):
+            return pending
+        center = np.array(overlay.own_center_uv_m)
+        ghosts = tuple(
+            GhostInfo(
+                source=source, placement=placement_of(overlay.sheet.shown(motion, center)), std_mm=1e3 * std_m
+            )
+            for source, motion, std_m in self.ghosts
+        )
+        return structs.replace(pending, ghosts=ghosts)
+
+
 def placing_piece(
-    integration: Integration, document: Document, sheet: Sheet | None, label: str
-) -> tuple[Command, ...]:
-    """Return the decisions that make the view that shows most of a floating piece the proposal, with it.
+    integration: Integration,
+    document: Document,
+    sheet: Sheet | None,
+    label: str,
+    known: KnownGarment | None = None,
+    laid: Sequence[LaidPiece] = (),
+) -> Placing:
+    """Return how the view that shows most of a floating piece becomes the proposal, with the piece.
+
+    ``known`` is the garment, if it was recognised; ``laid`` are the pieces that seams lay.
 
     Raises
     ------
@@ -247,8 +345,23 @@ def placing_piece(
         If there is no such piece, or only the start view shows it.
     """
     piece = next((p for p in (() if sheet is None else sheet.pieces) if p.label == label), None)
-    if piece is None:
+    if sheet is None or piece is None:
         raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
     accepted = [a.view_index for a in document.accepted]
     found = place_of_piece(integration.views, piece, accepted)
-    return Reopen(found.view_index), TakePart(found.view_index, found.component, found.placement)
+    plane_from_own = piece.sheet_from_plane.inverse() @ found.placement
+    ghosts: list[tuple[Literal["garment", "seams"], Rigid2, float]] = []
+    if known is not None and known.canonical is sheet.canonical:
+        own = [p for p in known.found.pieces if p.index == piece.number - 1]
+        ghosts += [("garment", p.shape_from_piece @ plane_from_own, p.std_m) for p in own]
+    by_seams = [each for each in laid if each.index == piece.number - 1]
+    ghosts += [("seams", each.shape_from_piece @ plane_from_own, each.std_m) for each in by_seams]
+    return Placing(
+        commands=(
+            Reopen(found.view_index),
+            TakePart(found.view_index, found.component, found.placement),
+        ),
+        view_index=found.view_index,
+        component=found.component,
+        ghosts=tuple(ghosts),
+    )

@@ -67,11 +67,25 @@ ACTIONS: tuple[Action, ...] = (
         "auto",
         "Auto",
         ("g",),
-        "Accept proposals by their score, until finished or below the limit.",
+        "Accept proposals by their score; waits for you where one is unsure. Again: stop.",
         "session",
+    ),
+    Action(
+        "auto_until",
+        "Auto until",
+        ("Shift+a",),
+        "Choose how far Auto runs: all views, until a view adds little, or a number of views.",
+        "timeline",
     ),
     Action("cancel", "Cancel", ("Escape",), "Cancel the running computation.", "session"),
     Action("restart", "Restart", ("n",), "Start again from the largest view; this can be undone.", "session"),
+    Action(
+        "history",
+        "Done",
+        ("Shift+k",),
+        "Show or hide the list of what was done; click to go back.",
+        "timeline",
+    ),
     Action(
         "reopen",
         "Reopen",
@@ -266,6 +280,13 @@ ACTIONS: tuple[Action, ...] = (
         "Show or hide the seams that join both sides: what speaks for each, cut or keep.",
         "sides",
     ),
+    Action(
+        "joints",
+        "Why joined",
+        ("Shift+y",),
+        "Show what holds the parts of the shape: views, pairs, residuals; cut or keep. Click cloth to ask.",
+        "timeline",
+    ),
     Action("show_sides", "Sides", ("Shift+o",), "Show or hide which side the cloth is.", "sides"),
     Action("show_certainty", "Certainty", ("Shift+u",), "Show where the side is uncertain.", "sides"),
     Action(
@@ -308,6 +329,7 @@ ACTIONS: tuple[Action, ...] = (
         "In a narrow window: show the next pane (flattened view, 3D, details).",
         "view",
     ),
+    Action("column", "Next part", ("Shift+x",), "Show the next part of the right column.", "view"),
     Action("readout", "Values", ("Shift+b",), "Fold or unfold the values under the pointer.", "view"),
     Action("follow", "Follow", ("v",), "Keep the 3D camera at the real camera's position.", "view"),
     Action(

@@ -163,6 +163,42 @@ class MoreViews(Sent, frozen=True):
     expected: list[ExpectedArea]
 
 
+class HeldByView(Sent, frozen=True):
+    """A view that joins a part to the rest: pairs, median and ninth decile of residuals, and their pixels."""
+
+    view_index: int
+    angle_deg: float
+    pairs: int
+    residual_mm: tuple[float, float]
+    rc: list[UV]
+
+
+class JointInfo(Sent, frozen=True):
+    """Where a part of the shape is joined to the rest, and what holds it.
+
+    ``evidence`` for each row of samples, ``weak``: as false links have it; ``probability`` that the link is
+    right by the garment, None: no garment says anything.
+    """
+
+    area_cm2: float
+    evidence: float
+    weak: bool
+    probability: float | None
+    kept: bool
+    outline_uv_m: list[list[UV]]
+    seam_uv_m: list[UV]
+    seam_xyz_m: list[XYZ]
+    views: list[HeldByView]
+
+
+class JointsInfo(Sent, frozen=True):
+    """The answer of ``/joints/REVISION.json``: the weakest joints first; ``trouble`` if there are none."""
+
+    revision: int
+    trouble: str = ""
+    joints: list[JointInfo] = msgspec.field(default_factory=list)
+
+
 class ResultInfo(Sent, frozen=True):
     """The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed.
 

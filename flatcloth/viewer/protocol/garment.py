@@ -152,6 +152,14 @@ class DecideLink(Said, tag="decide_link", frozen=True, kw_only=True):
     taken_off: bool
 
 
+class DecideJoint(Said, tag="decide_joint", frozen=True, kw_only=True):
+    """Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``."""
+
+    revision: Count
+    index: Annotated[int, Meta(ge=0)]
+    cut: bool
+
+
 class PickPoint(Said, tag="pick_point", frozen=True, kw_only=True):
     """Pick a named point of the garment as a grasp."""
 

@@ -33,6 +33,7 @@ from flatcloth.viewer.protocol.fields import (
     Weights,
 )
 from flatcloth.viewer.protocol.garment import (
+    DecideJoint,
     DecideLink,
     DecidePiece,
     DecideSeam,
@@ -203,6 +204,13 @@ class SetGrip(Said, tag="grip", frozen=True, kw_only=True):
     opening_m: Metres | None = None
 
 
+class GoTo(Said, tag="go_to", frozen=True, kw_only=True):
+    """Undo or redo until ``done`` of the decisions are done; ``of`` are those that were listed, in number."""
+
+    done: Count
+    of: Count
+
+
 class SetAuto(Said, tag="auto", frozen=True, kw_only=True):
     """Switch Auto on or off."""
 
@@ -214,6 +222,9 @@ class Set(Said, tag="set", frozen=True, kw_only=True):
 
     reset: bool = False
     auto_threshold: Finite | None = None
+    auto_until: Literal["all", "area", "views"] | None = None
+    auto_least_cm2: Finite | None = None
+    auto_views: Finite | None = None
     advance: bool | None = None
     follow: bool | None = None
     turn_to_pick: bool | None = None
@@ -296,7 +307,7 @@ class WhereToStroke(Said, tag="where_to_stroke", frozen=True, kw_only=True):
     """Ask where the next stroke would settle most."""
 
 
-GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink
+GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink | DecideJoint
 Message = (
     Do
     | Move
@@ -316,6 +327,7 @@ Message = (
     | RenamePick
     | DeletePick
     | SetGrip
+    | GoTo
     | SetAuto
     | Set
     | ShowEdges

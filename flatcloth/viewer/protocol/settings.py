@@ -38,6 +38,9 @@ class Settings:
     """The operator's settings; ``SETTINGS`` describes each."""
 
     auto_threshold: float = 0.75
+    auto_until: Literal["all", "area", "views"] = "all"
+    auto_least_cm2: float = 50.0
+    auto_views: float = 14.0
     advance: bool = False
     follow: bool = True
     turn_to_pick: bool = True
@@ -54,7 +57,7 @@ class _File(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """A row of the table; ``low``, ``high`` and ``step`` are None for a switch."""
+    """A row of the table; ``low``, ``high`` and ``step`` are None for a switch or a choice."""
 
     name: str
     title: str
@@ -62,6 +65,7 @@ class Setting:
     low: float | None = None
     high: float | None = None
     step: float | None = None
+    options: tuple[tuple[str, str], ...] | None = None
 
 
 SETTINGS = (
@@ -73,10 +77,32 @@ SETTINGS = (
     Setting(
         name="auto_threshold",
         title="Auto accepts from",
-        description="Auto accepts a proposal with at least this score, and stops below it.",
+        description="Auto accepts a proposal with at least this score, and waits for you below it.",
         low=0.0,
         high=1.0,
         step=0.05,
+    ),
+    Setting(
+        name="auto_until",
+        title="Auto runs until",
+        description="When Auto proposes no further view.",
+        options=(("all", "no view adds cloth"), ("area", "a view adds little"), ("views", "this many views")),
+    ),
+    Setting(
+        name="auto_least_cm2",
+        title="Little, cm²",
+        description='With "a view adds little": the least area that the next view must be expected to add.',
+        low=1.0,
+        high=5000.0,
+        step=1.0,
+    ),
+    Setting(
+        name="auto_views",
+        title="This many views",
+        description='With "this many views": those of the shape, the start view among them.',
+        low=1.0,
+        high=10000.0,
+        step=1.0,
     ),
     Setting(
         name="step_mm",
@@ -122,7 +148,7 @@ class SettingsStore:
         self.defaults = defaults
         self.now = defaults if self._path is None else _read(self._path, defaults)
 
-    def change(self, **values: float | bool) -> None:
+    def change(self, **values: float | bool | str) -> None:
         """Change settings and save them.
 
         Raises
@@ -168,7 +194,7 @@ class SettingsStore:
         self.now = settings
 
 
-def check(setting: Setting, value: float | bool | None) -> None:
+def check(setting: Setting, value: float | bool | str | None) -> None:
     """Raise if a value is out of its range.
 
     Raises
@@ -177,7 +203,9 @@ def check(setting: Setting, value: float | bool | None) -> None:
         The message gives the range.
     """
     low, high = setting.low, setting.high
-    if value is not None and low is not None and high is not None and not low <= value <= high:
+    if isinstance(value, str) or value is None or low is None or high is None:
+        return
+    if not low <= value <= high:
         raise FlatclothError(f"{setting.title}: between {low:g} and {high:g}, not {value:g}.")
 
 

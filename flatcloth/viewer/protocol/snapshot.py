@@ -43,10 +43,24 @@ from flatcloth.viewer.protocol.state import (
 
 
 @dataclass(frozen=True, kw_only=True)
+class Auto:
+    """Whether Auto runs; ``waits_for`` is what it asks of the operator, ``ended`` why it ended by choice."""
+
+    running: bool = False
+    waits_for: str = ""
+    ended: str = ""
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it changes the shape by itself."""
+        return self.running and not self.waits_for
+
+
+@dataclass(frozen=True, kw_only=True)
 class PageStatus:
     """The state of the page outside the session: Auto, progress, messages."""
 
-    auto: bool = False
+    auto: Auto = Auto()
     edges: bool = False
     progress: Progress | None = None
     log: tuple[Note, ...] = ()
@@ -79,7 +93,7 @@ def page_state(
             name=recording.name, description=recording.description, n_views=len(recording)
         ),
         notes=tuple(integration.notes),
-        auto=AutoInfo(running=status.auto),
+        auto=AutoInfo(running=status.auto.running, waits_for=status.auto.waits_for, ended=status.auto.ended),
         edges=status.edges,
         layers=None if picture is None else _layers(picture),
         pick=picks.current_info(picture, places),
@@ -122,6 +136,8 @@ def _of_session(
         "finished": document.finished,
         "undo": state.undo[-1].name if state.undo else None,
         "redo": state.redo[-1].name if state.redo else None,
+        "done": tuple(item.name for item in state.undo),
+        "undone": tuple(item.name for item in reversed(state.redo)),
         "n_later": len(document.later),
         "request": request and AwaitedRequest(kind=request.kind, view_index=request.view_index),
         "views": tuple(_view(state, i, angle_deg) for i, angle_deg in enumerate(angles_deg)),
@@ -240,7 +256,7 @@ def _joined(overlay: Overlay) -> JoinedPieceInfo | None:
         return None
     piece = overlay.sheet.piece_on_plane(overlay.joined_piece.center_uv_m)
     motion = overlay.joined_piece.target_from_piece @ overlay.sheet.shift(piece).inverse()
-    return None if piece == 0 else JoinedPieceInfo(label=label_of(piece), placement=_placement(motion))
+    return None if piece == 0 else JoinedPieceInfo(label=label_of(piece), placement=placement_of(motion))
 
 
 def _about_center(pending: Pending, overlay: Overlay | None) -> Rigid2:
@@ -256,7 +272,8 @@ def _motion(motion: Rigid2) -> Motion:
     return Motion(theta_deg=math.degrees(motion.theta_rad), u_mm=1000 * motion.u_m, v_mm=1000 * motion.v_m)
 
 
-def _placement(motion: Rigid2) -> Placement:
+def placement_of(motion: Rigid2) -> Placement:
+    """Return a motion for the page."""
     return Placement(theta_rad=motion.theta_rad, u_m=motion.u_m, v_m=motion.v_m)
 
 
@@ -310,7 +327,7 @@ def _overlay(picture: Picture) -> OverlayInfo | None:
         view_index=overlay.proposal.view_index,
         center_uv_m=center_uv_m(pending, overlay),
         differences={kind: typed(difference_legend(kind), Legend) for kind in DIFFERENCES},
-        placement=_placement(overlay.shown(pending)),
+        placement=placement_of(overlay.shown(pending)),
         **grid_of(overlay.view),
     )
 

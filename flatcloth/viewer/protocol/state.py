@@ -184,6 +184,14 @@ class HypothesisInfo(Motion, frozen=True):
     score: float | None
 
 
+class GhostInfo(Sent, frozen=True):
+    """Where a piece placed by hand would lie by the garment, or by seams, with its deviation there."""
+
+    source: Literal["garment", "seams"]
+    placement: Placement
+    std_mm: float
+
+
 class PendingInfo(Sent, frozen=True):
     """The proposal. What the method computes with it has a default while it is being drawn."""
 
@@ -207,6 +215,7 @@ class PendingInfo(Sent, frozen=True):
     cameras: str = ""
     undetermined: tuple[str, ...] = ()
     hypotheses: tuple[HypothesisInfo, ...] = ()
+    ghosts: tuple[GhostInfo, ...] = ()
 
 
 class GripInfo(Sent, frozen=True):
@@ -268,6 +277,21 @@ class Switch(Sent, frozen=True):
     low: None = None
     high: None = None
     step: None = None
+    options: None = None
+
+
+class Choice(Sent, frozen=True):
+    """A setting with one of some options: value and words."""
+
+    name: str
+    title: str
+    description: str
+    value: str
+    default: str
+    options: tuple[tuple[str, str], ...]
+    low: None = None
+    high: None = None
+    step: None = None
 
 
 class Slider(Sent, frozen=True):
@@ -281,6 +305,7 @@ class Slider(Sent, frozen=True):
     low: float
     high: float
     step: float
+    options: None = None
 
 
 class SettingsTable(Sent, frozen=True):
@@ -288,6 +313,9 @@ class SettingsTable(Sent, frozen=True):
 
     advance: Switch
     auto_threshold: Slider
+    auto_until: Choice
+    auto_least_cm2: Slider
+    auto_views: Slider
     step_mm: Slider
     step_deg: Slider
     follow: Switch
@@ -308,9 +336,15 @@ class SidesInfo(Sent, frozen=True):
 
 
 class AutoInfo(Sent, frozen=True):
-    """Whether Auto decides."""
+    """Whether Auto decides; ``waits_for`` the operator, if it does; ``ended`` by choice, and why.
+
+    ``until`` says when it ends.
+    """
 
     running: bool
+    waits_for: str = ""
+    ended: str = ""
+    until: str = ""
 
 
 class LiveInfo(Sent, frozen=True):
@@ -380,6 +414,8 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     finished: str | None = None
     undo: str | None = None
     redo: str | None = None
+    done: tuple[str, ...] = ()
+    undone: tuple[str, ...] = ()
     n_later: int = 0
     request: AwaitedRequest | None = None
     progress: Progress | None = None

@@ -17,6 +17,7 @@ from flatcloth.viewer.protocol.answers import (
     DiagnosticsInfo,
     FrameInfo,
     ItemBox,
+    JointsInfo,
     ResultInfo,
     SeenViews,
     ServerMessage,
@@ -24,7 +25,7 @@ from flatcloth.viewer.protocol.answers import (
 from flatcloth.viewer.protocol.garment import SidePlaces
 from flatcloth.viewer.protocol.messages import KINDS
 
-_ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews, ItemBox, SidePlaces)
+_ANSWERS = (FrameInfo, ResultInfo, DiagnosticsInfo, SeenViews, ItemBox, SidePlaces, JointsInfo)
 """Sent as a binary message, or as the answer of a route."""
 _SCALARS: dict[type, str] = {
     inspect.IntType: "number",

@@ -1,8 +1,8 @@
 """The start screen over HTTP: what can be opened, its pictures, and opening it.
 
 ``GET /start/places.json`` returns the offer, ``GET /start/folder.json?path=`` what lies in a folder below the
-root, ``GET /start/picture/{kind}/{name}`` the first image of an example or a session. ``POST /start/open``
-with ``{"kind": "example", "name": "..."}`` opens it for all tabs, and answers when it is open.
+root, ``GET /start/picture/{kind}/{name}`` the first image of a place, ``GET /start/here.json`` what is open.
+``POST /start/open`` with ``{"kind": "example", "name": "..."}`` opens it for all tabs, and answers then.
 ``POST /start/mend`` with ``{"mends": {"reverse": true}}`` opens what is open again, with these mends. Errors
 are ``{"error": reason}`` with code 400 (malformed), 409 (cannot be opened) or 429 (another is being opened).
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import msgspec
@@ -63,6 +64,8 @@ class StartRoutes:
         Opens a place for all tabs; raises ``FlatclothError``.
     current : callable
         Returns the name of what is open, None if nothing is.
+    folder : callable
+        Returns the folder of the open session.
     mend : callable
         Opens what is open with more mends; raises ``FlatclothError``.
     """
@@ -72,12 +75,13 @@ class StartRoutes:
         places: Places,
         open_place: Callable[[Chosen], None],
         current: Callable[[], str | None],
+        folder: Callable[[], Path | None],
         mend: Callable[[Mends], None],
     ) -> None:
         self._mend = mend
         self._places = places
         self._open = open_place
-        self._current = current
+        self._current, self._session_folder = current, folder
         self._opening = threading.Lock()
         self._pictures: Cache[bytes] = Cache(PICTURES_KEPT)
         self._reading = asyncio.Semaphore(PICTURES_AT_ONCE)
@@ -88,7 +92,8 @@ class StartRoutes:
             Route("/start", self.page),
             Route("/start/places.json", self._offer),
             Route("/start/folder.json", self._folder),
-            Route("/start/picture/{kind}/{name}", self._picture),
+            Route("/start/here.json", self._here),
+            Route("/start/picture/{kind}/{name:path}", self._picture),
             Route("/start/open", self._take, methods=["POST"]),
             Route("/start/mend", self._take_mend, methods=["POST"]),
         ]
@@ -101,6 +106,10 @@ class StartRoutes:
         offer = await run_in_threadpool(self._places.plain)
         return JSONResponse({**offer, "current": self._current()}, headers=_NEW)
 
+    async def _here(self, _request: Request) -> Response:
+        place = await run_in_threadpool(self._places.place_of, self._session_folder())
+        return JSONResponse({"name": self._current(), "place": place}, headers=_NEW)
+
     async def _folder(self, request: Request) -> Response:
         path = request.query_params.get("path", "")
         try:
@@ -110,7 +119,7 @@ class StartRoutes:
 
     async def _picture(self, request: Request) -> Response:
         kind, name = request.path_params["kind"], request.path_params["name"]
-        if kind not in ("example", "session"):
+        if kind not in ("example", "session", "folder"):
             return PlainTextResponse("There is no such picture.", status_code=404)
         async with self._reading:
             return await made(lambda: self._drawn(kind, name), "image/jpeg", kept="private, max-age=600")

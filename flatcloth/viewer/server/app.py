@@ -113,7 +113,11 @@ class PageServer:
         elif integration is not None and folder is not None:
             self._now = _workspace(integration, folder, **more)
         self._start = StartRoutes(
-            places or Places(own=is_loopback(host)), self._open, self._current, self._mend
+            places or Places(own=is_loopback(host)),
+            self._open,
+            self._current,
+            self._session_folder,
+            self._mend,
         )
         self._ready = threading.Event()
         self._uvicorn = limited_server(self._app())
@@ -207,6 +211,9 @@ class PageServer:
 
     def _current(self) -> str | None:
         return None if self._now is None else self._now.name
+
+    def _session_folder(self) -> Path | None:
+        return None if self._now is None else self._now.folder
 
     def _mend(self, mends: Mends) -> None:
         """Open the present recording with more mends."""

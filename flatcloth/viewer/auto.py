@@ -1,0 +1,146 @@
+"""What Auto does next: go on, wait for the operator, or end, by the choice of how far it runs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from flatcloth.session.machine import (
+    Accept,
+    Command,
+    Document,
+    LeaveOut,
+    Nudge,
+    Pending,
+    Phase,
+    Propose,
+    Reject,
+    SessionState,
+    Skip,
+    Start,
+    TakePart,
+)
+from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.protocol.sent import NoteLevel
+from flatcloth.viewer.protocol.settings import Settings
+from flatcloth.viewer.protocol.snapshot import Auto
+
+MUCH_FLOATS = 0.1
+"""Share of floating cloth from which an end is no success. Chosen."""
+
+
+@dataclass(frozen=True)
+class Foresee:
+    """Look up what the next view is expected to add."""
+
+
+@dataclass(frozen=True)
+class Wait:
+    """Wait for the operator, who is told why."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class End:
+    """End, and tell so; ``by_choice`` is why, if views are left that may add cloth."""
+
+    level: NoteLevel
+    text: str
+    by_choice: str = ""
+
+
+Step = Command | Foresee | Wait | End | None
+
+
+def next_step(
+    state: SessionState,
+    auto: Auto,
+    settings: Settings,
+    picture: Picture | None,
+    expected: tuple[Document, float | None] | None,
+) -> Step:
+    """Return what Auto does next; None: nothing, until something changes.
+
+    Parameters
+    ----------
+    state : SessionState
+        The session.
+    auto : Auto
+        Whether it runs, and waits.
+    settings : Settings
+        Least score, and how far it runs.
+    picture : Picture or None
+        What is shown; Auto waits until it shows the session.
+    expected : (Document, float or None) or None
+        What the next view is expected to add (m2) to a document, if it was looked up.
+    """
+    document, pending = state.document, state.document.pending
+    started = document.start_view is not None
+    up_to_date = picture is not None and picture.document is document
+    if not auto.running or state.phase is Phase.COMPUTING or (started and not up_to_date):
+        return None
+    if state.phase is Phase.FINISHED:
+        return _end(document.finished or "", picture)
+    if not started:
+        return Start()
+    if auto.waits_for:
+        return None
+    if pending is not None:
+        unsure = _what_is_unsure(pending, settings.auto_threshold)
+        return Wait(unsure) if unsure else Accept(pending.view_index)
+    known = expected if expected is not None and expected[0] is document else None
+    if settings.auto_until == "area" and known is None:
+        return Foresee()
+    enough = _why_enough(settings, len(document.used_views), known and known[1])
+    return _end(enough, picture, by_choice=enough) if enough and not document.later else Propose()
+
+
+def after(auto: Auto, command: Command) -> Auto:
+    """Return Auto after a decision by hand: an answer to what it waits for lets it go on."""
+    if auto.is_busy or not auto.running:
+        return Auto()
+    if isinstance(command, Accept | Reject | Skip):
+        return Auto(running=True)
+    return auto if isinstance(command, Nudge | TakePart | LeaveOut) else Auto()
+
+
+def until_text(settings: Settings) -> str:
+    """Return until when Auto runs, in words."""
+    match settings.auto_until:
+        case "area":
+            return f"until a view adds less than {settings.auto_least_cm2:.0f} cm²"
+        case "views":
+            return f"until the shape has {settings.auto_views:.0f} views"
+    return "until no view adds cloth"
+
+
+def _why_enough(settings: Settings, n_views: int, expected_m2: float | None) -> str:
+    """Return why no further view is proposed by the operator's choice; empty: go on."""
+    if settings.auto_until == "views" and n_views >= settings.auto_views:
+        return f"The shape has {n_views} views, as chosen."
+    if settings.auto_until == "area" and expected_m2 is not None:
+        if 1e4 * expected_m2 < settings.auto_least_cm2:
+            return (
+                f"The next view is expected to add {1e4 * expected_m2:.0f} cm², less than the chosen"
+                f" {settings.auto_least_cm2:.0f} cm²."
+            )
+    return ""
+
+
+def _what_is_unsure(pending: Pending, threshold: float) -> str:
+    """Return what Auto asks about a proposal; empty if its score is good enough."""
+    if math.isfinite(pending.score) and pending.score >= threshold:
+        return ""
+    return (
+        f"Auto waits for you: the score of view {pending.view_index} is {pending.score:.2f}, below"
+        f" {threshold:.2f}. Accept, move, reject or skip it; then Auto goes on."
+    )
+
+
+def _end(reason: str, picture: Picture | None, by_choice: str = "") -> End:
+    sheet = None if picture is None else picture.sheet
+    share = 0.0 if sheet is None else sheet.floating_m2 / max(sheet.floating_m2 + sheet.shape_m2, 1e-9)
+    if share < MUCH_FLOATS:
+        return End("info", f"Auto has finished. {reason}", by_choice)
+    return End("warning", f"Auto has ended, but {100 * share:.0f} % of the cloth floats. {reason}", by_choice)

@@ -1,0 +1,141 @@
+"""What holds the parts of the shape, for the page: looked up when asked, and cut or kept by decisions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route
+
+from flatcloth.core.cache import Cache
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Float64
+from flatcloth.engine.garment.recognition import GarmentService
+from flatcloth.engine.integration import Integration
+from flatcloth.engine.results.joints import HeldBy, Joint, joints_of
+from flatcloth.engine.sheet import outline_loops
+from flatcloth.garments.deciding import decided_part, pixels_of_part
+from flatcloth.garments.links import WEAK_EVIDENCE, Cloth
+from flatcloth.grasping.visibility import Visibility
+from flatcloth.session.garment import DecideLink
+from flatcloth.session.machine import Document
+from flatcloth.viewer import http
+from flatcloth.viewer.protocol.answers import HeldByView, JointInfo, JointsInfo
+from flatcloth.viewer.protocol.garment import DecideJoint
+from flatcloth.viewer.protocol.picture import Picture, place_in_view
+
+MOST_MARKS = 60
+"""Marks of a joint in one image, or on the shape. Chosen: a line of them is seen."""
+CHANGED = "The shape has changed; look again."
+NO_LINKS = "The method {} does not know how sure its links are."
+
+
+class JointService:
+    """Serves where the parts of the shape are joined.
+
+    Parameters
+    ----------
+    integration : Integration
+        The session's; only read.
+    garments : GarmentService
+        Knows the links that no garment allows, if it has recognised one.
+    picture : callable
+        Returns the present picture; called from any thread.
+    """
+
+    def __init__(
+        self, integration: Integration, garments: GarmentService, picture: Callable[[], Picture | None]
+    ) -> None:
+        self._integration, self._garments, self._picture = integration, garments, picture
+        self._found: Cache[tuple[Cloth, list[Joint]]] = Cache(4)
+
+    def routes(self) -> list[BaseRoute]:
+        """Return the route of this service."""
+        return [Route("/joints/{revision:int}.json", self._answer)]
+
+    def decision(self, asked: DecideJoint) -> DecideLink:
+        """Return the decision that a part is cut off, or kept.
+
+        Raises
+        ------
+        FlatclothError
+            If the shape has changed since it was shown.
+        """
+        document = self._document(asked.revision)
+        cloth, joints = self._joints(document)
+        if asked.index >= len(joints):
+            raise FlatclothError(CHANGED)
+        return DecideLink(decided_part(cloth, joints[asked.index].link, taken_off=asked.cut))
+
+    def _document(self, revision: int) -> Document:
+        picture = self._picture()
+        if picture is None or picture.document is None or picture.revision != revision:
+            raise FlatclothError(CHANGED)
+        return picture.document
+
+    def _joints(self, document: Document) -> tuple[Cloth, list[Joint]]:
+        def find() -> tuple[Cloth, list[Joint]]:
+            cloth = self._integration.cloth(document)
+            if cloth is None:
+                raise FlatclothError(NO_LINKS.format(self._integration.method))
+            last = self._garments.last
+            of_this = last is not None and last.cloth is not None and last.cloth.edges is cloth.edges
+            doubted = last.links if last is not None and of_this else ()
+            return cloth, joints_of(cloth, doubted, document.garment.parts)
+
+        key = document.shape_key, document.garment.parts, id(self._garments.last)
+        return self._found.get(key, find)
+
+    async def _answer(self, request: Request) -> Response:
+        return await http.made(lambda: self._info(request.path_params["revision"]))
+
+    def _info(self, revision: int) -> JointsInfo:
+        try:
+            document = self._document(revision)
+            cloth, joints = self._joints(document)
+        except FlatclothError as error:
+            return JointsInfo(revision=revision, trouble=str(error))
+        view = self._integration.canonical(document).view
+        shown = []
+        for joint in joints:
+            own = replace(view, valid=pixels_of_part(view, cloth, joint.part))
+            some = _thinned(len(joint.seam_uv_m))
+            shown.append(
+                JointInfo(
+                    area_cm2=1e4 * own.area_m2,
+                    evidence=joint.evidence,
+                    weak=joint.evidence < WEAK_EVIDENCE,
+                    probability=joint.probability,
+                    kept=joint.is_kept,
+                    outline_uv_m=[np.round(loop, 4).tolist() for loop in outline_loops(own)],
+                    seam_uv_m=np.round(joint.seam_uv_m[some], 4).tolist(),
+                    seam_xyz_m=np.round(joint.seam_xyz_m[some], 4).tolist(),
+                    views=[self._view(held) for held in joint.views],
+                )
+            )
+        return JointsInfo(revision=revision, joints=shown)
+
+    def _view(self, held: HeldBy) -> HeldByView:
+        recording = self._integration.recording
+        median_m, most_m = held.residual_m
+        return HeldByView(
+            view_index=held.view_index,
+            angle_deg=recording.angles_deg[held.view_index],
+            pairs=held.pairs,
+            residual_mm=(round(1e3 * median_m, 2), round(1e3 * most_m, 2)),
+            rc=self._pixels(held.view_index, held.xyz_m[_thinned(len(held.xyz_m))]),
+        )
+
+    def _pixels(self, view_index: int, xyz_m: Float64) -> list[tuple[float, float]]:
+        """Return the pixels of a view at which places are; those outside the image are left out."""
+        normal = np.full(3, np.nan)  # a pair that was seen is seen, whichever way the surface is turned
+        found = [place_in_view(self._integration, view_index, place, normal) for place in xyz_m]
+        inside = [place for place in found if place.visibility is not Visibility.OUTSIDE]
+        return [(round(float(place.row), 1), round(float(place.col), 1)) for place in inside]
+
+
+def _thinned(count: int) -> slice:
+    return slice(None, None, max(1, -(-count // MOST_MARKS)))

@@ -1,0 +1,56 @@
+"""How far a session is, in a small file of its folder that lists of sessions read: ``summary.json``."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from flatcloth.core.decoding import decoded
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import read_plain, replace_file
+from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.garments.recognition import NONE
+from flatcloth.session.machine import Document
+
+FILE = "summary.json"
+
+
+class Summary(msgspec.Struct, frozen=True, kw_only=True):
+    """The content of ``summary.json``: views and areas of the shape, its garment, whether it has ended."""
+
+    views: int
+    area_cm2: float
+    floating_cm2: float
+    garment: str = ""
+    ended: bool = False
+
+
+def keep_summary(
+    folder: Path | None, document: Document, area_m2: float, floating_m2: float, known: KnownGarment | None
+) -> None:
+    """Write how far a session is; what cannot be written is left as it was, as only lists show it."""
+    if folder is None:
+        return
+    summary = Summary(
+        views=len(document.used_views),
+        area_cm2=round(1e4 * area_m2, 1),
+        floating_cm2=round(1e4 * floating_m2, 1),
+        garment="" if known is None or known.found.kind == NONE else known.found.kind,
+        ended=document.finished is not None,
+    )
+    with contextlib.suppress(OSError):
+        replace_file(folder / FILE, json.dumps(msgspec.to_builtins(summary)).encode() + b"\n", 0o600)
+
+
+def read_summary(folder: Path) -> dict[str, Any] | None:
+    """Return how far a session is; None if it is not known."""
+    try:
+        found = decoded(read_plain(folder / FILE), Summary)
+    except (OSError, ValueError, FlatclothError):
+        return None
+    values: dict[str, Any] = msgspec.to_builtins(found)
+    return values

@@ -1,0 +1,166 @@
+// Handles of the proposal: a ring turns it, its middle moves it; near a ghost, where the piece may belong, it snaps.
+
+import { applied, boxOf, unapplied } from "/static/canvas/geometry.js";
+import { drawLabel, drawRing, strokeLine, strokeRimmed, traceCross } from "/static/canvas/marks.js";
+import { byId, rebuild, smallButton } from "/static/page/dom.js";
+import { mm } from "/static/page/format.js";
+
+const REACH_PX = 13;
+const ABOVE_PX = 26; // of the ring over the proposal
+const SNAP_PX = 16;
+const SNAP_RAD = 0.14; // 8 degrees
+
+/** @typedef {Pending["ghosts"][number]} Ghost */
+
+export class Handles {
+  name = "handles";
+
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
+    this.canvas = page.canvas;
+    this.held = /** @type {{ kind: "turn" | "move"; from: PointerPlace; by: By; angle: number } | null} */ (null);
+    this.snapped = /** @type {Ghost | null} */ (null);
+    this.canvas.tools.push(this);
+    this.canvas.drawers.push((_, context, style) => this.draw(context, style));
+    this.canvas.snap = (by) => this.snap(by);
+  }
+
+  update(/** @type {State} */ { pending }) {
+    const ghosts = pending?.ghosts ?? [];
+    rebuild(byId("ghosts"), [pending?.view_index, ghosts], () =>
+      ghosts.map((ghost) =>
+        smallButton(`Lay ${TITLES[ghost.source]} ± ${mm(ghost.std_mm, 0)}`, () => this.layAt(ghost), {
+          key: `ghost-${ghost.source}`,
+          tip: "Lay the piece where its ghost is drawn. Dragged near there, it snaps to it.",
+        }),
+      ),
+    );
+  }
+
+  get pending() {
+    const { state, brush } = this.page;
+    return state?.pending && this.canvas.overlay.shown && !brush?.kind && this.canvas.side === "this"
+      ? state.pending
+      : null;
+  }
+
+  /** Where the handles are in the pane, with the preview. */
+  get places() {
+    const { canvas } = this;
+    const shown = canvas.overlay.shown;
+    if (!this.pending || !shown) return null;
+    const { top } = boxOf(shown.grid);
+    const { theta, u, v } = canvas.preview;
+    const [cu, cv] = canvas.center;
+    const middle = canvas.transform.toPane(cu + u, cv + v);
+    const [ru, rv] = applied([theta, 0, 0], 0, top - cv);
+    const edge = canvas.transform.toPane(cu + u + ru, cv + v + rv);
+    const far = Math.hypot(edge.x - middle.x, edge.y - middle.y) || 1;
+    const way = { x: (edge.x - middle.x) / far, y: (edge.y - middle.y) / far };
+    return { middle, edge, ring: { x: edge.x + ABOVE_PX * way.x, y: edge.y + ABOVE_PX * way.y } };
+  }
+
+  press(/** @type {PointerPlace} */ at) {
+    const { places } = this;
+    if (!places) return false;
+    const near = (/** @type {Point} */ place) => Math.hypot(place.x - at.x, place.y - at.y) < REACH_PX;
+    /** @type {"turn" | "move" | null} */
+    const kind = near(places.ring) ? "turn" : near(places.middle) ? "move" : null;
+    if (!kind) return false;
+    this.held = { kind, from: at, by: { theta: 0, u: 0, v: 0 }, angle: this.canvas.angleAt(at.x, at.y) };
+    return true;
+  }
+
+  drag(/** @type {PointerPlace} */ at) {
+    const { held, canvas } = this;
+    if (!held) return;
+    if (held.kind === "move") held.by = { theta: 0, u: at.u - held.from.u, v: at.v - held.from.v };
+    else {
+      const { u, v } = canvas.preview;
+      const turn = Math.atan2(at.v - canvas.center[1] - v, at.u - canvas.center[0] - u) - held.angle;
+      held.by = { theta: Math.atan2(Math.sin(turn), Math.cos(turn)), u: 0, v: 0 };
+    }
+    canvas.showPreview(held.by);
+  }
+
+  release() {
+    const { held, canvas } = this;
+    this.held = null;
+    if (held) canvas.handlers.nudge(canvas.preview);
+  }
+
+  // --- ghosts ------------------------------------------------------------------------------------
+
+  /** The motion that leads the proposal from where the server has it to a ghost. @returns {By} */
+  towards(/** @type {Ghost} */ { placement }) {
+    const { canvas } = this;
+    const { theta_rad, u_m, v_m } = /** @type {Motionlike} */ (canvas.overlay.shown?.grid.placement);
+    const own = unapplied([theta_rad, u_m, v_m], canvas.center[0], canvas.center[1]);
+    const [u, v] = applied([placement.theta_rad, placement.u_m, placement.v_m], ...own);
+    const turn = placement.theta_rad - theta_rad;
+    return { theta: Math.atan2(Math.sin(turn), Math.cos(turn)), u: u - canvas.center[0], v: v - canvas.center[1] };
+  }
+
+  /** A motion of the proposal, or that to a ghost which is near. @returns {By} */
+  snap(/** @type {By} */ by) {
+    this.snapped = null;
+    for (const ghost of this.pending?.ghosts ?? []) {
+      const to = this.towards(ghost);
+      const off = Math.hypot(to.u - by.u, to.v - by.v) * this.canvas.transform.scale;
+      const turn = Math.abs(Math.atan2(Math.sin(to.theta - by.theta), Math.cos(to.theta - by.theta)));
+      if (off > SNAP_PX || turn > SNAP_RAD) continue;
+      this.snapped = ghost;
+      return to;
+    }
+    return by;
+  }
+
+  /** Lay the proposal at a ghost. */
+  layAt(/** @type {Ghost} */ ghost) {
+    this.canvas.handlers.nudge(this.towards(ghost));
+  }
+
+  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
+    const { places, canvas } = this;
+    const shown = canvas.overlay.shown;
+    if (!places || !shown) return;
+    for (const ghost of this.pending?.ghosts ?? []) this.drawGhost(context, style, ghost);
+    const color = style.getPropertyValue("--accent");
+    strokeLine(context, [places.edge, places.ring], color, 1.5);
+    drawRing(context, places.ring, color, 6);
+    strokeRimmed(context, color, 2, () => {
+      context.arc(places.middle.x, places.middle.y, 8, 0, 2 * Math.PI);
+      traceCross(context, places.middle.x, places.middle.y, 8, 13);
+    });
+  }
+
+  /** @param {Context} context @param {Style} style @param {Ghost} ghost */
+  drawGhost(context, style, ghost) {
+    const { canvas } = this;
+    const shown = canvas.overlay.shown;
+    if (!shown) return;
+    const { theta, u, v } = this.towards(ghost);
+    const [cu, cv] = canvas.center;
+    const [du, dv] = applied([theta, 0, 0], -cu, -cv);
+    context.globalAlpha = ghost === this.snapped ? 0.85 : 0.4;
+    canvas.drawPicture(shown, shown.outline ?? shown.image, false, [theta, cu + u + du, cv + v + dv]);
+    context.globalAlpha = 1;
+    const { x, y } = canvas.transform.toPane(cu + u, cv + v);
+    const text = `${TITLES[ghost.source]} ± ${mm(ghost.std_mm, 0)}`;
+    context.font = "600 12px system-ui, sans-serif";
+    context.textBaseline = "middle";
+    const width = context.measureText(text).width + 8;
+    drawLabel(context, style, text, [x - width / 2 + 4, y], [x - width / 2, y - 9, width, 18]);
+  }
+
+  get status() {
+    const { places, snapped } = this;
+    const ghosts = this.pending?.ghosts.map((ghost) => this.towards(ghost)) ?? [];
+    return { places, ghosts, snapped: snapped?.source ?? null };
+  }
+}
+
+/** @typedef {{ theta_rad: number; u_m: number; v_m: number }} Motionlike */
+
+/** @type {Record<string, string>} */
+export const TITLES = { garment: "by the garment", seams: "by seams" };

@@ -1,0 +1,208 @@
+// Why the parts of the shape are joined: where the least evidence joins them, the views that saw it; cut or keep.
+
+import { JointsDrawing } from "/static/joints/drawing.js";
+import { askJson } from "/static/page/connection.js";
+import { byId, closeButton, heading, make, rebuild, smallButton, swatch } from "/static/page/dom.js";
+import { cm2, count, number, percent } from "/static/page/format.js";
+
+const MOST_ROWS = 8;
+
+/** @typedef {import("/static/page/messages").JointInfo} JointInfo */
+/** @typedef {import("/static/page/messages").JointsInfo} JointsInfo */
+
+export class JointsPanel {
+  name = "joints";
+
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
+    this.shown = false;
+    this.found = /** @type {JointsInfo | null} */ (null);
+    this.wanted = 0; // the revision that was asked for
+    this.chosen = /** @type {number | null} */ (null);
+    this.told = ""; // about the place that was clicked
+    this.actions = { joints: () => this.toggle() };
+    this.section = make("section#joints.joints", { label: "Why joined", hidden: true });
+    byId("pick").before(this.section);
+    this.drawing = new JointsDrawing(page, this);
+    page.sourceMarks.push((view) => this.pixels(view));
+  }
+
+  get joints() {
+    return this.found?.joints ?? [];
+  }
+
+  get pressed() {
+    return { joints: this.shown };
+  }
+
+  get status() {
+    const { shown, chosen, found, told } = this;
+    return { shown, chosen, found, told };
+  }
+
+  toggle() {
+    this.shown = !this.shown;
+    this.chosen = null;
+    this.told = "";
+    this.page.changed();
+    this.page.redrawMarks();
+    if (this.shown) this.section.scrollIntoView({ block: "nearest" });
+  }
+
+  update(/** @type {State} */ state) {
+    this.section.hidden = !this.shown || !state.layers || state.mode === "live";
+    if (this.section.hidden) return;
+    this.load(this.page.told.layers?.revision ?? 0);
+    const key = [this.found, this.chosen, this.told, this.wanted, state.drawing];
+    rebuild(this.section, key, () => this.build(state.drawing));
+  }
+
+  async load(/** @type {number} */ revision) {
+    if (revision === this.wanted) return;
+    this.wanted = revision;
+    const found = /** @type {JointsInfo | null} */ (await askJson(`/joints/${revision}.json`));
+    if (this.wanted !== revision) return;
+    this.found = found;
+    if (!found) this.wanted = 0;
+    // The weakest is what is asked about first.
+    this.chosen = found?.joints.length ? 0 : null;
+    this.told = "";
+    this.page.changed();
+    this.page.redrawMarks();
+  }
+
+  // --- the panel ---------------------------------------------------------------------------------
+
+  build(/** @type {boolean} */ drawing) {
+    const { found, joints } = this;
+    const waits = drawing || !found || found.revision !== this.wanted;
+    return [
+      heading(
+        "Why joined",
+        closeButton("Close why joined", () => this.toggle(), { key: "close-joints" }),
+      ),
+      waits && make("p.note", { role: "status" }, "Looking for what holds the parts …"),
+      found?.trouble && make("p.note", found.trouble),
+      !waits &&
+        !found.trouble &&
+        make(
+          "p.note",
+          joints.length
+            ? "Where the least evidence joins parts of the shape, the weakest first. Click cloth to ask about it."
+            : "No part of the shape is joined by less evidence than it has within.",
+        ),
+      this.told && make("p.note", { role: "status" }, this.told),
+      make("ul", ...joints.map((joint, n) => this.row(joint, n, waits))),
+    ];
+  }
+
+  row(/** @type {JointInfo} */ joint, /** @type {number} */ n, /** @type {boolean} */ waits) {
+    const on = n === this.chosen;
+    const sure = joint.kept ? "kept" : joint.weak ? "weak" : "firm";
+    return make(
+      "li",
+      make(
+        "button.button.small.joint",
+        {
+          pressed: on,
+          key: `joint-${n}`,
+          tip: "A part, and where it is joined to the rest. Click: show what holds it.",
+          click: () => this.choose(on ? null : n),
+        },
+        swatch(on ? "var(--accent)" : joint.weak ? "var(--warn)" : "var(--seam)"),
+        make("b", cm2(joint.area_cm2)),
+        `by ${count(joint.views.length, "view")}`,
+        make("small", sure),
+      ),
+      on && this.detail(joint, n, waits),
+    );
+  }
+
+  /** What holds a part, and the decision about it. */
+  detail(/** @type {JointInfo} */ joint, /** @type {number} */ n, /** @type {boolean} */ waits) {
+    const pairs = joint.views.reduce((sum, view) => sum + view.pairs, 0);
+    const weak = joint.weak ? "as little as false links have (below 2)" : "more than false links have (below 2)";
+    return make(
+      "div.seam-detail",
+      { role: "group", label: `Part ${n + 1}` },
+      make(
+        "p.note",
+        `Held by ${count(pairs, "pair")} of ${count(joint.views.length, "view")}. ` +
+          `Evidence for each row of samples: ${number(joint.evidence, 1)}, ${weak}.`,
+      ),
+      joint.probability !== null &&
+        make("p.note.warn", `By the garment it is right with ${percent(joint.probability)}.`),
+      joint.kept && make("p.note", "You kept it."),
+      make(
+        "table",
+        make("tr", ...["View", "Pairs", "Residual", "90 % below"].map((text) => make("th", { scope: "col" }, text))),
+        ...joint.views.slice(0, MOST_ROWS).map((view) => this.view(view)),
+      ),
+      joint.views.length > MOST_ROWS && make("p.note", `and ${joint.views.length - MOST_ROWS} more`),
+      make("div.group", this.decide("Cut here", true, n, waits), this.decide("Keep", false, n, waits)),
+    );
+  }
+
+  view(/** @type {JointInfo["views"][number]} */ { view_index, angle_deg, pairs, residual_mm, rc }) {
+    const [median, most] = residual_mm;
+    return make(
+      "tr",
+      make(
+        "td",
+        smallButton(
+          `${view_index} · ${number(angle_deg, 0)}°`,
+          () => (rc.length ? this.page.each("lookAt", view_index, rc[Math.floor(rc.length / 2)]) : null),
+          { key: `joint-view-${view_index}`, tip: "Show the pairs in this view's source image and in 3D." },
+        ),
+      ),
+      make("td", String(pairs)),
+      make("td", `${number(median, 1)} mm`),
+      make("td", `${number(most, 1)} mm`),
+    );
+  }
+
+  /** @param {string} title @param {boolean} cut @param {number} n @param {boolean} waits */
+  decide(title, cut, n, waits) {
+    const tip = cut
+      ? "Take the part off: it floats, and can be placed again."
+      : "The part stays joined, whatever speaks against it.";
+    return smallButton(
+      title,
+      () => {
+        if (waits) this.page.notify("info", "The shape is being drawn; wait a moment.");
+        else this.page.send({ type: "decide_joint", revision: this.wanted, index: n, cut });
+      },
+      { key: cut ? "joint-cut" : "joint-keep", tip: `${tip}\nUndo takes it back.`, "aria-disabled": waits || null },
+    );
+  }
+
+  choose(/** @type {number | null} */ joint) {
+    this.chosen = joint;
+    this.page.changed();
+    this.page.redrawMarks();
+  }
+
+  // --- on the cloth ------------------------------------------------------------------------------
+
+  /** A click asks about the cloth there. */
+  click(/** @type {number} */ u, /** @type {number} */ v) {
+    if (!this.shown || !this.found || this.page.state.pending || this.page.canvas.side === "other") return false;
+    const joint = this.drawing.at(u, v);
+    const none = "This cloth belongs to the largest part: nothing within it is joined by little evidence.";
+    this.told = joint === null ? none : "";
+    this.choose(joint);
+    return true;
+  }
+
+  /** The pixels of a view's image at which the chosen part is joined. */
+  pixels(/** @type {number} */ view) {
+    const joint = this.shown && this.chosen !== null ? this.joints[this.chosen] : null;
+    return joint?.views.find(({ view_index }) => view_index === view)?.rc ?? [];
+  }
+
+  escape() {
+    if (!this.shown) return false;
+    this.toggle();
+    return true;
+  }
+}

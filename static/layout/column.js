@@ -1,0 +1,139 @@
+// The right column: the part that the moment needs, the others one press away, the selection always in sight.
+
+import { byId, find, make, rebuild, smallButton, values } from "/static/page/dom.js";
+import { degrees, keyName, mm, vector } from "/static/page/format.js";
+import { stdMm } from "/static/panels/pick_text.js";
+
+const STROKES = ["brush_this", "brush_other", "cut", "where_to_stroke", "show_sides", "show_certainty"];
+/** @type {[name: string, title: string, sections: string[], actions: string[]][]} parts, the first come first */
+const PARTS = [
+  ["capture", "Capture", ["capture"], []],
+  ["active", "Loop", ["active"], []],
+  ["proposal", "Proposal", ["proposal"], ["pairs", "fit_pairs", "refine"]],
+  ["result", "Result", ["result"], ["result"]],
+  ["pick", "Pick", ["pick", "picks"], []],
+  ["floating", "Pieces", ["floating"], []],
+  ["garment", "Garment", ["garment"], ["garment"]],
+  ["both-sides", "Both sides", ["both-sides"], ["turn_over", "beside", "seams"]],
+  ["joints", "Joined", ["joints"], ["joints"]],
+  ["sides", "Strokes", ["sides"], STROKES],
+  ["done", "Done", ["done"], ["history"]],
+  ["look", "Look", ["look"], ["look"]],
+];
+
+export class Column {
+  name = "column";
+
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
+    this.part = "pick";
+    this.moment = "";
+    this.actions = { column: () => this.next() };
+    const inspector = find(".inspector");
+    inspector.classList.add("column");
+    this.tabs = make("div#column-tabs.column-tabs", { role: "group", label: "Part of the column" });
+    this.body = make("div.column-part", ...inspector.children);
+    this.selection = make("section#selection.selection", { label: "Selection", hidden: true });
+    inspector.append(this.tabs, this.body, this.selection);
+  }
+
+  /** The parts that there are now. */
+  get parts() {
+    return PARTS.filter(([, , sections]) => sections.some((id) => document.getElementById(id)?.hidden === false));
+  }
+
+  update(/** @type {State} */ state) {
+    const names = this.parts.map(([name]) => name);
+    const [moment, part] = momentOf(state, names);
+    if (moment !== this.moment) {
+      this.moment = moment;
+      this.part = part;
+    }
+    if (!names.includes(this.part)) this.part = names.includes(part) ? part : (names[0] ?? "pick");
+    this.show();
+    this.showSelection(state);
+  }
+
+  show() {
+    const parts = this.parts;
+    for (const [name, , sections] of PARTS)
+      for (const id of sections) document.getElementById(id)?.classList.toggle("off", name !== this.part);
+    const key = keyName(this.page.action("column").keys[0]);
+    this.tabs.hidden = parts.length < 2;
+    rebuild(this.tabs, [parts.map(([name]) => name), this.part], () =>
+      parts.map(([name, title]) =>
+        smallButton(title, () => this.choose(name), {
+          pressed: name === this.part,
+          key: `part-${name}`,
+          tip: `Show this part of the column\n${key}: the next one`,
+        }),
+      ),
+    );
+  }
+
+  choose(/** @type {string} */ part) {
+    this.part = part;
+    this.body.scrollTop = 0;
+    this.show();
+  }
+
+  next() {
+    const names = this.parts.map(([name]) => name);
+    this.choose(names[(names.indexOf(this.part) + 1) % names.length] ?? "pick");
+  }
+
+  /** Before an action: whether it only brings a part that is there already, but not in sight. */
+  brings(/** @type {string} */ action) {
+    const part = this.partOf(action);
+    if (!part || part === this.part || !ONLY_SHOWN.includes(action)) return false;
+    if (!this.parts.some(([name]) => name === part)) return false;
+    this.choose(part);
+    return true;
+  }
+
+  /** After an action: bring the part in which its effect is seen. */
+  reveal(/** @type {string} */ action) {
+    const part = this.partOf(action);
+    if (part && this.parts.some(([name]) => name === part)) this.choose(part);
+  }
+
+  partOf(/** @type {string} */ action) {
+    return PARTS.find(([, , , actions]) => actions.includes(action))?.[0] ?? null;
+  }
+
+  /** The current pick in a few lines, whatever part is shown. */
+  showSelection(/** @type {State} */ { pick }) {
+    this.selection.hidden = !pick;
+    if (!pick) return;
+    rebuild(this.selection, [pick], () => [
+      make("div.heading", make("h2", pick.name), this.page.smallButton("copy")),
+      values(
+        ["held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"],
+        ["normal", vector(pick.normal_held, 3), "Outward normal in the held frame"],
+      ),
+      pick.grip &&
+        values([
+          "grip",
+          `${degrees(pick.grip.axis_deg, 0)} · ${mm(1000 * pick.grip.opening_m, 0)} · ${stdMm(pick.grip.position_std_m)}`,
+          "Axis on the flattened view, opening, and one standard deviation of its position",
+        ]),
+    ]);
+  }
+
+  get status() {
+    return { part: this.part, parts: this.parts.map(([name]) => name) };
+  }
+}
+
+const ONLY_SHOWN = ["result", "look", "joints", "history"]; // actions that do nothing else
+
+/** What the page is at, and the part that it needs. @returns {[moment: string, part: string]} */
+function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts) {
+  const { pending, pick, auto } = state;
+  if (state.capture) return ["capture", "capture"];
+  if (pending) return [`proposal ${pending.view_index}`, "proposal"];
+  if (parts.includes("active")) return ["active", "active"];
+  if (parts.includes("result") && (state.finished || auto.ended))
+    return [`end ${state.finished ?? auto.ended}`, "result"];
+  return [`pick ${pick?.id ?? ""}`, "pick"];
+}

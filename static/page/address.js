@@ -1,0 +1,114 @@
+// The address of the page: the place that is open, the view that is looked at, the pick; it can be sent.
+//
+// It is the part after "#": KIND/NAME, then view and pick as in a query; the server never sees it.
+
+import { askJson, post } from "/static/page/connection.js";
+
+/**
+ * @typedef {{ kind: string; name: string }} Place
+ * @typedef {{ place: Place | null; view: number | null; pick: number | null }} Address
+ */
+
+/** Read the part of an address after "#". @returns {Address} */
+export function readAddress(/** @type {string} */ hash) {
+  const [path, query] = hash.replace(/^#/, "").split("?");
+  const [kind, ...name] = path.split("/").map(decoded);
+  const asked = new URLSearchParams(query);
+  const count = (/** @type {string} */ key) =>
+    /^\d{1,9}$/.test(asked.get(key) ?? "") ? Number(asked.get(key)) : null;
+  return { place: kind ? { kind, name: name.join("/") } : null, view: count("view"), pick: count("pick") };
+}
+
+/** Write it. @returns {string} */
+export function writeAddress(/** @type {Address} */ { place, view, pick }) {
+  const query = new URLSearchParams();
+  if (view !== null) query.set("view", String(view));
+  if (pick !== null) query.set("pick", String(pick));
+  const path = place ? [place.kind, ...place.name.split("/")].map(encodeURIComponent).join("/") : "";
+  return `#${path}${query.size ? `?${query}` : ""}`;
+}
+
+function decoded(/** @type {string} */ text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return text;
+  }
+}
+
+export class PageAddress {
+  name = "address";
+
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
+    this.asked = readAddress(location.hash);
+    this.place = /** @type {Place | null} */ (null);
+    this.known = false; // what is open
+    this.applied = false;
+    addEventListener("popstate", () => this.go());
+    addEventListener("hashchange", () => this.go());
+    this.begin();
+  }
+
+  /** Learn what is open; an address of another place opens that. */
+  async begin() {
+    const here = /** @type {{ place: Place | null } | null} */ (await askJson("/start/here.json"));
+    this.place = here?.place ?? null;
+    if (!this.asked.place || same(this.asked.place, this.place)) {
+      this.known = true;
+      return this.page.changed();
+    }
+    const answer = await post("/start/open", this.asked.place);
+    if (answer?.ok) return location.reload();
+    const told = /** @type {{ error?: string } | null} */ ((await answer?.json().catch(() => null)) ?? null);
+    this.page.notify("warning", `This address cannot be opened here. ${told?.error ?? ""}`);
+    this.asked.place = null;
+    this.known = true;
+    this.page.changed();
+  }
+
+  update(/** @type {State} */ state) {
+    if (!this.known || state.mode === "live" || !state.layers) return;
+    if (!this.applied) {
+      this.applied = true;
+      this.apply(this.asked);
+      return this.write(true);
+    }
+    this.write(false);
+  }
+
+  /** What the page shows, as an address. @returns {Address} */
+  get now() {
+    return { place: this.place, view: this.page.lookedAt, pick: this.page.state?.pick?.id ?? null };
+  }
+
+  write(/** @type {boolean} */ first) {
+    const text = writeAddress(this.now);
+    if (text === location.hash || (text === "#" && !location.hash)) return;
+    if (first || !location.hash) history.replaceState(null, "", text);
+    else history.pushState(null, "", text);
+  }
+
+  /** The browser has gone back or forward, or an address was typed. */
+  go() {
+    if (!this.known || !this.page.state) return;
+    const asked = readAddress(location.hash);
+    if (asked.place && !same(asked.place, this.place)) return location.reload();
+    this.apply(asked);
+  }
+
+  apply(/** @type {Address} */ { view, pick }) {
+    const { state } = this.page;
+    if (view !== this.page.lookedAt) this.page.each("goToView", view);
+    if (pick === null || pick === (state.pick?.id ?? null)) return;
+    if (state.picks.some(({ id }) => id === pick)) this.page.send({ type: "show_pick", id: pick });
+    else this.page.notify("info", `The pick ${pick} of this address is not there any more.`);
+  }
+
+  get status() {
+    return { known: this.known, place: this.place };
+  }
+}
+
+const same = (/** @type {Place} */ a, /** @type {Place | null} */ b) =>
+  b !== null && a.kind === b.kind && a.name === b.name;

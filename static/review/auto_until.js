@@ -1,0 +1,88 @@
+// How far Auto runs, as one choice: all views, until a view adds little, or this many; under the button of Auto.
+
+import { buttonOf, byId, find, make, numberBox, placeBeside, rebuild, staysIn, taken } from "/static/page/dom.js";
+
+export class AutoUntil {
+  name = "autoUntil";
+
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
+    this.menu = make("form#auto-until.menu.auto-until", {
+      hidden: true,
+      role: "dialog",
+      label: "How far Auto runs",
+      submit: (event) => {
+        event.preventDefault();
+        this.close();
+        if (!page.state.auto.running) page.run("auto");
+      },
+      keydown: (event) => this.key(event),
+    });
+    this.menu.addEventListener("focusout", (event) => {
+      if (event.relatedTarget && !staysIn(this.menu, event)) this.close();
+    });
+    byId("notes").append(this.menu);
+    this.actions = { auto_until: () => (this.menu.hidden ? this.open() : this.close()) };
+  }
+
+  update(/** @type {State} */ state) {
+    const { auto_until: until, auto_least_cm2: least, auto_views: views } = state.settings;
+    rebuild(this.menu, [until.value, least.value, views.value, state.auto.running], () => [
+      make("p.note", "Auto goes on"),
+      this.row("all", "until no view adds cloth"),
+      this.row("area", "until a view adds less than", this.box(least), "cm²"),
+      this.row("views", "until the shape has", this.box(views), "views"),
+      make("button.button.primary", { type: "submit", key: "auto-run" }, state.auto.running ? "Close" : "Run"),
+    ]);
+  }
+
+  /** @param {"all" | "area" | "views"} value @param {...Child} words */
+  row(value, ...words) {
+    const set = () => this.page.send({ type: "set", auto_until: value });
+    const checked = this.page.state.settings.auto_until.value === value;
+    return make(
+      "label.field",
+      make("input", { type: "radio", name: "auto-until", value, checked, key: `until-${value}`, change: set }),
+      make("span", ...words),
+    );
+  }
+
+  box(/** @type {State["settings"]["auto_views"]} */ setting) {
+    const until = setting.name === "auto_views" ? "views" : "area";
+    return numberBox(setting, setting.value, {
+      key: setting.name,
+      label: setting.title,
+      change: ({ target }) => {
+        if (!target.value || !target.checkValidity()) target.value = String(setting.value);
+        else this.page.send({ type: "set", auto_until: until, [setting.name]: target.valueAsNumber });
+      },
+    });
+  }
+
+  open() {
+    this.menu.hidden = false;
+    placeBeside(this.menu, buttonOf("auto").getBoundingClientRect(), true);
+    find("input:checked", this.menu).focus();
+  }
+
+  close() {
+    if (this.menu.contains(document.activeElement)) buttonOf("auto").focus();
+    this.menu.hidden = true;
+  }
+
+  escape() {
+    const was = !this.menu.hidden;
+    this.close();
+    return was;
+  }
+
+  key(/** @type {KeyboardEvent} */ event) {
+    if (event.key !== "Escape") return event.stopPropagation();
+    this.close();
+    taken(event);
+  }
+
+  get status() {
+    return { open: !this.menu.hidden };
+  }
+}

@@ -1,0 +1,65 @@
+"""What Auto does next: it goes on, waits or ends by the choice of how far it runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from flatcloth.core.types import Rigid2
+from flatcloth.session.machine import Accept, Document, Pending, Propose, Reject, SessionState, Start, Undo
+from flatcloth.viewer import auto
+from flatcloth.viewer.protocol.settings import Settings
+from flatcloth.viewer.protocol.snapshot import Auto
+
+RUNS = Auto(running=True)
+BEGUN = Document(start_view=0)
+
+
+def next_step(document=BEGUN, settings=None, *, auto_now=RUNS, expected=None, floating_m2=0.0):
+    sheet = SimpleNamespace(floating_m2=floating_m2, shape_m2=0.1)
+    picture = SimpleNamespace(document=document, sheet=sheet)
+    state = SessionState(12, document)
+    return auto.next_step(state, auto_now, settings or Settings(), picture, expected)
+
+
+def asked(score):
+    return replace(BEGUN, pending=Pending(3, Rigid2(), None, score))
+
+
+def test_it_starts_proposes_and_accepts_what_is_sure():
+    assert next_step(Document()) == Start()
+    assert next_step() == Propose()
+    assert next_step(asked(0.9)) == Accept(3)
+    assert next_step(auto_now=Auto()) is None
+
+
+@pytest.mark.parametrize("score", [0.2, float("nan")])
+def test_it_waits_for_the_operator_where_a_score_is_low_and_goes_on_after_a_verdict(score):
+    step = next_step(asked(score))
+    assert isinstance(step, auto.Wait)
+    assert "view 3" in step.text
+    waits = Auto(running=True, waits_for=step.text)
+    assert next_step(asked(0.9), auto_now=waits) is None, "what the operator moves is not accepted meanwhile"
+    assert auto.after(waits, Reject(3, "other")) == RUNS
+    assert not auto.after(waits, Undo()).running
+    assert not auto.after(RUNS, Reject(3, "other")).running
+
+
+def test_it_ends_where_the_next_view_adds_less_than_chosen():
+    until = Settings(auto_until="area", auto_least_cm2=50)
+    assert next_step(settings=until) == auto.Foresee()
+    assert next_step(settings=until, expected=(BEGUN, 0.006)) == Propose()
+    assert next_step(settings=until, expected=(BEGUN, None)) == Propose(), "the method says that it ends"
+    step = next_step(settings=until, expected=(BEGUN, 0.004))
+    assert isinstance(step, auto.End)
+    assert "40 cm²" in step.by_choice
+    assert next_step(settings=until, expected=(Document(start_view=1), 0.004)) == auto.Foresee(), "outdated"
+
+
+def test_an_end_with_much_floating_cloth_is_no_success():
+    ended = replace(BEGUN, finished="No view is left.")
+    good, bad = next_step(ended), next_step(ended, floating_m2=0.1)
+    assert (good.level, bad.level) == ("info", "warning")
+    assert "50 % of the cloth floats" in bad.text
