@@ -43,9 +43,22 @@ def read_hand_eye(path: Path) -> Rigid3:
         If the file cannot be read, has another format, or its matrix is not a rigid motion in metres.
     """
     try:
-        raw = parse_json(read_plain(path))
+        data = read_plain(path)
     except OSError as error:
         raise HandEyeError(f"{path}: cannot be read ({error.strerror}). Name a hand-eye file.") from error
+    return hand_eye_from(data, path)
+
+
+def hand_eye_from(data: bytes, path: Path) -> Rigid3:
+    """Return ``base_from_camera`` of the content of a hand-eye file; ``path`` names it in errors.
+
+    Raises
+    ------
+    HandEyeError
+        As :func:`read_hand_eye`.
+    """
+    try:
+        raw = parse_json(data)
     except ValueError as error:
         raise HandEyeError(f"{path}: is not JSON ({error}). {_wanted()}") from error
     if not isinstance(raw, dict) or raw.get("format") != FORMAT:

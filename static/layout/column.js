@@ -14,7 +14,7 @@ const PARTS = [
   ["pick", "Pick", ["pick", "picks"], []],
   ["floating", "Pieces", ["floating"], []],
   ["garment", "Garment", ["garment"], ["garment"]],
-  ["both-sides", "Both sides", ["both-sides"], ["turn_over", "beside", "seams"]],
+  ["both-sides", "Sides", ["both-sides"], ["turn_over", "beside", "seams"]],
   ["joints", "Joined", ["joints"], ["joints"]],
   ["sides", "Strokes", ["sides"], STROKES],
   ["done", "Done", ["done"], ["history"]],
@@ -75,6 +75,7 @@ export class Column {
     this.part = part;
     this.body.scrollTop = 0;
     this.show();
+    if (this.page.state) this.showSelection(this.page.state);
   }
 
   next() {
@@ -102,19 +103,20 @@ export class Column {
   }
 
   /** The current pick in a few lines, whatever part is shown. */
-  showSelection(/** @type {State} */ { pick }) {
-    this.selection.hidden = !pick;
+  showSelection(/** @type {State} */ { pick, pending }) {
+    this.selection.hidden = !pick || this.part === "pick";
     if (!pick) return;
-    rebuild(this.selection, [pick], () => [
+    rebuild(this.selection, [pick, Boolean(pending)], () => [
       make("div.heading", make("h2", pick.name), this.page.smallButton("copy")),
       values(
         ["held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"],
-        ["normal", vector(pick.normal_held, 3), "Outward normal in the held frame"],
+        !pending && ["normal", vector(pick.normal_held, 3), "Outward normal in the held frame"],
       ),
-      pick.grip &&
+      !pending &&
+        pick.grip &&
         values([
           "grip",
-          `${degrees(pick.grip.axis_deg, 0)} · ${mm(1000 * pick.grip.opening_m, 0)} · ${stdMm(pick.grip.position_std_m)}`,
+          gripText(pick.grip),
           "Axis on the flattened view, opening, and one standard deviation of its position",
         ]),
     ]);
@@ -137,3 +139,6 @@ function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts) {
     return [`end ${state.finished ?? auto.ended}`, "result"];
   return [`pick ${pick?.id ?? ""}`, "pick"];
 }
+
+const gripText = (/** @type {NonNullable<CurrentPick["grip"]>} */ { axis_deg, opening_m, position_std_m }) =>
+  `${degrees(axis_deg, 0)} · ${mm(1000 * opening_m, 0)} · ${stdMm(position_std_m)}`;

@@ -1,7 +1,8 @@
 // The sheet of exports: each is made by the server on request, and then saved.
 
-import { button, make, setText, sheet, showSheet } from "/static/page/dom.js";
-import { cm2 } from "/static/page/format.js";
+import { ask } from "/static/page/connection.js";
+import { button, field, make, setText, sheet, showSheet } from "/static/page/dom.js";
+import { cm2, number } from "/static/page/format.js";
 
 /**
  * File, title, what it is; a piece that floats has a file of its own.
@@ -56,13 +57,39 @@ function groups(/** @type {Notify} */ notify, /** @type {State} */ state) {
   ]);
   const row = (/** @type {Kind} */ [file, title, about]) => [
     make("dt", exportButton(file, title, notify, state.recording.name)),
-    make("dd", about),
+    make("dd", about, took()[file] ? ` Took ${number(took()[file], 0)} s last time.` : ""),
   ];
-  return Object.entries(GROUPS).map(([title, kinds]) => {
+  const sections = Object.entries(GROUPS).map(([title, kinds]) => {
     const rows = title === "Data" ? [...kinds.slice(0, 2), ...pieces, ...kinds.slice(2)] : kinds;
     return make("section", make("h3", title), make("dl.exports", ...rows.map(row)));
   });
+  return [...sections, handEye(notify)];
 }
+
+/** Choose the file with the camera's pose at the robot: poses are in the robot's frame from then on. */
+function handEye(/** @type {Notify} */ notify) {
+  const told = make("dd", { role: "status" }, "Grasp poses are in the robot's frame, too, until the page ends.");
+  const file = make("input", {
+    type: "file",
+    accept: ".json,application/json",
+    key: "hand-eye",
+    label: "Hand-eye file",
+    change: async ({ target }) => {
+      const chosen = target.files?.[0];
+      if (!chosen) return;
+      const answer = await ask("/hand-eye", { method: "POST", body: await chosen.text() });
+      const { error } = answer ? await answer.json() : { error: "there is no connection" };
+      setText(told, error ? `${chosen.name}: ${error}` : `${chosen.name} is used: grasps.json has robot poses now.`);
+      notify(error ? "error" : "info", told.textContent ?? "");
+    },
+  });
+  return make("section", make("h3", "Robot"), make("dl.exports", make("dt", field("Hand-eye", file)), told));
+}
+
+const TOOK = "flatcloth-export-seconds";
+
+/** How long each export took last, in this browser. @returns {Record<string, number>} */
+const took = () => JSON.parse(localStorage.getItem(TOOK) ?? "{}");
 
 /**
  * A button that makes one export and saves it.
@@ -80,17 +107,22 @@ export function exportButton(file, title, notify, name, kind = "") {
 async function save(button, file, title, notify, name) {
   if (button.getAttribute("aria-busy") === "true") return;
   button.setAttribute("aria-busy", "true");
+  const begun = performance.now();
+  const seconds = () => (performance.now() - begun) / 1000;
   setText(button, "Preparing …");
+  const ticks = setInterval(() => setText(button, `Preparing … ${number(seconds(), 0)} s`), 1000);
   try {
     const response = await fetch(`/export/${file}`);
     if (!response.ok) throw new Error(await response.text());
     const address = URL.createObjectURL(await response.blob());
     make("a", { href: address, download: `${name.replace(/[^\w.-]+/g, "-")}-${file}` }).click();
     setTimeout(() => URL.revokeObjectURL(address), 60000);
-    notify("info", `${title}: saved.`);
+    localStorage.setItem(TOOK, JSON.stringify({ ...took(), [file]: Math.max(1, Math.round(seconds())) }));
+    notify("info", `${title}: saved after ${number(seconds(), 0)} s.`);
   } catch (error) {
     notify("error", `${title}: ${/** @type {Error} */ (error).message || "there is no connection"}`);
   } finally {
+    clearInterval(ticks);
     button.removeAttribute("aria-busy");
     setText(button, title);
   }

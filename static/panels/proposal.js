@@ -111,12 +111,6 @@ function showProposal(state, send, show) {
     placesOf(pending, layers?.revision ?? 0, send),
     pending.why && make("p.asked-again", pending.why),
     placedWithIt(pending, send, show),
-    pending.reason &&
-      make(
-        "p.note",
-        { tip: "What the planner expected of this view, before it was laid on the shape" },
-        `Planned for: ${pending.reason}`,
-      ),
   ]);
 }
 
@@ -131,7 +125,7 @@ function scoreOf(/** @type {number | null} */ score, /** @type {number} */ limit
   );
 }
 
-function partsOfScore(/** @type {Pending} */ { parts, cameras }) {
+function partsOfScore(/** @type {Pending} */ { parts, cameras, reason }) {
   return make(
     "details#parts-of-score.parts",
     { open: partsOpen.on, toggle: (event) => (partsOpen.on = event.target.open) },
@@ -143,6 +137,12 @@ function partsOfScore(/** @type {Pending} */ { parts, cameras }) {
         return /** @type {ValueRow} */ ([words, text, PARTS[name] ?? words]);
       }),
     ),
+    reason &&
+      make(
+        "p.note",
+        { tip: "What the planner expected of this view, before it was laid on the shape" },
+        `Planned for: ${reason}`,
+      ),
     cameras &&
       make("p.note", { tip: "What the registration of all views in space found" }, cameras.replaceAll("+-", "±")),
   );

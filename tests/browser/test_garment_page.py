@@ -34,6 +34,7 @@ def at(tab, uv):
 def test_the_garment_is_named_held_picked_and_undone(open_tab):
     tab = open_tab(1400, 1000)
     tab.until(FOUND)
+    tab.page.locator('[data-id="part-garment"]').click()
     panel = tab.page.get_by_role("region", name="Garment")
     expect(panel).to_contain_text("%")
     # The operator says what it is: the panel has its points, and the decision is in the history.

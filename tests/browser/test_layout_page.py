@@ -75,7 +75,7 @@ def panes_are_chosen_by_key_and_an_action_brings_the_one_it_needs(tab):
     assert tab.page.locator("#viser").is_visible()
     assert not tab.page.locator("#canvas").is_visible()
     keys.press("Shift+V")
-    assert tab.page.locator("#pick").is_visible()
+    assert tab.page.locator("#proposal").is_visible()
     keys.press("Shift+I")
     assert tab.page.evaluate("flatcloth.layout.pane") == "scene"
     tab.page.locator("#menu").click()

@@ -115,6 +115,7 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
     tab.ready()
     expect(page.locator("#recording")).to_contain_text(name)
     assert tab.state()["layers"]["pieces"], "a piece floats"
+    hands.press("part-floating")
     hands.press("floating-B")
     expect(page.locator("#floating")).to_contain_text("Nothing seen connects it")
 

@@ -55,6 +55,7 @@ def test_a_proposal_lies_by_its_piece_and_a_piece_is_dragged_onto_the_shape_by_h
     tab.step()
     tab.accept()
     (piece,) = tab.state()["layers"]["pieces"]
+    tab.page.locator('[data-id="part-floating"]').click()
     tab.page.locator('[data-id="floating-B"]').click()
     tab.page.locator('[data-id="place-B"]').click()
     tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")

@@ -243,18 +243,25 @@ class SlowExport:
         return b"<svg/>"
 
 
-def test_a_second_export_is_refused_while_one_is_made(unchanged: PageServer, slow_export: SlowExport) -> None:
-    with ThreadPoolExecutor(1) as pool:
+def test_a_second_export_waits_for_its_turn_and_too_many_are_refused(
+    unchanged: PageServer, slow_export: SlowExport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exports, "MOST_WAITING", 2)
+    with ThreadPoolExecutor(2) as pool:
         first = pool.submit(get, unchanged, "/export/outline.svg", 120)
         assert slow_export.begun.wait(WAIT_S)
-        for _ in range(50):
-            second = get(unchanged, "/export/outline.json")
-            assert second.status_code == 429
-            assert "Another export is running" in second.text
-        # Nothing else waits for it.
+        second = pool.submit(get, unchanged, "/export/outline.svg", 120)
+        routes = unchanged._now._exports
+        until = time.monotonic() + WAIT_S
+        while len(routes._clients) < 2:
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        third = get(unchanged, "/export/outline.json")
+        assert (third.status_code, "Too many exports wait" in third.text) == (429, True)
+        # Nothing else waits for them.
         assert get(unchanged, "/colormaps.json").status_code == 200
         slow_export.gate.set()
-        assert first.result().content == b"<svg/>"
+        assert first.result().content == second.result().content == b"<svg/>"
     assert get(unchanged, "/export/outline.json", timeout=120).status_code == 200
     assert all(name.startswith("flatcloth-export") for name in slow_export.threads)
 

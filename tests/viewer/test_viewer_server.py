@@ -414,3 +414,23 @@ def test_a_session_is_resumed_where_it_was_left(folder):
         state = tab.ready()
     assert state["step"] == 2
     assert integration.answers == 0
+
+
+def test_the_list_of_what_was_done_leads_back_and_forward(server):
+    with Tab(server) as tab:
+        tab.proposed()
+        tab.say(type="do", action="accept", view_index=1)
+        tab.state_where(lambda s: s["step"] == 2)
+        tab.say(type="do", action="step")
+        pending = tab.state_where(lambda s: s["pending"])["pending"]["view_index"]
+        tab.say(type="do", action="reject", view_index=pending)
+        state = tab.state_where(lambda s: len(s["done"]) == 2)
+        assert state["done"] == ["accept view 1", f"reject view {pending}"]
+        tab.say(type="go_to", done=0, of=2)
+        state = tab.state_where(lambda s: s["undone"] == ["accept view 1", f"reject view {pending}"])
+        assert state["step"] == 1
+        tab.say(type="go_to", done=2, of=2)
+        state = tab.state_where(lambda s: len(s["done"]) == 2)
+        assert state["step"] == 2
+        tab.say(type="go_to", done=1, of=5)
+        assert "has changed" in tab.note()["text"]

@@ -122,15 +122,17 @@ def _kind(name: str) -> tuple[str, Callable[[OpenedSession], bytes]] | None:
     return KINDS.get(name)
 
 
-BUSY = "Another export is running; try again when it is done."
+BUSY = "Too many exports wait; try again when some are done."
+MOST_WAITING = 8
+"""Exports that may wait for their turn. Chosen: more than the sheet of exports is pressed for at a time."""
 _LOOK_S = 0.25
 """Interval at which the client is checked for having left."""
 
 
 class ExportRoutes:
-    """Makes exports on its own thread, one at a time, because each uses all processors.
+    """Makes exports on its own thread, one at a time, because each uses all processors; the others wait.
 
-    Concurrent requests are answered with 429. An export is cancelled when its client leaves.
+    When too many wait, the answer is 429. An export is cancelled when its client leaves.
 
     Parameters
     ----------
@@ -152,13 +154,13 @@ class ExportRoutes:
         self._integration = integration
         self._kept = Kept(garments, both)
         self._folder = folder
-        self._turn = threading.Lock()
         self._pool = ThreadPoolExecutor(1, "flatcloth-export")
-        self._left = threading.Event()
+        self._clients: set[threading.Event] = set()  # each is set when the client of an export has left
 
     def stop(self) -> None:
         """Accept no more requests, and cancel the running export."""
-        self._left.set()
+        for left in tuple(self._clients):
+            left.set()
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     async def serve(self, request: Request) -> Response:
@@ -168,11 +170,11 @@ class ExportRoutes:
         if kind is None:
             known = ", ".join(KINDS)
             return PlainTextResponse(f"Unknown export {name!r:.40}; choose one of {known}.", status_code=404)
-        if not self._turn.acquire(blocking=False):
+        if len(self._clients) >= MOST_WAITING:
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
-        left = self._left = threading.Event()
+        left = threading.Event()
+        self._clients.add(left)
         work = self._pool.submit(self._make, name, kind[1], left)
-        work.add_done_callback(lambda _: self._end_turn())
         made = asyncio.wrap_future(work)
         made.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may be left to ask
         try:
@@ -189,6 +191,7 @@ class ExportRoutes:
             return PlainTextResponse(f"Unexpected error: {error!r}. See the terminal.", status_code=500)
         finally:
             left.set()
+            self._clients.discard(left)
         # As a download, never shown with the page's origin: its texts come from the recording.
         headers = {"Content-Disposition": f'attachment; filename="{self._stem()}-{name}"'}
         return Response(data, media_type=kind[0], headers=headers)
@@ -199,16 +202,15 @@ class ExportRoutes:
                 raise CancelledError
 
         try:
+            go_on(0.0, "")
             opened = of_page(self._integration, self._folder, go_on, self._kept)
             go_on(0.0, "")
             return make(opened)
         except CancelledError:
             _log.info("the export of %s was cancelled: its client left", name)
             return None
-
-    def _end_turn(self) -> None:
-        trim_freed_memory()
-        self._turn.release()
+        finally:
+            trim_freed_memory()
 
     def _stem(self) -> str:
         name = re.sub(r"[^A-Za-z0-9._-]+", "-", self._integration.recording.name).strip("-.")[:60]

@@ -16,11 +16,12 @@ from starlette.websockets import WebSocket
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.engine.integration import Integration
+from flatcloth.grasping.hand_eye import hand_eye_from
 from flatcloth.recordings import SourceOptions
 from flatcloth.recordings.base import source_options
 from flatcloth.recordings.mending import Mends
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.http import rotation_of
+from flatcloth.viewer.http import read_body, refused, rotation_of
 from flatcloth.viewer.modes.active import ActiveApplication
 from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
@@ -45,6 +46,8 @@ from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.server.hub import Hub, Tab
 from flatcloth.viewer.server.relay import relay
 
+MAX_HAND_EYE_BYTES = 65536
+"""Limit of a hand-eye file that a page sends. Chosen: it has sixteen numbers."""
 _SWAMPED_S = 0.05
 """Interval between checks whether an overloaded page can take messages again. Chosen."""
 
@@ -113,13 +116,14 @@ class Workspace:
         active: list[BaseRoute] = []
         if isinstance(self.application, ActiveApplication):
             active = active_routes(self.application.service(opened.base_from_camera))
-        robot = RobotAnswers(self.application, integration, opened.base_from_camera)
+        robot = self._robot = RobotAnswers(self.application, integration, opened.base_from_camera)
         self.router = Router(
             [
                 *LayerRoutes(lambda: self.application.picture, integration).routes(),
                 *SourceRoutes(self.application, integration).routes(),
                 *CheckRoutes(integration).routes(),
                 Route("/export/grasps.json", self._grasps),
+                Route("/hand-eye", self._take_hand_eye, methods=["POST"]),
                 Route("/export/{name}", self._exports.serve),
                 Route("/teaching/{part}", self._teaching.serve),
                 *self.application.routes(),
@@ -205,10 +209,20 @@ class Workspace:
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=400)
         try:
-            grasps = await run_in_threadpool(self.application.grasps, rotation_deg=rotation_deg)
+            base = self._robot.base_from_camera
+            grasps = await run_in_threadpool(self.application.grasps, base, rotation_deg=rotation_deg)
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=409)
         return JSONResponse(grasps, headers=headers)
+
+    async def _take_hand_eye(self, request: Request) -> Response:
+        """Take the content of a hand-eye file; poses are in the robot's frame from now on, until the end."""
+        try:
+            data = await read_body(request, MAX_HAND_EYE_BYTES)
+            self._robot.base_from_camera = hand_eye_from(data, Path("hand-eye file"))
+        except (FlatclothError, ValueError) as error:
+            return refused(str(error), 400)
+        return JSONResponse({"taken": True})
 
 
 def _hover(text: str) -> messages.Hover | messages.HoverRay | None:

@@ -1,0 +1,134 @@
+"""Addresses that can be sent, Back, the list of what was done, why parts are joined, and handles."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from conftest import Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
+from exported_sessions import write_cylinder
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def program(tmp_path):
+    write_cylinder(tmp_path / "root" / "cloth", "cloth", slice(112, 128))
+    running = Program(f"--root {tmp_path / 'root'}", None)
+    yield running
+    running.stop()
+
+
+def test_an_operator_goes_back_asks_why_and_places_by_handles(open_tab, program):
+    tab = open_tab(1366, 768)
+    page = tab.page
+    page.locator("#folder .card", has_text="cloth").click()
+    tab.ready()
+    first, second = tab.click_shape(0.25, 0.5)["id"], tab.click_shape(0.75, 0.5)["id"]
+    assert re.search(rf"#session/.*pick={second}$", page.url)
+    page.go_back()
+    tab.until(f"flatcloth.pick.id === {first}")
+    sent = page.url
+    ghosts_and_handles(tab)
+    what_was_done(tab)
+    why_it_is_joined(tab)
+    # Another tab at the address that was sent shows the same pick.
+    other = open_tab(1366, 768, has_scene=False)
+    other.page.goto(sent)
+    other.page.reload()
+    other.until(f"flatcloth.pick?.id === {first} && flatcloth.address.known")
+    # The list of sessions says how far it is.
+    page.keyboard.press("Shift+H")
+    expect(page.locator("#recent .card")).to_contain_text("cm²")
+    expect(page.locator("#recent .card")).to_contain_text("of 4 views")
+    tab.shoot("start-progress")
+    page.go_back()
+    tab.until("flatcloth.layerRevision > 0")
+
+
+def ghosts_and_handles(tab):
+    """A drag beside the proposal pans; its middle moves it, its ring turns it."""
+    tab.step()
+    places = tab.page.evaluate("flatcloth.handles.places")
+    canvas = tab.page.locator("#canvas").bounding_box()
+    mouse = tab.page.mouse
+
+    def drag(at, dx, dy):
+        mouse.move(canvas["x"] + at["x"], canvas["y"] + at["y"])
+        mouse.down()
+        mouse.move(canvas["x"] + at["x"] + dx, canvas["y"] + at["y"] + dy, steps=4)
+        mouse.up()
+
+    drag({"x": canvas["width"] - 8, "y": canvas["height"] - 8}, -30, 0)
+    assert tab.state()["pending"]["nudge"]["u_mm"] == 0.0
+    places = tab.page.evaluate("flatcloth.handles.places")
+    drag(places["middle"], 25, 0)
+    tab.until("flatcloth.state.pending.nudge.u_mm > 1 && flatcloth.state.pending.score !== null")
+    tab.until("!flatcloth.state.drawing")
+    places = tab.page.evaluate("flatcloth.handles.places")
+    tab.shoot("handles")
+    drag(places["ring"], 40, 10)
+    tab.until("Math.abs(flatcloth.state.pending.nudge.theta_deg) > 1")
+
+
+def what_was_done(tab):
+    keys = tab.page.keyboard
+    keys.press("Shift+K")
+    listed = tab.page.get_by_role("region", name="What was done")
+    expect(listed.locator("[aria-current=step]")).to_contain_text("view")
+    done = len(tab.state()["done"])
+    listed.get_by_role("button", name="the beginning").click()
+    tab.until(f"flatcloth.state.done.length === 0 && flatcloth.state.undone.length === {done}")
+    listed.locator("button.undone").first.focus()
+    keys.press("Enter")
+    tab.until(f"flatcloth.state.done.length === {done} && !flatcloth.state.drawing")
+    tab.shoot("what-was-done")
+    keys.press("Shift+K")
+    keys.press("Backspace")
+    tab.until("flatcloth.state.pending.score >= 0.75 && !flatcloth.state.drawing")
+    tab.accept()
+
+
+def why_it_is_joined(tab):
+    """With joints of a made-up garment, as an even cylinder has none."""
+    page = tab.page
+    u, v = tab.state()["layers"]["origin_uv_m"]
+    pixel = tab.state()["layers"]["pixel_size_m"]
+    wide, high = 40 * pixel, 30 * pixel
+    seam = [[u + wide, v + n * pixel] for n in range(30)]
+    joint = {
+        "area_cm2": 120.0, "evidence": 0.8, "weak": True, "probability": 0.1, "kept": False,
+        "outline_uv_m": [[[u, v], [u + wide, v], [u + wide, v + high], [u, v + high]]],
+        "seam_uv_m": seam, "seam_xyz_m": [[0.0, 0.0, 0.85]],
+        "views": [
+            {"view_index": 1, "angle_deg": 30.0, "pairs": 14, "residual_mm": [1.2, 3.4], "rc": [[60, 60]]}
+        ],
+    }  # fmt: skip
+
+    def answer(route):
+        revision = int(re.search(r"(\d+)\.json", route.request.url)[1])
+        joints = [joint, {**joint, "weak": False, "evidence": 4.0}]
+        found = {"revision": revision, "trouble": "", "joints": joints}
+        route.fulfill(body=json.dumps(found), content_type="application/json")
+
+    page.route("**/joints/*.json", answer)
+    page.keyboard.press("Shift+Y")
+    panel = page.get_by_role("region", name="Why joined")
+    expect(panel.get_by_role("group", name="Part 1")).to_contain_text("14 pairs of 1 view")
+    expect(panel).to_contain_text("right with 10 %")
+    panel.get_by_role("button", name="1 · 30°").click()
+    tab.until("flatcloth.sources.view === 1")
+    tab.shoot("why-joined")
+    page.locator("[data-id=joint-1]").focus()
+    page.keyboard.press("Enter")
+    tab.until("flatcloth.joints.chosen === 1")
+    at = page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", seam[10])
+    page.mouse.click(at["x"], at["y"])
+    tab.until("flatcloth.joints.chosen === 0")
+    assert tab.findings() == []
+    panel.get_by_role("button", name="Cut here").click()
+    page.locator(".toast", has_text="look again").wait_for()  # the server knows of no such joint
+    page.keyboard.press("Escape")
+    page.unroute("**/joints/*.json")

@@ -1,0 +1,56 @@
+"""Where a part of a shape is joined by little evidence is found, with the views that hold it and how well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from flatcloth.engine.results.joints import joints_of
+from flatcloth.garments.deciding import decided_part
+from flatcloth.garments.links import Cloth, DoubtedLink
+
+WEAK, OFF_M = 0.05, 0.004
+
+
+@pytest.fixture
+def cloth() -> Cloth:
+    """A sheet of samples 12 mm apart whose left third hangs on by pairs that view 7 saw 4 mm too long."""
+    row, col = (each.ravel() for each in np.mgrid[0:20, 0:30])
+    uv = 0.012 * np.stack([col, row], axis=1)
+    edges = cKDTree(uv).query_pairs(0.018, output_type="ndarray").astype(np.int32)
+    across = (col[edges] <= 9).sum(axis=1) == 1
+    steep = (np.abs(col[edges] - 9.5) < 3.0).any(axis=1)
+    length = np.linalg.norm(uv[edges[:, 0]] - uv[edges[:, 1]], axis=1)
+    return Cloth(
+        uv_m=uv,
+        xyz_m=np.concatenate([uv, np.full((len(uv), 1), 0.85)], axis=1),
+        edges=edges,
+        evidence=np.where(across, WEAK, np.where(steep, 0.3, 1.0)),
+        length_m=length + np.where(across, OFF_M, 0.0),
+        view_index=np.where(across, 7, 2).astype(np.int32),
+    )
+
+
+def test_a_weakly_joined_part_is_found_with_the_view_the_pairs_and_the_residuals_that_hold_it(cloth) -> None:
+    (joint,) = joints_of(cloth)
+    assert (joint.part == (cloth.uv_m[:, 0] < 0.114)).all()
+    assert joint.probability is None
+    (held,) = joint.views
+    assert (held.view_index, held.pairs) == (7, 20 + 2 * 19)
+    assert held.residual_m == pytest.approx((OFF_M, OFF_M))
+    assert np.allclose(joint.seam_uv_m[:, 0], 9.5 * 0.012)
+    even = replace(cloth, evidence=np.ones(len(cloth.edges)))
+    assert joints_of(even) == []
+
+
+def test_a_link_that_no_garment_allows_has_its_probability_and_a_kept_part_says_so(cloth) -> None:
+    (found,) = joints_of(cloth)
+    doubted = DoubtedLink(part=found.part, probability=0.1, area_m2=0.03)
+    kept = decided_part(cloth, found.link, taken_off=False)
+    (joint,) = joints_of(cloth, [doubted], [kept])
+    assert (joint.probability, joint.is_kept) == (0.1, True)
+    (joint,) = joints_of(cloth, [], [decided_part(cloth, found.link, taken_off=True)])
+    assert not joint.is_kept
