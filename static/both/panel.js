@@ -128,7 +128,7 @@ export class BothSides {
     const own = told.layers?.area_cm2;
     rebuild(this.section, ["both"], () => [
       make("h2", "Both sides"),
-      this.page.group("Sides, shown", ["beside", "seams"]),
+      this.page.group("Sides, shown", ["beside", "seams", "joints"]),
       make("div#both-about"),
     ]);
     rebuild(byId("both-about"), [other, own, this.showsSeams, this.chosen], () => [

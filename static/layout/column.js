@@ -106,20 +106,23 @@ export class Column {
   showSelection(/** @type {State} */ { pick, pending }) {
     this.selection.hidden = !pick || this.part === "pick";
     if (!pick) return;
-    rebuild(this.selection, [pick, Boolean(pending)], () => [
-      make("div.heading", make("h2", pick.name), this.page.smallButton("copy")),
-      values(
-        ["held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"],
-        !pending && ["normal", vector(pick.normal_held, 3), "Outward normal in the held frame"],
-      ),
-      !pending &&
-        pick.grip &&
-        values([
-          "grip",
-          gripText(pick.grip),
-          "Axis on the flattened view, opening, and one standard deviation of its position",
-        ]),
-    ]);
+    const held = `${vector(pick.position_held_m, 1, 1000)} mm`;
+    rebuild(this.selection, [pick, Boolean(pending)], () =>
+      pending // which needs the room
+        ? make("div.heading", make("h2", pick.name), make("span", { tip: HELD }, held))
+        : [
+            make("div.heading", make("h2", pick.name), this.page.smallButton("copy")),
+            values(
+              ["held", held, HELD],
+              ["normal", vector(pick.normal_held, 3), "Outward normal in the held frame"],
+              pick.grip && [
+                "grip",
+                gripText(pick.grip),
+                "Axis on the flattened view, opening, and one standard deviation of its position",
+              ],
+            ),
+          ],
+    );
   }
 
   get status() {
@@ -127,17 +130,18 @@ export class Column {
   }
 }
 
+const HELD = "Position x y z in the held frame";
 const ONLY_SHOWN = ["result", "look", "joints", "history"]; // actions that do nothing else
 
 /** What the page is at, and the part that it needs. @returns {[moment: string, part: string]} */
 function momentOf(/** @type {State} */ state, /** @type {string[]} */ parts) {
-  const { pending, pick, auto } = state;
+  const { pending, auto } = state;
   if (state.capture) return ["capture", "capture"];
   if (pending) return [`proposal ${pending.view_index}`, "proposal"];
   if (parts.includes("active")) return ["active", "active"];
   if (parts.includes("result") && (state.finished || auto.ended))
     return [`end ${state.finished ?? auto.ended}`, "result"];
-  return [`pick ${pick?.id ?? ""}`, "pick"];
+  return ["picking", "pick"]; // a pick is always in sight below, and leads away from nothing
 }
 
 const gripText = (/** @type {NonNullable<CurrentPick["grip"]>} */ { axis_deg, opening_m, position_std_m }) =>

@@ -153,7 +153,7 @@ export class Toolbar {
       Object.keys(LAYERS).filter((name) => !QUALITY.includes(name)),
     );
     this.build(byId("quality-layers"), quality);
-    this.build(byId("look-tools"), live ? ["look"] : ["look", "turn_over", "joints"]);
+    this.build(byId("look-tools"), live ? ["look"] : ["look", "turn_over"]);
   }
 
   buildOverlay() {
