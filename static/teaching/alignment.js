@@ -9,6 +9,7 @@ import { imageBox } from "/static/teaching/detail.js";
 import { Plot, ticks } from "/static/teaching/plot.js";
 import { viewName } from "/static/teaching/rotation.js";
 
+const POOR = 0.5; // of the score: more likely wrong than right
 const [KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH] = [1, 2, 3, 4]; // as flatcloth/teaching.py numbers them
 
 // --- the new view ----------------------------------------------------------------------------------
@@ -250,6 +251,10 @@ export function searchFacts(/** @type {Lessons} */ { alignment: lesson }) {
     ["Shifted by", mm(Math.hypot(u, v))],
     ["Turned by", degrees(turn)],
     ["Score", `${number(lesson.initial_score, 2)} → ${number(end, 2)}`],
+    [
+      "Initial estimate",
+      (lesson.initial_score ?? 0) < POOR ? "poor: it rests on one line of pixels" : "near the place",
+    ],
     ["Proposed", stands ? "the initial estimate" : "where the search ends"],
     ["Height differs (rms)", mm(lesson.score_parts.height_rms_mm)],
     ["Overlap", cm2(lesson.score_parts.overlap_cm2)],

@@ -142,7 +142,7 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
 
     hands.do("auto")
     tab.until("flatcloth.phase === 'finished' && !flatcloth.state.drawing")
-    expect(page.locator("#result")).to_contain_text("Finished")
+    expect(page.locator("#result")).to_contain_text("of the cloth floats" if still_floats else "Finished")
     tab.shoot(f"operator-{name}")
     with page.expect_download() as download:
         hands.do("export")
