@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import httpx
 import pytest
 from exported_sessions import write_cylinder, write_session
-from page_tabs import get, open_socket
+from page_tabs import get, open_socket, post
 from viewer_fakes import MemoryFolder
 
 from flatcloth.cli import main
@@ -278,3 +278,14 @@ def test_an_export_is_given_up_when_its_client_leaves(unchanged: PageServer, slo
     while answer.status_code == 429:
         answer = get(unchanged, "/export/outline.json", timeout=120)
     assert answer.status_code == 200
+
+
+def test_a_hand_eye_file_that_the_page_sends_gives_poses_in_the_robots_frame(server: PageServer) -> None:
+    matrix = [[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 0.2], [0, 0, 0, 1]]
+    wrong = (b"no json", "is not JSON"), (b"{}", "no format"), (b"x" * 10**5, "longer")
+    for content, said in wrong:
+        refused = post(server, "/hand-eye", content=content)
+        assert (refused.status_code, said in refused.json()["error"]) == (400, True)
+    file = {"format": "flatcloth-hand-eye/1", "base_from_camera": matrix}
+    assert post(server, "/hand-eye", content=json.dumps(file).encode()).status_code == 200
+    assert get(server, "/export/grasps.json").json()["base_from_camera"] == matrix
