@@ -151,3 +151,18 @@ export function union(a, b) {
   const [right, bottom] = [Math.max(a.right, b.right), Math.max(a.bottom, b.bottom)];
   return /** @type {B} */ ({ left, top, right, bottom });
 }
+
+/**
+ * The part of an image that is seen of a box, zoomed in about a pixel; it stays within the box.
+ * @param {ItemBox} box @param {{ factor: number; row: number; col: number }} zoom @returns {ItemBox}
+ */
+export function zoomedBox({ top, left, width, height }, { factor, row, col }) {
+  const [wide, high] = [width / factor, height / factor];
+  const kept = (/** @type {number} */ value, /** @type {number} */ most) => Math.min(most, Math.max(0, value));
+  return {
+    top: top + kept(row - high / 2 - top, height - high),
+    left: left + kept(col - wide / 2 - left, width - wide),
+    width: wide,
+    height: high,
+  };
+}

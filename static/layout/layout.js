@@ -14,6 +14,7 @@ const TITLES = { both: "Both", flat: "Flattened", scene: "3D", details: "Details
 const PANE_OF = {
   diagnostics: "scene",
   source_image: "scene",
+  source_large: "scene",
   source_mask: "scene",
   source_states: "scene",
   follow: "scene",

@@ -2,7 +2,7 @@
 
 import { askPicture } from "/static/page/connection.js";
 import { strokeLine } from "/static/canvas/marks.js";
-import { byId, make, rebuild, setText, within } from "/static/page/dom.js";
+import { byId, make, rebuild, setText, swatch, within } from "/static/page/dom.js";
 import { mm } from "/static/page/format.js";
 
 const RADII_MM = [4, 6, 8, 10, 15, 20, 30];
@@ -96,6 +96,7 @@ export class SidesPanel {
         }),
         make("output#brush-size"),
       ),
+      make("p.note", swatch("var(--side-this)"), " this side ", swatch("var(--side-other)"), " not this side"),
       this.page.group("Shown", ["show_sides", "show_certainty", "where_to_stroke"]),
     ]);
     setText(byId("sides-text"), known.text);

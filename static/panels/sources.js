@@ -1,5 +1,6 @@
 // The source image of a view with its mask, beside the flattened view, and every view that saw the current pick.
 
+import { zoomedBox } from "/static/canvas/geometry.js";
 import { askJson, askPicture } from "/static/page/connection.js";
 import { strokeLine, strokeRimmed, traceCross } from "/static/canvas/marks.js";
 import {
@@ -8,6 +9,7 @@ import {
   contextOf,
   isPlain,
   make,
+  onWheel,
   rebuild,
   setPressed,
   setText,
@@ -23,6 +25,8 @@ import { PixelStates } from "/static/panels/pixel_states.js";
 
 const LEAST_PX = 200; // of the image's longer side; it grows with the scene
 const MOST_SHARE = 0.42; // of the scene's width and height
+const LARGE_SHARE = 0.86; // of the same, if it is shown large
+const MOST_ZOOM = 16;
 const LOW_PX = 420; // a scene that is lower than this keeps the most of it for itself
 const MARGIN = 0.12; // around the item, as a share of its size
 const IMAGES_KEPT = 8;
@@ -56,12 +60,15 @@ export class SourcePanel {
     this.states = new PixelStates(() => this.show());
     this.actions = {
       source_image: () => this.toggle(this.folded),
+      source_large: () => this.toggle(this.large),
       source_mask: () => this.toggle(this.masked),
       source_states: () => this.toggle(this.states.shown),
     };
     this.panel = byId("sources");
     this.folded = new KeptSwitch("source-folded");
     this.masked = new KeptSwitch("source-mask", true);
+    this.large = new KeptSwitch("source-large");
+    this.zoom = { factor: 1, row: 0, col: 0 }; // and the pixel in the middle
     this.present = /** @type {number | null} */ (null); // the view that the page is at
     this.pinned = /** @type {number | null} */ (null); // another view that the operator looks at
     this.pick = /** @type {CurrentPick | null} */ (null);
@@ -144,10 +151,22 @@ export class SourcePanel {
       this.draw();
     });
     canvas.addEventListener("keydown", (event) => this.key(event));
+    onWheel(canvas, (factor, event) => {
+      const at = this.pixelAt(event);
+      if (!at || !this.drawn) return;
+      event.preventDefault();
+      const { box } = this.drawn;
+      const before = this.zoom.factor;
+      this.zoom.factor = within(before * factor, 1, MOST_ZOOM);
+      const by = before / this.zoom.factor; // what is under the pointer stays there
+      this.zoom.row = at[0] + (box.top + box.height / 2 - at[0]) * by;
+      this.zoom.col = at[1] + (box.left + box.width / 2 - at[1]) * by;
+      this.draw();
+    });
   }
 
   /** The pixel (row, col) of the recorded image under a pointer. @returns {UV | null} */
-  pixelAt(/** @type {PointerEvent} */ event) {
+  pixelAt(/** @type {MouseEvent} */ event) {
     if (!this.drawn) return null;
     const at = this.canvas.getBoundingClientRect();
     const { box, scale } = this.drawn;
@@ -199,6 +218,7 @@ export class SourcePanel {
   pin(/** @type {number} */ view) {
     this.page.send({ type: "turn_to", view_index: view });
     this.pinned = this.page.lookedAt = view === this.present ? null : view;
+    this.zoom.factor = 1;
     this.show();
     this.page.changed();
   }
@@ -238,6 +258,7 @@ export class SourcePanel {
           smallButton("", back, { id: "source-back", key: "source-back", tip: "Show the view that the page is at" }),
           this.page.smallButton("source_mask"),
           this.page.smallButton("source_states"),
+          this.page.smallButton("source_large"),
           this.page.smallButton("source_image", "Fold"),
         ),
         make("div.source-body", this.canvas, make("div#source-seen.source-seen")),
@@ -249,6 +270,7 @@ export class SourcePanel {
     const back = byId("source-back");
     back.hidden = this.pinned === null;
     setText(back, `Back to view ${this.present}`);
+    setPressed(buttonOf("source_large", this.panel), this.large.on);
     setPressed(buttonOf("source_mask", this.panel), this.masked.on);
     setPressed(buttonOf("source_states", this.panel), this.states.shown.on);
     this.states.show(byId("source-states"), this.view, this.revision);
@@ -337,12 +359,15 @@ export class SourcePanel {
     this.canvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
     if (!color || !mask?.box) return;
     const item = this.itemBox(view);
-    const box = item ? withMargin(item, color) : mask.box;
+    const whole = item ? withMargin(item, color) : mask.box;
+    const share = this.large.on ? LARGE_SHARE : MOST_SHARE;
     const [mostWide, mostHigh] = [this.scene.clientWidth, this.scene.clientHeight].map((px) =>
-      Math.max(this.scene.clientHeight < LOW_PX ? 0 : LEAST_PX, MOST_SHARE * px),
+      Math.max(this.scene.clientHeight < LOW_PX ? 0 : LEAST_PX, share * px),
     );
-    const scale = Math.min(mostWide / box.width, mostHigh / box.height);
-    const [width, height] = [Math.round(box.width * scale), Math.round(box.height * scale)];
+    const fit = Math.min(mostWide / whole.width, mostHigh / whole.height);
+    const [width, height] = [Math.round(whole.width * fit), Math.round(whole.height * fit)];
+    const box = zoomedBox(whole, this.zoom);
+    const scale = fit * this.zoom.factor;
     const context = sized(this.canvas, width, height);
     Object.assign(this.canvas.style, { width: `${width}px`, height: `${height}px` });
     byId("source-seen").style.maxHeight = `${height}px`;

@@ -120,7 +120,18 @@ def why_it_is_joined(tab):
     expect(panel).to_contain_text("right with 10 %")
     panel.get_by_role("button", name="1 · 30°").click()
     tab.until("flatcloth.sources.view === 1")
+    # The source image is as large as wanted, and the wheel zooms into it.
+    image = page.locator("#source-canvas")
+    small = image.bounding_box()
+    page.keyboard.press("Shift+Z")
+    at = image.bounding_box()
+    assert at["height"] > 1.3 * small["height"]
+    page.mouse.move(at["x"] + at["width"] / 2, at["y"] + at["height"] / 2)
+    whole = page.evaluate("flatcloth.sources.drawn.box")
+    page.mouse.wheel(0, -600)
+    tab.until(f"flatcloth.sources.drawn.box.width < {0.7 * whole['width']}")
     tab.shoot("why-joined")
+    page.keyboard.press("Shift+Z")
     page.locator("[data-id=joint-1]").focus()
     page.keyboard.press("Enter")
     tab.until("flatcloth.joints.chosen === 1")

@@ -299,6 +299,13 @@ ACTIONS: tuple[Action, ...] = (
         "Turn the display so that the garment is upright; again: back.",
         "view",
     ),
+    Action(
+        "source_large",
+        "Large",
+        ("Shift+z",),
+        "Show the source image large, or small again; the wheel zooms into it.",
+        "view",
+    ),
     Action("source_mask", "Mask", ("Shift+m",), "Show or hide the mask on the source image.", "view"),
     Action(
         "source_states",
