@@ -1,6 +1,7 @@
 // The page: takes the server's states, gives them to its parts, and turns what the operator does into messages.
 
 import { FlatCanvas } from "/static/canvas/canvas.js";
+import { Handles } from "/static/canvas/handles.js";
 import { Comparison } from "/static/canvas/compare.js";
 import { KeyPointer } from "/static/canvas/key_pointer.js";
 import { Looking } from "/static/canvas/look.js";
@@ -65,6 +66,7 @@ page.sceneMarks = page.add(new SceneMarks(page));
 page.add(new StatusLines(page));
 for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page, nudges));
+page.add(new Handles(page, () => repair.picking));
 const liveBar = page.add(new LiveBar(page, drawFrame));
 const verdicts = page.add(new Verdicts(page, decide));
 page.add(new Timeline(page, chooseView));

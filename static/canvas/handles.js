@@ -6,6 +6,7 @@ import { byId, rebuild, smallButton } from "/static/page/dom.js";
 import { mm } from "/static/page/format.js";
 
 const REACH_PX = 13;
+const CLICK_PX = 4;
 const ABOVE_PX = 26; // of the ring over the proposal
 const SNAP_PX = 16;
 const SNAP_RAD = 0.14; // 8 degrees
@@ -15,8 +16,10 @@ const SNAP_RAD = 0.14; // 8 degrees
 export class Handles {
   name = "handles";
 
-  constructor(/** @type {Page} */ page) {
+  /** @param {Page} page @param {() => boolean} isAway whether clicks mean something else now */
+  constructor(page, isAway) {
     this.page = page;
+    this.isAway = isAway;
     this.canvas = page.canvas;
     this.held = /** @type {{ kind: "turn" | "move"; from: PointerPlace; by: By; angle: number } | null} */ (null);
     this.snapped = /** @type {Ghost | null} */ (null);
@@ -39,9 +42,8 @@ export class Handles {
 
   get pending() {
     const { state, brush } = this.page;
-    return state?.pending && this.canvas.overlay.shown && !brush?.kind && this.canvas.side === "this"
-      ? state.pending
-      : null;
+    if (!state?.pending || !this.canvas.overlay.shown || this.canvas.side === "other") return null;
+    return brush?.kind || this.isAway() ? null : state.pending;
   }
 
   /** Where the handles are in the pane, with the preview. */
@@ -62,7 +64,7 @@ export class Handles {
 
   press(/** @type {PointerPlace} */ at) {
     const { places } = this;
-    if (!places) return false;
+    if (!places || at.shift) return false;
     const near = (/** @type {Point} */ place) => Math.hypot(place.x - at.x, place.y - at.y) < REACH_PX;
     /** @type {"turn" | "move" | null} */
     const kind = near(places.ring) ? "turn" : near(places.middle) ? "move" : null;
@@ -83,10 +85,14 @@ export class Handles {
     canvas.showPreview(held.by);
   }
 
-  release() {
+  release(/** @type {PointerPlace} */ at) {
     const { held, canvas } = this;
     this.held = null;
-    if (held) canvas.handlers.nudge(canvas.preview);
+    if (!held) return;
+    const moved = Math.hypot(at.x - held.from.x, at.y - held.from.y) > CLICK_PX;
+    if (moved) return canvas.handlers.nudge(canvas.preview);
+    canvas.resetPreview();
+    canvas.handlers.pick(at.u, at.v); // a click means the cloth below
   }
 
   // --- ghosts ------------------------------------------------------------------------------------

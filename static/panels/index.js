@@ -2,7 +2,6 @@
 
 import { BothSides } from "/static/both/panel.js";
 import { GarmentPanel } from "/static/garment/panel.js";
-import { Handles } from "/static/canvas/handles.js";
 import { JointsPanel } from "/static/joints/panel.js";
 import { ActivePanel } from "/static/active/panel.js";
 import { CapturePanel } from "/static/panels/capture.js";
@@ -25,7 +24,6 @@ export const PANELS = [
   CapturePanel,
   ProposalPanel,
   PiecesPanel,
-  Handles,
   GarmentPanel,
   BothSides,
   JointsPanel,
