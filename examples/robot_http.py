@@ -24,10 +24,6 @@ if __name__ == "__main__":
     grasps = ask(f"{page}/robot/grasps{at}")
     for grasp in grasps["grasps"] + grasps["garment_points"]:
         print(grasp["name"], grasp["poses"] and grasp["poses"]["camera"]["position_m"])
-    wanted = {
-        "uv_m": grasps["grasps"][0]["flattened"]["uv_m"],
-        "name": "again",
-        "revision": shape["revision"],
-    }
-    proposed = ask(f"{page}/robot/pick{at}", wanted)["grasp"]
+    place = {"uv_m": grasps["grasps"][0]["flattened"]["uv_m"], "revision": shape["revision"]}
+    proposed = ask(f"{page}/robot/pick{at}", {**place, "name": "again"})["grasp"]
     print("proposed:", proposed["id"], proposed["name"], proposed["poses"]["camera"]["quaternion_wxyz"])

@@ -14,19 +14,17 @@ TOPICS = {
     "/tf": "tf2_msgs/TFMessage",
     "/flatcloth/cloud": "sensor_msgs/PointCloud2",
 }
-
-if __name__ == "__main__":
-    headers = {"Authorization": f"Bearer {os.environ['FLATCLOTH_TOKEN']}"}
-    ros = roslibpy.Ros(f"{sys.argv[1]}/robot/rosbridge", headers=headers)
-    ros.run()
-    heard = {name: queue.Queue() for name in TOPICS}
-    for name, kind in TOPICS.items():
-        roslibpy.Topic(ros, name, kind).subscribe(heard[name].put)
-    poses = heard["/flatcloth/picks"].get(timeout=30)["poses"]
-    print("picks:", [pose["position"] for pose in poses])
-    print("frames:", [each["child_frame_id"] for each in heard["/tf"].get(timeout=30)["transforms"]])
-    print("points:", heard["/flatcloth/cloud"].get(timeout=30)["width"])
-    propose = roslibpy.Service(ros, "/flatcloth/propose_pick", "flatcloth/ProposePick")
-    wanted = {"position_m": list(poses[0]["position"].values()), "name": "by ROS"}
-    print("proposed:", propose.call(roslibpy.ServiceRequest(wanted), timeout=30)["grasp"]["id"])
-    ros.terminate()
+headers = {"Authorization": f"Bearer {os.environ['FLATCLOTH_TOKEN']}"}
+ros = roslibpy.Ros(f"{sys.argv[1]}/robot/rosbridge", headers=headers)
+ros.run()
+heard = {name: queue.Queue() for name in TOPICS}
+for name, kind in TOPICS.items():
+    roslibpy.Topic(ros, name, kind).subscribe(heard[name].put)
+poses = heard["/flatcloth/picks"].get(timeout=30)["poses"]
+print("picks:", [pose["position"] for pose in poses])
+print("frames:", [each["child_frame_id"] for each in heard["/tf"].get(timeout=30)["transforms"]])
+print("points:", heard["/flatcloth/cloud"].get(timeout=30)["width"])
+propose = roslibpy.Service(ros, "/flatcloth/propose_pick", "flatcloth/ProposePick")
+wanted = {"position_m": list(poses[0]["position"].values()), "name": "by ROS"}
+print("proposed:", propose.call(roslibpy.ServiceRequest(wanted), timeout=30)["grasp"]["id"])
+ros.terminate()

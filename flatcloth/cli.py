@@ -53,8 +53,6 @@ COMMANDS: dict[str, ModuleType] = {
     )
 }
 _OWN_OPTIONS = ("-h", "--help", "--version", "--print-completion")
-_WITHOUT_JSON = ("view", "active", "record", "evaluate", "schema")
-"""Commands that serve or ask, have a ``--json`` of their own, or print JSON anyway."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -185,6 +183,6 @@ def _parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         command.add_options(added)
-        add_output(added, has_json=name not in _WITHOUT_JSON)
+        add_output(added, has_json="--json" not in added._option_string_actions)
         added.set_defaults(run=command.run, parser=added)
     return parser

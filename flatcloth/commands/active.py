@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_method, loading
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
-from flatcloth.commands.output import say
+from flatcloth.commands.output import announce, report, say
 from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
     from flatcloth.active.goal import Budget, Goal
     from flatcloth.active.loop import ActiveLoop
-    from flatcloth.core.geometry import Rigid3
+    from flatcloth.active.service import ActiveService, Eye
     from flatcloth.synthesis.cell import Cell
 
 NAME = "active"
@@ -98,6 +98,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the loop; return 0 if the goal is reached, 1 if it is not."""
     with loading():
         from flatcloth.active.loop import ActiveLoop
+        from flatcloth.active.service import ActiveService
 
     goal, budget = goal_of(options)
     base_from_camera = hand_eye_of(options)
@@ -107,32 +108,37 @@ def run(options: argparse.Namespace) -> int:
         )
     cell = None if options.cell is None else cell_of(options)
     loop = ActiveLoop(options.out, goal, budget, options.method)
+    service = ActiveService(loop, _eye(cell, options), base_from_camera)
     try:
         say(f"Goal: {goal}. Budget: {budget}. {loop.views} views so far.")
         if options.listen is not None:
-            listen(loop, cell, base_from_camera, options)
+            listen(service, options)
         else:
             assert cell is not None
             with ProgressBar(cell.name) as bar:
                 lead(loop, cell, bar, masks=not options.no_masks)
-        files = loop.write(base_from_camera)
+        files = service.write()
     finally:
         loop.close()
-    return told_end(loop, files)
+    return told_end(options, service, files)
 
 
-def listen(
-    loop: ActiveLoop, cell: Cell | None, base_from_camera: Rigid3 | None, options: argparse.Namespace
-) -> None:
-    """Let a robot turn the item; without a cell it sends the views, too."""
-    from flatcloth.active.service import ActiveService
+def _eye(cell: Cell | None, options: argparse.Namespace) -> Eye | None:
+    """Return what looks at the cell; without one a robot sends the views."""
     from flatcloth.active.station import view_of_cell
+
+    return None if cell is None else functools.partial(view_of_cell, cell, masks=not options.no_masks)
+
+
+def listen(service: ActiveService, options: argparse.Namespace) -> None:
+    """Let a robot turn the item."""
     from flatcloth.viewer.server.active import serve_active
 
-    eye = None
-    if cell is not None:
-        eye = functools.partial(view_of_cell, cell, masks=not options.no_masks)
-    serve_active(ActiveService(loop, eye, base_from_camera), options.host, options.listen, options.token_file)
+    def ready(url: str, token: str) -> None:
+        words = f"Robots ask {url} with the token {token} (Ctrl-C ends it)"
+        announce(options, words, url, token, session=str(service.loop.folder))
+
+    serve_active(service, options.host, options.listen, options.token_file, ready)
 
 
 def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None:
@@ -151,18 +157,20 @@ def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None
         say(f"  got:      {taken.got}")
 
 
-def told_end(loop: ActiveLoop, files: list[Path]) -> int:
-    """Print the end of a loop, and return its exit code."""
+def told_end(options: argparse.Namespace, service: ActiveService, files: list[Path]) -> int:
+    """Report the end of a loop, and return its exit code; the document is that of ``/robot/next``."""
     from flatcloth.active.ending import End
 
-    end = loop.asked
+    loop, end = service.loop, service.loop.asked
+    lines = []
     if files:
-        say(f"Written to {loop.folder}: {', '.join(file.name for file in files)}")
-    if not isinstance(end, End):
-        say("Stopped before its end; the same command continues it.")
-        return 1
-    say(end.reason)
-    return 0 if end.reached else 1
+        lines.append(f"Written to {loop.folder}: {', '.join(file.name for file in files)}")
+    lines.append(
+        end.reason if isinstance(end, End) else "Stopped before its end; the same command continues it."
+    )
+    document = {**service.next(), "session": str(loop.folder), "steps": loop.steps()}
+    report(options, document, lines)
+    return 0 if isinstance(end, End) and end.reached else 1
 
 
 def goal_of(options: argparse.Namespace) -> tuple[Goal, Budget]:

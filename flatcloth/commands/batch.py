@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ from flatcloth.commands.common import (
     limits_of,
     source_options_of,
 )
-from flatcloth.commands.output import report, say
+from flatcloth.commands.output import announce, report, say
 from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
@@ -120,11 +119,17 @@ def _look(options: argparse.Namespace) -> None:
     if not (options.report or options.review):
         return
     page = write_report(out)
-    report(options, {"page": str(page)}, [f"Page: {page}"])
-    if options.review:
-        from flatcloth.viewer.server.review import serve_review
+    if not options.review:
+        report(options, {"page": str(page)}, [f"Page: {page}"])
+        return
+    from flatcloth.viewer.server.review import serve_review
 
-        serve_review(out, options.port)
+    say(f"Page: {page}")
+
+    def ready(url: str, token: str) -> None:
+        announce(options, f"Review at {url} (Ctrl-C ends it)", url, token, page=str(page))
+
+    serve_review(out, options.port, ready)
 
 
 def _summary(count: Count) -> str:
@@ -168,10 +173,7 @@ class _Teller(ProgressBar):
         """Report that the user has stopped the batch."""
         done = 0 if self._count is None else self._count.done
         total = 0 if self._count is None else self._count.total
-        print(
-            f"\nStopped: {done} of {total} are done and kept. The same command goes on from there.",
-            file=sys.stderr,
-        )
+        self.line(f"Stopped: {done} of {total} are done and kept. The same command goes on from there.")
 
 
 def _time(seconds: float) -> str:

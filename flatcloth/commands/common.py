@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from flatcloth.commands.output import is_quiet, progressed
+from flatcloth.commands.output import is_quiet, logged, progressed
 from flatcloth.methods.registry import method_entry, method_names
 
 if TYPE_CHECKING:
@@ -310,6 +310,7 @@ class ProgressBar:
     def line(self, text: str) -> None:
         """Print a line on stderr, above the bar if there is one."""
         self._bar.write(text, file=sys.stderr)
+        logged(text)
 
     def show(self, share: float, text: str) -> None:
         """Draw the bar: ``share`` 0 to 1 and the current step."""

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 from flatcloth.commands.active import cell_of, goal_of
 from flatcloth.commands.common import integration_of, source_options_of
 from flatcloth.commands.export import hand_eye_of
-from flatcloth.commands.output import say
+from flatcloth.commands.output import announce, say
 from flatcloth.commands.record import add_capture_options
 from flatcloth.core.errors import FlatclothError
 
 if TYPE_CHECKING:
     from flatcloth.active.service import Eye
     from flatcloth.recordings import SourceOptions
+    from flatcloth.viewer import PageServer
     from flatcloth.viewer.places import Chosen
     from flatcloth.viewer.server.workspace import Opened
 
@@ -224,10 +225,19 @@ def page_options(options: argparse.Namespace) -> dict[str, Any]:
     from flatcloth.viewer.places import Places
     from flatcloth.viewer.server.guard import given_token, is_loopback
 
+    def ready(server: PageServer) -> None:
+        words = f"flatcloth is at {server.url} (Ctrl-C ends it)"
+        session = None if server.session is None else str(server.session)
+        announce(options, words, server.url, server.token, recording=server.recording, session=session)
+
+    token = False if options.no_token else given_token(options.token_file) or True
+    if token is True and options.quiet and not is_loopback(options.host):
+        raise FlatclothError("--quiet would keep the token to itself; give --token-file or FLATCLOTH_TOKEN.")
     return {
+        "ready": ready,
         "host": options.host,
         "port": options.port,
-        "token": False if options.no_token else given_token(options.token_file) or True,
+        "token": token,
         "places": Places(options.root, own=is_loopback(options.host)),
         "opener": Opener(options),
     }

@@ -9,6 +9,7 @@ import argparse
 import contextlib
 import json
 import logging
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -32,6 +33,11 @@ def detail(text: str) -> None:
     _said.debug("%s", text)
 
 
+def logged(text: str) -> None:
+    """Put a warning that is on stderr already into the log file as well."""
+    _failed.warning("%s", text)
+
+
 def progressed(text: str) -> None:
     """Report progress as a line on stderr; for where there is no bar."""
     _progress.info("%s", text)
@@ -43,6 +49,18 @@ def report(options: argparse.Namespace, document: Any, lines: Iterable[str]) -> 
         print(json.dumps(document, indent=1), flush=True)
     for line in lines:
         say(line)
+
+
+def announce(
+    options: argparse.Namespace, words: str, url: str, token: str | None, **more: str | None
+) -> None:
+    """Report that a server answers: as one line of JSON with ``--json``, else in words.
+
+    The log file gets the words without the token, as others may read it.
+    """
+    if options.json:
+        print(json.dumps({"url": url, "token": token, **more, "pid": os.getpid()}), flush=True)
+    _said.info("%s", words, extra={"secret": token})
 
 
 def add_output(parser: argparse.ArgumentParser, *, has_json: bool) -> None:
@@ -58,6 +76,11 @@ def add_output(parser: argparse.ArgumentParser, *, has_json: bool) -> None:
         group.add_argument(
             "--json", action="store_true", help="print the result as one JSON document, in place of words"
         )
+
+
+def speaks() -> bool:
+    """Say whether words are wanted on stdout."""
+    return any(handler.level <= logging.INFO for handler in _said.handlers)
 
 
 def is_quiet() -> bool:
@@ -116,8 +139,18 @@ def _log_file(path: Path) -> logging.Handler:
         raise FlatclothError(
             f"{path}: the log cannot be written ({failed.strerror}); choose another file."
         ) from failed
-    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    handler.setFormatter(_WithoutSecrets("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     return handler
+
+
+class _WithoutSecrets(logging.Formatter):
+    """Leaves out what a line marks as secret."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line."""
+        secret = getattr(record, "secret", None)
+        text = super().format(record)
+        return text.replace(secret, "(token)") if secret else text
 
 
 class _Printer(logging.Handler):

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from flatcloth.commands.output import report, say, speaks
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 
 if TYPE_CHECKING:
@@ -64,6 +65,8 @@ def run(options: argparse.Namespace) -> None:
 
     if not options.yes and not sys.stdin.isatty():
         raise FlatclothError("record needs a terminal for its questions; give --yes to keep every view.")
+    if not options.yes and (options.quiet or options.json):
+        raise FlatclothError("--quiet and --json show no questions; give --yes to keep every view.")
     camera = open_camera(options.camera, options.align or "depth")
     try:
         guided = GuidedCapture(
@@ -75,12 +78,14 @@ def run(options: argparse.Namespace) -> None:
         try:
             lead(camera, guided, typed if not options.yes else lambda: None, keeps_itself=options.yes)
         except KeyboardInterrupt:
-            print()
+            _leave_status_line()
         finally:
             guided.close()
             count = len(guided.writer)
             views = "1 view is" if count == 1 else f"{count} views are"
-            print(f"{views} in {options.out}. Open it with: flatcloth view {options.out}")
+            line = f"{views} in {options.out}. Open it with: flatcloth view {options.out}"
+            document = {"folder": str(options.out), "angles_deg": list(guided.writer.angles_deg)}
+            report(options, document, [line])
     finally:
         camera.close()
 
@@ -102,16 +107,17 @@ def lead(
     from flatcloth.cameras import CameraEndedError
     from flatcloth.cameras.capture import Phase
 
-    print(f"{camera.name}: {camera.intrinsics.width}x{camera.intrinsics.height} px, {camera.fps:g} frames/s")
+    say(f"{camera.name}: {camera.intrinsics.width}x{camera.intrinsics.height} px, {camera.fps:g} frames/s")
     for note in camera.notes:
-        print(f"Note: {note}")
+        say(f"Note: {note}")
     reported: tuple[Phase, int] | None = None
     looker = _Looker(camera)
     while guided.state.phase is not Phase.DONE:
         try:
             frame = camera.read()
         except CameraEndedError as end:
-            print(f"\n{end}")
+            _leave_status_line()
+            say(str(end))
             return
         state = guided.see(frame)
         place = (state.phase, len(state.kept_deg))
@@ -145,9 +151,11 @@ def _obey(guided: GuidedCapture, text: str | None) -> None:
         elif word != "":
             guided.do(lambda state: capture.aim(state, float(word)))
     except ValueError:
-        print(f"\n{text.strip()[:40]!r}? Enter, r, q, or the angle in degrees.")
+        _leave_status_line()
+        say(f"{text.strip()[:40]!r}? Enter, r, q, or the angle in degrees.")
     except IllegalDecisionError as error:
-        print(f"\n{error}")
+        _leave_status_line()
+        say(str(error))
 
 
 def _print_step(guided: GuidedCapture, before: tuple[object, int] | None, *, asking: bool) -> None:
@@ -156,29 +164,29 @@ def _print_step(guided: GuidedCapture, before: tuple[object, int] | None, *, ask
 
     state, number = guided.state, len(guided.state.kept_deg)
     if before is not None and number > before[1]:
-        print(f"\rView {number - 1} is kept.\033[K" if sys.stdout.isatty() else f"View {number - 1} is kept.")
+        _leave_status_line(erased=True)
+        say(f"View {number - 1} is kept.")
     if state.phase is Phase.TURN:
         hint = " (Enter: done; q: end)" if asking else ""
-        print(
-            f"View {number}: turn the item by {state.turn_by_deg:+g} degrees, to {state.target_deg:g}.{hint}"
-        )
+        say(f"View {number}: turn the item by {state.turn_by_deg:+g} degrees, to {state.target_deg:g}.{hint}")
     elif state.phase is Phase.SETTLE and number == 0 and before is None:
-        print("View 0: let the item hang still.")
+        say("View 0: let the item hang still.")
     elif state.phase is Phase.REVIEW and guided.taken is not None:
         view = guided.taken
         hint = " (Enter: keep; r: repeat; a number: correct its angle; q: end)" if asking else ""
-        print(
+        _leave_status_line(erased=True)
+        say(
             f"View {number} at {state.target_deg:g} degrees: {view.frames} frames, "
             f"noise {view.noise_mm:.1f} mm.{hint}"
         )
         for warning in view.warnings:
-            print(f"  {warning}")
+            say(f"  {warning}")
 
 
 def _show_stillness(state: Capture) -> None:
     from flatcloth.cameras.capture import Phase
 
-    if not sys.stdout.isatty() or state.phase is Phase.REVIEW:
+    if not _has_status_line() or state.phase is Phase.REVIEW:
         return
     speed = "-" if state.speed_px_s is None else f"{state.speed_px_s:.0f}"
     words = {
@@ -186,6 +194,16 @@ def _show_stillness(state: Capture) -> None:
         Phase.SETTLE: f"still for {state.still_s:.1f} s" if state.still_s else f"moving, {speed} px/s",
     }
     print(f"\r  {words.get(state.phase, f'motion {speed} px/s')}\033[K", end="", flush=True)
+
+
+def _has_status_line() -> bool:
+    return sys.stdout.isatty() and speaks()
+
+
+def _leave_status_line(*, erased: bool = False) -> None:
+    """Continue on a line of its own, or in place of the line that shows the motion."""
+    if _has_status_line():
+        print("\r\033[K" if erased else "\n", end="", flush=True)
 
 
 class _Looker:
@@ -207,7 +225,8 @@ class _Looker:
         if kinds != self._said:
             self._said = kinds
             for text in warnings:
-                print(f"\nWarning: {text}" if sys.stdout.isatty() else f"Warning: {text}")
+                _leave_status_line()
+                say(f"Warning: {text}")
 
 
 def typed() -> str | None:

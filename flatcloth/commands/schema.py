@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from flatcloth.commands.output import say
+from flatcloth.commands.output import report
 from flatcloth.core.errors import FlatclothError
 
 NAMES = ("recording", "outcome", "grasps", "garment", "session", "journal", "robot")
@@ -33,9 +33,12 @@ def run(options: argparse.Namespace) -> None:
         return
     from flatcloth.export.files import write_text
 
+    written = []
     for name in NAMES:
-        write_text(options.out / f"{name}.schema.json", json.dumps(schema_of(name), indent=1) + "\n")
-    say(f"Written to {options.out}: {len(NAMES)} schemas.")
+        file = options.out / f"{name}.schema.json"
+        write_text(file, json.dumps(schema_of(name), indent=1) + "\n")
+        written.append(str(file))
+    report(options, {"written": written}, [f"Written to {options.out}: {len(NAMES)} schemas."])
 
 
 def schema_of(name: str) -> dict[str, Any]:

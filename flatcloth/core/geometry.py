@@ -100,6 +100,15 @@ def directions_across(axis: RotationAxis) -> tuple[Float64, Float64]:
     return one, np.cross(along, one)
 
 
+def horizontal_axes(axis: RotationAxis) -> tuple[Float64, Float64]:
+    """Return the unit vectors (3,), (3,) across the axis to the right of the image, and to the camera."""
+    k = axis.direction
+    to_camera = np.array([0.0, 0.0, -1.0])
+    to_camera -= (to_camera @ k) * k
+    to_camera /= np.linalg.norm(to_camera)
+    return np.cross(k, to_camera), to_camera
+
+
 def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> Float64:
     """Return the Z-angle (...) of normals (..., 3) given in the object frame, seen at ``angle_deg``.
 
@@ -108,11 +117,7 @@ def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> F
     step 1). The direction to the camera is taken as the optical axis, so that turning the item by an
     angle adds that angle.
     """
-    k = axis.direction
-    to_camera = np.array([0.0, 0.0, -1.0])
-    to_camera -= (to_camera @ k) * k
-    to_camera /= np.linalg.norm(to_camera)
-    to_right = np.cross(k, to_camera)
+    to_right, to_camera = horizontal_axes(axis)
     n = np.asarray(normal, dtype=np.float64)
     return wrapped_deg(np.degrees(np.arctan2(n @ to_right, n @ to_camera)) + angle_deg)
 

@@ -18,6 +18,8 @@ Arrays = Mapping[str, NDArray[Any]]
 
 LENGTHS = struct.Struct("<II")
 """Lengths of JSON and body."""
+PICTURES = ("png", "webp")
+"""Kinds of pictures."""
 _ALIGNED = 8
 """Arrays begin at multiples of their elements' size, which is at most this, so readers need not copy."""
 
@@ -37,9 +39,9 @@ class Parcel:
         data = np.asarray(values, dtype=kind)
         self._add(name, data.astype(data.dtype.newbyteorder("<")).tobytes(), data.dtype.name, data.shape)
 
-    def picture(self, name: str, png: bytes, shape: tuple[int, ...]) -> None:
-        """Add a picture of this many rows and columns."""
-        self._add(name, png, "png", shape)
+    def picture(self, name: str, data: bytes, shape: tuple[int, ...], kind: str = "png") -> None:
+        """Add a picture of this many rows and columns; its kind is one of ``PICTURES``."""
+        self._add(name, data, kind, shape)
 
     def pack(self, more: Mapping[str, Any] | None = None, *, allow_nan: bool = False) -> bytes:
         """Return everything as bytes, with ``more`` values; see :func:`record`."""
@@ -65,7 +67,8 @@ def unpack(read: Callable[[int], bytes]) -> tuple[dict[str, Any], dict[str, NDAr
     values, data = json.loads(read(text)), read(body)
     arrays = {}
     for name, part in values.pop("parts").items():
-        dtype = np.dtype("uint8" if part["kind"] == "png" else part["kind"])
+        is_picture = part["kind"] in PICTURES
+        dtype = np.dtype("uint8" if is_picture else part["kind"])
         array = np.frombuffer(data, dtype, part["bytes"] // dtype.itemsize, part["at"])
-        arrays[name] = array if part["kind"] == "png" else array.reshape(part["shape"])
+        arrays[name] = array if is_picture else array.reshape(part["shape"])
     return values, arrays

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,9 +29,13 @@ SUFFIXES = (".gif", ".mp4")
 _WIDTH, _HEIGHT, _FOOT, _PANE = 880, 500, 62, 400
 """Layout (px): image, foot, and the pane of the cloud. Chosen."""
 _MOST_TURNING = 72
-"""Most frames in which the item turns, shared by all turns. Chosen: a GIF of 36 views stays below 2 MB."""
+"""Most frames in which the item turns, shared by all turns. Chosen for the size of the file."""
 _TURN_FRAMES, _TURN_MS, _HOLD_MS, _LAST_MS = 6, 60, 900, 2600
 """Most frames of a turn, and how long (ms) frames of it, results and the last one are shown. Chosen."""
+_COLORS = (128, 64, 32)
+"""Colours of a GIF: the most with which it is small enough. Chosen."""
+_MOST_GIF_BYTES = 2_000_000
+"""A GIF of more bytes gets fewer colours. Chosen: what slides and mail take."""
 _FPS = 10
 """Frames a second of the film. Chosen."""
 _POINT_M = 0.0022
@@ -63,7 +68,7 @@ def write_animation(session: OpenedSession, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix.lower() == ".gif":
             with replacing(path) as file:
-                _write_gif(shown, _palette(session), file)
+                file.write(_gif(shown, _colorful(session)))
         else:
             # OpenCV writes to a name only, and would follow a link.
             with replacing(path) as file, tempfile.TemporaryDirectory(prefix="flatcloth-") as folder:
@@ -212,8 +217,8 @@ def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int, told: s
     drawing.text(_WIDTH / 2, _HEIGHT - 14, f"step {step.order + 1} of {count}", SMALL, SOFT, "middle")
 
 
-def _palette(session: OpenedSession) -> PillowImage.Image:
-    """Return the palette for all frames: that of the first and the last."""
+def _colorful(session: OpenedSession) -> PillowImage.Image:
+    """Return a picture with the colours of all frames: the first and the last."""
     from PIL import Image
 
     painter, steps = _Painter(session), session.growth.steps
@@ -221,25 +226,33 @@ def _palette(session: OpenedSession) -> PillowImage.Image:
     for n, (step, tinted) in enumerate(((steps[0], True), (steps[-1], False))):
         page, scene = painter.page(step, step.order, tinted), painter.scene(step, step.order, tinted)
         both.paste(painter.frame(page, scene, step.angle_deg, _HOLD_MS).image, (0, n * _HEIGHT))
-    return both.quantize(colors=128, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    return both
 
 
-def _write_gif(shown: Iterable[Frame], palette: PillowImage.Image, file: BinaryIO) -> None:
-    """Write a GIF with one palette for all frames; Pillow writes what changes from frame to frame.
+def _gif(shown: Iterable[Frame], colorful: PillowImage.Image) -> bytes:
+    """Return a GIF with one palette for all frames, of fewer colours where it would be too large.
 
-    It has all of them in memory, 0.4 MB each.
+    Pillow writes what changes from frame to frame. It has all of them in memory, 0.4 MB each.
     """
     from PIL import Image
 
     durations_ms: list[int] = []
-
-    def images() -> Iterator[PillowImage.Image]:
-        for frame in shown:
-            durations_ms.append(frame.duration_ms)
-            yield frame.image.quantize(palette=palette, dither=Image.Dither.NONE)
-
-    first, *others = images()
-    first.save(file, "GIF", save_all=True, append_images=others, duration=durations_ms, loop=0)
+    images: list[PillowImage.Image] = []
+    for count in _COLORS:
+        palette = colorful.quantize(count, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        if not images:
+            for frame in shown:
+                durations_ms.append(frame.duration_ms)
+                images.append(frame.image.quantize(palette=palette, dither=Image.Dither.NONE))
+        else:
+            images = [
+                image.convert("RGB").quantize(palette=palette, dither=Image.Dither.NONE) for image in images
+            ]
+        file = io.BytesIO()
+        images[0].save(file, "GIF", save_all=True, append_images=images[1:], duration=durations_ms, loop=0)
+        if file.tell() <= _MOST_GIF_BYTES:
+            break
+    return file.getvalue()
 
 
 def _write_mp4(shown: Iterable[Frame], path: Path) -> None:

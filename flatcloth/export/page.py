@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import held_from_camera, horizontal_axes
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
@@ -30,7 +30,7 @@ from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
 from flatcloth.grasping.grips import grip_numbers
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering.colormaps import piece_color
-from flatcloth.rendering.drawing import data_url, small_png_of
+from flatcloth.rendering.drawing import data_url, webp_of
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, hex_of, legend, rgba
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.journal import Pick
@@ -41,10 +41,17 @@ MOST_AROUND = 6000
 AROUND_SPACING_M = 0.007
 """Distance of the points around the item in the offline page. Chosen for the size of the file."""
 
-_AROUND_LEVELS = np.uint16(64)
-"""Places of those points are rounded to so many of 65,536 levels, some 1.3 mm. Chosen for the file's size."""
+POINT_STEP_M = 0.0005
+"""Points are rounded to this: half the unit of most depth images."""
+_AROUND_STEPS = np.uint16(8)
+"""Points around the item are rounded to so many times that. Chosen for the size of the file."""
+_NORMAL_LEVELS = 63
+"""Normals are rounded to so many steps between two axes: 2 degrees at most. Chosen for the file's size."""
 _AROUND_COLOR_BITS = np.uint8(0xF0)
 """Bits of their colours that are kept. Chosen for the size of the file."""
+
+_COLORS = 64
+"""Colours of the layers of values, of the 256 on the operator page. Chosen for the size of the file."""
 
 Integers = TypeVar("Integers", bound=np.integer[Any])
 
@@ -143,9 +150,9 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
     around, around_rgb = _around(session)
     every = np.concatenate([xyz, *around])
     low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
-    step_m = float(max((high - low).max() / 65535, 1e-9))
+    step_m = float(max((high - low).max() / 65535, POINT_STEP_M))
     _put_cloth(parcel, view, growth.first_step, growth.source_step, low, step_m)
-    coarse = _AROUND_LEVELS * (_levels(np.concatenate(around), low, step_m) // _AROUND_LEVELS)
+    coarse = _AROUND_STEPS * (_levels(np.concatenate(around), low, step_m) // _AROUND_STEPS)
     parcel.array("around_xyz", differences(coarse))
     parcel.array("around_rgb", differences(np.concatenate(around_rgb) & _AROUND_COLOR_BITS))
     starts = np.cumsum([0, *(len(points) for points in around)]).tolist()
@@ -155,11 +162,12 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
         "recording": {
             "name": history.recording_name,
             "description": recording.description,
-            "n_views": history.n_views,
+            "angles_deg": list(recording.angles_deg),
         },
         "method": history.method,
         "finished": history.document.finished,
         "count": len(xyz),
+        "normal_levels": _NORMAL_LEVELS,
         "grid": _grid(view),
         "pieces": _pieces(growth.sheet),
         "bounds": {"low": low.tolist(), "step": step_m},
@@ -167,6 +175,7 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
         "half_extents_m": _half_extents_m(every, (shown_low + shown_high) / 2, axis),
         "axis": {
             "direction": axis.direction.tolist(),
+            "across": [across.tolist() for across in horizontal_axes(axis)],
             "line": [p.tolist() for p in _axis_ends(every, axis)],
         },
         "around_spacing_m": AROUND_SPACING_M,
@@ -216,11 +225,8 @@ def _put_cloth(
     parcel.array(f"{prefix}source", source[window].ravel())
     xyz = view.xyz_m[window][cloth].astype(np.float64)
     parcel.array(f"{prefix}xyz", differences(_levels(xyz, low, step_m)))
-    normal = np.rint(127 * np.nan_to_num(view.normal[window][cloth]))
-    parcel.array(f"{prefix}normal", differences(normal.astype(np.int8)))
-    z_angle = np.rint(10 * np.nan_to_num(view.z_angle_deg[window][cloth]))
-    parcel.array(f"{prefix}z_angle", differences(z_angle.astype(np.int16)[:, None]))
-    source_rc = np.clip(np.rint(10 * view.source_rc[window][cloth]), 0, 65535)
+    parcel.array(f"{prefix}normal", differences(octahedral(view.normal[window][cloth])))
+    source_rc = np.clip(np.rint(view.source_rc[window][cloth]), 0, 65535)
     parcel.array(f"{prefix}source_rc", differences(source_rc.astype(np.uint16)))
 
 
@@ -264,6 +270,22 @@ def differences(values: NDArray[Integers]) -> NDArray[Integers]:
     """
     columns = values.T
     return np.diff(columns, axis=1, prepend=np.zeros((len(columns), 1), dtype=columns.dtype))
+
+
+def octahedral(normals: Floats) -> NDArray[np.int8]:
+    """Return unit vectors (N, 3) as two numbers each (N, 2): their places on an unfolded octahedron.
+
+    Notes
+    -----
+    Cigolle, Z. H. et al.: A Survey of Efficient Representations for Independent Unit Vectors. Journal of
+    Computer Graphics Techniques 3 (2014), section 3.
+    """
+    n = np.nan_to_num(normals)
+    n = n / np.maximum(np.abs(n).sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
+    folded = (1 - np.abs(n[:, 1::-1])) * np.where(n[:, :2] < 0, -1, 1)
+    flat = np.where(n[:, 2:] < 0, folded, n[:, :2])
+    levels: NDArray[np.int8] = np.rint(_NORMAL_LEVELS * flat).astype(np.int8)
+    return levels
 
 
 def _levels(xyz_m: Floats, low: Float64, step_m: float) -> NDArray[np.uint16]:
@@ -374,8 +396,8 @@ def _layers(
     for name in LAYERS:
         if name in QUALITY_LAYERS and view.quality is None:
             continue
-        image = rgba(view, name, integration.axis, len(angles_deg))[window]
-        parcel.picture(f"{prefix}layer {name}", small_png_of(image), image.shape[:2])
+        image = rgba(view, name, integration.axis, len(angles_deg), colors=_COLORS)[window]
+        parcel.picture(f"{prefix}layer {name}", webp_of(image), image.shape[:2], "webp")
         title, about = words_of(name)
         made.append(
             {

@@ -234,19 +234,12 @@ def png_of(pixels: Uint8) -> bytes:
     return file.getvalue()
 
 
-def small_png_of(pixels: Uint8) -> bytes:
-    """Return a picture (H, W, 4) uint8 as PNG; with at most 256 colors it has a palette and half the size."""
+def webp_of(pixels: Uint8) -> bytes:
+    """Return a picture (H, W, 4) uint8 as WebP without loss; a third smaller than a PNG."""
     from PIL import Image
 
-    packed = np.ascontiguousarray(pixels).view(np.uint32)[..., 0]
-    colors, index = np.unique(packed, return_inverse=True)
-    if len(colors) > 256:
-        return png_of(pixels)
-    table = colors.view(np.uint8).reshape(-1, 4)
-    image = Image.fromarray(index.reshape(packed.shape).astype(np.uint8), mode="P")
-    image.putpalette(table[:, :3].tobytes(), "RGB")
     file = io.BytesIO()
-    image.save(file, "PNG", optimize=True, transparency=table[:, 3].tobytes())
+    Image.fromarray(pixels).save(file, "WEBP", lossless=True)
     return file.getvalue()
 
 

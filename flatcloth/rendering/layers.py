@@ -92,10 +92,13 @@ def rgba(
     n_views: int,
     appearance: Appearance = PLAIN,
     like: FlattenedView | None = None,
+    *,
+    colors: int = 256,
 ) -> Uint8:
     """Return a layer as an image (H, W, 4) uint8; transparent where the view has no cloth.
 
-    ``like`` is the view whose range the colours span, if it is another one.
+    ``like`` is the view whose range the colours span, if it is another one; ``colors`` is the number of
+    colours of a map of values.
 
     Raises
     ------
@@ -117,7 +120,7 @@ def rgba(
             image[valid, :3] = _UNKNOWN
         else:
             low, high = layer_range(view if like is None else like, layer, axis)
-            image[valid, :3] = _colors(values, OWN_MAPS[layer], low, high, appearance)
+            image[valid, :3] = _colors(values, OWN_MAPS[layer], low, high, appearance, colors)
     return image
 
 
@@ -198,9 +201,12 @@ def _values(view: FlattenedView, layer: str, axis: RotationAxis) -> Floats | Non
     return None if view.quality is None else view.quality[view.valid, QUALITY_LAYERS[layer]]
 
 
-def _colors(values: Floats, own_map: str, low: float, high: float, appearance: Appearance) -> Uint8:
+def _colors(
+    values: Floats, own_map: str, low: float, high: float, appearance: Appearance, count: int = 256
+) -> Uint8:
     span = high - low
     table = MAPS[appearance.color_map or own_map].table()
+    table = table[np.linspace(0, len(table) - 1, count).round().astype(np.intp)]
     colors = apply_table(table, values, low + span * appearance.low, low + span * appearance.high)
     colors[~np.isfinite(values)] = _UNKNOWN
     return colors

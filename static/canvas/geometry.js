@@ -166,3 +166,5 @@ export function zoomedBox({ top, left, width, height }, { factor, row, col }) {
     height: high,
   };
 }
+
+export const dot = (/** @type {Numbers} */ a, /** @type {Numbers} */ b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

@@ -391,7 +391,6 @@ class Points {
   }
 }
 
-const dot = (/** @type {Numbers} */ a, /** @type {Numbers} */ b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 /** @param {number[]} a @param {number[]} b */
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = (/** @type {number[]} */ v) => v.map((x) => x / (Math.hypot(...v) || 1));

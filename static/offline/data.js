@@ -1,6 +1,6 @@
 // The data of the exported page, unpacked from the page itself; nothing is loaded.
 
-import { boxOf, pixelAt } from "/static/canvas/geometry.js";
+import { boxOf, dot, pixelAt } from "/static/canvas/geometry.js";
 import { contextOf } from "/static/page/dom.js";
 import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
 
@@ -19,12 +19,12 @@ export async function unpack(/** @type {string} */ historyText, /** @type {strin
   const end = 8 + lengthsOf(bytes)[0];
   const arrays = partsOf(valuesOf(bytes.subarray(8, end)).parts, bytes.subarray(end));
   const steps = history.steps.map((step) => step.view_index);
-  const own = { layers: await layersOf(history, arrays), cloth: new Cloth(history, arrays, history.bounds, steps) };
+  const own = { layers: await layersOf(history, arrays), cloth: new Cloth(history, history, arrays, steps) };
   const { other } = history;
   const behind = other && {
     layers: await layersOf(other, arrays, OTHER),
     // All of it is there from the first step on, and its sources are views.
-    cloth: new Cloth(other, arrays, history.bounds, [...Array(history.recording.n_views).keys()], OTHER),
+    cloth: new Cloth(other, history, arrays, [...history.recording.angles_deg.keys()], OTHER),
   };
   return { history, ...own, other: behind, around: aroundOf(history, arrays) };
 }
@@ -51,10 +51,10 @@ async function pixelsOf(/** @type {Blob} */ png) {
  */
 export class Cloth {
   /**
-   * @param {OfflineSide} side @param {Parts} parts @param {OfflineHistory["bounds"]} bounds
+   * @param {OfflineSide} side @param {OfflineHistory} history @param {Parts} parts
    * @param {number[]} views that the sources of the pixels number
    */
-  constructor(side, { arrays }, bounds, views, prefix = "") {
+  constructor(side, { bounds, normal_levels: levels, axis, recording }, { arrays }, views, prefix = "") {
     const [first, source] = [arrays[`${prefix}first`], arrays[`${prefix}source`]];
     this.grid = side.grid;
     this.box = boxOf(side.grid);
@@ -66,10 +66,11 @@ export class Cloth {
     this.first = Float32Array.from(this.at, (i) => first[i]);
     this.source = Int16Array.from(this.at, (i) => source[i]);
     this.xyz = metres(summed(arrays[`${prefix}xyz`], 3), bounds);
-    this.normals = Float32Array.from(summed(arrays[`${prefix}normal`], 3), (x) => x / 127);
-    this.zAngles = summed(arrays[`${prefix}z_angle`], 1);
+    this.normals = Float32Array.from(summed(arrays[`${prefix}normal`], 2), (x) => x / levels);
     this.sourceRc = summed(arrays[`${prefix}source_rc`], 2);
     this.views = views;
+    this.anglesDeg = recording.angles_deg;
+    this.across = axis.across;
   }
 
   get count() {
@@ -90,7 +91,25 @@ export class Cloth {
 
   /** @type {(n: number) => XYZ} */
   point = (n) => [this.xyz[3 * n], this.xyz[3 * n + 1], this.xyz[3 * n + 2]];
-  normal = (/** @type {number} */ n) => unit([...this.normals.subarray(3 * n, 3 * n + 3)]);
+
+  /** The normal, from its place on the unfolded octahedron (flatcloth/export/page.py). */
+  normal(/** @type {number} */ n) {
+    const [x, y] = this.normals.subarray(2 * n, 2 * n + 2);
+    const z = 1 - Math.abs(x) - Math.abs(y);
+    if (z >= 0) return unit([x, y, z]);
+    return unit([(1 - Math.abs(y)) * (x < 0 ? -1 : 1), (1 - Math.abs(x)) * (y < 0 ? -1 : 1), z]);
+  }
+
+  /** The Z-angle at which a pixel was seen, in degrees. */
+  zAngle(/** @type {number} */ n) {
+    const normal = this.normal(n);
+    const [right, camera] = this.across.map((axis) => dot(axis, normal));
+    const angle = (Math.atan2(right, camera) * 180) / Math.PI + this.anglesDeg[this.view(n)];
+    return angle - 360 * Math.ceil((angle - 180) / 360);
+  }
+
+  /** The view that a pixel is from. */
+  view = (/** @type {number} */ n) => this.views[this.source[n]];
 
   /**
    * The pixel of cloth at a place of the plane that is there after a step; -1 if there is none.

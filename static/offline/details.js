@@ -93,7 +93,7 @@ export function showValues({ cloth, step }, u, v) {
   showReadout([
     ["u, v", "mm on the plane", told(() => `${vector([1000 * (u ?? 0), 1000 * v])} mm`)],
     ["x y z", "mm, held frame", told(() => `${vector(cloth.point(n), 1, 1000)} mm`)],
-    ["Z-angle", "deg", told(() => degrees(cloth.zAngles[n] / 10))],
+    ["Z-angle", "deg", told(() => degrees(cloth.zAngle(n)))],
     ["Source", "view", told(() => `view ${cloth.views[cloth.source[n]]}`)],
   ]);
 }

@@ -111,7 +111,7 @@ export class Page {
   /** What does not change. */
   fixed() {
     const { recording, method, layers, steps } = this.history;
-    setText(byId("recording"), `${recording.name} · ${count(recording.n_views, "view")} · method ${method}`);
+    setText(byId("recording"), `${recording.name} · ${count(recording.angles_deg.length, "view")} · method ${method}`);
     if (recording.description) byId("recording").dataset.tip = recording.description;
     const tools = {
       "page-actions": ["tint", ...(this.history.other ? ["turn_over"] : []), "theme", "help"],
@@ -326,9 +326,9 @@ export class Page {
       miss_m: miss,
       position_held_m: this.cloth.point(n),
       normal_held: this.cloth.normal(n),
-      z_angle_deg: this.cloth.zAngles[n] / 10,
-      view_index: this.cloth.views[this.cloth.source[n]],
-      source_rc: [this.cloth.sourceRc[2 * n] / 10, this.cloth.sourceRc[2 * n + 1] / 10],
+      z_angle_deg: this.cloth.zAngle(n),
+      view_index: this.cloth.view(n),
+      source_rc: [this.cloth.sourceRc[2 * n], this.cloth.sourceRc[2 * n + 1]],
       grip: null,
       gripper_m: null,
     });

@@ -9,6 +9,8 @@ const ARRAYS = {
   float32: Float32Array,
 };
 
+const PICTURES = ["png", "webp"];
+
 /** The lengths of the JSON and of the body, which a parcel begins with (8 bytes). */
 export function lengthsOf(/** @type {Uint8Array} */ bytes) {
   const head = new DataView(bytes.buffer, bytes.byteOffset, 8);
@@ -30,7 +32,7 @@ export function partsOf(parts, body) {
   const made = { arrays: {}, pictures: {} };
   for (const [name, { kind, at, bytes }] of Object.entries(parts)) {
     const data = body.slice(at, at + bytes);
-    if (kind === "png") made.pictures[name] = new Blob([data], { type: "image/png" });
+    if (PICTURES.includes(kind)) made.pictures[name] = new Blob([data], { type: `image/${kind}` });
     else made.arrays[name] = new ARRAYS[/** @type {keyof typeof ARRAYS} */ (kind)](data.buffer);
   }
   return made;

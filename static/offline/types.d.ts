@@ -40,13 +40,14 @@ declare global {
   type OfflineSide = { grid: Grid & { corner_rc: [number, number] }; count: number; layers: OfflineLayer[]; pieces: Piece[] };
   /** The texts and numbers of the page. */
   type OfflineHistory = OfflineSide & {
-    recording: { name: string; description: string; n_views: number };
+    recording: { name: string; description: string; angles_deg: number[] };
     method: string;
     finished: string | null;
     bounds: { low: XYZ; step: number };
+    normal_levels: number;
     extent: { low: XYZ; high: XYZ };
     half_extents_m: [number, number];
-    axis: { line: [XYZ, XYZ]; direction: XYZ };
+    axis: { line: [XYZ, XYZ]; direction: XYZ; across: [XYZ, XYZ] };
     around: { start: number; count: number }[];
     around_spacing_m: number;
     steps: OfflineStep[];

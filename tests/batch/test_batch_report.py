@@ -31,7 +31,7 @@ from flatcloth.cli import main
 from flatcloth.core.errors import JournalError
 from flatcloth.recordings import SourceOptions
 from flatcloth.viewer.server.guard import Guard, own_names
-from flatcloth.viewer.server.review import SessionPages, review_app, serve_review
+from flatcloth.viewer.server.review import SessionPages, review_app
 
 GOOD = {"outcome": "done", "method": "robust", "source": "/data/x", "area_cm2": 900.0, "floating_cm2": 0.0}
 
@@ -302,9 +302,14 @@ def test_served_it_needs_the_token_of_the_printed_address(
             served.append(self.config.app)
 
     monkeypatch.setattr("flatcloth.viewer.server.limits.uvicorn.Server", Server)
-    serve_review(out, 0)
+    assert main(["batch", str(out), "--review", "--port", "0"]) == 0
     found = re.search(r"http://127\.0\.0\.1:\d+(/\?token=(\S+))", capsys.readouterr().out)
     assert found is not None
+    assert main(["batch", str(out), "--review", "--port", "0", "--json"]) == 0
+    line = json.loads(capsys.readouterr().out)
+    assert line["token"] == found[2]
+    assert line["url"].endswith(found[1])
+    assert Path(line["page"]).is_file()
     client = Asker(served[0])
     for path in ("/", "/?token=wrong"):
         assert client.get(path).status_code == 403

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import io
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +19,7 @@ from flatcloth.cameras.guided_capture import GuidedCapture, writer_for
 from flatcloth.cameras.playback import PlaybackCamera
 from flatcloth.cli import main
 from flatcloth.commands import record
+from flatcloth.commands.output import speaking
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import prepare
 from flatcloth.recordings import open_recording
@@ -41,7 +44,8 @@ def led(file: Path, out: Path, answer: Callable[[GuidedCapture], str | None]) ->
     """Lead through a capture; ``answer`` is asked at each frame what the operator types."""
     camera = PlaybackCamera(file, real_time=False)
     guided = GuidedCapture(camera, lambda: writer_for(camera, str(out), "coat", False), 10.0)
-    record.lead(camera, guided, lambda: answer(guided), keeps_itself=False)
+    with speaking(argparse.Namespace(quiet=False, verbose=False, log_file=None)):
+        record.lead(camera, guided, lambda: answer(guided), keeps_itself=False)
     guided.close()
     camera.close()
     return guided
@@ -101,8 +105,12 @@ def test_a_capture_is_gone_on_with_only_when_asked(
     assert main(arguments) == 2
     assert "--resume" in capsys.readouterr().err
     assert main([*arguments, "--resume"]) == 0
+    capsys.readouterr()
     # The file's two turns are the fourth and the fifth of the recording.
     assert open_recording(out).angles_deg == (0.0, -20.0, -40.0, -60.0, -80.0)
+    assert main([*arguments, "--resume", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"folder": str(out), "angles_deg": list(open_recording(out).angles_deg)}
 
 
 def test_the_operator_keeps_repeats_corrects_and_ends(
@@ -166,6 +174,9 @@ def test_without_a_terminal_it_must_be_told_to_keep_everything(
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     assert main(["record", "--out", str(tmp_path / "out"), "--camera", str(file)]) == 2
     assert "--yes" in capsys.readouterr().err
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
+    assert main(["record", "--out", str(tmp_path / "out"), "--camera", str(file), "--json"]) == 2
+    assert "show no questions; give --yes" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

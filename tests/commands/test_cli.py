@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import httpx
 import pytest
 from exported_sessions import write_cylinder
 
@@ -174,6 +175,14 @@ def test_a_mistyped_command_or_bundled_name_is_told_which_is_meant(
     assert "recording.json" in capsys.readouterr().err
 
 
+def test_a_token_that_nobody_would_see_is_refused(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("FLATCLOTH_TOKEN", raising=False)
+    assert main(["view", "--host", "0.0.0.0", "--port", "0", "--quiet"]) == 2
+    assert "--token-file or FLATCLOTH_TOKEN" in capsys.readouterr().err
+
+
 def test_a_log_that_cannot_be_written_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "x", "--out", "y", "--log-file", str(tmp_path)]) == 2
     assert f"{tmp_path}: the log cannot be written" in capsys.readouterr().err
@@ -302,7 +311,9 @@ def test_at_its_end_the_process_does_not_take_apart_what_it_loaded() -> None:
 
 
 def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> None:
+    log = tmp_path / "log.txt"
     command = [sys.executable, "app.py", "view", str(SAMPLE), "--port", "0", "--session", str(tmp_path / "s")]
+    command += ["--json", "--token-file", str(tmp_path / "token"), "--log-file", str(log)]
     running = subprocess.Popen(
         command,
         cwd=ROOT,
@@ -313,10 +324,17 @@ def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> No
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     assert running.stdout is not None
-    said = next((line for line in running.stdout if "http://127.0.0.1:" in line), None)
+    said = running.stdout.readline()
+    answer = httpx.get(json.loads(said)["url"]) if said else None
     running.send_signal(signal.SIGINT)
     rest, errors = running.communicate(timeout=60)
-    assert said is not None, errors
+    assert answer is not None, errors
+    assert answer.status_code == 303  # with the token of the address: on to the page
+    token = (tmp_path / "token").read_text().strip()
+    about = {"recording": SAMPLE.name, "session": str(tmp_path / "s"), "pid": running.pid, "token": token}
+    assert about.items() <= json.loads(said).items()
+    assert "flatcloth is at http://127.0.0.1:" in log.read_text()
+    assert token not in log.read_text()
     assert running.returncode in (0, 130)  # not by a signal, though threads may still compute
     assert "Traceback" not in rest + errors
     assert (tmp_path / "s" / "session.json").is_file()

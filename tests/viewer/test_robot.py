@@ -6,6 +6,7 @@ import ast
 import base64
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -30,7 +31,9 @@ from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import PageServer
 from flatcloth.viewer.routes.robot_answers import RobotAnswers
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+ROOT = Path(__file__).parents[2]
+DOCS = (ROOT / "docs" / "robots.md").read_text()
+CLIENTS = dict(re.findall(r"<!-- client (\S+) -->\n```python\n(.*?)```", DOCS, re.DOTALL))
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +126,12 @@ def test_poses_are_computed_for_robots_only_when_something_has_changed() -> None
     integration.axis = object()
     answers.present(None)
     assert page.computed == 5
+
+
+@pytest.mark.parametrize("name", ["robot_http.py", "robot_websocket.py", "robot_rosbridge.py"])
+def test_the_docs_have_each_client_in_thirty_lines(name: str) -> None:
+    assert CLIENTS[name] == (ROOT / "examples" / name).read_text()
+    assert CLIENTS[name].count("\n") <= 30
 
 
 def test_the_example_of_http_gets_poses_at_its_rotation_and_a_pick(server: PageServer) -> None:
@@ -269,8 +278,8 @@ def matrix(transform: dict[str, Any]) -> np.ndarray:
 
 
 def example(server: PageServer, name: str, scheme: str, *more: str) -> list[str]:
-    """Run an example client, and return its lines; without the token it is refused."""
-    command = [sys.executable, str(EXAMPLES / name), f"{scheme}://127.0.0.1:{server.port}", *more]
+    """Run a client as the docs have it, and return its lines."""
+    command = [sys.executable, "-c", CLIENTS[name], f"{scheme}://127.0.0.1:{server.port}", *more]
     environment = {**os.environ, "FLATCLOTH_TOKEN": str(server.token)}
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
     assert done.returncode == 0, done.stderr

@@ -413,7 +413,7 @@ def test_logs_are_limited_while_the_page_is_served_and_not_afterwards(monkeypatc
     assert before
     served: list[list[object]] = []
     monkeypatch.setattr(PageServer, "join", lambda _: served.extend([*h.filters] for h in handlers))
-    serve(integration=CylinderIntegration(), folder=MemoryFolder(), port=0)
+    serve(lambda _: None, integration=CylinderIntegration(), folder=MemoryFolder(), port=0)
     assert all(any(isinstance(f, limits.RateLimit) for f in filters) for filters in served)
     assert len(served) == len(before)
     assert [list(handler.filters) for handler in handlers] == before

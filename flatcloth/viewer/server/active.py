@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,9 @@ _FAREWELL_S = 0.5
 _log = logging.getLogger(__name__)
 
 
-def serve_active(service: ActiveService, host: str, port: int, token_file: Path | None) -> None:
+def serve_active(
+    service: ActiveService, host: str, port: int, token_file: Path | None, ready: Callable[[str, str], None]
+) -> None:
     """Serve a loop until a robot was told its end, or Ctrl-C or SIGTERM.
 
     Parameters
@@ -32,6 +34,8 @@ def serve_active(service: ActiveService, host: str, port: int, token_file: Path 
         Where to listen; port 0 for any free one.
     token_file : Path, optional
         As for the page: otherwise the token is that of the environment, the user's own, or a new one.
+    ready : callable
+        Called with the address that robots ask, and the token.
 
     Raises
     ------
@@ -57,9 +61,7 @@ def serve_active(service: ActiveService, host: str, port: int, token_file: Path 
         loop.append(asyncio.get_running_loop())
         await server.serve([listener])
 
-    address = f"http://{host}:{number}/robot/next"
-    sys.stdout.write(f"Robots ask {address} with the token {token} (Ctrl-C ends it)\n")
-    sys.stdout.flush()
+    ready(f"http://{host}:{number}/robot/next", token)
     try:
         with limited_logs():
             asyncio.run(serve())

@@ -115,8 +115,8 @@ class PageServer:
         self._start = StartRoutes(
             places or Places(own=is_loopback(host)),
             self._open,
-            self._current,
-            self._session_folder,
+            lambda: self.recording,
+            lambda: self.session,
             self._mend,
         )
         self._ready = threading.Event()
@@ -129,6 +129,16 @@ class PageServer:
         host = "127.0.0.1" if self._host in {"0.0.0.0", ""} else self._host
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+
+    @property
+    def recording(self) -> str | None:
+        """The name of the open recording."""
+        return None if self._now is None else self._now.name
+
+    @property
+    def session(self) -> Path | None:
+        """The folder of the open session."""
+        return None if self._now is None else self._now.folder
 
     @property
     def application(self) -> PageController:
@@ -208,12 +218,6 @@ class PageServer:
         else:
             answer = PlainTextResponse("Nothing is open; choose a recording.", status_code=409)
             await answer(scope, receive, send)
-
-    def _current(self) -> str | None:
-        return None if self._now is None else self._now.name
-
-    def _session_folder(self) -> Path | None:
-        return None if self._now is None else self._now.folder
 
     def _mend(self, mends: Mends) -> None:
         """Open the present recording with more mends."""
@@ -321,11 +325,15 @@ def bind(host: str, port: int) -> socket.socket:
     return listener
 
 
-def serve(*, first: Callable[[], Opened] | None = None, **options: Any) -> None:
-    """Print the address of the operator page, and serve it until Ctrl-C.
+def serve(
+    ready: Callable[[PageServer], None], *, first: Callable[[], Opened] | None = None, **options: Any
+) -> None:
+    """Serve the operator page until Ctrl-C.
 
     Parameters
     ----------
+    ready : callable
+        Called with the server when the page can be opened.
     first : callable, optional
         Opens the source that is shown first. It is not passed itself: whoever passed it would keep it in
         memory after another one was opened.
@@ -338,7 +346,7 @@ def serve(*, first: Callable[[], Opened] | None = None, **options: Any) -> None:
         If the address cannot be bound, or would admit everybody.
     """
     with limited_logs(), _server(first, options) as server:
-        _print_url(server.url)
+        ready(server)
         try:
             server.join()
         except KeyboardInterrupt:
@@ -353,10 +361,3 @@ def _server(first: Callable[[], Opened] | None, options: dict[str, Any]) -> Page
         if opened is not None:
             opened.close()
         raise
-
-
-def _print_url(url: str) -> None:
-    import sys
-
-    sys.stdout.write(f"flatcloth is at {url} (Ctrl-C ends it)\n")
-    sys.stdout.flush()

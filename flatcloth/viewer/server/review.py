@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -189,7 +190,7 @@ async def _said(request: Request) -> _Said | None:
         return None
 
 
-def serve_review(out: Path, port: int) -> None:
+def serve_review(out: Path, port: int, ready: Callable[[str, str], None]) -> None:
     """Serve the page of a batch on this machine until Ctrl-C or SIGTERM; requests need the user's token.
 
     Parameters
@@ -198,6 +199,8 @@ def serve_review(out: Path, port: int) -> None:
         The folder of the batch.
     port : int
         0 for any free one.
+    ready : callable
+        Called with the address of the page, and the token in it.
 
     Raises
     ------
@@ -211,8 +214,7 @@ def serve_review(out: Path, port: int) -> None:
     token = given_token(None) or kept_token()
     app = Guard(review_app(out, pages), own_names(HOST), token, number)
     server = limited_server(app)
-    sys.stdout.write(f"Review at http://{HOST}:{number}/?token={token} (Ctrl-C ends it)\n")
-    sys.stdout.flush()
+    ready(f"http://{HOST}:{number}/?token={token}", token)
     try:
         with limited_logs():
             asyncio.run(server.serve([listener]))
