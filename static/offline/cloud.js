@@ -1,5 +1,6 @@
 // A small 3D view of points: orbit, zoom, pan and pick, on plain WebGL; marks are drawn over it in 2D.
 
+import { dot } from "/static/canvas/geometry.js";
 import { drawDot } from "/static/canvas/marks.js";
 import { onWheel, sized, taken, WAYS, within } from "/static/page/dom.js";
 

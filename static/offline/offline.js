@@ -111,7 +111,10 @@ export class Page {
   /** What does not change. */
   fixed() {
     const { recording, method, layers, steps } = this.history;
-    setText(byId("recording"), `${recording.name} · ${count(recording.angles_deg.length, "view")} · method ${method}`);
+    setText(
+      byId("recording"),
+      `${recording.name} · ${count(recording.angles_deg.length, "view")} · method ${method}`,
+    );
     if (recording.description) byId("recording").dataset.tip = recording.description;
     const tools = {
       "page-actions": ["tint", ...(this.history.other ? ["turn_over"] : []), "theme", "help"],
