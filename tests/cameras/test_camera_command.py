@@ -20,8 +20,10 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[Integration]:
     """Serve nothing, but keep what would have been served."""
     shown: list[Integration] = []
 
-    def serve(opened: Any, **_options: Any) -> None:
+    def serve(first: Any, **_options: Any) -> None:
+        opened = first()
         shown.append(opened.integration)
+        opened.close()
 
     monkeypatch.setattr(cameras, "open_camera", lambda _serial, _align: SceneCamera())
     monkeypatch.setattr(viewer, "serve", serve)
