@@ -1,8 +1,8 @@
 """What results call reliable although their recording is wrong and nothing stopped them.
 
 The mistakes of ``results/mistakes.json`` that are not certain, but for those that make results poorer, not
-wrong. Each is integrated as it is and compared with the truth. What is called reliable is wrong beyond 20 mm, after
-one rigid fit, so that wrong lengths count.
+wrong. Each is integrated as it is and compared with the truth. What is called reliable is wrong beyond 20 mm,
+after one rigid fit, so that wrong lengths count.
 """
 
 from __future__ import annotations
