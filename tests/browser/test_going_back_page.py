@@ -66,7 +66,8 @@ def ghosts_and_handles(tab):
     places = tab.page.evaluate("flatcloth.handles.places")
     drag(places["middle"], 25, 0)
     tab.until("flatcloth.state.pending.nudge.u_mm > 1 && flatcloth.state.pending.score !== null")
-    tab.until("!flatcloth.state.drawing")
+    drawn = "flatcloth.overlayRevision === flatcloth.state.layers.overlay.revision"
+    tab.until(f"!flatcloth.state.drawing && {drawn}")
     places = tab.page.evaluate("flatcloth.handles.places")
     tab.shoot("handles")
     drag(places["ring"], 40, 10)
