@@ -141,6 +141,6 @@ def why_it_is_joined(tab):
     tab.until("flatcloth.joints.chosen === 0")
     assert tab.findings() == []
     panel.get_by_role("button", name="Cut here").click()
-    page.locator(".toast", has_text="look again").wait_for()  # the server knows of no such joint
+    page.locator(".toast", has_text="The shape has changed").wait_for()  # the server knows of no such joint
     page.keyboard.press("Escape")
     page.unroute("**/joints/*.json")
