@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from flatcloth.checking.findings import Finding
-from flatcloth.checking.turns import LOOSE_DEG, Reach, turns_between
+from flatcloth.checking.turns import ALIKE_SHARE, LOOSE_DEG, Reach, turns_between
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.recordings.mending import Mends
 from flatcloth.registration.view_features import ViewFeatures
@@ -59,7 +59,8 @@ class FocalLength:
     def differs(self) -> bool:
         """Whether the focal length is another than recorded: on flat cloth, others are as good."""
         gain = self.best_share - self.share
-        return abs(self.log_factor) >= _LEAST_CHANGE and gain > _SURE_STDS * self.gain_std
+        is_better = gain > max(ALIKE_SHARE * self.share, _SURE_STDS * self.gain_std)
+        return abs(self.log_factor) >= _LEAST_CHANGE and is_better
 
 
 def focal_length(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) -> FocalLength | None:

@@ -164,14 +164,17 @@ def test_the_plan_promises_new_cloth_and_says_so() -> None:
     assert "cm2 new" in plan.reason
 
 
-def test_unattended_what_a_further_view_promises_decides_with_an_operator_their_number() -> None:
+def test_what_a_further_view_promises_decides_and_the_number_of_views_of_a_limited_run() -> None:
     made = Integration(Cylinder(**SHEET), Config(robust=RobustConfig(most_views=2)))  # type: ignore[arg-type]
     state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
     assert len(state.document.used_views) > 2
     assert state.document.finished is not None
     assert state.document.finished.startswith(("The best remaining view", "No view is left"))
     short = Integration(Cylinder(**SHEET), Config(robust=RobustConfig(most_views=1)))  # type: ignore[arg-type]
-    plan = short.plan(stepped(short, SessionState(len(STEPS)), Start(0)).document)
+    document = stepped(short, SessionState(len(STEPS)), Start(0)).document
+    assert short.plan(document).view_index is not None
+    short.algorithm.is_limited = True
+    plan = short.plan(document)
     assert plan.view_index is None
     assert plan.reason.startswith("The limit of 1 views is reached;")
 

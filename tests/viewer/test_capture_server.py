@@ -339,8 +339,8 @@ def test_the_page_of_a_played_file_is_served(tmp_path: Path, monkeypatch: pytest
     file = write_realsense(tmp_path / "still.db3", turning(lambda _t: 0.0, 1.0))
     served: list[dict[str, Any]] = []
 
-    def look(opened: Any, **_options: Any) -> None:
-        with PageServer(opened=opened, port=0) as server:
+    def look(first: Callable[[], Any], **_options: Any) -> None:
+        with PageServer(opened=first(), port=0) as server:
             served.append(Robot(server).until(lambda s: s["ended"] or s["camera_fps"]))
 
     monkeypatch.setattr(viewer, "serve", look, raising=False)
