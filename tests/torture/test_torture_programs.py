@@ -146,8 +146,9 @@ def test_what_the_page_has_shown_survives_kills_while_recordings_are_switched(tm
         killed(page)
         counts["kills"] += 1
         on_disk = {name: set[int]() for name in "ab"}
-        for header in state.glob("flatcloth/sessions/*/session.json"):
-            history = read_history(header.parent)
+        # A page that is killed before it has written a line has shown nothing.
+        for journal in state.glob("flatcloth/sessions/*/journal.jsonl"):
+            history = read_history(journal.parent)
             on_disk[history.recording_name] |= {pick.id for pick in history.picks}
         counts["lost"] += sum(len(shown[name] - on_disk[name]) for name in "ab")
     counts["picks"] = sum(map(len, shown.values()))
