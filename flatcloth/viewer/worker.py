@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import logging
 import queue
 import threading
@@ -29,7 +28,7 @@ class Worker:
     def __init__(self, name: str, on_fault: Callable[[BaseException], None] = lambda _: None) -> None:
         self._on_fault = on_fault
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-        self._stopping = self._is_abandoned = False
+        self._stopping = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -73,7 +72,6 @@ class Worker:
         self._jobs.put(None)
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout_s)
-            self._is_abandoned = self._thread.is_alive()
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:
@@ -88,8 +86,3 @@ class Worker:
             job = None  # frees the arrays that it refers to
             if self._jobs.empty():
                 trim_freed_memory()
-        if self._is_abandoned:
-            # The recording was closed meanwhile, and is in cycles that only this thread kept alive.
-            self._on_fault = lambda _: None
-            gc.collect()
-            trim_freed_memory()

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import re
+import threading
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -50,3 +53,30 @@ def test_what_is_freed_shortly_after_a_return_is_returned_by_the_next(
         time.sleep(0.05)
     assert resident_mb() < full_mb - 100
     assert kept[0] == 3_999
+
+
+class Circle:
+    itself: Circle
+
+
+def test_what_a_thread_still_uses_is_freed_when_the_thread_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "_TRIM_S", 0.05)
+    gate = threading.Event()
+    recording = Circle()
+    recording.itself = recording  # as workspaces are: only the collector frees them
+    alive = weakref.ref(recording)
+    thread = threading.Thread(target=lambda _: gate.wait(30.0), args=(recording,), daemon=True)
+    thread.start()
+    del recording
+    gc.disable()
+    try:
+        memory.free(alive)
+        assert alive() is not None
+        gate.set()
+        thread.join(30.0)
+        until = time.monotonic() + 30.0
+        while alive() is not None and time.monotonic() < until:
+            time.sleep(0.01)
+        assert alive() is None
+    finally:
+        gc.enable()

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import functools
-import gc
 import json
 import math
 import threading
 import time
-import weakref
 from types import SimpleNamespace
 from typing import Any
 
@@ -119,38 +116,6 @@ def test_a_worker_goes_on_after_a_job_that_failed():
     worker.stop(5.0)
     assert done == [1]
     assert [type(fault) for fault in faults] == [ZeroDivisionError]
-
-
-class Circle:
-    itself: Circle
-
-    def fault(self, _: BaseException) -> None:
-        raise AssertionError
-
-
-def test_what_an_abandoned_job_kept_alive_is_freed_when_it_ends():
-    started, gate = threading.Event(), threading.Event()
-    recording = Circle()
-    recording.itself = recording  # as workspaces are: only the collector frees them
-    alive = weakref.ref(recording)
-
-    def job(kept: list[Any]) -> None:
-        started.set()
-        assert gate.wait(WAIT_S)
-        kept.clear()
-
-    worker = Worker("tested", recording.fault)
-    worker.put(functools.partial(job, [recording]))
-    del recording
-    assert started.wait(WAIT_S)
-    gc.disable()
-    try:
-        worker.stop(0.0)
-        gate.set()
-        worker._thread.join(WAIT_S)
-        assert alive() is None
-    finally:
-        gc.enable()
 
 
 def test_clicks_without_a_place_are_told_also_while_painting(server, caplog):

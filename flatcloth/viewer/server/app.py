@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import logging
 import socket
 import threading
+import weakref
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
 from flatcloth.core.errors import ServerError
-from flatcloth.core.memory import return_freed_memory, trim_freed_memory
+from flatcloth.core.memory import free, return_freed_memory
 from flatcloth.core.resources import static_folder
 from flatcloth.recordings.mending import Mends
 from flatcloth.viewer.places import Chosen, Places
@@ -244,10 +244,9 @@ class PageServer:
         if before is not None:
             before.hub.tell(None, Switched())
             before.stop()
+            unused = weakref.ref(before.integration)
             del before
-            # A workspace is full of cycles, and the collector by itself comes after several switches.
-            gc.collect()
-            trim_freed_memory()
+            free(unused)
         workspace.start(self._loop)
 
 

@@ -137,9 +137,14 @@ class Workspace:
         )
 
     @property
+    def integration(self) -> Integration:
+        """What the page shows."""
+        return self._opened.integration
+
+    @property
     def name(self) -> str:
         """The name of the recording."""
-        return self._opened.integration.recording.name
+        return self.integration.recording.name
 
     @property
     def folder(self) -> Path | None:
@@ -154,7 +159,7 @@ class Workspace:
         FlatclothError
             If it is a camera.
         """
-        recording = self._opened.integration.recording
+        recording = self.integration.recording
         if self.has_camera:
             raise FlatclothError("A camera has no mends; open the recording that was captured.")
         options = SourceOptions.from_dict(source_options(recording), "the session").again()
