@@ -54,7 +54,7 @@ def row_of(source: str) -> dict[str, Any]:
     sides = both.of(document)
     ended_s = time.process_time()
     frames = GraspFrames(axis=integration.axis, rotation_deg=0.0)
-    this = SessionData(integration, document, (), frames, both=both).canonical.view
+    this = SessionData(integration, document, (), frames, both=both.of).canonical.view
     row: dict[str, Any] = {"recording": integration.recording.name}
     own = compare(this, truth, integration.recording).evaluation
     figures: dict[str, float] = {"seconds_this": between_s - began_s, "seconds_other": ended_s - between_s}

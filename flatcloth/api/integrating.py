@@ -22,6 +22,7 @@ from flatcloth.engine.headless import Run, ViewDecision
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import earlier_scores
 from flatcloth.engine.segmenting import prepare, take_strokes
+from flatcloth.engine.sheet import sheet_of
 from flatcloth.export.session import frames_of
 from flatcloth.export.session import open_session as open_session_folder
 from flatcloth.export.session_data import SessionData
@@ -33,6 +34,7 @@ from flatcloth.session.axis_file import settle_axis
 from flatcloth.session.header import kept_config
 from flatcloth.session.machine import MemorySession, SessionState
 from flatcloth.session.store import SessionFolder
+from flatcloth.session.summary import keep_summary
 
 PathLike = str | os.PathLike[str]
 Sides = Literal["one", "both"]
@@ -166,13 +168,13 @@ def integrate(
             integration.canonical(document)
         with _timed(seconds, "garment"):
             watched(1.0, "recognising the garment")
-            place_sure_pieces(service, keeper)
+            _recognise(service, keeper)
         both = BothSides(integration) if sides == "both" and integration.algorithm.joins_sides else None
         if both is not None:
             with _timed(seconds, "other side"):
                 both.of(keeper.state.document, watched, cores or len(os.sched_getaffinity(0)))
         scores = {**(earlier_scores(folder) if folder else {}), **_scores_of(run)}
-        data = replace(_data(service, keeper, scores), both=both)
+        data = replace(_data(service, keeper, scores), both=None if both is None else both.of)
     return Shape(data, tuple(run.decisions), seconds)
 
 
@@ -212,6 +214,16 @@ def _data(
         return SessionData(integration, document, (), frames_of(integration, document, {}), scores, service)
     frames = frames_of(integration, document, read_grips(keeper.folder))
     return SessionData(integration, document, keeper.picks, frames, scores, service)
+
+
+def _recognise(service: GarmentService, keeper: MemorySession | SessionFolder) -> None:
+    """Place the pieces whose place on the garment is sure, and keep for lists how far the session is."""
+    place_sure_pieces(service, keeper)
+    if isinstance(keeper, SessionFolder):
+        document = keeper.state.document
+        sheet, known = sheet_of(service.integration.canonical(document), document), service.known(document)
+        kind = "" if isinstance(known, str) else known.kind
+        keep_summary(keeper.folder, document, sheet.shape_m2, sheet.floating_m2, kind)
 
 
 def _scores_of(run: Run) -> dict[int, float]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,6 +17,8 @@ from flatcloth.engine.results.result import at_step
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
 from flatcloth.export.kept import GrownArrays, Kept, key_of
+from flatcloth.methods.answers import Canonical
+from flatcloth.registration.axis import THREADS
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
@@ -134,18 +138,32 @@ def _grown(
     area_m2, floating_m2 = [], []
     pieces = _pieces_of(sheet)
     count = len(document.accepted) + 1
-    for order in range(count):
-        progress(order / count, f"computing the growth: {order + 1} of {count} views")
+
+    def made(order: int) -> Sheet:
         integration.canonical(document)  # the last shape stays the one that was used last
         then = at_step(document, order)
-        canonical = integration.canonical(then)
-        before = sheet_of(canonical, document)
-        area_m2.append(before.shape_m2)
-        floating_m2.append(before.floating_m2)
+        before = sheet_of(_earlier(integration, then, document), document)
         if kept is not None:
             kept.keep_sheet(key_of(integration.axis, then), before)
-        first[_covers(before, sheet, pieces, first > order)] = order
+        return before
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        waiting = deque(pool.submit(made, order) for order in range(min(THREADS, count)))
+        for order in range(count):
+            progress(order / count, f"computing the growth: {order + 1} of {count} views")
+            before = waiting.popleft().result()
+            if order + THREADS < count:  # no more than are worked at, which is soon cancelled and small
+                waiting.append(pool.submit(made, order + THREADS))
+            area_m2.append(before.shape_m2)
+            floating_m2.append(before.floating_m2)
+            first[_covers(before, sheet, pieces, first > order)] = order
     return GrownArrays(first_step=first, area_m2=tuple(area_m2), floating_m2=tuple(floating_m2))
+
+
+def _earlier(integration: Integration, then: Document, document: Document) -> Canonical:
+    if document.garment.parts or len(then.accepted) == len(document.accepted):
+        return integration.canonical(then)
+    return integration.algorithm.earlier(then, document)
 
 
 def motion_between(source: FlattenedView, target: FlattenedView) -> Rigid2 | None:

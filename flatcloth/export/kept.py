@@ -15,6 +15,7 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.parcel import Arrays, Parcel, unpack
 from flatcloth.core.types import FlattenedView, RotationAxis
 from flatcloth.engine.sheet import Sheet
+from flatcloth.methods.answers import JoinedSides
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
@@ -66,6 +67,7 @@ class Kept:
         self, garments: GarmentService | None = None, both: Callable[[], BothSides | None] = lambda: None
     ) -> None:
         self.garments, self.both = garments, both
+        self.joined: Cache[JoinedSides | str] = Cache(1)
         self.growths: Cache[GrownArrays] = Cache(_MOST, _GROWTHS_BYTES)
         self.pictures: Cache[PngPicture] = Cache(_MOST, _PICTURES_BYTES, lambda kept: len(kept.png))
         self._sheets: Cache[_PackedSheet] = Cache(_MOST, _SHEETS_BYTES, lambda kept: len(kept.data))

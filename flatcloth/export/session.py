@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,7 @@ from flatcloth.methods.answers import ColumnCurves, JoinedSides
 from flatcloth.methods.paper.planning import column_curves
 from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import fingerprint
+from flatcloth.registration.axis import THREADS
 from flatcloth.session.axis_file import read_axis
 from flatcloth.session.header import HEADER
 from flatcloth.session.journal import SheetSide
@@ -97,7 +98,11 @@ class OpenedSession:
     @cached_property
     def sides(self) -> JoinedSides | str | None:
         """The other side joined to the shape, or why there is none; None: the session has one side."""
-        return None if self.both is None else self.both.of(self.history.begun, self.progress)
+        return None if self.both is None else self._joined(self.both, self.history.begun)
+
+    def _joined(self, both: BothSides, document: Document) -> JoinedSides | str:
+        key = key_of(self.integration.axis, document), document.garment.seams
+        return self.kept.joined.get(key, lambda: both.of(document, self.progress, THREADS))
 
     @property
     def other_view(self) -> FlattenedView | None:
@@ -157,7 +162,7 @@ class OpenedSession:
             self.frames(base_from_camera, rotation_deg),
             earlier_scores(self.history.folder),
             self.garments,
-            self.both,
+            None if self.both is None else partial(self._joined, self.both),
         )
 
 

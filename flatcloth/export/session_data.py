@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from flatcloth.core.types import FlattenedView
-from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.outcome import FILE as OUTCOME
 from flatcloth.engine.outcome import outcome_of, outcome_text, sides_entry
@@ -45,7 +44,7 @@ class SessionData:
     """What a session leaves behind as data; each part is computed on first use.
 
     ``scores`` are those of views whose acceptance keeps none, by view; ``garments`` recognises the garment, a
-    new service by default. ``both`` is the other side, if it belongs to what is left behind.
+    new service by default. ``both`` joins the other side to a document's shape, if that belongs to it.
     """
 
     integration: Integration
@@ -54,7 +53,7 @@ class SessionData:
     frames: GraspFrames
     scores: Mapping[int, float] = field(default_factory=dict)
     garments: GarmentService | None = None
-    both: BothSides | None = None
+    both: Callable[[Document], JoinedSides | str] | None = None
 
     @cached_property
     def canonical(self) -> Canonical:
@@ -73,7 +72,7 @@ class SessionData:
     @cached_property
     def sides(self) -> JoinedSides | str | None:
         """The other side, joined to the shape, or why there is none; None if it was not asked for."""
-        return None if self.both is None else self.both.of(self.document)
+        return None if self.both is None else self.both(self.document)
 
     @cached_property
     def garment(self) -> KnownGarment | str:

@@ -118,6 +118,13 @@ class Method(Protocol):
             If the session has no start view.
         """
 
+    def earlier(self, earlier: Document, document: Document) -> Canonical:
+        """Return the canonical view of an ``earlier`` state of a document, for pictures of its growth.
+
+        It may differ by a few millimetres from what :meth:`canonical` computes in a longer time.
+        """
+        return self.canonical(earlier)
+
     @abstractmethod
     def plan(self, document: Document, unusable: set[int]) -> Plan:
         """Choose the next view; ``unusable`` are views that cannot be flattened."""

@@ -16,6 +16,7 @@ import flatcloth
 from flatcloth.core.errors import ConfigError, JournalError, SegmentationError, SurfaceError
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.hand_eye import HandEyeError
+from flatcloth.session.summary import read_summary
 
 ANGLES_DEG = (-25.0, 0.0, 25.0)
 
@@ -149,6 +150,11 @@ def test_a_session_is_kept_continued_and_opened_again(tmp_path: Path) -> None:
             recording, session=tmp_path / "session", on_view=lambda *_: stop.set(), cancel=stop.is_set
         )
     whole = flatcloth.integrate(recording, session=tmp_path / "session")
+    summary = read_summary(tmp_path / "session")  # what the start screen's list says of it
+    assert summary is not None
+    assert summary["views"] == len(whole.views)
+    assert summary["area_cm2"] == pytest.approx(1e4 * whole.data.canonical.view.area_m2, abs=0.1)
+    assert summary["ended"]
     assert whole.views == (0, 1, 2, 3)
     assert len(whole.decisions) == 3
     again = flatcloth.open_session(tmp_path / "session")

@@ -51,7 +51,7 @@ class Both:
         other = Canonical(view=self.view, current_from_view={})
         self.sides = JoinedSides(other=other, seams=(seam,), is_related=True)
 
-    def of(self, _document, _progress=None) -> JoinedSides:
+    def of(self, _document, _progress=None, _cores=1) -> JoinedSides:
         return self.sides
 
 

@@ -92,6 +92,11 @@ def test_floating_pieces_grow_beside_the_shape_and_join_it(session: OpenedSessio
         def canonical(self, document: Document) -> Canonical:
             return self.made[len(document.accepted)]
 
+        class algorithm:  # noqa: N801 - stands for the attribute of this name
+            @staticmethod
+            def earlier(earlier: Document, _document: Document) -> Canonical:
+                return Shapes.made[len(earlier.accepted)]
+
     accepted = (Accepted(1, Rigid2()), Accepted(2, Rigid2()))
     history = replace(session.history, document=Document(start_view=0, accepted=accepted), decisions=())
     growth = grow(cast("Integration", Shapes()), history)
@@ -117,6 +122,11 @@ def test_a_piece_placed_by_the_garment_counts_as_shape(session: OpenedSession) -
 
         def canonical(self, _document: Document) -> Canonical:
             return canonical
+
+        class algorithm:  # noqa: N801 - stands for the attribute of this name
+            @staticmethod
+            def earlier(_earlier: Document, _document: Document) -> Canonical:
+                return canonical
 
     onto = Rigid2(0.0, 0.1 - 12.0, -3.0)
     decided = placed_piece(far, main, onto, 0.9, 0.02, accepted=True)

@@ -96,6 +96,11 @@ class KnownGarment:
     cloth: Cloth | None = None
     links: tuple[DoubtedLink, ...] = ()
 
+    @property
+    def kind(self) -> str:
+        """The kind of garment, empty if it is none that is known."""
+        return "" if self.found.kind == NONE else self.found.kind
+
     @cached_property
     def shape(self) -> FlattenedView:
         """The canonical view with the cloth of the placed pieces."""

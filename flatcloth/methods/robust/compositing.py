@@ -41,7 +41,7 @@ def draw(
     axis: RotationAxis,
     config: Config,
     costs: Mapping[int, Float32],
-    certainty: tuple[Float64, Bool],
+    certainty: tuple[Float64 | None, Bool],
     current_from_view: dict[int, Rigid2],
     taken_off: Bool | None = None,
 ) -> Canonical:
@@ -54,7 +54,8 @@ def draw(
     config : Config
         Sampling interval, pixel size, and the least area of a floating piece.
     certainty : (N,) float64 and (N,) bool
-        Standard deviation of each node's position, and which nodes are not determined: these float.
+        Standard deviation of each node's position, None if the view needs none, and which nodes are not
+        determined: these float.
     current_from_view : dict
         The motion of each view to the plane.
     taken_off : (N,) bool, optional
@@ -69,8 +70,10 @@ def draw(
     ]
     least_m2 = config.surface.min_component_area_m2
     kept = [(uv, piece) for uv, piece in zip(places, pieces, strict=True) if piece.area_m2 >= least_m2]
+    if std is not None:
+        reliable = with_placement_std(reliable, shape, np.where(unreliable, np.nan, std), surfaces)
     return Canonical(
-        view=with_placement_std(reliable, shape, np.where(unreliable, np.nan, std), surfaces),
+        view=reliable,
         current_from_view=current_from_view,
         floating=tuple(piece for _, piece in kept),
         taken_off=frozenset(

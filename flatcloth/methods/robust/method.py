@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.types import Bool, LaidPiece, Progress, RgbdFrame, Rigid2, Uint8, no_progress
+from flatcloth.core.types import Bool, Float64, LaidPiece, Progress, RgbdFrame, Rigid2, Uint8, no_progress
 from flatcloth.flattening.pixel_states import states_of_view
 from flatcloth.methods.answers import (
     AlignmentScore,
@@ -31,7 +31,7 @@ from flatcloth.methods.robust.acceptance import joined_piece, same_cloth, with_p
 from flatcloth.methods.robust.compositing import draw, states_of_nodes, states_on_surface
 from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import MOST_CONTRADICTION, begin_joint, extend_joint, taken_apart
-from flatcloth.methods.robust.joint_shape import JointShape, largest_piece
+from flatcloth.methods.robust.joint_shape import JointShape, largest_piece, without_weak
 from flatcloth.methods.robust.layout import CONTRADICTED_WEIGHT
 from flatcloth.methods.robust.next_best_view import rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
@@ -40,7 +40,6 @@ from flatcloth.methods.robust.seams.joining import join_sides, seams_of
 from flatcloth.methods.robust.shapes import (
     KEPT_BYTES,
     MOST_KEPT,
-    Certainty,
     JointShapes,
     RegisteredViews,
     prefix,
@@ -205,8 +204,22 @@ class RobustMethod(Method):
 
         return self._drawn.get(prefix(document), make)
 
+    def earlier(self, earlier: Document, document: Document) -> Canonical:
+        """Return the canonical view as views extended it, without 3d and 3f, a third of the time.
+
+        What floats because its place is not determined is that of the ``document``.
+        """
+        _, unreliable = self.shapes.certainty(document)
+        shape = without_weak(self.shapes.shape(earlier))
+        known = unreliable[: len(shape.nodes)]  # nodes of later views follow
+        return self._draw(earlier, shape, (None, known))
+
     def _draw(
-        self, document: Document, shape: JointShape, certainty: Certainty, taken_off: Bool | None = None
+        self,
+        document: Document,
+        shape: JointShape,
+        certainty: tuple[Float64 | None, Bool],
+        taken_off: Bool | None = None,
     ) -> Canonical:
         """Composite a shape (3e), with its placement uncertainty (3f); some nodes (N,) were taken off it."""
         surfaces = self.seen.surfaces(shape)

@@ -23,11 +23,11 @@ from flatcloth.flattening.surface import item_mask
 from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, picture_thumbnail
 from flatcloth.session.machine import Accepted, Document
+from flatcloth.session.summary import keep_summary
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.answers import ExpectedArea, LeftOutView, MoreViews, ResultInfo
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.state import ReviewInfo, ViewRow
-from flatcloth.viewer.summary import keep_summary
 
 _log = logging.getLogger(__name__)
 
@@ -103,8 +103,10 @@ class ReviewService:
         """Keep how far the session is, for lists of sessions."""
         picture = self._picture()
         if picture is not None and picture.sheet is not None and picture.document is not None:
-            sheet, folder = picture.sheet, getattr(self._folder, "folder", None)
-            keep_summary(folder, picture.document, sheet.shape_m2, sheet.floating_m2, self._garments.last)
+            sheet, folder, known = picture.sheet, getattr(self._folder, "folder", None), self._garments.last
+            keep_summary(
+                folder, picture.document, sheet.shape_m2, sheet.floating_m2, known.kind if known else ""
+            )
 
     def foresee(self, document: Document, done: Callable[[Document, float | None], None]) -> None:
         """Look up what the next view is expected to add (m2); ``done`` is called on the worker."""

@@ -12,8 +12,6 @@ import msgspec
 from flatcloth.core.decoding import decoded
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import read_plain, replace_file
-from flatcloth.engine.garment.recognition import KnownGarment
-from flatcloth.garments.recognition import NONE
 from flatcloth.session.machine import Document
 
 FILE = "summary.json"
@@ -30,16 +28,19 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def keep_summary(
-    folder: Path | None, document: Document, area_m2: float, floating_m2: float, known: KnownGarment | None
+    folder: Path | None, document: Document, area_m2: float, floating_m2: float, garment: str
 ) -> None:
-    """Write how far a session is; what cannot be written is left as it was, as only lists show it."""
+    """Write how far a session is, with the kind of its garment ("": none).
+
+    What cannot be written is left as it was, because only lists show it.
+    """
     if folder is None:
         return
     summary = Summary(
         views=len(document.used_views),
         area_cm2=round(1e4 * area_m2, 1),
         floating_cm2=round(1e4 * floating_m2, 1),
-        garment="" if known is None or known.found.kind == NONE else known.found.kind,
+        garment=garment,
         ended=document.finished is not None,
     )
     with contextlib.suppress(OSError):
