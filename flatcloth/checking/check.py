@@ -235,7 +235,7 @@ def _seen_views(
             return None
         near = item_pixels(frame, usual_m, EXTENT_M)
         kept = (frame, near) if n in with_color else None
-        return _Seen(look=look_at(frame, near), features=features_of(frame, usual_m, EXTENT_M), frame=kept)
+        return _Seen(look=look_at(frame, near), features=features_of(frame, near), frame=kept)
 
     with ThreadPoolExecutor(_THREADS) as pool:
         for n, seen in enumerate(pool.map(look, numbers)):

@@ -102,17 +102,18 @@ def color_offset(frames: Sequence[tuple[RgbdFrame, Bool]]) -> ColorOffset | None
     )
 
 
-def _scaled(frames: Sequence[tuple[RgbdFrame, Bool]]) -> float:
-    """Return the scale of color against depth with which their outlines agree best."""
+def _scaled(frames: Sequence[tuple[RgbdFrame, Bool]], *, larger: bool) -> float:
+    """Return the scale of color against depth, above or below 1, with which their outlines agree best."""
     found = []
-    for scale in _SCALES:
+    scales = _SCALES[_SCALES >= 1.0] if larger else _SCALES[_SCALES <= 1.0]
+    for scale in scales:
         shrunk = [
             (replace(f, color=scaled_color(f.color, 1.0 / float(scale), (0.0, 0.0))), item)
             for f, item in frames
         ]
         offset = color_offset(shrunk)
         found.append(0.0 if offset is None else offset.contrast)
-    return float(_SCALES[int(np.argmax(found))])
+    return float(scales[int(np.argmax(found))])
 
 
 def color_findings(frames: Sequence[tuple[RgbdFrame, Bool]]) -> list[Finding]:
@@ -126,7 +127,7 @@ def color_findings(frames: Sequence[tuple[RgbdFrame, Bool]]) -> list[Finding]:
     far = max((shift - 2 * _SHIFT_STD_PX) / _SHIFT_STD_PX, (abs(scale) - _SCALE_STD) / _SCALE_STD)
     right, down = found.shift_px
     if abs(scale) >= _LEAST_SCALE:
-        true = _scaled(frames[:2])
+        true = _scaled(frames[:2], larger=scale > 0)
         scale = true - 1.0
         if abs(scale) < _LEAST_SCALE:
             return []

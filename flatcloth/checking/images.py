@@ -77,7 +77,7 @@ def look_at(frame: RgbdFrame, item: Bool, every: int = 4) -> ViewLook:
     mask = None if frame.mask is None else frame.mask[::every, ::every]
     masked = 0 if mask is None else int(mask.sum())
     both = 0 if mask is None else int((mask & near).sum())
-    gray = color.mean(axis=-1, dtype=np.float32)
+    gray = (color[..., 0].astype(np.float32) + color[..., 1] + color[..., 2]) / np.float32(3)
     taken = near if mask is None else near & mask
     return ViewLook(
         view_index=frame.view_index,

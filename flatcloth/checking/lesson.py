@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.checking.images import EXTENT_M
-from flatcloth.checking.turns import features_of, share_at, turns_between
+from flatcloth.checking.turns import features_of, item_pixels, share_at, turns_between
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.types import Float64, RgbdFrame, RotationAxis
 from flatcloth.recordings.base import Recording
@@ -46,7 +46,7 @@ def check_lesson(recording: Recording, frame: Callable[[int], RgbdFrame], axis: 
     frames = frame(first), frame(second)
     measured = [f.depth_m[f.depth_m > 0] for f in frames]
     usual_m = float(np.median(np.concatenate(measured))) if any(map(len, measured)) else 0.0
-    one, other = (features_of(f, usual_m, EXTENT_M) for f in frames)
+    one, other = (features_of(f, item_pixels(f, usual_m, EXTENT_M)) for f in frames)
     recorded = recording.angles_deg[second] - recording.angles_deg[first]
     found = (
         [] if one is None or other is None else turns_between(one, other, axis, (0.0, recorded, -recorded))

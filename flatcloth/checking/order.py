@@ -71,6 +71,8 @@ class Chain:
         """Return whether two views show the same surface after the recorded turn; far ones may not."""
         if not self.is_near(one, other):
             return (one, other) in self._neighbours  # too far apart to tell
+        if (other, one) in self._pairs:  # compared already, the other way round
+            one, other = other, one
         pair = self.pair(one, other)
         expected = self.factor * pair.recorded_deg
         if not pair.turns or pair.share < _LEAST_SHARE * self.usual:

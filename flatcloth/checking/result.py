@@ -1,6 +1,7 @@
 """What a result says about its recording, beside the check: whether it can be trusted.
 
-Views may fit only after corrections that no careful or careless recording needs, or most of the cloth floats.
+Views may fit only after corrections that no careful or careless recording needs, they may contradict each
+other by more than their deviations allow, or most of the cloth floats.
 """
 
 from __future__ import annotations
@@ -8,10 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import chdtri
 
 from flatcloth.checking.findings import Check
 from flatcloth.registration.pose_prior import PosePrior
 from flatcloth.registration.registered import Registered
+from flatcloth.registration.view_features import UNKNOWNS
 
 LEAST_VIEWS = 6
 """Views before which a result says nothing about the recording. Chosen: fewer hardly overlap."""
@@ -19,6 +22,10 @@ _MOST_STDS = 4.0
 """Corrections beyond this many of the largest deviations of recordings are none: one in 16,000 is. Chosen."""
 _MOST_FLOATING = 0.6
 """Share of the cloth that floats, at most. Chosen: above that of right recordings."""
+_MOST_SURPRISE = float(chdtri(UNKNOWNS, 1e-7))
+"""Two views that contradict the registered poses by more do not fit: one in ten million does if the stated
+deviations are right. Of the views of the 34 recordings, half of their pairs reach 32 at most, and 64 and more
+where results of wrong recordings were wrong."""
 _HOPELESS = ("sense", "factor", "order", "still", "rotated", "unit")
 """Findings with which no view fits another. By definition."""
 
@@ -42,6 +49,12 @@ def wrong_with(check: Check | None, registered: Registered | None, floating_shar
     if registered is None or len(registered.features) < LEAST_VIEWS:
         return found
     found += _corrections(registered)
+    contradicting = contradicting_views(registered)
+    if contradicting:
+        which = f"View {contradicting[0]} contradicts"
+        if len(contradicting) > 1:
+            which = f"{len(contradicting)} of {len(registered.features)} views contradict"
+        found.append(f"{which} the others by more than the noise of the sensor")
     if floating_share > _MOST_FLOATING:
         found.append(f"{floating_share:.0%} of the cloth floats, connected by no view")
     return found
@@ -69,3 +82,15 @@ def _corrections(registered: Registered) -> list[str]:
     if beside_m > _MOST_STDS * prior.axis_stds_m[-1]:
         found.append(f"views fit only about an axis {1e3 * beside_m:.0f} mm beside the recorded one")
     return found
+
+
+def contradicting_views(registered: Registered) -> list[int]:
+    """Return the views that do not fit most of the views that they were compared with, by their numbers.
+
+    At least half of a view's pairs must contradict, and two: a single one may be of cloth that moved.
+    """
+    wrong = registered.surprises > _MOST_SURPRISE
+    ends = np.array([(pair.first, pair.second) for pair in registered.pairs], np.intp).reshape(-1, 2)
+    count = len(registered.features)
+    of, bad = (np.bincount(ends[kept].ravel(), minlength=count) for kept in (slice(None), wrong))
+    return sorted(registered.features[n].view_index for n in np.flatnonzero((bad >= 2) & (2 * bad >= of)))

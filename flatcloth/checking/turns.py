@@ -90,16 +90,12 @@ class Turn:
 
 def item_pixels(frame: RgbdFrame, usual_m: float, extent_m: float) -> Bool:
     """Return the pixels (H, W) that were measured within ``extent_m`` of the usual depth."""
-    near: Bool = (np.abs(frame.depth_m - np.float32(usual_m)) < extent_m) & (frame.depth_m > 0)
+    near: Bool = (frame.depth_m > max(usual_m - extent_m, 0.0)) & (frame.depth_m < usual_m + extent_m)
     return near
 
 
-def item_of(frame: RgbdFrame, usual_m: float, extent_m: float) -> tuple[RgbdFrame, Bool] | None:
-    """Return the thinned item of a view, without its mask, and its pixels; None without any.
-
-    The item is what was measured within ``extent_m`` of the usual depth.
-    """
-    near = item_pixels(frame, usual_m, extent_m)
+def item_of(frame: RgbdFrame, near: Bool) -> tuple[RgbdFrame, Bool] | None:
+    """Return the thinned item ``near`` (H, W) of a view, without its mask, and its pixels; None if empty."""
     rows, cols = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
     if not len(rows):
         return None
@@ -111,9 +107,9 @@ def item_of(frame: RgbdFrame, usual_m: float, extent_m: float) -> tuple[RgbdFram
     return small, small.depth_m > 0
 
 
-def features_of(frame: RgbdFrame, usual_m: float, extent_m: float) -> ViewFeatures | None:
-    """Return the features of the item of a view for :func:`turn_between`; None if it shows none."""
-    found = item_of(frame, usual_m, extent_m)
+def features_of(frame: RgbdFrame, near: Bool) -> ViewFeatures | None:
+    """Return the features of the item ``near`` (H, W) of a view; None if it shows no surface."""
+    found = item_of(frame, near)
     return None if found is None else depth_features(*found, points=_POINTS)
 
 
@@ -216,7 +212,11 @@ def pair_of(one: ViewFeatures, other: ViewFeatures, axis: RotationAxis, recorded
     """Compare two views, from no turn on, and from the recorded one if that leads elsewhere."""
     turns = turns_between(one, other, axis, (0.0,))
     if not turns or abs(turns[0].seen_deg - recorded_deg) > NEAR_DEG:
-        turns += turns_between(one, other, axis, dict.fromkeys((recorded_deg, -recorded_deg)))
+        found = [turn.seen_deg for turn in turns[:1]]
+        starts = (
+            s for s in (recorded_deg, -recorded_deg) if all(abs(s - seen) > LOOSE_DEG for seen in found)
+        )
+        turns += turns_between(one, other, axis, starts)
     return Pair(
         first=one.view_index,
         second=other.view_index,

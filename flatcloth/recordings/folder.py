@@ -110,7 +110,8 @@ class _ImageFiles:
             return None, None
         images.read_checked(path, "mask", self._camera)
         values = self._undistort(images.decode_raw(path, np.uint8), blend=False)
-        names_both = np.isin(values, (0, OTHER_SIDE, 255)).all() and (values == OTHER_SIDE).any()
+        other = values == OTHER_SIDE
+        names_both = other.any() and (other | (values == 0) | (values == 255)).all()
         mask: Bool = values > (OTHER_SIDE if names_both else 127)
         if values.any() and not (mask.any() or names_both):
             raise RecordingError(
@@ -118,7 +119,7 @@ class _ImageFiles:
                 "Mark the side of interest with 255."
             )
         # All False if the side of interest is not visible in this view.
-        return mask, values == OTHER_SIDE if names_both else None
+        return mask, other if names_both else None
 
     def _depth_header(self, path: Path) -> images.ImageHeader:
         if not self._manifest.any_depth:

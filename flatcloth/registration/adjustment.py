@@ -23,7 +23,7 @@ from flatcloth.registration.pose_prior import (
     twists_between,
     variances,
 )
-from flatcloth.registration.registered import Registered
+from flatcloth.registration.registered import Registered, surprise
 from flatcloth.registration.view_features import MOTION, UNKNOWNS, ViewFeatures
 
 _STEPS = 3
@@ -161,9 +161,7 @@ def _assembled(registered: Registered, pairs: _Linear | None, *, trusting: bool)
     off -= pairs.solution
     pull, shares = pairs.gradient + np.einsum("pij,pj->pi", pairs.form, off), pairs.share
     if not trusting:
-        solution = np.linalg.solve(pairs.form + 1e-6 * np.eye(UNKNOWNS), pull[..., None])[..., 0]
-        surprise = shares * (pull * solution).sum(axis=1)
-        shares = shares * np.minimum(1.0, 2.0 * MOTION / (MOTION + surprise))
+        shares = shares * np.minimum(1.0, 2.0 * MOTION / (MOTION + shares * surprise(pairs.form, pull)))
     weighed = shares[:, None, None] * pairs.rows.transpose(0, 2, 1)
     where = (size * pairs.at[:, :, None] + pairs.at[:, None, :]).ravel()
     matrix, right = np.zeros(size * size), np.zeros(size)

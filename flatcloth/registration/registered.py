@@ -14,8 +14,17 @@ import numpy as np
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.registration.pairwise import PairFit
-from flatcloth.registration.pose_prior import COMMON, OWN, PosePrior, at_center, grades, moved_axis, poses
-from flatcloth.registration.view_features import ViewFeatures
+from flatcloth.registration.pose_prior import (
+    COMMON,
+    OWN,
+    PosePrior,
+    at_center,
+    grades,
+    moved_axis,
+    poses,
+    twists_between,
+)
+from flatcloth.registration.view_features import UNKNOWNS, ViewFeatures
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,9 +131,36 @@ class Registered:
         return _relative_stds(self)
 
     @cached_property
+    def surprises(self) -> Float64:
+        """By how much each pair (P,) contradicts the registered poses: see :func:`surprise`."""
+        if not self.pairs:
+            return np.zeros(0)
+        moved = [now @ known.inverse() for now, known in zip(self.held_from_camera, self.known, strict=True)]
+        turns, shifts = np.array([m.rotation for m in moved]), np.array([m.translation_m for m in moved])
+        one, other = np.array([(pair.first, pair.second) for pair in self.pairs]).T
+        centers_m = np.array([pair.center_m for pair in self.pairs])
+        twists = twists_between((turns[one], shifts[one]), (turns[other], shifts[other]), centers_m)
+        off = np.column_stack([twists, np.full(len(twists), self.fattening_px)])
+        off -= np.array([(*pair.twist, pair.fattening_px) for pair in self.pairs])
+        form = np.array([pair.matrix for pair in self.pairs])
+        pull = np.array([pair.gradient for pair in self.pairs]) + np.einsum("pij,pj->pi", form, off)
+        return surprise(form, pull)
+
+    @cached_property
     def views(self) -> tuple[Registration, ...]:
         """The report of each view, in order of acceptance."""
         return tuple(_report(self, n) for n in range(len(self.features)))
+
+
+def surprise(form: Float64, pull: Float64) -> Float64:
+    """Return by how much pairs (P,) are less likely than at their best, twice the logarithm.
+
+    ``form`` (P, 7, 7) and ``pull`` (P, 7) are matrix and gradient of the negative log likelihood. If the
+    stated deviations are right, it follows a chi-squared distribution with 7 degrees of freedom.
+    """
+    best = np.linalg.solve(form + 1e-6 * np.eye(UNKNOWNS), pull[..., None])[..., 0]
+    surprises: Float64 = (pull * best).sum(axis=1)
+    return surprises
 
 
 def describe(registered: Registered) -> str:

@@ -43,6 +43,49 @@ def test_corrections_that_no_recording_needs_are(corrections, word):
     assert wrong_with(None, _registered(LEAST_VIEWS - 1, **corrections), 0.0) == []
 
 
+def _compared(views, off_m):
+    """A registration of views each compared with its four neighbours; the last ones are off by so much."""
+    from dataclasses import replace
+    from itertools import combinations
+    from types import SimpleNamespace
+
+    from flatcloth.core.geometry import held_from_camera
+    from flatcloth.registration.pairwise import PairFit
+
+    registered = _registered(views)
+    precision = np.diag([1e6] * 6 + [1.0])  # a millimetre, a milliradian, a pixel
+    pairs = tuple(
+        PairFit(
+            first=one, second=other, center_m=np.zeros(3),
+            twist=np.array([0.0, 0.0, 0.0, off_m.get((one, other), 0.0), 0.0, 0.0]), fattening_px=0.0,
+            matrix=precision, gradient=np.zeros(7), spread=np.zeros(4), count=100,
+            distance_m=(0.001, 0.001), likeness=np.ones(3),
+        )
+        for one, other in combinations(range(views), 2)
+        if other - one <= 2
+    )  # fmt: skip
+    features = tuple(SimpleNamespace(view_index=3 * n, angle_deg=10.0 * n) for n in range(views))
+    known = tuple(held_from_camera(registered.axis, 10.0 * n) for n in range(views))
+    return replace(registered, features=features, known=known, pairs=pairs)
+
+
+def test_surprise_counts_in_stated_deviations():
+    registered = _compared(8, {(2, 3): 0.003})
+    assert registered.surprises == pytest.approx(
+        [9.0 if (p.first, p.second) == (2, 3) else 0.0 for p in registered.pairs], abs=1e-6
+    )
+
+
+def test_views_that_contradict_half_of_the_others_are_a_doubt():
+    assert wrong_with(None, _compared(8, {}), 0.0) == []
+    assert wrong_with(None, _compared(8, {(2, 3): 0.05}), 0.0) == []  # a sleeve that moved once
+    assert wrong_with(None, _compared(8, {(2, 3): 0.006, (3, 4): 0.006}), 0.0) == []  # noise
+    (said,) = wrong_with(None, _compared(8, {(2, 3): 0.05, (3, 4): 0.05}), 0.0)
+    assert said.startswith("View 9 contradicts the others")
+    (said,) = wrong_with(None, _compared(8, {(2, 4): 0.05, (3, 4): 0.05, (2, 3): 0.05}), 0.0)
+    assert said.startswith("3 of 8 views contradict the others")
+
+
 def test_cloth_most_of_which_floats_is():
     assert "floats" in wrong_with(None, _registered(), 0.8)[0]
     assert not is_hopeless(None, _registered())
