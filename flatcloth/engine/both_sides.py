@@ -12,7 +12,7 @@ import numpy as np
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Float64, LaidPiece, Progress, RgbdFrame, RotationAxis, no_progress
-from flatcloth.engine.following import without_trust, wrong_with
+from flatcloth.engine.following import without_trust
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import WithMasks, prepare
@@ -70,8 +70,7 @@ class BothSides:
             for index, motion in pieces.shape_from_piece.items()
         ]
         made = this.algorithm.with_other_side(document, parts, canonical, laid, other.algorithm, its)
-        wrong = wrong_with(this.recording, this.algorithm.cameras(document), canonical)
-        return replace(made, other=without_trust(made.other)) if wrong else made
+        return replace(made, other=without_trust(made.other)) if this.wrong(document) else made
 
     def integrated(
         self, document: Document, progress: Progress = no_progress, cores: int = 1

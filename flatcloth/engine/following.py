@@ -135,11 +135,33 @@ def _extent_m(view: FlattenedView) -> tuple[float, float, float, float]:
     return left, top, right, bottom
 
 
-def wrong_with(recording: Recording, registered: Registered | None, canonical: Canonical) -> list[str]:
-    """Return what says that something about a recording is wrong, by its check and by the result."""
-    floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
-    share = floating_m2 / max(floating_m2 + canonical.view.area_m2, 1e-9)
-    return result.wrong_with(known_check(recording), registered, share)
+class Trust:
+    """Whether the shapes of a recording can be trusted, by its check, its registration and its garment."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._no_kind: tuple[object, float] = None, 0.0
+        self._last: tuple[Canonical, Canonical] | None = None
+
+    def recognised(self, canonical: Canonical, no_kind: float) -> None:
+        """Take the probability that a shape is no known kind of garment."""
+        self._no_kind = canonical.view.valid, no_kind
+
+    def wrong(self, canonical: Canonical, registered: Registered | None) -> list[str]:
+        """Return what says that something about the recording is wrong."""
+        floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
+        share = floating_m2 / max(floating_m2 + canonical.view.area_m2, 1e-9)
+        of, no_kind = self._no_kind
+        no_kind = no_kind if of is canonical.view.valid else 0.0
+        return result.wrong_with(known_check(self._recording), registered, share, no_kind)
+
+    def of(self, canonical: Canonical, registered: Registered | None) -> Canonical:
+        """Return a shape; if something is wrong, the same of which nothing is called reliable."""
+        if not self.wrong(canonical, registered):
+            return canonical
+        if self._last is None or self._last[0] is not canonical:
+            self._last = canonical, without_trust(canonical)
+        return self._last[1]
 
 
 def without_trust(canonical: Canonical) -> Canonical:

@@ -30,14 +30,13 @@ from flatcloth.core.types import (
     no_progress,
 )
 from flatcloth.engine.following import (
+    Trust,
     cloth_of,
     ended,
     follow,
     laid_beside,
     plan_put_off,
     why_hopeless,
-    without_trust,
-    wrong_with,
 )
 from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.views import RecordedViews, Segmenter
@@ -153,7 +152,7 @@ class Integration:
         self.views = views or RecordedViews(
             recording, config or self._kind.default_config(), segmenter, is_default=config is None
         )
-        self.notes = self.views.notes
+        self.notes, self.trust = self.views.notes, Trust(recording)
         self.algorithm: Method = self._kind(self.views, self.views.angles_deg)
         self._forget()
         self.views.on_change = self._forget
@@ -206,8 +205,11 @@ class Integration:
         whole = self.algorithm.canonical(document)
         if document.garment.parts:
             whole = self._by_garment(document, whole).canonical
-        wrong = wrong_with(self.recording, self.algorithm.cameras(document), whole)
-        return without_trust(whole) if wrong else whole
+        return self.trust.of(whole, self.algorithm.cameras(document))
+
+    def wrong(self, document: Document) -> list[str]:
+        """Return what says that something about the recording of a shape is wrong; empty if nothing does."""
+        return self.trust.wrong(self.canonical(document), self.algorithm.cameras(document))
 
     def cloth(self, document: Document) -> Cloth | None:
         """Return how the parts of a document's shape are connected; None if the method does not know.

@@ -15,7 +15,6 @@ from flatcloth.checking.result import WRONG
 from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
-from flatcloth.engine.following import wrong_with
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.results.result import uncertainty
@@ -70,7 +69,7 @@ def outcome_of(
         "accepted": accepted,
         "left": left,
         "ended": document.finished or "",
-        "wrong": wrong_with(integration.recording, integration.algorithm.cameras(document), canonical),
+        "wrong": integration.wrong(document),
         "area_cm2": round(1e4 * shape.area_m2, 1),
         "floating_cm2": [round(1e4 * piece.view.area_m2, 1) for piece in pieces if piece.placed is None],
         "floating": [_floating(piece) for piece in pieces],

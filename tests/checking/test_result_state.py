@@ -86,6 +86,13 @@ def test_views_that_contradict_half_of_the_others_are_a_doubt():
     assert said.startswith("3 of 8 views contradict the others")
 
 
+def test_a_shape_of_no_known_kind_is_no_doubt_alone_but_needs_less():
+    assert wrong_with(None, _compared(8, {}), 0.0, 0.9) == []
+    between = _compared(8, {(2, 3): 0.0066, (3, 4): 0.0066})  # 43.6, between the limits
+    assert wrong_with(None, between, 0.0, 0.4) == []
+    assert wrong_with(None, between, 0.0, 0.9)[-1] == "no known kind of garment fits"
+
+
 def test_cloth_most_of_which_floats_is():
     assert "floats" in wrong_with(None, _registered(), 0.8)[0]
     assert not is_hopeless(None, _registered())
@@ -99,6 +106,8 @@ def test_a_result_of_a_wrong_recording_ends_soon_and_calls_nothing_reliable(tmp_
     assert len(shape.views) <= LEAST_VIEWS
     assert shape.report["firm_share"] == 0.0
     assert np.isnan(shape.placement_std_m).all()
+    integration, document = shape.data.integration, shape.data.document
+    assert integration.canonical(document) is integration.canonical(document)  # or the garment is fitted anew
     assert "the other way" in shape.report["wrong"][0]
     assert "Nothing of the result is reliable" in str(shape)
     assert "placement_std_median_mm" not in json.loads(json.dumps(shape.report, allow_nan=False))

@@ -142,6 +142,9 @@ class GarmentService:
                 self._shape, self._last = self._recognised(canonical, document), None
             if self._last is None or self._last[0] != document.garment:
                 self._last = document.garment, self._decided(self._shape, document.garment)
+                found = self._last[1].found
+                no_kind = 0.0 if found.by_hand else found.probabilities[NONE]
+                self.integration.trust.recognised(canonical, no_kind)
             return self._last[1]
 
     def known(self, document: Document) -> KnownGarment | str:

@@ -13,7 +13,6 @@ from flatcloth.core.errors import FlatteningError, SurfaceError
 from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.types import FlattenedView, Float64, Progress, Uint8, no_progress
 from flatcloth.engine.evaluation import FIRM_M
-from flatcloth.engine.following import wrong_with
 from flatcloth.engine.results.pixel_states import NEAR_M, states_of
 from flatcloth.flattening.pixel_states import TEXTS, PixelState
 from flatcloth.flattening.surface import foreground_mask
@@ -164,7 +163,7 @@ def result_of(areas: Areas, document: Document, progress: Progress = no_progress
     canonical = integration.canonical(document)
     return Result(
         uncertainty=uncertainty(canonical.view),
-        wrong=tuple(wrong_with(integration.recording, integration.algorithm.cameras(document), canonical)),
+        wrong=tuple(integration.wrong(document)),
         left_out=tuple(left_out(integration, document, canonical, progress)),
         more=_more(areas, document),
     )
