@@ -8,6 +8,7 @@ import { mm } from "/static/page/format.js";
 const REACH_PX = 13;
 const CLICK_PX = 4;
 const ABOVE_PX = 26; // of the ring over the proposal
+const LABEL_PX = 26; // of a ghost, below its middle
 const SNAP_PX = 16;
 const SNAP_RAD = 0.14; // 8 degrees
 
@@ -156,13 +157,14 @@ export class Handles {
     context.font = "600 12px system-ui, sans-serif";
     context.textBaseline = "middle";
     const width = context.measureText(text).width + 8;
-    drawLabel(context, style, text, [x - width / 2 + 4, y], [x - width / 2, y - 9, width, 18]);
+    const below = y + LABEL_PX; // the middle is a handle
+    drawLabel(context, style, text, [x - width / 2 + 4, below], [x - width / 2, below - 9, width, 18]);
   }
 
   get status() {
     const { places, snapped } = this;
     const ghosts = this.pending?.ghosts.map((ghost) => this.towards(ghost)) ?? [];
-    return { places, ghosts, snapped: snapped?.source ?? null };
+    return { places, ghosts, snapped: snapped?.source ?? null, scale: this.canvas.transform.scale };
   }
 }
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 from conftest import Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 from exported_sessions import write_cylinder
@@ -51,7 +53,38 @@ def test_a_piece_is_seen_beside_the_shape_told_and_picked(open_tab):
     tab.shoot("piece-picked")
 
 
-def test_a_proposal_lies_by_its_piece_and_a_piece_is_dragged_onto_the_shape_by_hand(open_tab):
+def ghosts_of(tab, kept):
+    """Return what the program keeps of ghosts, with the place of a made-up garment, as a cylinder is none."""
+    ghosts = json.loads(kept.read_text())
+    assert ghosts["view_index"] == tab.state()["pending"]["view_index"]
+    (placement,) = tab.page.evaluate("[flatcloth.state.layers.overlay.placement]")
+    at = {**placement, "u_m": placement["u_m"] + 0.05}
+    return {**ghosts, "places": [{"source": "garment", "std_m": 0.004, **at}]}
+
+
+def it_snaps_to_its_ghost(tab, ghost):
+    """Dropped near its ghost, the piece lies exactly there."""
+    tab.until("flatcloth.phase === 'deciding' && flatcloth.state.pending.ghosts.length === 1")
+    tab.until("flatcloth.handles.places !== null && flatcloth.handles.ghosts.length === 1")
+    canvas, mouse = tab.page.locator("#canvas").bounding_box(), tab.page.mouse
+    middle = tab.page.evaluate("flatcloth.handles.places.middle")
+    u, v = tab.page.evaluate("[flatcloth.handles.ghosts[0].u, flatcloth.handles.ghosts[0].v]")
+    scale = tab.page.evaluate("flatcloth.handles.scale")
+    mouse.move(canvas["x"] + middle["x"], canvas["y"] + middle["y"])
+    mouse.down()
+    mouse.move(canvas["x"] + middle["x"] + scale * u + 6, canvas["y"] + middle["y"] + scale * v - 6, steps=4)
+    assert tab.page.evaluate("flatcloth.handles.snapped") == "garment"
+    tab.shoot("ghost-snapped")
+    mouse.up()
+    revision = tab.state()["layers"]["overlay"]["revision"]
+    tab.until(f"flatcloth.state.layers.overlay.revision > {revision}")
+    laid = tab.state()["layers"]["overlay"]["placement"]
+    assert laid["u_m"] == pytest.approx(ghost["u_m"], abs=1e-4)
+
+
+def test_a_proposal_lies_by_its_piece_and_a_piece_is_dragged_onto_the_shape_by_hand(
+    open_tab, program, tmp_path, request
+):
     tab = open_tab().ready()
     tab.step()
     tab.accept()
@@ -80,12 +113,17 @@ def test_a_proposal_lies_by_its_piece_and_a_piece_is_dragged_onto_the_shape_by_h
     if brings is not None:  # it covers cloth of the shape
         assert brings["label"] == "B"
     tab.shoot("piece-dragged")
-    undo = tab.state()["undo"]
-    assert undo.startswith("move")
-    for _ in range(3):
+    kept = tmp_path / "session" / "ghosts.json"
+    ghosts = ghosts_of(tab, kept)
+    program.stop()
+    kept.write_text(json.dumps(ghosts))
+    request.addfinalizer(program.again().stop)
+    it_snaps_to_its_ghost(tab, ghosts["places"][0])
+    assert tab.state()["undo"].startswith("move")
+    for _ in range(4):
+        done = len(tab.state()["done"])
         tab.page.keyboard.press("u")
-        tab.until(f"flatcloth.state.undo !== {undo!r}")
-        undo = tab.state()["undo"]
+        tab.until(f"flatcloth.state.done.length < {done}")
         if tab.state()["pending"] is None:
             break
     tab.until("flatcloth.state.pending === null && flatcloth.state.layers.overlay === null")

@@ -16,6 +16,7 @@ from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import RefinedScore
 from flatcloth.session.commands import LeaveOut, paint
+from flatcloth.session.ghosts import keep_ghosts, read_ghosts
 from flatcloth.session.machine import (
     Accept,
     Command,
@@ -78,7 +79,7 @@ class Application(PageController):
         super().__init__(integration, folder, scene_view, sink)
         self._going_on = False
         self._expected: tuple[Document, float | None] | None = None
-        self._placing = session_work.Placing()
+        self._placing = session_work.Placing(ghosts=read_ghosts(getattr(folder, "folder", None)))
         on_thread = partial(self._put, None)
         self.other = OtherSideController(BothSides(integration), on_thread, self._other_made, self._publish)
         tell = partial(sink.tell, None)
@@ -180,6 +181,7 @@ class Application(PageController):
                 )
                 for command in self._placing.commands:
                     self._by_hand(command)
+                keep_ghosts(getattr(self._folder, "folder", None), self._placing.ghosts)
             case messages.Refine(view_index=view):
                 self._refine(client, view)
             case messages.Pairs():

@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -19,6 +19,7 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, place_of_piece
 from flatcloth.engine.warmup import wait_until_compiled
 from flatcloth.session.axis_file import check_axis
+from flatcloth.session.ghosts import Ghost, Ghosts
 from flatcloth.session.machine import (
     Command,
     Document,
@@ -301,28 +302,26 @@ def meant(shown: tuple[Pending, Overlay] | None, theta_rad: float, u_m: float, v
 
 @dataclass(frozen=True, kw_only=True)
 class Placing:
-    """The decisions that make a floating piece the proposal, and where it may belong.
-
-    ``ghosts`` are source, placement (plane of the shape from the component's own) and deviation (m).
-    """
+    """The decisions that make a floating piece the proposal, and where it may belong."""
 
     commands: tuple[Command, ...] = ()
-    view_index: int = -1
-    component: int = -1
-    ghosts: tuple[tuple[Literal["garment", "seams"], Rigid2, float], ...] = ()
+    ghosts: Ghosts = field(default_factory=Ghosts)
 
     def shown(self, pending: PendingInfo | None, overlay: Overlay | None) -> PendingInfo | None:
         """Return the proposal for the page, with the ghosts if it is that of the piece."""
-        if pending is None or overlay is None or pending.view_index != self.view_index:
+        own = self.ghosts
+        if pending is None or overlay is None or pending.view_index != own.view_index:
             return pending
-        if not any(part.chosen and part.component == self.component for part in pending.pieces):
+        if not any(part.chosen and part.component == own.component for part in pending.pieces):
             return pending
         center = np.array(overlay.own_center_uv_m)
         ghosts = tuple(
             GhostInfo(
-                source=source, placement=placement_of(overlay.sheet.shown(motion, center)), std_mm=1e3 * std_m
+                source=ghost.source,
+                placement=placement_of(overlay.sheet.shown(ghost.motion, center)),
+                std_mm=1e3 * ghost.std_m,
             )
-            for source, motion, std_m in self.ghosts
+            for ghost in own.places
         )
         return structs.replace(pending, ghosts=ghosts)
 
@@ -350,18 +349,21 @@ def placing_piece(
     accepted = [a.view_index for a in document.accepted]
     found = place_of_piece(integration.views, piece, accepted)
     plane_from_own = piece.sheet_from_plane.inverse() @ found.placement
-    ghosts: list[tuple[Literal["garment", "seams"], Rigid2, float]] = []
-    if known is not None and known.canonical is sheet.canonical:
-        own = [p for p in known.found.pieces if p.index == piece.number - 1]
-        ghosts += [("garment", p.shape_from_piece @ plane_from_own, p.std_m) for p in own]
-    by_seams = [each for each in laid if each.index == piece.number - 1]
-    ghosts += [("seams", each.shape_from_piece @ plane_from_own, each.std_m) for each in by_seams]
+
+    def ghost(source: Literal["garment", "seams"], shape_from_piece: Rigid2, std_m: float) -> Ghost:
+        motion = shape_from_piece @ plane_from_own
+        return Ghost(source=source, theta_rad=motion.theta_rad, u_m=motion.u_m, v_m=motion.v_m, std_m=std_m)
+
+    is_known = known is not None and known.canonical is sheet.canonical
+    own = known.found.pieces if known is not None and is_known else ()
+    places = [
+        *(ghost("garment", p.shape_from_piece, p.std_m) for p in own if p.index == piece.number - 1),
+        *(ghost("seams", p.shape_from_piece, p.std_m) for p in laid if p.index == piece.number - 1),
+    ]
     return Placing(
         commands=(
             Reopen(found.view_index),
             TakePart(found.view_index, found.component, found.placement),
         ),
-        view_index=found.view_index,
-        component=found.component,
-        ghosts=tuple(ghosts),
+        ghosts=Ghosts(view_index=found.view_index, component=found.component, places=tuple(places)),
     )
