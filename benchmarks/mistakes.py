@@ -87,10 +87,6 @@ def _images(change: Callable[[Recording, int, float], ViewImages]) -> Callable[[
 
 
 def _like(recording: Recording, **changes: Any) -> LazyRecording:
-    def read(n: int) -> ViewImages:
-        frame = recording[n]
-        return ViewImages(frame.color, frame.depth_m, frame.mask, frame.other_mask)
-
     same = {
         name: getattr(recording, name)
         for name in (
@@ -98,7 +94,11 @@ def _like(recording: Recording, **changes: Any) -> LazyRecording:
             *("rotation_axis", "held_point_m", "has_masks"),
         )
     }
-    return LazyRecording(**{"read": read, **same, **changes})
+    return LazyRecording(**{"read": lambda n: _images_of(recording[n]), **same, **changes})
+
+
+def _images_of(frame: RgbdFrame) -> ViewImages:
+    return ViewImages(frame.color, frame.depth_m, frame.mask, frame.other_mask)
 
 
 def _still(recording: Recording, n: int, _: float) -> ViewImages:
@@ -258,20 +258,24 @@ def rows_of(source: str, unit: float) -> list[dict[str, Any]]:
 
     ``unit`` is U in seconds.
     """
-    right = open_recording(source)
-    rows = [_row(right, right, None, 0.0, unit)]
+    file = open_recording(source)
+    frames = [file[n] for n in range(len(file))]
+    right = _like(file, read=lambda n: _images_of(frames[n]))
+    rows = [_row(file, right, right, None, 0.0, unit)]
     for kind in KINDS:
-        rows += [_row(right, kind.make(right, strength), kind, strength, unit) for strength in kind.strengths]
+        rows += [
+            _row(file, right, kind.make(right, strength), kind, strength, unit) for strength in kind.strengths
+        ]
     return rows
 
 
 def _row(
-    right: Recording, wrong: Recording, kind: Kind | None, strength: float, unit: float
+    file: Recording, right: Recording, wrong: Recording, kind: Kind | None, strength: float, unit: float
 ) -> dict[str, Any]:
     made = [wrong[n] for n in range(len(wrong))]  # a wrong recording on disk is not made while it is read
 
     def read(n: int) -> RgbdFrame:
-        right[n]
+        file[n]
         return made[n]
 
     began_s = time.process_time()
@@ -294,8 +298,9 @@ def _row(
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/mistakes.json`` unless ``quick``."""
-    check_recording(open_recording(sources(options.recordings)[0]))  # compiles
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    check_recording(open_recording(sources(options.recordings)[0]))
+    more = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     rows: list[dict[str, Any]] = []
     unit = unit_s()
     for source in sources(options.recordings):
@@ -304,7 +309,6 @@ def run(options: Options) -> None:
         if not options.quick:  # after each recording: all of them take an hour
             save("mistakes", rows, recordings_of(rows))
         say(f"{rows[-1]['recording']}: " + _told(rows[-sum(len(k.strengths) for k in KINDS) :]))
-    more = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     for row in summary(rows):
         say("   ".join(f"{key} {value}" for key, value in row.items()))
     say(f"false alarms {sum(r['found'] for r in rows if r['mistake'] == 'none')}, memory +{more:.0f} MB")
