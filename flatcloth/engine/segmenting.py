@@ -246,7 +246,7 @@ def sides_lesson(views: RecordedViews, progress: Progress = no_progress) -> Side
         As :func:`prepare`.
     """
     solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
-    found, place = solver.solve(()), solver.where_next(())
+    found, place = solver.solve(()), next(solver.places(()), None)
     stroke = None
     if place is not None:
         side, _ = found.at(np.array([place.point_m]), np.array([place.normal]))

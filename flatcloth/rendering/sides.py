@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.core.types import Float32, Uint8
+from flatcloth.core.types import Bool, Float32, Uint8
 
 THIS_RGBA = (44, 123, 182, 96)
 """Colors of the sides, distinguishable by color-blind readers (the ends of ColorBrewer's RdYlBu). Chosen."""
@@ -15,12 +15,18 @@ UNDECIDED_RGBA = (120, 120, 120, 190)
 """See ``THIS_RGBA``."""
 OUTSIDE_RGBA = (0, 0, 0, 120)
 """See ``THIS_RGBA``."""
+STROKE_ALPHA = 225
+"""Opacity of cloth under strokes: clearly above that of its side. Chosen."""
 STRIPE_PX = 6
 """Undecided cloth is striped, so that it differs from the sides without colour, too."""
 
 
 def side_rgba(
-    side: NDArray[np.int8], certainty: Float32, offset_rc: tuple[int, int], shape: tuple[int, int]
+    side: NDArray[np.int8],
+    certainty: Float32,
+    offset_rc: tuple[int, int],
+    shape: tuple[int, int],
+    strokes: Bool | None = None,
 ) -> Uint8:
     """Draw labels (h, w) at their place in an image: blue of interest, orange other, striped undecided.
 
@@ -34,6 +40,8 @@ def side_rgba(
         Where the crop lies in the image.
     shape : (int, int)
         Rows and columns of the image.
+    strokes : (h, w) bool, optional
+        Cloth under strokes, drawn opaque.
 
     Returns
     -------
@@ -45,6 +53,8 @@ def side_rgba(
     strength = np.clip(2.0 * certainty - 1.0, 0.25, 1.0)
     decided = np.abs(side) == 1
     image[decided, 3] = (image[decided, 3] * strength[decided]).astype(np.uint8)
+    if strokes is not None:
+        image[decided & strokes, 3] = STROKE_ALPHA
     rows, cols = np.indices(side.shape)
     stripes = (rows + cols) // STRIPE_PX % 2 == 0
     image[(side == 0) & stripes] = UNDECIDED_RGBA
@@ -52,7 +62,12 @@ def side_rgba(
 
 
 def small_side_rgba(
-    side: NDArray[np.int8], certainty: Float32, shape: tuple[int, int], *, doubt: bool = False
+    side: NDArray[np.int8],
+    certainty: Float32,
+    shape: tuple[int, int],
+    strokes: Bool | None = None,
+    *,
+    doubt: bool = False,
 ) -> Uint8:
     """Draw labels (h, w) in a smaller picture of this shape, clear off the item; see :func:`side_rgba`.
 
@@ -60,8 +75,10 @@ def small_side_rgba(
     """
     rows, cols = ((np.arange(n) + 0.5) * size // n for n, size in zip(shape, side.shape, strict=True))
     at = np.ix_(rows.astype(np.intp), cols.astype(np.intp))
-    draw = certainty_rgba if doubt else side_rgba
-    image = draw(side[at], certainty[at], (0, 0), shape)
+    if doubt:
+        image = certainty_rgba(side[at], certainty[at], (0, 0), shape)
+    else:
+        image = side_rgba(side[at], certainty[at], (0, 0), shape, None if strokes is None else strokes[at])
     image[side[at] == 2] = 0
     return image
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import SegmentationError
-from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
+from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.observed import Observed
 
@@ -29,6 +29,13 @@ def under(observed: Observed, stroke: ImageStroke | SpaceStroke, name: str) -> I
     if not found.size:
         raise SegmentationError(f"{name}: there is no cloth under it; draw on the item.")
     return found
+
+
+def under_strokes(observed: Observed, decisions: Sequence[Decision]) -> Int64:
+    """Return the clusters (K,) that any of these strokes touches."""
+    strokes = [each for each in decisions if not isinstance(each, Cut)]
+    touched = [under(observed, stroke, f"stroke {n}") for n, stroke in enumerate(strokes, start=1)]
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
 
 
 def _under_image(observed: Observed, stroke: ImageStroke, name: str) -> Int64:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -134,38 +134,43 @@ class SideSolver:
         key = tuple(decisions)
         return self._results.get(key, lambda: self._result(key))
 
-    def where_next(self, decisions: Sequence[Decision]) -> Suggestion | None:
-        """Return where a stroke would determine the largest area; None if little is uncertain."""
+    def places(self, decisions: Sequence[Decision]) -> Iterator[Suggestion]:
+        """Yield where strokes would determine most: first the largest area, then what it leaves uncertain."""
         now, state = self.solve(decisions), self._state(tuple(decisions))
         clusters = self.observed.clusters
         unsure = np.where(state.excluded, 0.0, clusters.area_m2 * (1.0 - now.certainty))
         if unsure.sum() < LEAST_AREA_M2:
-            return None
+            return
         inner = self._off_borders(state) & (state.holder < 0)
         weight = np.where(inner, unsure * clusters.facing**4, 0.0)
         if not weight.any():
-            return None
+            return
         random = np.random.default_rng(0)
         count = min(self.observed.config.samples, int((weight > 0).sum()))
         chosen = random.choice(len(weight), count, replace=False, p=weight / weight.sum())
         samples = self.observed.samples.astype(np.float32)
         together = np.square(samples[:, chosen].T @ samples / len(samples))
         together[np.arange(count), chosen] = 1.0
-        gain = together @ unsure
-        best = int(chosen[gain.argmax()])
-        seen = best_view(self.observed, best)
-        if seen is None:
-            return None
-        view, rc = seen
-        place, normal = clusters.place_m[best].tolist(), clusters.normal[best].tolist()
-        return Suggestion(
-            view_index=view,
-            rc=rc,
-            point_m=(place[0], place[1], place[2]),
-            normal=(normal[0], normal[1], normal[2]),
-            gain_m2=float(gain.max()),
-            text=f"A stroke here, in view {view}, would settle about {1e4 * float(gain.max()):.0f} cm2.",
-        )
+        for order in range(count):
+            gain = together @ unsure
+            gain_m2, row = float(gain.max()), int(gain.argmax())
+            if order and gain_m2 < LEAST_AREA_M2:
+                return
+            unsure = unsure * (1.0 - together[row])
+            best = int(chosen[row])
+            seen = best_view(self.observed, best)
+            if seen is None:
+                return
+            view, rc = seen
+            place, normal = clusters.place_m[best].tolist(), clusters.normal[best].tolist()
+            yield Suggestion(
+                view_index=view,
+                rc=rc,
+                point_m=(place[0], place[1], place[2]),
+                normal=(normal[0], normal[1], normal[2]),
+                gain_m2=gain_m2,
+                text=f"A stroke here, in view {view}, would settle about {1e4 * gain_m2:.0f} cm2.",
+            )
 
     # ---------------------------------------------------------------- states
 

@@ -334,6 +334,12 @@ export class FlatCanvas {
     });
   }
 
+  cancel() {
+    if (this.gesture && this.gesture.kind !== "pan") this.resetPreview();
+    this.gesture = null;
+    for (const tool of this.tools) tool.cancel?.();
+  }
+
   inPane(/** @type {MouseEvent} */ event) {
     const at = this.canvas.getBoundingClientRect();
     return { x: event.clientX - at.left, y: event.clientY - at.top };

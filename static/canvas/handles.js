@@ -96,6 +96,10 @@ export class Handles {
     canvas.handlers.pick(at.u, at.v); // a click means the cloth below
   }
 
+  cancel() {
+    this.held = null;
+  }
+
   // --- ghosts ------------------------------------------------------------------------------------
 
   /** The motion that leads the proposal from where the server has it to a ghost. @returns {By} */

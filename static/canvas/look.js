@@ -4,6 +4,7 @@
 import { askJson } from "/static/page/connection.js";
 import { LayerList } from "/static/canvas/layer_list.js";
 import { drawLabel, strokeLine } from "/static/canvas/marks.js";
+import { onPinch } from "/static/canvas/pinch.js";
 import { button, byId, choice, find, make, rebuild, setText, slider, smallButton } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
@@ -48,6 +49,21 @@ export class Looking {
     });
     byId("stage").append(this.chip);
     this.loadMaps();
+    onPinch(
+      this.canvas.canvas,
+      () => this.canvas.cancel(),
+      (factor, from, to) => this.pinch(factor, from, to),
+    );
+  }
+
+  /** @param {number} factor @param {Point} from @param {Point} to */
+  pinch(factor, from, to) {
+    const { canvas } = this;
+    const at = canvas.canvas.getBoundingClientRect();
+    canvas.fitted = false;
+    canvas.transform.pan(to.x - from.x, to.y - from.y);
+    canvas.transform.zoom(factor, to.x - at.left, to.y - at.top);
+    canvas.redraw();
   }
 
   async loadMaps() {

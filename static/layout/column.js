@@ -4,7 +4,15 @@ import { byId, find, make, rebuild, smallButton, values } from "/static/page/dom
 import { degrees, keyName, mm, vector } from "/static/page/format.js";
 import { stdMm } from "/static/panels/pick_text.js";
 
-const STROKES = ["brush_this", "brush_other", "cut", "where_to_stroke", "show_sides", "show_certainty"];
+const STROKES = [
+  "brush_this",
+  "brush_other",
+  "cut",
+  "where_to_stroke",
+  "where_before",
+  "show_sides",
+  "show_certainty",
+];
 /** @type {[name: string, title: string, sections: string[], actions: string[]][]} parts, the first come first */
 const PARTS = [
   ["capture", "Capture", ["capture"], []],

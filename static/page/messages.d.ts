@@ -242,9 +242,10 @@ export interface Brush {
   radius_m?: number;
 }
 
-/** Ask where the next stroke would settle most. */
+/** Ask where strokes would settle most: the best place (0), the next ones, or (negative) those before. */
 export interface WhereToStroke {
   type: "where_to_stroke";
+  number?: number;
 }
 
 /** Say which kind the garment is; None: let the evidence say. */
@@ -987,6 +988,7 @@ export interface StrokeAdvice {
   view_index: number | null;
   rc: [number, number] | null;
   text: string;
+  number: number;
 }
 
 /** Another recording was opened; the tab connects again. */

@@ -195,5 +195,7 @@ declare global {
     press(at: PointerPlace): boolean;
     drag(at: PointerPlace): void;
     release(at: PointerPlace): void;
+    /** Two fingers zoom: what was pressed means nothing. */
+    cancel?(): void;
   };
 }

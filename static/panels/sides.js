@@ -25,7 +25,8 @@ export class SidesPanel {
       cut: () => this.take("cut"),
       brush_smaller: () => this.resize(-1),
       brush_larger: () => this.resize(1),
-      where_to_stroke: () => this.page.send({ type: "where_to_stroke" }),
+      where_to_stroke: () => this.askWhere(1),
+      where_before: () => this.askWhere(-1),
       show_sides: () => this.toggle("shown"),
       show_certainty: () => this.toggle("certain"),
     };
@@ -41,6 +42,7 @@ export class SidesPanel {
     this.cutLine = null; // drawn, and waits for a click beyond it
     this.known = /** @type {State["sides"]} */ (null);
     this.wanted = /** @type {string | null} */ (null);
+    this.place = /** @type {{ revision: number | null; number: number } | null} */ (null); // where to stroke
     this.image = /** @type {ImageBitmap | null} */ (null); // the uncertainty of the shape
     this.panel = make("section#sides.sides", { label: "Side of interest", hidden: true });
     byId("picks").before(this.panel);
@@ -97,7 +99,8 @@ export class SidesPanel {
         make("output#brush-size"),
       ),
       make("p.note", swatch("var(--side-this)"), " this side ", swatch("var(--side-other)"), " not this side"),
-      this.page.group("Shown", ["show_sides", "show_certainty", "where_to_stroke"]),
+      make("p.note", "Full color: under strokes, in all views that show the cloth."),
+      this.page.group("Shown", ["show_sides", "show_certainty", "where_to_stroke", "where_before"]),
     ]);
     setText(byId("sides-text"), known.text);
     const conflicts = byId("sides-conflicts");
@@ -218,6 +221,11 @@ export class SidesPanel {
     this.line = this.cutLine = null;
   }
 
+  /** Two fingers zoom: what the first one began is no stroke. */
+  cancel() {
+    this.line = null;
+  }
+
   // --- on the source image ---------------------------------------------------------------------
 
   /** What a stroke says; null: no stroke is painted now. */
@@ -252,7 +260,16 @@ export class SidesPanel {
     return labels ? [`/sides/${view}/color.jpg?v=${this.known?.token}`, labels] : null;
   }
 
+  /** Go to the next place, or to that before; after a stroke the best one is the first again. */
+  askWhere(/** @type {1 | -1} */ step) {
+    const revision = this.known?.revision ?? null;
+    const number = this.place?.revision === revision ? this.place.number + step : 0;
+    this.place = { revision, number };
+    this.page.send({ type: "where_to_stroke", number });
+  }
+
   goTo(/** @type {import("/static/page/messages").StrokeAdvice} */ answer) {
+    if (this.place) this.place.number = answer.number;
     this.page.notify("info", answer.text);
     if (answer.view_index !== null && answer.rc) this.page.each("lookAt", answer.view_index, answer.rc);
   }

@@ -3,6 +3,7 @@
 import { zoomedBox } from "/static/canvas/geometry.js";
 import { askJson, askPicture } from "/static/page/connection.js";
 import { strokeLine, strokeRimmed, traceCross } from "/static/canvas/marks.js";
+import { onPinch } from "/static/canvas/pinch.js";
 import {
   buttonOf,
   byId,
@@ -151,22 +152,27 @@ export class SourcePanel {
       this.draw();
     });
     canvas.addEventListener("keydown", (event) => this.key(event));
-    onWheel(canvas, (factor, event) => {
-      const at = this.pixelAt(event);
-      if (!at || !this.drawn) return;
-      event.preventDefault();
-      const { box } = this.drawn;
-      const before = this.zoom.factor;
-      this.zoom.factor = within(before * factor, 1, MOST_ZOOM);
-      const by = before / this.zoom.factor; // what is under the pointer stays there
-      this.zoom.row = at[0] + (box.top + box.height / 2 - at[0]) * by;
-      this.zoom.col = at[1] + (box.left + box.width / 2 - at[1]) * by;
-      this.draw();
-    });
+    onWheel(canvas, (factor, event) => this.zoomBy(factor, event) && event.preventDefault());
+    const cancel = () => (this.stroke = null);
+    onPinch(canvas, cancel, (factor, from, to) => this.zoomBy(factor, atPointer(from), atPointer(to)));
+  }
+
+  /** Zoom; what was under a pointer comes to be under another, or stays. */
+  zoomBy(/** @type {number} */ factor, /** @type {Pointed} */ from, /** @type {Pointed} */ to = from) {
+    const [at, then] = [this.pixelAt(from), this.pixelAt(to)];
+    if (!at || !then || !this.drawn) return false;
+    const { box } = this.drawn;
+    const before = this.zoom.factor;
+    this.zoom.factor = within(before * factor, 1, MOST_ZOOM);
+    const by = before / this.zoom.factor;
+    this.zoom.row = at[0] + (box.top + box.height / 2 - then[0]) * by;
+    this.zoom.col = at[1] + (box.left + box.width / 2 - then[1]) * by;
+    this.draw();
+    return true;
   }
 
   /** The pixel (row, col) of the recorded image under a pointer. @returns {UV | null} */
-  pixelAt(/** @type {MouseEvent} */ event) {
+  pixelAt(/** @type {Pointed} */ event) {
     if (!this.drawn) return null;
     const at = this.canvas.getBoundingClientRect();
     const { box, scale } = this.drawn;
@@ -410,6 +416,9 @@ export class SourcePanel {
     };
   }
 }
+
+/** @typedef {{ clientX: number; clientY: number }} Pointed */
+const atPointer = (/** @type {Point} */ { x, y }) => ({ clientX: x, clientY: y });
 
 /** The part of an image that shows the item, where its cover lets it through; all of it if that is nothing. */
 function boxOfItem(/** @type {ImageBitmap} */ image) {

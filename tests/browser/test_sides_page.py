@@ -63,6 +63,7 @@ def test_cloth_is_painted_with_the_mouse_and_undone(open_tab) -> None:
     present = f"document.querySelector('#timeline img[src$=\"revision={revision}\"]')"
     tab.until(f"{shown}.every((i) => i.naturalWidth > 1) && {present}")
     assert tab.state()["undo"].startswith("stroke: this side on view")
+    tab.shoot("stroke-in-all-views")
     tab.page.keyboard.press("Escape")
     tab.until("flatcloth.sides.kind === null")
     tab.page.keyboard.press("u")
@@ -74,14 +75,45 @@ def test_cloth_is_painted_with_keys_alone_and_the_next_place_is_found(open_tab) 
     ready(tab)
     tab.page.keyboard.press("Shift+W")
     tab.until("flatcloth.sources.drawn && document.querySelector('.toast, #toasts *')")
+    # From place to place and back, and two fingers on it: no stroke, a closer look.
+    first = json.dumps(tab.page.evaluate("flatcloth.sources.aim"))
+    tab.page.keyboard.press("Shift+W")
+    tab.until(f"JSON.stringify(flatcloth.sources.aim) !== {json.dumps(first.replace(' ', ''))}")
+    tab.page.keyboard.press(";")
+    tab.until(f"JSON.stringify(flatcloth.sources.aim) === {json.dumps(first.replace(' ', ''))}")
     tab.page.keyboard.press("Shift+S")
     tab.until("flatcloth.sides.kind === 'this' && document.getElementById('source-canvas').tabIndex === 0")
+    two_fingers_zoom(tab, "#source-canvas", "flatcloth.sources.drawn.box.width")
+    two_fingers_zoom(tab, "#canvas", "1 / flatcloth.handles.scale")
     tab.page.keyboard.press(">")
     tab.until("flatcloth.sides.radius_mm === 15")
     tab.page.focus("#source-canvas")
     tab.page.keyboard.press("ArrowDown")
     tab.page.keyboard.press("Enter")
     tab.until(f"flatcloth.state.sides.n_strokes === 1 && {IDLE}")
+
+
+def two_fingers_zoom(tab, canvas: str, shown: str) -> None:
+    before = tab.page.evaluate(shown)
+    tab.page.evaluate(
+        """(selector) => {
+            const canvas = document.querySelector(selector);
+            canvas.setPointerCapture = () => {};
+            const { left, top, width, height } = canvas.getBoundingClientRect();
+            const [x, y] = [left + width / 2, top + height / 2];
+            const finger = { pointerType: 'touch', button: 0, bubbles: true };
+            for (const [type, pointerId, dx] of [
+                ['pointerdown', 1, -20], ['pointerdown', 2, 20], ['pointermove', 2, 40],
+                ['pointermove', 1, -40], ['pointerup', 1, -40], ['pointermove', 2, 60],
+                ['pointerup', 2, 60]]) {
+                const at = { pointerId, clientX: x + dx, clientY: y };
+                canvas.dispatchEvent(new PointerEvent(type, { ...finger, ...at }));
+            }
+        }""",
+        canvas,
+    )
+    assert tab.page.evaluate(shown) == pytest.approx(before / 2, rel=0.02)
+    assert tab.state()["sides"]["n_strokes"] == 0
 
 
 def test_a_finger_paints_and_strokes_outlast_a_kill(open_tab, program) -> None:

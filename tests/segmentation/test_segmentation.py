@@ -12,6 +12,7 @@ from scenes import AXIS
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
+from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.item import find_item
 from flatcloth.segmentation.observed import observe
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, OTHER, UNDECIDED
@@ -234,12 +235,22 @@ def test_a_doubtful_face_is_of_interest_only_where_a_stroke_says_so(solver):
 
 
 def test_where_to_stroke_next_lies_on_the_item_and_is_none_when_all_is_sure(solver):
-    found = solver.where_next(())
+    found = next(solver.places(()), None)
     if found is not None:
         view = solver.observed.views[found.view_index]
         row, col = np.array(found.rc) - view.offset_rc
         assert view.item[row, col]
         assert found.gain_m2 > 0
+    gains = [place.gain_m2 for place in solver.places(())]
+    assert gains == sorted(gains, reverse=True)
+    assert (found is None) == (gains == [])
+
+
+def test_a_stroke_marks_the_same_cloth_in_all_views_that_show_it(solver):
+    touched = under_strokes(solver.observed, (stroke(), stroke("other")))
+    shown = {n: np.isin(view.cluster, touched) for n, view in solver.observed.views.items()}
+    assert shown[stroke().view_index].any()
+    assert sum(bool(marked.any()) for marked in shown.values()) >= 3
 
 
 @pytest.mark.parametrize(

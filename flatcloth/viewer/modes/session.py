@@ -198,9 +198,9 @@ class Application(PageController):
                 self._by_hand(paint(self._sides.decision(message, self._picture)))
             case messages.Brush():
                 self._sides.brush = message if message.side is not None else None
-            case messages.WhereToStroke():
+            case messages.WhereToStroke(number=n):
                 strokes = self._state.document.strokes
-                self._sides.where_next(strokes, lambda answer: self._sink.tell(client, answer))
+                self._sides.where_next(strokes, n, lambda answer: self._sink.tell(client, answer))
             case decision if isinstance(decision, messages.GarmentDecision):
                 self._garment.take(client, message, self._state.document, self._do)
             case garment.ShowOther():

@@ -14,12 +14,13 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke, why_off_image
-from flatcloth.core.types import Float32, Floats, Uint8
+from flatcloth.core.types import Bool, Float32, Floats, Int64, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import point_on_ray
 from flatcloth.rendering.layers import png
 from flatcloth.rendering.sides import certainty_rgba, shape_rgba, side_rgba, small_side_rgba
 from flatcloth.rendering.thumbnails import jpeg_thumbnail, small_shape
+from flatcloth.segmentation.brushes import under_strokes
 from flatcloth.segmentation.result import NO_ITEM, Segmentation, ViewSegmentation
 from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Document
@@ -74,6 +75,7 @@ class SideController:
         self._worker = Worker("flatcloth-sides")
         self._strokes: tuple[Decision, ...] | None = None
         self._found: Segmentation | None = None
+        self._touched: Int64 = np.empty(0, dtype=np.int64)
         self._token = secrets.token_hex(4)  # another recording at this address has other pictures
         self.status = SideStatus()
         self.brush: messages.Brush | None = None
@@ -186,6 +188,7 @@ class SideController:
         assert sides is not None
         try:
             found = sides.solver().solve(strokes)  # the masks take longer and follow with the shape
+            touched = under_strokes(found.observed, strokes)
         except FlatclothError as error:
             text = str(error)
             self._put(lambda: self._failed(text))
@@ -194,12 +197,12 @@ class SideController:
             _log.exception("the side of interest could not be found")
             self._put(lambda: self._failed("Unexpected error while finding the side. See the terminal."))
             return
-        self._put(lambda: self._take(strokes, found))
+        self._put(lambda: self._take(strokes, found, touched))
 
-    def _take(self, strokes: tuple[Decision, ...], found: Segmentation) -> None:
+    def _take(self, strokes: tuple[Decision, ...], found: Segmentation, touched: Int64) -> None:
         grown = len(strokes) > self.status.n_strokes
         changed = found.changed.text if grown and found.changed is not None else ""
-        self._found = found
+        self._found, self._touched = found, touched
         self.status = SideStatus(
             revision=self.status.revision + 1,
             n_strokes=len(strokes),
@@ -214,24 +217,32 @@ class SideController:
         self.status = SideStatus(revision=self.status.revision + 1, text=text)
         self._changed("")
 
-    def where_next(self, strokes: tuple[Decision, ...], answer: Callable[[StrokeAdvice], None]) -> None:
-        """Find where the next stroke would determine most; ``answer`` is called on another thread."""
+    def where_next(
+        self, strokes: tuple[Decision, ...], number: int, answer: Callable[[StrokeAdvice], None]
+    ) -> None:
+        """Find a place where a stroke would determine most, the first is the best one.
+
+        ``number`` counts round all places, also backwards; ``answer`` is called on another thread.
+        """
         sides = self._integration.views.sides
         if sides is None:
             raise FlatclothError("This recording has masks; there is nothing to paint.")
 
         def work() -> None:
             try:
-                found = sides.solver().where_next(strokes)
+                places = list(sides.solver().places(strokes))
             except FlatclothError as error:
                 answer(StrokeAdvice(view_index=None, rc=None, text=str(error)))
                 return
-            if found is None:
+            if not places:
                 text = "The views determine all cloth: no stroke adds anything."
                 answer(StrokeAdvice(view_index=None, rc=None, text=text))
                 return
+            number_of = number % len(places)
+            found = places[number_of]
             row, col = map(float, found.rc)
-            answer(StrokeAdvice(view_index=found.view_index, rc=(row, col), text=found.text))
+            text = f"Place {number_of + 1} of {len(places)}. {found.text}"
+            answer(StrokeAdvice(view_index=found.view_index, rc=(row, col), text=text, number=number_of))
 
         self._worker.put(work)
 
@@ -273,7 +284,14 @@ class SideController:
         if labels is None:
             return None
         shape = small_shape(*labels.side.shape)
-        return png(small_side_rgba(labels.side, labels.certainty, shape, doubt=certain))
+        strokes = self._under_strokes(view)
+        return png(small_side_rgba(labels.side, labels.certainty, shape, strokes, doubt=certain))
+
+    def _under_strokes(self, view: int) -> Bool | None:
+        """Return the cloth (h, w) of a view that is under strokes, whatever view they were drawn on."""
+        found = self._found
+        seen = None if found is None else found.observed.views.get(view)
+        return None if seen is None else np.isin(seen.cluster, self._touched)
 
     def _small_color(self, view: int) -> bytes | None:
         """Return the part of the image that the labels cover, as JPEG."""
@@ -305,8 +323,10 @@ class SideController:
         shape = intrinsics.height, intrinsics.width
         if labels is None:
             return png(np.zeros((*shape, 4), dtype=np.uint8))
-        draw = certainty_rgba if certain else side_rgba
-        return png(draw(labels.side, labels.certainty, labels.offset_rc, shape))
+        if certain:
+            return png(certainty_rgba(labels.side, labels.certainty, labels.offset_rc, shape))
+        strokes = self._under_strokes(view)
+        return png(side_rgba(labels.side, labels.certainty, labels.offset_rc, shape, strokes))
 
     def _shape_png(self, picture: Picture | None) -> bytes | None:
         found = self._found

@@ -256,8 +256,11 @@ ACTIONS: tuple[Action, ...] = (
         "where_to_stroke",
         "Where to stroke next",
         ("Shift+w",),
-        "Go to the view and the place where a stroke settles most.",
+        "Go to the view and the place where a stroke settles most; again: the next undecided place.",
         "sides",
+    ),
+    Action(
+        "where_before", "Place before", (";",), "Go back to the undecided place before this one.", "sides"
     ),
     Action(
         "turn_over",

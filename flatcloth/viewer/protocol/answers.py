@@ -117,6 +117,7 @@ class StrokeAdvice(Sent, tag_field="type", tag="where_to_stroke", frozen=True):
     view_index: int | None
     rc: tuple[float, float] | None
     text: str
+    number: int = 0
 
 
 class Switched(Sent, tag_field="type", tag="switched", frozen=True):

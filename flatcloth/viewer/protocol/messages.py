@@ -304,7 +304,9 @@ class Brush(Said, tag="brush", frozen=True, kw_only=True):
 
 
 class WhereToStroke(Said, tag="where_to_stroke", frozen=True, kw_only=True):
-    """Ask where the next stroke would settle most."""
+    """Ask where strokes would settle most: the best place (0), the next ones, or (negative) those before."""
+
+    number: Annotated[int, Meta(ge=-1000, le=1000)] = 0
 
 
 GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink | DecideJoint
