@@ -7,12 +7,13 @@ reliable share, garment and its lengths are compared with those of the right rec
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from benchmarks.inputs import sources
 from benchmarks.mistakes import KINDS, Kind, right_mend
-from benchmarks.output import Options, recordings_of, save, say
+from benchmarks.output import Options, kept, recordings_of, save, say
 from benchmarks.unmended import Made, made_of
 from flatcloth.checking.check import check_recording
 from flatcloth.recordings import open_recording
@@ -55,17 +56,42 @@ def _reliable(made: Made) -> float:
     return float(made.shape.report.get("firm_share", 0.0))
 
 
+def rows_of(source: str) -> list[dict[str, Any]]:
+    """Return the rows of a recording: each kind of mistake that can be mended, at its middle strength."""
+    right = made_of(open_recording(source))
+    rows = []
+    for kind in KINDS:
+        if kind.has_mend:
+            rows.append(row_of(source, kind, kind.strengths[len(kind.strengths) // 2], right))
+            say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
+    return rows
+
+
 def run(options: Options) -> None:
     """Measure and print; write ``results/mended_results.json`` after each recording unless ``quick``."""
     rows: list[dict[str, Any]] = []
     for source in sources(options.recordings):
-        right = made_of(open_recording(source))
-        for kind in KINDS:
-            if kind.has_mend:
-                strength = kind.strengths[len(kind.strengths) // 2]
-                rows.append(row_of(source, kind, strength, right))
-                say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
+        rows += kept(options, f"mended-{Path(source).name}", partial(rows_of, source))
         if not options.quick:
             save("mended_results", rows, recordings_of(rows))
-    same = sum(row["same"] for row in rows)
-    say(f"{same} of {len(rows)} mended recordings give the right recording's result")
+    for row in summary(rows):
+        say("   ".join(f"{key} {value}" for key, value in row.items()))
+
+
+def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return how many results are the same, and the largest differences, by kind of mistake."""
+    found = []
+    for name in dict.fromkeys(row["mistake"] for row in rows):
+        own = [row for row in rows if row["mistake"] == name]
+        made = [row for row in own if row["mend"]]
+        found.append(
+            {
+                "mistake": name,
+                "made": len(own),
+                "same": sum(row["same"] for row in own),
+                "area": max((abs(row["area"] - 1) for row in made), default=0.0),
+                "reliable": max((abs(row["reliable"]) for row in made), default=0.0),
+                "length_mm": max((row["length_mm"] or 0.0 for row in made), default=0.0),
+            }
+        )
+    return found

@@ -14,13 +14,15 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.inputs import sources
-from benchmarks.output import Options, recordings_of, save, say
+from benchmarks.output import Options, kept, recordings_of, save, say
 from benchmarks.speed import unit_s
 from flatcloth.checking.check import check_recording
 from flatcloth.checking.findings import Check
@@ -305,7 +307,7 @@ def run(options: Options) -> None:
     unit = unit_s()
     for source in sources(options.recordings):
         unit = min(unit, unit_s())  # other work on the machine makes it larger
-        rows += rows_of(source, unit)
+        rows += kept(options, f"mistakes-{Path(source).name}", partial(rows_of, source, unit))
         if not options.quick:  # after each recording: all of them take an hour
             save("mistakes", rows, recordings_of(rows))
         say(f"{rows[-1]['recording']}: " + _told(rows[-sum(len(k.strengths) for k in KINDS) :]))

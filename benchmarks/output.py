@@ -7,7 +7,7 @@ import os
 import platform
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,9 @@ class Options:
     ``recordings`` are measured instead of the bundled ones; ``quick`` asks for few problems, one
     repetition and no result file; ``learn`` for weights that are learned anew; ``other`` for an operator
     who wants the other panel than the recording's own. ``copies``, ``timed`` and ``views`` say how large
-    ``batch`` is. ``keep`` is a folder where ``accuracy``, ``sides``, ``reliability`` and ``paper_steps``
-    keep what they measured of each recording, so that many can be measured in pieces. ``meshes`` and
-    ``starts``, the number of start angles, are those of ``active``.
+    ``batch`` is. ``keep`` is a folder where ``accuracy``, ``sides``, ``reliability``, ``paper_steps``,
+    ``mistakes``, ``unmended`` and ``mended_results`` keep what they measured of each recording, so that many
+    can be measured in pieces. ``meshes`` and ``starts``, the number of start angles, are those of ``active``.
     """
 
     recordings: Sequence[str] = ()
@@ -69,6 +69,19 @@ def save_page(name: str, text: str, recordings: Sequence[str] = ()) -> None:
 def recordings_of(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Return the names of the recordings in a table, in their order."""
     return list(dict.fromkeys(row["recording"] for row in rows))
+
+
+def kept(options: Options, name: str, measure: Callable[[], list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Return rows of figures; those that the folder ``options.keep`` has as ``NAME.json`` are kept."""
+    file = Path(options.keep) / f"{name}.json"
+    if options.keep and file.exists():
+        rows: list[dict[str, Any]] = json.loads(file.read_text())
+        return rows
+    rows = measure()
+    if options.keep:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(rows))
+    return rows
 
 
 def say(text: str) -> None:

@@ -13,12 +13,13 @@ import json
 import math
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from benchmarks.inputs import sources
 from benchmarks.mistakes import KINDS
-from benchmarks.output import RESULTS, Options, recordings_of, save, say
+from benchmarks.output import RESULTS, Options, kept, recordings_of, save, say
 from flatcloth.api.integrating import integrate
 from flatcloth.api.shape import Shape
 from flatcloth.checking.check import checked
@@ -101,41 +102,43 @@ def row_of(source: str, mistake: str, strength: float, right: Made) -> dict[str,
     }
 
 
+def rows_of(source: str) -> list[dict[str, Any]]:
+    """Return the rows of a recording: hopeless mistakes, then those that nothing stops."""
+    known = json.loads((RESULTS / "mistakes.json").read_text())["figures"]
+    told = [row for row in known if row["recording"] == Path(source).name]
+    right = made_of(open_recording(source))
+    rows = []
+    for row in told:
+        mistake, strength = row["mistake"], row["strength"]
+        is_hopeless = row["certain"] and (mistake, strength) in HOPELESS
+        if is_hopeless or not (row["certain"] or mistake in ("none", *POORER)):
+            rows.append({**row_of(source, mistake, strength, right), "hopeless": is_hopeless})
+            say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
+    return rows
+
+
 def run(options: Options) -> None:
     """Measure and print; write ``results/unmended.json`` after each recording unless ``quick``."""
-    known = json.loads((RESULTS / "mistakes.json").read_text())["figures"]
     rows: list[dict[str, Any]] = []
     for source in sources(options.recordings):
-        told = [row for row in known if row["recording"] == Path(source).name]
-        missed = [
-            (row["mistake"], row["strength"])
-            for row in told
-            if row["mistake"] not in ("none", *POORER) and not row["certain"]
-        ]
-        right = made_of(open_recording(source))
-        for mistake, strength in (*HOPELESS, *missed):
-            rows.append(row_of(source, mistake, strength, right))
-            say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
+        rows += kept(options, f"unmended-{Path(source).name}", partial(rows_of, source))
         if not options.quick:
             save("unmended", rows, recordings_of(rows))
-    for row in summary(rows):
-        say("   ".join(f"{key} {value}" for key, value in row.items()))
+    say("   ".join(f"{key} {value}" for key, value in summary(rows).items()))
 
 
-def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return what is reliable of results with mistakes that nothing stops, and the time of hopeless ones."""
-    hopeless = [row for row in rows if (row["mistake"], row["strength"]) in HOPELESS]
-    missed = [row for row in rows if row not in hopeless]
+    hopeless = [row for row in rows if row["hopeless"]]
+    missed = [row for row in rows if not row["hopeless"]]
     counted = [row for row in missed if row["reliable"] > 0]
-    ratios = [row["time_ratio"] for row in hopeless]
-    return [
-        {
-            "mistakes": len(missed),
-            "told": sum(row["wrong"] > 0 for row in missed),
-            "reliable": len(counted),
-            "most_far": max((row["far"] for row in counted), default=0.0),
-            "lengths": sum(row["lengths"] for row in counted),
-            "lengths_far": sum(row["lengths_far"] for row in counted),
-        },
-        {"hopeless": len(hopeless), "most_time_ratio": max(ratios, default=0.0)},
-    ]
+    return {
+        "mistakes": len(missed),
+        "told": sum(row["wrong"] > 0 for row in missed),
+        "reliable": len(counted),
+        "most_far": max((row["far"] for row in counted), default=0.0),
+        "lengths": sum(row["lengths"] for row in counted),
+        "lengths_far": sum(row["lengths_far"] for row in counted),
+        "hopeless": len(hopeless),
+        "most_time_ratio": max((row["time_ratio"] for row in hopeless), default=0.0),
+    }

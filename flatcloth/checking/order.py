@@ -181,8 +181,8 @@ def order_findings(
     by_chance = (_ODDS * len(pairs)) ** len(bad or in_time) / math.factorial(min(len(bad), 100))
     sure = 1.0 if factor is None else _WRONG / (_WRONG + (1.0 - _WRONG) * by_chance)
     if not bad:
-        slip = _slip(chain, sure)
-        return [slip] if slip else []
+        found = _slip(chain, sure) or _single_in_time(chain, in_time, sure)
+        return [found] if found else []
     shown = chain.order[bad[0]], chain.order[bad[0] + 1]
     told = len(bad), len(pairs), sure, shown
     if factor is None:
@@ -226,6 +226,25 @@ def _single(chain: Chain, most: int, sure: float, shown: tuple[int, int]) -> Fin
         text = f"{names} fit{'' if many else 's'} to no other view"
     mend = Mends(view_angles=angles, leave_out=lost)
     return Finding(name="views", text=text, probability=sure, mends=(mend,), views=shown)
+
+
+def _single_in_time(chain: Chain, bad: Sequence[int], sure: float) -> Finding | None:
+    """Return the finding that a view stands elsewhere, told by its neighbours in time; None if none does.
+
+    Where the cloth is as smooth as a tube, it may fit its neighbours by angle at its wrong place, too.
+    """
+    order = sorted(chain.order)
+    for n in sorted({end for link in bad for end in (link, link + 1)}):
+        if not (0 < n < len(order) - 1 and chain.agrees(order[n - 1], order[n + 1])):
+            continue
+        view = order[n]
+        place = chain.place_of(view, [other for other in chain.order if other != view])
+        if place is not None and abs(place - chain.recorded_deg[view]) > NEAR_DEG:
+            text = f"View {view} stands at another angle than recorded"
+            mends = (Mends(view_angles=((view, round(place, 1)),)),)
+            shown = order[n - 1], view
+            return Finding(name="views", text=text, probability=sure, mends=mends, views=shown)
+    return None
 
 
 def _numbered(chain: Chain, bad: int, links: int, sure: float, shown: tuple[int, int]) -> Finding | None:

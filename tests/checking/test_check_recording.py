@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flatcloth.checking.check import check_recording
+from flatcloth.checking.order import _single_in_time
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import LazyRecording, ViewImages
@@ -74,6 +75,28 @@ def test_views_in_a_random_order_are_put_in_order_again(right, seed):
     assert found.name == "order"
     turned = np.array(mended(wrong, found.mends[0]).angles_deg) - right.angles_deg
     assert np.allclose((turned - turned[0] + 180) % 360 - 180, 0.0)
+
+
+class _Tube:
+    """Six views of a tube, of which one is recorded 35 degrees off; by angle its neighbours agree."""
+
+    def __init__(self, off, at_deg):
+        self.order, self.off, self.at_deg = list(range(6)), off, at_deg
+        self.recorded_deg = {n: 10.0 * n + (35.0 if n == off else 0.0) for n in range(6)}
+
+    def agrees(self, one, other):
+        return self.off not in (one, other)
+
+    def place_of(self, view, among):
+        return self.at_deg if view == self.off and view not in among else None
+
+
+def test_a_view_elsewhere_is_told_by_its_neighbours_in_time():
+    found = _single_in_time(_Tube(3, 30.0), [2, 3], 0.8)
+    assert found.text == "View 3 stands at another angle than recorded"
+    assert found.mends[0].view_angles == ((3, 30.0),)
+    assert _single_in_time(_Tube(3, 63.0), [2, 3], 0.8) is None  # where it is recorded
+    assert _single_in_time(_Tube(3, None), [2, 3], 0.8) is None
 
 
 def test_a_slipped_turntable_is_told_from_a_single_view(right):

@@ -1,6 +1,9 @@
 """What a result says about its recording."""
 
 import json
+from dataclasses import replace
+from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,17 +11,21 @@ import pytest
 import flatcloth
 from flatcloth.checking.check import checked, known_check
 from flatcloth.checking.result import LEAST_VIEWS, is_hopeless, wrong_with
+from flatcloth.core.geometry import held_from_camera
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.garments.deciding import DecidedPieces
+from flatcloth.garments.recognition import NONE, Measure, Recognition
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.mending import Mends, mended
 from flatcloth.registration.cameras import begin_registration
+from flatcloth.registration.pairwise import PairFit
+from flatcloth.session.document import Document
 
 RIGHT = "shirt-corner-d435"
 
 
 def _registered(views=10, turned_deg=0.0, swung_deg=0.0, beside_m=0.0):
     """A registration of which one view was turned or swung, or whose axis was moved."""
-    from dataclasses import replace
-
     recording = open_recording(RIGHT)
     own = np.zeros((views, 3))
     own[-1] = np.radians([turned_deg, swung_deg, 0.0])
@@ -45,13 +52,6 @@ def test_corrections_that_no_recording_needs_are(corrections, word):
 
 def _compared(views, off_m):
     """A registration of views each compared with its four neighbours; the last ones are off by so much."""
-    from dataclasses import replace
-    from itertools import combinations
-    from types import SimpleNamespace
-
-    from flatcloth.core.geometry import held_from_camera
-    from flatcloth.registration.pairwise import PairFit
-
     registered = _registered(views)
     precision = np.diag([1e6] * 6 + [1.0])  # a millimetre, a milliradian, a pixel
     pairs = tuple(
@@ -96,6 +96,30 @@ def test_a_shape_of_no_known_kind_is_no_doubt_alone_but_needs_less():
 def test_cloth_most_of_which_floats_is():
     assert "floats" in wrong_with(None, _registered(), 0.8)[0]
     assert not is_hopeless(None, _registered())
+
+
+@pytest.mark.parametrize("wrong", [[], ["views contradict"]])
+def test_a_wrong_result_has_no_lengths(wrong, monkeypatch):
+    found = Recognition(
+        probabilities={"towel": 0.9, NONE: 0.1},
+        fits=(),
+        dimensions={"width": Measure(value_m=0.5, std_m=0.01)},
+        points={},
+    )
+    shape = SimpleNamespace(view=SimpleNamespace(valid=np.ones((2, 2), bool)))
+    none = DecidedPieces(shape_from_piece={}, refused=frozenset())
+    known = KnownGarment(canonical=shape, evidence=(), by_evidence=found, found=found, pieces=none)
+    told = []
+    integration = SimpleNamespace(
+        canonical=lambda _: shape,
+        wrong=lambda _: wrong,
+        trust=SimpleNamespace(recognised=lambda *of: told.append(of)),
+    )
+    service = GarmentService(integration)
+    monkeypatch.setattr(service, "_recognised", lambda *_: known)
+    monkeypatch.setattr(service, "_decided", lambda *_: known)
+    assert list(service.of(Document()).found.dimensions) == ([] if wrong else ["width"])
+    assert told == [(shape, 0.1)]
 
 
 def test_a_result_of_a_wrong_recording_ends_soon_and_calls_nothing_reliable(tmp_path):

@@ -141,10 +141,12 @@ class GarmentService:
             if self._shape is None or self._shape.canonical is not canonical:
                 self._shape, self._last = self._recognised(canonical, document), None
             if self._last is None or self._last[0] != document.garment:
-                self._last = document.garment, self._decided(self._shape, document.garment)
-                found = self._last[1].found
-                no_kind = 0.0 if found.by_hand else found.probabilities[NONE]
+                known = self._decided(self._shape, document.garment)
+                no_kind = 0.0 if known.found.by_hand else known.found.probabilities[NONE]
                 self.integration.trust.recognised(canonical, no_kind)
+                if self.integration.wrong(document):  # then no length is reliable
+                    known = replace(known, found=replace(known.found, dimensions={}))
+                self._last = document.garment, known
             return self._last[1]
 
     def known(self, document: Document) -> KnownGarment | str:

@@ -109,7 +109,7 @@ def compare_garment(
             (unseen if point.pixel is None else seen)[name] = 1e3 * off_m
             normed[name] = off_m / point.std_m
         for name, (a, b) in fit.kind.dimensions.items():
-            if a in true and b in true:
+            if a in true and b in true and name in found.dimensions:
                 length_m = float(np.linalg.norm(true[a] - true[b]))
                 sizes[name] = found.dimensions[name].value_m / length_m - 1.0
     return GarmentEvaluation(
