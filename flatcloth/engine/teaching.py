@@ -38,8 +38,10 @@ from flatcloth.flattening.surface import observe_item
 from flatcloth.methods.answers import Canonical, Plan
 from flatcloth.methods.paper.merging import shows
 from flatcloth.methods.paper.method import PaperMethod
+from flatcloth.methods.paper.occlusion import occluding_edges
 from flatcloth.methods.paper.watching import Search, WatchedMatcher
-from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Request, Started
+from flatcloth.methods.starting import components_by_area
+from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Request, Side, Started
 
 INTERVALS_PX = (4, 40)
 """Range of d in the page. Chosen: from every fourth pixel to a tenth of a garment."""
@@ -104,12 +106,30 @@ class FlatteningLesson:
 
 
 @dataclass(frozen=True, kw_only=True)
+class StartLesson:
+    """The choice of the start view: ``areas_m2`` (n_views,) that each view shows, and those that were tried.
+
+    The views were flattened by their area, until all others show less than the largest component so far, that
+    of ``view_index``; ``tried`` has each with the area (m2) of its largest component, 0 if it is folded.
+    """
+
+    view_index: int
+    areas_m2: Float64
+    tried: tuple[tuple[int, float], ...]
+    flattening: Flattening
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlanningLesson:
-    """Fig. 4a: the Z-angles of the flattened view, the curves, and the resulting rotation."""
+    """Fig. 4a: the Z-angles of the flattened view, the curves, and the resulting rotation.
+
+    ``edges_uv_m`` are the places (N, 2) of each side's occluding edge on the flattened view.
+    """
 
     view_index: int
     view: FlattenedView
     plan: Plan
+    edges_uv_m: dict[Side, Float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,6 +206,16 @@ class Teaching:
 
         return self._starts.get("start", find)
 
+    def start(self, progress: Progress = no_progress) -> StartLesson:
+        """Return the choice of the start view; errors as :meth:`start_view`."""
+        views, chosen = self._paper(self.defaults).views, self.start_view(progress)
+        return StartLesson(
+            view_index=chosen,
+            areas_m2=views.observed_areas_m2(progress),
+            tried=tuple(components_by_area(views, progress)),
+            flattening=views.flattening(chosen),
+        )
+
     def flattening(
         self, view_index: int, parameters: Parameters, progress: Progress = no_progress
     ) -> FlatteningLesson:
@@ -210,10 +240,13 @@ class Teaching:
         """Return Fig. 4a with one view as the current flattened view; errors as :meth:`flattening`."""
         progress(0.1, f"flattening view {view_index}")
         paper = self._paper(parameters)
-        view = paper.views.flattening(view_index).view
+        flattening = paper.views.flattening(view_index)
         progress(0.8, "choosing the rotation")
         return PlanningLesson(
-            view_index=view_index, view=view, plan=paper.plan(Document(start_view=view_index))
+            view_index=view_index,
+            view=flattening.view,
+            plan=paper.plan(Document(start_view=view_index)),
+            edges_uv_m={side: _edge_uv_m(flattening, side) for side in Side},
         )
 
     def alignment(
@@ -355,6 +388,19 @@ class _PaperViews(RecordedViews):
 def _paper_integration(session: RecordedViews, config: Config, flattenings: Cache[Flattening]) -> Integration:
     views = _PaperViews(session, config, flattenings)
     return Integration(views.recording, config, PaperMethod.name, views=views)
+
+
+def _edge_uv_m(flattening: Flattening, side: Side) -> Float64:
+    """Return where the occluding edge of a side lies on the flattened view (N, 2).
+
+    Between the outermost samples and the outline, up to their interval, the flattened view has no cloth.
+    """
+    surface, view = flattening.surface, flattening.view
+    turned_away, covered = occluding_edges(surface, side)
+    edge_rc = np.argwhere(turned_away | covered) + surface.frame.offset_rc
+    pixels, reach_px = np.argwhere(view.valid), flattening.levels[-1].sampling_interval_px
+    away, nearest = cKDTree(view.source_rc[view.valid]).query(edge_rc, distance_upper_bound=reach_px)
+    return view.uv_from_rc(pixels[nearest[np.isfinite(away)]])
 
 
 def _unused_pairs(level: Level) -> Int32:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from flatcloth.core.errors import FlatteningError, SurfaceError
@@ -31,21 +33,24 @@ def start_by_view(views: Views, progress: Progress = no_progress) -> int | None:
 
 
 def start_by_component(views: Views, progress: Progress = no_progress) -> int | None:
-    """Return the view with the largest component that flattens without folds.
+    """Return the view with the largest component that flattens without folds; None if all are folded."""
+    view, area_m2 = max(components_by_area(views, progress), key=lambda tried: tried[1], default=(-1, 0.0))
+    return view if area_m2 > 0.0 else None
 
-    A view is not flattened if all that it shows is less than the largest component found so far. None
-    if all are folded.
+
+def components_by_area(views: Views, progress: Progress = no_progress) -> Iterator[tuple[int, float]]:
+    """Yield views by their observed area, each with the area (m2) of its largest component (0: folded).
+
+    A view is not flattened if all that it shows is less than the largest component so far; it ends there.
     """
-    areas = views.observed_areas_m2(progress)
-    best, largest_m2 = -1, 0.0
+    areas, largest_m2 = views.observed_areas_m2(progress), 0.0
     for view in _by_area(areas):
         if _FILLED * areas[view] <= largest_m2:
-            break
+            return
         progress(0.9, f"looking for the start view: flattening view {view}")
         area_m2 = _unfolded_area_m2(views, view)
-        if area_m2 > largest_m2:
-            best, largest_m2 = view, area_m2
-    return best if best >= 0 else None
+        largest_m2 = max(largest_m2, area_m2)
+        yield view, area_m2
 
 
 def overlap_area_m2(views: Views) -> float:

@@ -1,4 +1,4 @@
-// What stages 11 to 15 draw: the new view, the lines, the overlay, the search, the renewed view.
+// What stages 12 to 16 draw: the new view, the lines, the overlay, the search, the renewed view.
 
 import { cm2, degrees, mm, number } from "/static/page/format.js";
 import { applied, boxOf, cornersOf, grown, union } from "/static/canvas/geometry.js";

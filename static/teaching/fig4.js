@@ -35,7 +35,8 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
     text: [
       "How far is the cloth turned away from the camera, about the vertical? The Z-angle of a normal is 0° " +
         "towards the camera, negative to the left, positive to the right (x points to the camera, z up).",
-      "Steep cloth is measured badly. Pixels beyond the limit A_w are grey and do not count from here on.",
+      "Steep cloth is measured badly. Pixels beyond the limit A_w are grey and do not count from here on. Where " +
+        "the cloth turns out of sight, or nearer cloth covers it, its outline is an occluding edge: it goes on there.",
     ],
     math: () => [
       equation(
@@ -50,7 +51,7 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
       ),
     ],
     facts: zAngleFacts,
-    legend: { limit: "limit A_w", soft: "does not count", mark: "at the pointer" },
+    legend: { limit: "limit A_w", soft: "does not count", band: "occluding edge", mark: "at the pointer" },
     draw: drawZAngle,
   },
   {
@@ -88,7 +89,7 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
       equation("A_0 = A_z (u_b)", words(",   "), `A = A_w ${p.side === "right" ? "+" : "−"} A_0`),
     ],
     facts: rotationFacts,
-    legend: { count: "h(u)", mean: "A_z(u)", accent: "S_0, u_b, A", mark: "A_0, next view" },
+    legend: { count: "h(u)", mean: "A_z(u)", accent: "S_0, u_b, A", band: "occluding edge", mark: "A_0, next view" },
     draw: drawRotation,
   },
   {
@@ -201,7 +202,7 @@ export const EXTENDING_STAGES = stagesOf("alignment", ALL, [
     text: [
       "Both views become one. Where both show the cloth, the half next to the occluding edge takes the new " +
         "view; in the other half the smaller |Z-angle| wins, as it was measured more frontally.",
-      "The plane is that of the new view from now on, and it begins again with stage 8, until no occluding " +
+      "The plane is that of the new view from now on, and it begins again with stage 9, until no occluding " +
         "edge is left.",
     ],
     math: () => [

@@ -15,11 +15,13 @@ import { FLATTENING_STAGES } from "/static/teaching/fig2.js";
 import { EXTENDING_STAGES } from "/static/teaching/fig4.js";
 import { GARMENT_STAGES } from "/static/teaching/garment.js";
 import { SIDE_STAGES } from "/static/teaching/sides.js";
+import { START_STAGES } from "/static/review/start_lesson.js";
 import { CHECK_STAGES } from "/static/review/check_lesson.js";
 
 /** @type {[string, Stage[]][]} */
 const GROUPS = [
   ["Flattening one view", FLATTENING_STAGES],
+  ["Where it begins", START_STAGES],
   ["Adding the next view", EXTENDING_STAGES],
   ["Without masks", SIDE_STAGES],
   ["Which garment it is", GARMENT_STAGES],

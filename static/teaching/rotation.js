@@ -1,4 +1,4 @@
-// What stages 8 to 10 draw: Z-angles, the curves over the columns, and the rotation.
+// What stages 9 to 11 draw: Z-angles, the curves over the columns, and the rotation.
 
 import { cm2, degrees, mm, number } from "/static/page/format.js";
 import { boxOf, pixelAt } from "/static/canvas/geometry.js";
@@ -56,6 +56,11 @@ function zRamp(sheet, rect, lesson, limit) {
     sheet.text(number(t, 0), px(t), inner.y + high + 4, { ...BELOW, color: sheet.color.soft });
   for (const t of [-limit, limit])
     sheet.line([px(t), inner.y - 4], [px(t), inner.y + high + 3], sheet.color.limit, 2);
+}
+
+/** The occluding edges, where they are. @param {Sheet} sheet @param {PaneMap} map @param {PlanningLesson} lesson */
+function drawEdges(sheet, map, lesson, size = 2) {
+  for (const side of lesson.sides) sheet.dots(map, lesson.array[`edge_${side.side}`], size, sheet.color.band);
 }
 
 // --- seen from above -------------------------------------------------------------------------------
@@ -150,6 +155,7 @@ export function drawZAngle(sheet, rect, lessons, ui) {
   const inner = sheet.titled(right, "Flattened view", viewName(lesson, lesson.view_index));
   sheet.show("z", box, inner, (map) => {
     sheet.picture(map, zAnglePicture(lesson, limit, sheet), box);
+    drawEdges(sheet, map, lesson, 2);
     sheet.scaleBar(map);
     if (angle !== null) sheet.cross(map.at(...ui.at), sheet.color.mark);
   });
@@ -273,7 +279,8 @@ export function drawRotation(sheet, rect, lessons, ui) {
   const way = /** @type {UV | null} */ (arrows.length ? [before, after] : null);
   fromAbove(sheet, sheet.titled(dial, "Seen from above"), ui.parameters.z_angle_limit_deg, arrows, way);
   drawViews(sheet, sheet.titled(below, "Recorded views", "beyond this one"), lesson, side, sign);
-  const { plot, strip } = drawCurves(sheet, right, lessons, ui);
+  const { plot, strip, map } = drawCurves(sheet, right, lessons, ui);
+  sheet.within(strip, () => drawEdges(sheet, map, lesson, 1.6));
   if (u_b_mm === null) return;
   const { current_u_mm: u, current_h: h } = lesson.array;
   const { color: colors } = sheet;

@@ -9,7 +9,7 @@ import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
 
 const AHEAD = /** @type {PartName[]} */ (["flattening", "planning", "alignment"]); // asked for before they are wanted
-const PARTS = /** @type {PartName[]} */ ([...AHEAD, "sides", "garment", "seams", "check"]);
+const PARTS = /** @type {PartName[]} */ ([...AHEAD, "start", "sides", "garment", "seams", "check"]);
 const PARAMETERS = /** @type {ParameterName[]} */ (["sampling_interval_px", "z_angle_limit_deg", "overlap_cm2"]);
 const STATE_MS = 650; // how long the way from one recorded state to the next takes
 const QUIET_MS = 120; // progress is shown only for what takes longer

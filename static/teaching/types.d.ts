@@ -9,7 +9,7 @@ declare global {
   type Plot = PlotClass;
   type Teaching = TeachingClass;
   type NumberArray = Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array;
-  type PartName = "flattening" | "planning" | "alignment" | "sides" | "garment" | "seams" | "check";
+  type PartName = "flattening" | "start" | "planning" | "alignment" | "sides" | "garment" | "seams" | "check";
   type ParameterName = "sampling_interval_px" | "z_angle_limit_deg" | "overlap_cm2";
 
   /** From a pane's own units to CSS pixels. */
@@ -93,6 +93,7 @@ declare global {
 
   type Lessons = {
     flattening: FlatteningLesson;
+    start: StartLesson;
     planning: PlanningLesson;
     alignment: AlignmentLesson;
     sides: SidesLesson;
@@ -141,6 +142,12 @@ declare global {
     pixel_pitch_mm: number;
     surface_px: number;
     triangles: number;
+  };
+  type StartLesson = Lesson & {
+    angles_deg: number[];
+    flat: Grid;
+    session_view: number | null;
+    tried: { view: number; part_cm2: number }[];
   };
   type PlannedSide = {
     side: "left" | "right";

@@ -6,8 +6,8 @@ import pytest
 
 pytestmark = pytest.mark.browser
 
-STAGES = 25
-MINIMISATION, FLATTENED, Z_ANGLE, CURVES, ROTATION, SEARCH = 4, 7, 8, 9, 10, 14
+STAGES = 26
+MINIMISATION, FLATTENED, Z_ANGLE, CURVES, ROTATION, SEARCH = 4, 7, 9, 10, 11, 15
 
 
 class Lesson:

@@ -130,7 +130,7 @@ def test_progress_is_told_before_the_lesson(page):
     assert found[-1][0]["kind"] == "alignment"
 
 
-ALL_VIEWS = ("sides", "garment", "seams", "check")
+ALL_VIEWS = ("start", "sides", "garment", "seams", "check")
 
 
 @pytest.mark.parametrize("part", [part for part in PARTS if part not in ALL_VIEWS])
@@ -150,6 +150,24 @@ def assert_whole(values, body):
         else:
             assert piece["bytes"] == DTYPES[piece["kind"]] * int(np.prod(piece["shape"])), name
     assert end == len(body)
+
+
+def test_the_choice_of_the_start_view_and_the_occluding_edges_are_told(page, integration):
+    values, body = lesson(page, "start", start_view=1)
+    assert_whole(values, body)
+    areas = array(values, body, "area_cm2")
+    assert areas == pytest.approx(1e4 * integration.views.observed_areas_m2(), rel=1e-5)
+    parts = {each["view"]: each["part_cm2"] for each in values["tried"]}
+    assert max(parts, key=parts.get) == values["view_index"] == Teaching(integration).start_view()
+    assert areas[next(iter(parts))] == areas.max()
+    assert values["session_view"] == 1
+    planning, body = lesson(page, "planning", start_view=0)
+    for side in planning["sides"]:  # a cylinder turns away on both sides
+        edge = array(planning, body, f"edge_{side['side']}")
+        assert side["occluding_edge_mm"] > 0
+        assert len(edge) > 10
+    left, right = (array(planning, body, f"edge_{side}")[:, 0].mean() for side in ("left", "right"))
+    assert left < right
 
 
 def test_the_flattening_is_told_as_it_is(page, integration):
@@ -221,8 +239,8 @@ def test_the_sliders_reach_the_sessions_own_values():
         (
             "/teaching/magic",
             404,
-            "Unknown part 'magic'; choose one of flattening, planning, alignment, sides, garment, seams,"
-            " check.",
+            "Unknown part 'magic'; choose one of flattening, start, planning, alignment, sides, garment, "
+            "seams, check.",
         ),
         ("/teaching/planning?color=1", 400, "Unknown parameter 'color'"),
         ("/teaching/planning?start_view=one", 400, "start_view: 'one' is not a valid number"),

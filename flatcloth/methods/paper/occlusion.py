@@ -36,6 +36,13 @@ def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = No
     part : (H, W) bool, optional
         The pixels of the surface that count; by default all, as in the paper.
     """
+    turned_away, covered = occluding_edges(surface, side, part)
+    pitch = surface.xyz_m[..., 2] / surface.frame.intrinsics.fy
+    return float(pitch[turned_away].sum() + pitch[covered].sum())
+
+
+def occluding_edges(surface: Surface, side: Side, part: Bool | None = None) -> tuple[Bool, Bool]:
+    """Return the pixels (H, W) of these edges: where cloth turns away, and where nearer cloth covers it."""
     part = surface.usable if part is None else part
     depth = surface.xyz_m[..., 2]
     outward = -1.0 if side is Side.LEFT else 1.0
@@ -47,8 +54,7 @@ def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = No
     beyond = _nearest_outwards(measured, other, _EDGE_WIDTH_PX)
     with np.errstate(invalid="ignore"):
         covered = _ends(part, other, _EDGE_WIDTH_PX) & (beyond < depth - PLACE_SCALE_M)
-    pitch = depth / surface.frame.intrinsics.fy
-    return float(pitch[turned_away].sum() + pitch[covered].sum())
+    return turned_away, covered
 
 
 def near_samples(usable: Bool, points_rc: Int32, extent_px: int) -> Bool:

@@ -13,7 +13,7 @@ from flatcloth.engine.garment.lesson import GarmentLesson
 from flatcloth.engine.garment.seams_example import example_of_both_sides
 from flatcloth.engine.segmenting import SidesLesson
 from flatcloth.engine.sheet import lay_out, outline_loops
-from flatcloth.engine.teaching import AlignmentLesson, FlatteningLesson, PlanningLesson
+from flatcloth.engine.teaching import AlignmentLesson, FlatteningLesson, PlanningLesson, StartLesson
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Level
 from flatcloth.flattening.surface import Surface
@@ -117,6 +117,24 @@ def _normals(view: FlattenedView) -> Uint8:
     return np.dstack([rgb, np.where(view.valid, 255, 0).astype(np.uint8)])
 
 
+# --- the start view --------------------------------------------------------------------------------
+
+
+def start_parcel(lesson: StartLesson, axis: RotationAxis, session_view: int | None) -> Parcel:
+    """Return the drawing data of the choice of the start view; ``session_view`` is that of the session."""
+    parcel = Parcel()
+    _picture(parcel, "image", _image(lesson.flattening.surface))
+    _picture(parcel, "color", layers.rgba(lesson.flattening.view, "color", axis, 1))
+    parcel.array("area_cm2", CM2 * lesson.areas_m2, "float32")
+    parcel.values = {
+        "view_index": lesson.view_index,
+        "session_view": session_view,
+        "flat": grid_of(lesson.flattening.view),
+        "tried": [{"view": view, "part_cm2": CM2 * area_m2} for view, area_m2 in lesson.tried],
+    }
+    return parcel
+
+
 # --- Fig. 4 ----------------------------------------------------------------------------------------
 
 
@@ -128,6 +146,8 @@ def planning_parcel(lesson: PlanningLesson, axis: RotationAxis) -> Parcel:
     parcel.array("z_angle_deg", angle, "int8")
     _picture(parcel, "color", layers.rgba(view, "color", axis, 1))
     _curves(parcel, "current", plan.sides[0].curves)
+    for edge, uv_m in lesson.edges_uv_m.items():
+        parcel.array(f"edge_{edge.value}", uv_m, "float32")
     parcel.values = {
         "view_index": lesson.view_index,
         "flat": grid_of(view),

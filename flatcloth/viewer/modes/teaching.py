@@ -37,15 +37,17 @@ from flatcloth.viewer.modes.lessons import (
     planning_parcel,
     seams_parcel,
     sides_parcel,
+    start_parcel,
 )
 from flatcloth.viewer.protocol.picture import OtherSheet
 from flatcloth.viewer.worker import Worker
 
 _log = logging.getLogger(__name__)
 
-PARTS = ("flattening", "planning", "alignment", "sides", "garment", "seams", "check")
-"""The parts: Fig. 2, Fig. 4a, the rest of Fig. 4, the side of interest, the garment, both sides, check."""
-_OF_ALL_VIEWS = ("sides", "garment", "seams", "check")
+PARTS = ("flattening", "start", "planning", "alignment", "sides", "garment", "seams", "check")
+"""The parts: Fig. 2, the start view, Fig. 4a, the rest of Fig. 4, the side of interest, the garment, both
+sides, the check."""
+_OF_ALL_VIEWS = ("start", "sides", "garment", "seams", "check")
 """Parts without a start view of their own, and without parameters. By definition."""
 
 SLIDERS: dict[str, dict[str, float]] = {
@@ -136,6 +138,8 @@ class TeachingRoutes:
                 parcel = flattening_parcel(teaching.flattening(view, parameters, progress), axis)
             case "planning":
                 parcel = planning_parcel(teaching.planning(view, parameters, progress), axis)
+            case "start":
+                parcel = start_parcel(teaching.start(progress), axis, start)
             case "sides":
                 parcel = sides_parcel(teaching.sides(progress))
             case "garment":
