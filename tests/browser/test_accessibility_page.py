@@ -7,7 +7,7 @@ import pytest
 pytestmark = pytest.mark.browser
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.thorough)])
 def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
     tab = open_tab(scheme=scheme).ready()
     keys = tab.page.keyboard

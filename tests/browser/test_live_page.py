@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 from conftest import ROOT, Tab  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 
@@ -12,7 +10,7 @@ from flatcloth.core.geometry import held_from_camera
 from flatcloth.recordings import open_recording
 from flatcloth.registration.axis import resolve_axis
 
-pytestmark = [pytest.mark.browser, pytest.mark.scene]
+pytestmark = pytest.mark.browser
 
 SAMPLE = "recordings/shirt-corner-d435"
 LIVE = pytest.mark.parametrize("program", [f"{SAMPLE} --live"], indirect=True, ids=["live"])
@@ -21,7 +19,8 @@ LIVE = pytest.mark.parametrize("program", [f"{SAMPLE} --live"], indirect=True, i
 def live_tab(open_tab, *size) -> Tab:
     tab = open_tab(*size)
     tab.until("flatcloth.frame !== null")
-    tab.scene_shows("/live/cloud")
+    if tab.has_scene:
+        tab.scene_shows("/live/cloud")
     return tab
 
 
@@ -59,6 +58,7 @@ def drag_slider(tab: Tab, share: float) -> int:
 
 
 @LIVE
+@pytest.mark.scene
 def test_frames_advance_a_pause_holds_and_the_slider_shows_its_frame_on_both_sides(open_tab):
     tab = live_tab(open_tab)
     sequence = tab.page.evaluate("flatcloth.frame.sequence")
@@ -98,7 +98,6 @@ def test_quality_is_shown_with_its_legend_and_its_numbers(open_tab, width, heigh
     told = tab.page.locator("#readout div", has_text="Quality")
     told.filter(has_text="% stretch").wait_for()
     assert "px/cm²" in told.inner_text()
-    assert math.dist(tab.ball(pick["position_held_m"]), pick["position_held_m"]) < 0.002
     cut = tab.page.evaluate(
         "[...document.querySelectorAll('.readout dd, .button, .live > *')]"
         ".filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.textContent)"

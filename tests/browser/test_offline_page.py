@@ -343,7 +343,6 @@ def test_the_report_prints_on_a4_pages(chromium: Browser, session: OpenedSession
     assert json.dumps(pdf[:5].decode()) == '"%PDF-"'
 
 
-@pytest.mark.scene
 @pytest.mark.parametrize(
     "program", ["recordings/shirt-sleeve-clean --method paper"], indirect=True, ids=["paper"]
 )
@@ -361,7 +360,6 @@ def test_the_operator_page_turns_the_grip_and_hands_out_the_offline_page(
     opening.press("Enter")
     tab.until("flatcloth.pick.grip.opening_m === 0.065")
     assert tab.pick()["grip"]["axis_deg"] == pytest.approx(25, abs=1)
-    tab.scene_shows("/pick/gripper")
     tab.shoot("grip")
     tab.page.get_by_role("button", name="Outline").click()
     tab.until("flatcloth.pick.grip.axis_from === 'outline'")
