@@ -133,13 +133,13 @@ export class JointsPanel {
       joint.probability !== null &&
         make("p.note.warn", `By the garment it is right with ${percent(joint.probability)}.`),
       joint.kept && make("p.note", "You kept it."),
+      make("div.group", this.decide("Cut here", true, n, waits), this.decide("Keep", false, n, waits)),
       make(
         "table",
         make("tr", ...["View", "Pairs", "Residual", "90 % below"].map((text) => make("th", { scope: "col" }, text))),
         ...joint.views.slice(0, MOST_ROWS).map((view) => this.view(view)),
       ),
       joint.views.length > MOST_ROWS && make("p.note", `and ${joint.views.length - MOST_ROWS} more`),
-      make("div.group", this.decide("Cut here", true, n, waits), this.decide("Keep", false, n, waits)),
     );
   }
 
