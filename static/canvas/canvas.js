@@ -67,6 +67,7 @@ export class FlatCanvas {
     this.drawers = /** @type {Drawer[]} */ ([]);
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
     this.center = [0, 0];
+    this.around = () => /** @type {Box | null} */ (null); // what a panel draws beyond the cloth
     this.snap = (/** @type {By} */ by) => by; // to places that a panel knows
     this.dirty = false;
     new ResizeObserver(() => this.resize()).observe(byId("stage"));
@@ -176,8 +177,8 @@ export class FlatCanvas {
   /** Show all of it; beside the legend where the cloth would lie under that. */
   fit() {
     this.fitted = true;
-    const own = union(this.layer.shown?.box, this.overlay.shown?.box);
-    const box = this.extent ?? union(own, this.beside.box);
+    const cloth = union(union(this.layer.shown?.box, this.overlay.shown?.box), this.beside.box);
+    const box = this.extent ?? (cloth ? union(cloth, this.around()) : cloth);
     if (box && this.width) {
       const legend = byId("legend");
       const free = this.width - (legend.hidden ? 0 : legend.offsetWidth + LEGEND_GAP_PX);

@@ -37,6 +37,15 @@ export class GarmentPanel {
     this.section = make("section#garment.garment", { label: "Garment", hidden: true });
     byId("pick").before(this.section);
     this.drawing = new GarmentDrawing(page, this);
+    page.canvas.around = () => this.box;
+  }
+
+  /** Where the outline is, once the shape is upright; of the first views it may lie anywhere. @returns {Box | null} */
+  get box() {
+    const outline = this.turnedFrom && this.page.canvas.side === "this" ? this.drawing.drawn?.outline_uv_m : null;
+    if (!outline?.length) return null;
+    const [us, vs] = [outline.map(([u]) => u), outline.map(([, v]) => v)];
+    return { left: Math.min(...us), top: Math.min(...vs), right: Math.max(...us), bottom: Math.max(...vs) };
   }
 
   get found() {
