@@ -119,6 +119,7 @@ def rows_of(source: str) -> list[dict[str, Any]]:
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/unmended.json`` after each recording unless ``quick``."""
+    made_of(open_recording(sources(options.recordings)[0]))  # compiles
     rows: list[dict[str, Any]] = []
     for source in sources(options.recordings):
         rows += kept(options, f"unmended-{Path(source).name}", partial(rows_of, source))

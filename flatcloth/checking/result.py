@@ -7,6 +7,7 @@ other by more than their deviations allow, or most of the cloth floats.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import chdtri
@@ -66,6 +67,11 @@ def wrong_with(
     if fits_none and found:
         found.append("no known kind of garment fits")
     return found
+
+
+def told(wrong: Sequence[str]) -> str:
+    """Return what :func:`wrong_with` found, if anything, as a sentence."""
+    return f"{WRONG}: {'; '.join(wrong)}. Nothing of the result is reliable."
 
 
 def is_hopeless(check: Check | None, registered: Registered | None) -> bool:

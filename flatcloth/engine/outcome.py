@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from flatcloth.checking.result import WRONG
+from flatcloth.checking.result import told
 from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
@@ -145,7 +145,7 @@ def lines_of(outcome: dict[str, Any]) -> list[str]:
     if scores:
         lines.append(f"Lowest score: {min(scores):.2f}.")
     if outcome["wrong"]:
-        lines.append(f"{WRONG}: {'; '.join(outcome['wrong'])}. Nothing of the result is reliable.")
+        lines.append(told(outcome["wrong"]))
     elif "placement_std_median_mm" in outcome:
         lines.append(
             f"Placement uncertainty: {outcome['placement_std_median_mm']:.1f} mm (median std); "

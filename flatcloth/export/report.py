@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from flatcloth.checking.result import told
 from flatcloth.core.config import Config
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import Floats
@@ -93,7 +94,8 @@ def _head(session: OpenedSession) -> Iterable[str]:
             ("End", ended),
         ]
     )
-    for note in session.integration.notes:
+    wrong = session.integration.wrong(history.document)
+    for note in ([told(wrong)] if wrong else []) + list(session.integration.notes):
         yield f'<p class="note">{escape(note)}</p>'
     yield "<h2>Shape</h2>"
     yield from (_figure(figure, "hero") for figure in figures.maps(session, ("color",)))

@@ -63,6 +63,15 @@ def test_the_report_tells_recording_decisions_and_picks(session: OpenedSession, 
     assert text.count("<img ") == 3
 
 
+def test_a_report_of_a_wrong_recording_says_so(
+    session: OpenedSession, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "Something about this recording" not in text
+    monkeypatch.setattr(session.integration, "wrong", lambda _: ["View 3 contradicts the others"])
+    said = "Something about this recording is wrong: View 3 contradicts the others. Nothing of the result"
+    assert said in report(session)
+
+
 def test_texts_stay_texts_and_nothing_is_loaded(text: str) -> None:
     assert NAME in words(text)
     assert not re.search(r"<b>|<i>|</script", text.replace('<b class="', ""))
