@@ -26,16 +26,19 @@ async def made(
     media_type: str = "image/png",
     *,
     kept: str = "no-store",
-    gone: str = "This picture is no longer shown; a newer state follows.",
+    gone: str | None = "This picture is no longer shown; a newer state follows.",
 ) -> Response:
     """Answer with what ``make`` returns on a thread: bytes, or values that are sent as JSON.
 
-    None is answered by ``gone`` (410), a ``FlatclothError`` by its text (409).
+    None is answered by ``gone`` (410; without such a text by 204, which no browser takes for an error), a
+    ``FlatclothError`` by its text (409).
     """
     try:
         data = await run_in_threadpool(make)
     except FlatclothError as error:
         return PlainTextResponse(str(error), status_code=409)
+    if data is None and gone is None:
+        return Response(status_code=204, headers={"Cache-Control": "no-store"})
     if data is None:
         return PlainTextResponse(gone, status_code=410)
     return (

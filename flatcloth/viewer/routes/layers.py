@@ -57,8 +57,8 @@ class LayerRoutes:
         name = asked.get("name") or request.query_params.get("layer", "color")
         revision, overlay, kind = asked.get("revision"), asked.get("overlay"), asked.get("difference")
         if (other := asked.get("other")) is not None:
-            return await http.made(lambda: self.other_png(name, other, look))
-        return await http.made(lambda: self.png(name, look, revision, overlay, kind))
+            return await http.made(lambda: self.other_png(name, other, look), gone=None)
+        return await http.made(lambda: self.png(name, look, revision, overlay, kind), gone=None)
 
     def other_png(self, name: str, revision: int, look: Appearance = layers.PLAIN) -> bytes | None:
         """Return a layer of the other side; None if it is outdated or unknown."""
