@@ -81,7 +81,7 @@ def add_cell(parser: argparse._ActionsContainer) -> None:
         help="turn a mesh before a simulated camera (default: the bundled T-shirt)",
     )
     group.add_argument(
-        "--sensor", choices=("none", "d435"), help="noise of the simulated camera (default: d435)"
+        "--sensor", choices=("none", "d435", "stereo"), help="noise of the simulated camera (default: d435)"
     )
     group.add_argument(
         "--sway", type=float, metavar="MM", help="standard deviation of the sway of the lowest point"

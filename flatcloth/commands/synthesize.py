@@ -12,7 +12,8 @@ NAME = "synthesize"
 SUMMARY = "render a garment mesh to a recording with its truth"
 EXAMPLES = """examples:
   flatcloth synthesize shirt.obj --out my-shirt
-  flatcloth synthesize shirt.glb --out my-shirt --panel back --noise d435 --seed 2
+  flatcloth synthesize shirt.glb --out my-shirt --panel back --sensor d435 --seed 2
+  flatcloth synthesize shirt.glb --out my-shirt --sensor stereo --sway 3 --twist 0.7 --exposure 8
   flatcloth synthesize scan.ply --out my-shirt --scale 0.001 --up y --held 12 840 -3 --texture floral"""
 
 
@@ -77,7 +78,12 @@ def _add_camera(group: argparse._ArgumentGroup) -> None:
 
 def _add_errors(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        "--noise", choices=("none", "d435"), default="none", help="sensor noise (default: none)"
+        "--sensor",
+        "--noise",
+        dest="noise",
+        choices=("none", "d435", "stereo"),
+        default="none",
+        help="none, the noise model of a D435, or depth matched between two rendered infrared images",
     )
     group.add_argument(
         "--angle-error",
@@ -90,11 +96,27 @@ def _add_errors(group: argparse._ArgumentGroup) -> None:
         "--axis-error", type=float, default=0.0, metavar="MM", help="standard deviation of the recorded axis"
     )
     group.add_argument(
+        "--sway",
         "--swing",
+        dest="sway",
         type=float,
         default=0.0,
         metavar="MM",
         help="standard deviation of the lowest point from view to view",
+    )
+    group.add_argument(
+        "--twist",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="standard deviation of the angle by which the lowest point lags behind the turn",
+    )
+    group.add_argument(
+        "--exposure",
+        type=float,
+        default=0.0,
+        metavar="PERCENT",
+        help="standard deviation of the exposure from view to view; white balance a quarter of it",
     )
     group.add_argument(
         "--seed", type=int, default=0, help="seed of the pattern and of all errors (default: 0)"
@@ -105,6 +127,7 @@ def run(options: argparse.Namespace) -> None:
     """Render and write the recording, and print a summary."""
     from flatcloth.synthesis.hanging import PoseErrors
     from flatcloth.synthesis.recording import Request, camera_of, synthesize
+    from flatcloth.synthesis.stereo import Exposure
 
     request = Request(
         mesh=options.mesh,
@@ -124,8 +147,10 @@ def run(options: argparse.Namespace) -> None:
         loose=PoseErrors(
             angle_deg=options.angle_error,
             axis_m=options.axis_error / 1e3,
-            swing_m=options.swing / 1e3,
+            swing_m=options.sway / 1e3,
+            twist_deg=options.twist,
         ),
+        exposure=Exposure(share=options.exposure / 100),
         seed=options.seed,
     )
     with ProgressBar(options.out.name) as bar:

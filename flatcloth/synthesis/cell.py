@@ -67,7 +67,7 @@ class Cell:
         self._item = hung_item(request, progress, with_truth=with_truth)
         if most_seen:
             self._item = replace(self._item, panel_of_interest=_most_seen(self._item, request.camera))
-        self._measure = sensor_of(request)
+        self._look = sensor_of(request, self._item)
         self.name = f"cell with {request.mesh.name.partition('.')[0]}"
         self.intrinsics: Intrinsics = request.camera
         self.depth_scale_m = depth_unit_m(request)
@@ -100,10 +100,10 @@ class Cell:
             If the item is not in the image.
         """
         request = self._request
-        view = self._item.scene.view(request.camera, self._pose(angle_deg, number))
+        random = np.random.default_rng([request.seed, 2, number])
+        view, depth, rgb = self._look(self._pose(angle_deg, number), None, random)
         if not view.depth_m.any():
             raise SynthesisError(f"{request.mesh}: the item is not in the image. Choose another --distance.")
-        depth, rgb = self._measure(view, np.random.default_rng([request.seed, 2, number]))
         return CellView(
             angle_deg=angle_deg,
             color=rgb,

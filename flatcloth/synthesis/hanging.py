@@ -31,19 +31,22 @@ class PoseErrors:
     """Errors of the recorded turning, as standard deviations.
 
     ``angle_deg`` of each recorded angle; ``axis_m`` of the recorded axis, sideways and in depth;
-    ``swing_m`` of the lowest point of the item, which swings from view to view.
+    ``swing_m`` of the lowest point of the item, which swings from view to view; ``twist_deg`` by which the
+    lowest point lags behind the turn, less above it.
     """
 
     angle_deg: float = 0.0
     axis_m: float = 0.0
     swing_m: float = 0.0
+    twist_deg: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Turning:
-    """The views: true poses ``camera_from_view0``, and the recorded angles and axis."""
+    """The views: true poses ``camera_from_view0``, twists, and the recorded angles and axis."""
 
     camera_from_view0: tuple[Rigid3, ...]
+    twist_deg: tuple[float, ...]
     recorded_angles_deg: tuple[float, ...]
     recorded_axis: RotationAxis
 
@@ -122,13 +125,27 @@ def turn(
         poses.append(swung @ camera_from_held(hung.axis, angle))
         recorded.append(round(angle + error, 2))
     off = np.array([*random.normal(0, loose.axis_m, 2), 0.0])[[0, 2, 1]]
+    twists = [0.0, *random.normal(0, loose.twist_deg, len(angles_deg) - 1)]
     return Turning(
         camera_from_view0=tuple(poses),
+        twist_deg=tuple(twists),
         recorded_angles_deg=_apart(recorded),
         recorded_axis=RotationAxis(
             point_m=np.round(hung.axis.point_m + off, 4), direction=hung.axis.direction
         ),
     )
+
+
+def twisted(hung: Hung, twist_deg: float) -> Float64:
+    """Return the vertices (N, 3) of an item that lags in twist: the lowest one by so much, others by less."""
+    offset = hung.points_m - hung.held_point_m
+    about = np.radians(twist_deg) * offset[:, 1] / offset[:, 1].max()
+    x, z = offset[:, 0], offset[:, 2]
+    turned = np.stack(
+        [np.cos(about) * x + np.sin(about) * z, offset[:, 1], np.cos(about) * z - np.sin(about) * x], axis=1
+    )
+    points: Float64 = hung.held_point_m + turned
+    return points
 
 
 def share_in_image(hung: Hung, camera: Intrinsics) -> float:

@@ -9,23 +9,32 @@ from pathlib import Path
 import numpy as np
 
 from flatcloth.core.errors import SynthesisError
-from flatcloth.core.types import Intrinsics, Progress, no_progress
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Float64, Intrinsics, Progress, no_progress
 from flatcloth.recordings.writer import RecordingWriter
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel, pattern_panel
-from flatcloth.synthesis.hanging import Hung, PoseErrors, hang, share_in_image, turn
+from flatcloth.synthesis.hanging import Hung, PoseErrors, hang, share_in_image, turn, twisted
 from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh
 from flatcloth.synthesis.panels import split_panels
 from flatcloth.synthesis.rendering import MESH_COLORS, Rendered, Scene
 from flatcloth.synthesis.sensor import DepthSensor, measure_color, measure_depth
+from flatcloth.synthesis.stereo import Exposure, aligned_color, color_camera, measure_stereo, projector
 from flatcloth.synthesis.textures import PATTERNS
 
 CAMERA = Intrinsics(width=480, height=848, fx=425.0, fy=425.0, cx=239.5, cy=423.5)
 """The depth camera of a D435 at 848 x 480 px, upright, 59 by 90 degrees (datasheet: 58 by 87)."""
-NOISES = ("none", "d435")
+NOISES = {
+    "none": "no sensor noise",
+    "d435": "D435-like sensor noise",
+    "stereo": "depth matched between two rendered infrared images",
+}
 _CLEAN_UNIT_M = 0.0001
 """Depth unit of recordings without noise. Chosen: rounding is then a tenth of a D435's."""
 _MOST_FLAT_M = 1.5
 """The range of the truth's 16 bits: twice this, in twentieths of a millimetre."""
+_BESIDE_M, _NEAREST_M = 0.05, 0.25
+"""A stereo sensor searches from the nearest to the farthest point of the item and so much beside it, but not
+nearer than this. Chosen: an item that sways stays within it; a D435 measures from 0.2 to 0.3 m on."""
 _LARGEST_M = 100.0
 """A larger mesh is in another unit. Chosen."""
 _FOLDED_SHARE = 0.005
@@ -56,6 +65,7 @@ class Request:
     step_deg: float = 10.0
     noise: str = "none"
     loose: PoseErrors = field(default_factory=PoseErrors)
+    exposure: Exposure = field(default_factory=Exposure)
     seed: int = 0
 
 
@@ -109,8 +119,8 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
     random = np.random.default_rng([request.seed, 1])
     angles = tuple(float(a) for a in np.arange(0, 360 - 1e-6, request.step_deg))
     turning = turn(item.hung, angles, request.loose, random)
-    hung, panels, of_interest, scene = item.hung, item.panels, item.panel_of_interest, item.scene
-    measure = sensor_of(request)
+    hung, panels, of_interest = item.hung, item.panels, item.panel_of_interest
+    look = sensor_of(request, item)
     name = request.name or request.out.resolve().name
     with RecordingWriter(
         request.out,
@@ -126,16 +136,16 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
             "panel_of_interest": of_interest,
         },
     ) as writer:
-        for n, (pose, angle) in enumerate(
-            zip(turning.camera_from_view0, turning.recorded_angles_deg, strict=True)
+        for n, (pose, twist_deg, angle) in enumerate(
+            zip(turning.camera_from_view0, turning.twist_deg, turning.recorded_angles_deg, strict=True)
         ):
             progress(n / len(angles), f"view {n + 1} of {len(angles)}")
-            view = scene.view(request.camera, pose)
+            points = twisted(hung, twist_deg) if twist_deg else None
+            view, depth, rgb = look(pose, points, np.random.default_rng([request.seed, 2, n]))
             if not view.depth_m.any():
                 raise SynthesisError(
                     f"{request.mesh}: the item is not in view {n}. Choose another --distance or --scale."
                 )
-            depth, rgb = measure(view, np.random.default_rng([request.seed, 2, n]))
             mask = (view.panel == of_interest) & view.outer & (depth > 0)
             writer.add(angle, rgb, depth, mask, view.truth_bgr())
     return Synthesized(
@@ -208,12 +218,14 @@ def _check(request: Request) -> None:
         (request.scale, "--scale", 1e-6, 1e6),
         (request.loose.angle_deg, "--angle-error", 0.0, 10.0),
         (request.loose.axis_m * 1e3, "--axis-error", 0.0, 100.0),
-        (request.loose.swing_m * 1e3, "--swing", 0.0, 100.0),
+        (request.loose.swing_m * 1e3, "--sway", 0.0, 100.0),
+        (request.loose.twist_deg, "--twist", 0.0, 10.0),
+        (request.exposure.share * 100, "--exposure", 0.0, 50.0),
     ):
         if not low <= value <= high:
             raise SynthesisError(f"{name} {value:g}: choose a number from {low:g} to {high:g}.")
     if request.noise not in NOISES:
-        raise SynthesisError(f"--noise {request.noise}: unknown. Choose {' or '.join(NOISES)}.")
+        raise SynthesisError(f"--sensor {request.noise}: unknown. Choose {' or '.join(NOISES)}.")
     if request.texture not in (None, MESH_COLORS, *PATTERNS):
         raise SynthesisError(
             f"--texture {request.texture}: unknown. Choose {', '.join((*PATTERNS, MESH_COLORS))}."
@@ -256,20 +268,36 @@ def _panel_number(wanted: str, panels: tuple[FlatPanel, ...]) -> int:
     return number
 
 
-def sensor_of(
-    request: Request,
-) -> Callable[[Rendered, np.random.Generator], tuple[np.ndarray, np.ndarray]]:
-    """Return what measures depth (H, W), in units, and color (H, W, 3) of a rendered view."""
-    sensor = DepthSensor()
+Look = Callable[[Rigid3, Float64 | None, np.random.Generator], tuple[Rendered, np.ndarray, np.ndarray]]
+"""From a pose camera-from-points, and vertices (N, 3) if they are not at rest: a rendered view, what is
+measured of its depth (H, W), in units, and of its color (H, W, 3)."""
 
-    def clean(view: Rendered, _: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        return np.rint(view.depth_m / _CLEAN_UNIT_M).astype(np.uint16), view.rgb
 
-    def noisy(view: Rendered, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        depth = measure_depth(view.depth_m, request.camera.fx, random, sensor)
-        return np.rint(depth / sensor.unit_m).astype(np.uint16), measure_color(view.rgb, random)
+def sensor_of(request: Request, item: HungItem) -> Look:
+    """Return what looks at an item with the sensor of a request."""
+    sensor, camera, scene = DepthSensor(), request.camera, item.scene
+    dots = projector(sensor.baseline_m, request.seed)
+    offset_m = item.hung.points_m - item.hung.held_point_m
+    reach_m = float(np.hypot(offset_m[:, 0], offset_m[:, 2]).max()) + _BESIDE_M
+    range_m = (max(request.distance_m - reach_m, _NEAREST_M), request.distance_m + reach_m)
 
-    return clean if request.noise == "none" else noisy
+    def look(
+        pose: Rigid3, points_m: Float64 | None, random: np.random.Generator
+    ) -> tuple[Rendered, np.ndarray, np.ndarray]:
+        view = scene.view(camera, pose, points_m)
+        if request.noise == "none":
+            rgb = request.exposure.apply(view.rgb, random)
+            return view, np.rint(view.depth_m / _CLEAN_UNIT_M).astype(np.uint16), rgb
+        if request.noise == "d435":
+            depth_m, rgb = measure_depth(view.depth_m, camera.fx, random, sensor), view.rgb
+        else:
+            depth_m = measure_stereo(scene, camera, pose, points_m, dots, range_m, random, sensor)
+            above = scene.view(camera, color_camera() @ pose, points_m).rgb
+            rgb = aligned_color(above, depth_m, camera)
+        rgb = request.exposure.apply(measure_color(rgb, random), random)
+        return view, np.rint(depth_m / sensor.unit_m).astype(np.uint16), rgb
+
+    return look
 
 
 def _warnings(hung: Hung, panels: tuple[FlatPanel, ...], camera: Intrinsics) -> list[str]:
@@ -289,9 +317,14 @@ def _warnings(hung: Hung, panels: tuple[FlatPanel, ...], camera: Intrinsics) -> 
 
 
 def _description(request: Request) -> str:
-    noise = "no sensor noise" if request.noise == "none" else "D435-like sensor noise"
-    loose = ", angles and axis recorded with errors" if request.loose != PoseErrors() else ""
-    return f"synthetic, from the mesh {request.mesh.name}, {noise}{loose}"
+    loose, moves = request.loose, request.loose.swing_m or request.loose.twist_deg
+    more = [
+        "angles and axis recorded with errors" if loose.angle_deg or loose.axis_m else "",
+        "it sways from view to view" if moves else "",
+        "exposure and white balance waver" if request.exposure.share else "",
+    ]
+    parts = ["synthetic", f"from the mesh {request.mesh.name}", NOISES[request.noise], *filter(None, more)]
+    return ", ".join(parts)
 
 
 def _has_colors(mesh: GarmentMesh) -> bool:

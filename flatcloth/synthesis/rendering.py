@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Intrinsics, Uint8
@@ -26,6 +27,12 @@ _AMBIENT = 0.30
 """Share of the light that has no direction. Chosen: less makes shades black, more hides the folds."""
 _SUBPIXELS = 2
 """Rays along each side of a pixel for its color. Chosen: more cost time with their square."""
+_DIFFUSE, _DOTS = 0.15, 0.85
+"""Infrared light without and with a pattern. Chosen: indoors nearly all of it is the projector's."""
+_DYED = 0.5
+"""Share of the contrast of dyes that is left in infrared light. Chosen: most are nearly clear there."""
+_NOT_ITSELF = 0.999
+"""Share of the way to a surface on which anything in between casts a shadow. Chosen."""
 _TRUTH_UNITS_PER_M, _TRUTH_OFFSET_M, _TRUTH_OUTER = 20000.0, 1.5, 16
 """The format of recordings/truth.py, which only evaluation may import."""
 
@@ -48,6 +55,30 @@ class Rendered:
         values = np.rint((np.nan_to_num(self.flat_uv_m) + _TRUTH_OFFSET_M) * _TRUTH_UNITS_PER_M)
         values = np.where((self.panel > 0)[..., None], values, 0)
         return np.dstack([code, values[..., 1], values[..., 0]]).astype(np.uint16)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Projector:
+    """Casts a pattern from ``at_m`` (3,), camera frame, along the camera's optical axis.
+
+    ``pattern`` (N, N) is its brightness over the tangents of the angles, to ``half_tan`` on each side.
+    """
+
+    at_m: Float64
+    pattern: Float32
+    half_tan: float
+
+    def seen_from(self, other_from_camera: Rigid3) -> Projector:
+        """Return it in the frame of another camera that looks the same way."""
+        return replace(self, at_m=other_from_camera.apply(self.at_m[None])[0])
+
+    def light(self, points_m: Float64) -> Float64:
+        """Return the brightness (N,) that it gives to points (N, 3), by direction only."""
+        ray = points_m - self.at_m
+        half = len(self.pattern) / 2
+        col, row = (ray[:, k] / ray[:, 2] / self.half_tan * half + half - 0.5 for k in (0, 1))
+        found: Float64 = ndimage.map_coordinates(self.pattern, [row, col], np.float64, order=1)
+        return found
 
 
 class Scene:
@@ -83,9 +114,14 @@ class Scene:
             self._flat[panel.members] = panel.corner_uv_m
         self._normals = _vertex_normals(points_m, mesh.triangles)
 
-    def view(self, camera: Intrinsics, camera_from_points: Rigid3) -> Rendered:
-        """Render one view; it takes about 0.3 s for 480x848 px and 25 000 triangles."""
-        points = camera_from_points.apply(self._points)
+    def view(
+        self, camera: Intrinsics, camera_from_points: Rigid3, points_m: Float64 | None = None
+    ) -> Rendered:
+        """Render one view; it takes about 0.3 s for 480x848 px and 25 000 triangles.
+
+        ``points_m`` (N, 3) are the vertices if they are not where they were at rest.
+        """
+        points = camera_from_points.apply(self._points if points_m is None else points_m)
         caster = _Caster(points, self._mesh.triangles)
         rows, cols = _window(points, camera)
         hit = caster.cast(camera, rows, cols, 1)
@@ -109,21 +145,54 @@ class Scene:
         result.rgb[rows, cols] = self._shaded(caster.cast(camera, rows, cols, _SUBPIXELS), camera_from_points)
         return result
 
+    def infrared(
+        self,
+        camera: Intrinsics,
+        camera_from_points: Rigid3,
+        projector: Projector,
+        points_m: Float64 | None = None,
+    ) -> Float32:
+        """Return the light (H, W) that an infrared imager receives, 0 off the item; see :meth:`view`."""
+        points = camera_from_points.apply(self._points if points_m is None else points_m)
+        caster = _Caster(points, self._mesh.triangles)
+        rows, cols = _window(points, camera)
+        image = np.zeros((camera.height, camera.width), dtype=np.float32)
+        if rows.stop <= rows.start or cols.stop <= cols.start:
+            return image
+        hit = caster.cast(camera, rows, cols, _SUBPIXELS)
+        seen = hit.depth_m > 0
+        triangle, weights = hit.triangle[seen], hit.weights[seen]
+        at_m = (points[self._mesh.triangles[triangle]] * weights[..., None]).sum(axis=1)
+        ray = at_m - projector.at_m
+        distance = np.linalg.norm(ray, axis=1)
+        normal = self._normal(triangle, weights, camera_from_points)
+        facing = np.abs((normal * ray).sum(axis=1)) / distance
+        lit = projector.light(at_m) * facing * (float(np.median(distance)) / distance) ** 2
+        lit[caster.is_hidden(projector.at_m, ray)] = 0.0
+        bright = (1 - _DYED) + _DYED * self._colors(triangle, weights).mean(axis=1)
+        fine = np.zeros(seen.shape)
+        fine[seen] = bright * (_DIFFUSE * facing + _DOTS * lit)
+        image[rows, cols] = _averaged(fine[..., None])[..., 0]
+        return image
+
+    def _normal(self, triangle: Int32, weights: Float64, camera_from_points: Rigid3) -> Float64:
+        """Return the outward unit normals (N, 3) of hits, camera frame."""
+        normals = camera_from_points.turn(self._normals)
+        normal: Float64 = (normals[self._mesh.triangles[triangle]] * weights[..., None]).sum(axis=1)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-9)[:, None]
+        return normal
+
     def _shaded(self, hit: _Hit, camera_from_points: Rigid3) -> Uint8:
         """Average the colors of the subpixels."""
         seen = hit.depth_m > 0
         triangle, weights = hit.triangle[seen], hit.weights[seen]
-        normals = camera_from_points.turn(self._normals)
-        normal = (normals[self._mesh.triangles[triangle]] * weights[..., None]).sum(axis=1)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-9)[:, None]
+        normal = self._normal(triangle, weights, camera_from_points)
         facing = normal @ _LIGHT * np.where(hit.outer[seen], 1.0, -1.0)
         rgb = self._colors(triangle, weights) * (_AMBIENT + (1 - _AMBIENT) * np.clip(facing, 0, 1))[:, None]
         rgb *= np.where(hit.outer[seen], 1.0, 0.85)[:, None]
         fine = np.tile(_BACKGROUND, (*seen.shape, 1))
         fine[seen] = rgb
-        h, w = seen.shape[0] // _SUBPIXELS, seen.shape[1] // _SUBPIXELS
-        coarse = fine.reshape(h, _SUBPIXELS, w, _SUBPIXELS, 3).mean(axis=(1, 3))
-        rgb8: Uint8 = np.clip(np.rint(coarse * 255), 0, 255).astype(np.uint8)
+        rgb8: Uint8 = np.clip(np.rint(_averaged(fine) * 255), 0, 255).astype(np.uint8)
         return rgb8
 
     def _colors(self, triangle: Int32, weights: Float64) -> Float64:
@@ -160,6 +229,12 @@ class _Caster:
             np.ascontiguousarray(points_m, dtype=np.float32), triangles.astype(np.uint32)
         )
 
+    def is_hidden(self, from_m: Float64, rays: Float64) -> Bool:
+        """Return whether anything lies on the way (N, 3) from a point to each end."""
+        each = np.hstack([np.broadcast_to(from_m, rays.shape), rays]).astype(np.float32)
+        found = self._scene.test_occlusions(self._o3d.core.Tensor(each), 0.0, _NOT_ITSELF)
+        return np.asarray(found.numpy(), dtype=bool)
+
     def cast(self, camera: Intrinsics, rows: slice, cols: slice, subpixels: int) -> _Hit:
         """Cast ``subpixels`` squared rays through each pixel of a window."""
         # Subpixel centres lie around the pixel centre, which has integer coordinates.
@@ -182,6 +257,13 @@ class _Caster:
             np.concatenate([1 - uv.sum(axis=-1, keepdims=True), uv], axis=-1),
             outer & seen,
         )
+
+
+def _averaged(fine: Float64) -> Float64:
+    """Return the means (h, w, C) over the subpixels of each pixel."""
+    h, w = fine.shape[0] // _SUBPIXELS, fine.shape[1] // _SUBPIXELS
+    mean: Float64 = fine.reshape(h, _SUBPIXELS, w, _SUBPIXELS, -1).mean(axis=(1, 3))
+    return mean
 
 
 def _window(points_m: Float64, camera: Intrinsics, margin_px: int = 2) -> tuple[slice, slice]:

@@ -23,6 +23,7 @@ from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import read_truth
 from flatcloth.synthesis.hanging import PoseErrors, hang, turn
 from flatcloth.synthesis.recording import Request, camera_of, synthesize
+from flatcloth.synthesis.stereo import Exposure
 from flatcloth.synthesis.textures import PATTERNS, pattern_rgb
 
 CAMERA = camera_of((96, 128), 180.0)
@@ -292,11 +293,13 @@ def test_recorded_angles_never_fall_on_each_other() -> None:
         ({"panel": "2"}, "--panel 2: not a side"),
         ({"texture": "mesh"}, "has no colors. Choose"),
         ({"texture": "tartan"}, "--texture tartan: unknown"),
-        ({"noise": "kinect"}, "--noise kinect: unknown"),
+        ({"noise": "kinect"}, "--sensor kinect: unknown"),
         ({"distance_m": 0.1}, "--distance 0.1: choose"),
         ({"distance_m": float("nan")}, "--distance nan: choose"),
         ({"step_deg": 0.0}, "--step 0: choose"),
-        ({"loose": PoseErrors(swing_m=1.0)}, "--swing 1000: choose"),
+        ({"loose": PoseErrors(swing_m=1.0)}, "--sway 1000: choose"),
+        ({"loose": PoseErrors(twist_deg=20.0)}, "--twist 20: choose"),
+        ({"exposure": Exposure(share=0.9)}, "--exposure 90: choose"),
         ({"seed": -1}, "--seed -1: choose"),
     ],
 )
