@@ -23,7 +23,7 @@ from flatcloth.engine.warmup import is_compiled
 
 RECORDING = "shirt-sleeve-clean"
 STARTS = 5
-POINTS = 30
+POINTS = 100
 VIEWPORT = {"width": 1280, "height": 800}
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
 
