@@ -119,6 +119,7 @@ def test_a_wrong_result_has_no_lengths(wrong, monkeypatch):
     monkeypatch.setattr(service, "_recognised", lambda *_: known)
     monkeypatch.setattr(service, "_decided", lambda *_: known)
     assert list(service.of(Document()).found.dimensions) == ([] if wrong else ["width"])
+    assert service.of(Document()).is_wrong == bool(wrong)
     assert told == [(shape, 0.1)]
 
 

@@ -85,7 +85,7 @@ class KnownGarment:
 
     ``by_evidence`` is the result without the operator's decisions, ``found`` the result with them; ``pieces``
     are the decisions about the floating pieces of ``canonical``. ``links`` are the undecided links of
-    ``cloth`` that no garment allows, the least probable first.
+    ``cloth`` that no garment allows, the least probable first. ``is_wrong``: the recording is.
     """
 
     canonical: Canonical
@@ -95,6 +95,7 @@ class KnownGarment:
     pieces: DecidedPieces
     cloth: Cloth | None = None
     links: tuple[DoubtedLink, ...] = ()
+    is_wrong: bool = False
 
     @property
     def kind(self) -> str:
@@ -145,7 +146,7 @@ class GarmentService:
                 no_kind = 0.0 if known.found.by_hand else known.found.probabilities[NONE]
                 self.integration.trust.recognised(canonical, no_kind)
                 if self.integration.wrong(document):  # then no length is reliable
-                    known = replace(known, found=replace(known.found, dimensions={}))
+                    known = replace(known, found=replace(known.found, dimensions={}), is_wrong=True)
                 self._last = document.garment, known
             return self._last[1]
 
@@ -166,7 +167,7 @@ class GarmentService:
         evidence = evidence_of_shape(canonical, views)
         found = recognise(canonical.view, evidence)
         cloth, links = None, []
-        if is_suspect(found.fit, evidence[0]):
+        if is_suspect(found.fit, evidence[0]) and not self.integration.wrong(document):
             cloth = self.integration.cloth(document)
         if cloth is not None:
             links = doubted_links(fits_of(evidence[0]), evidence[0], cloth)
@@ -215,9 +216,11 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
     """Place the floating pieces with a reliable place on the garment, as decisions of the session.
 
     First, parts whose link is certainly wrong are removed; parts joined by other doubted links become
-    uncertain. Earlier decisions are kept.
+    uncertain. Earlier decisions are kept. On a shape of a wrong recording nothing is reliable.
     """
     known = service.known(session.state.document)
+    if not isinstance(known, str) and known.is_wrong:
+        return known
     for _ in range(_MOST_TAKEN_OFF):
         if isinstance(known, str) or not known.links or not is_wrong(known.links[0]):
             break
