@@ -147,7 +147,7 @@ class RecordedViews:
         self._flattening_ahead.wait()
         self.axis = axis
         self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 16 * _MIB)
-        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 56 * _MIB)
+        self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 42 * _MIB)
         self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
         self._areas: Cache[Float64] = Cache(2)
         self._find_sides()
