@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.mended_results import summary as summary_of_mended
 from benchmarks.output import RESULTS, Options, say
+from benchmarks.unmended import summary as summary_of_unmended
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -344,6 +346,35 @@ def mistakes() -> str:
     return f"{table(head, [*lines, line('all', made)])}\n\n{about}\n\n{origin('mistakes')}"
 
 
+def unmended() -> str:
+    """Return what results call reliable of mistakes that nothing stops, and the time of hopeless ones."""
+    found = summary_of_unmended(result("unmended"))
+    far, ratio = percent(found["most_far"], 1), found["most_time_ratio"]
+    lines = [
+        ("mistakes that are not certain, integrated as recorded", found["mistakes"], ""),
+        ("of these, results that say that something is wrong", found["told"], ""),
+        ("results with reliable cloth; of it beyond 20 mm", found["reliable"], far),
+        ("their lengths; of these off by more than 20 mm", found["lengths"], found["lengths_far"]),
+        ("hopeless recordings; time over that of the right one", found["hopeless"], ratio),
+    ]
+    return f"{table(('measured', 'count', 'worst'), lines)}\n\n{origin('unmended')}"
+
+
+def mended_results() -> str:
+    """Return how results of mended recordings differ from the right ones, by kind of mistake."""
+    lines = [
+        (
+            row["mistake"],
+            f"{row['same']} of {row['made']}",
+            *(percent(row[key], 1) for key in ("area", "reliable")),
+            f"{row['length_mm']:.0f}",
+        )
+        for row in summary_of_mended(result("mended_results"))
+    ]
+    head = ("mistake, mended", "same result", "area differs by up to", "reliable share", "lengths, mm")
+    return f"{table(head, lines)}\n\n{origin('mended_results')}"
+
+
 def active() -> str:
     """Return after how many views active loops know two named points, by how they choose."""
     words = {
@@ -384,6 +415,8 @@ def active() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     "mistakes": mistakes,
+    "unmended": unmended,
+    "mended_results": mended_results,
     "bundled": accuracy_of_bundled,
     "accuracy": accuracy,
     "summary": summary,

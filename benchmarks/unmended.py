@@ -119,7 +119,9 @@ def rows_of(source: str) -> list[dict[str, Any]]:
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/unmended.json`` after each recording unless ``quick``."""
-    made_of(open_recording(sources(options.recordings)[0]))  # compiles
+    first = open_recording(sources(options.recordings)[0])
+    for recording in (first, with_mistake(first, *HOPELESS[0])):
+        made_of(recording)  # compiles
     rows: list[dict[str, Any]] = []
     for source in sources(options.recordings):
         rows += kept(options, f"unmended-{Path(source).name}", partial(rows_of, source))
