@@ -8,6 +8,7 @@ import gc
 import threading
 import time
 import weakref
+from functools import cache
 from typing import Any
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
@@ -18,42 +19,10 @@ step."""
 _ARENAS = 2
 """Arenas of the allocator. Chosen: each keeps memory of its own, fewer make threads wait."""
 _TRIM_S = 2.0
-"""Least time between two returns of small blocks, and two looks for what is still used. Chosen: one takes
+"""Between two returns of small blocks, and between two looks for what is still used. Chosen: a return takes
 some 10 ms."""
-_asking, _trimmed_s = threading.Lock(), -_TRIM_S
-"""Held while a return is asked for, and the time of the last return (monotonic clock)."""
-_later: threading.Timer | None = None
-"""Returns what is freed shortly after a return; None if nothing waits for it."""
-
-
-def trim_freed_memory() -> None:
-    """Return freed small blocks to the system too, now, or two seconds after the last return.
-
-    By itself the allocator returns only the free blocks at the end of an arena; after an export, which uses
-    many small arrays, hundreds of MB remain allocated. Without effect on systems with another C library.
-
-    Notes
-    -----
-    Measured by ``python -m benchmarks soak``.
-    """
-    global _later
-    with _asking:
-        wait_s = _trimmed_s + _TRIM_S - time.monotonic()
-        if wait_s > 0:
-            if _later is None:
-                _later = threading.Timer(wait_s, _trim)
-                _later.daemon = True
-                _later.start()
-            return
-    _trim()
-
-
-def _trim() -> None:
-    global _trimmed_s, _later
-    with _asking:
-        _trimmed_s, _later = time.monotonic(), None
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
+_WORKED_S = 0.1
+"""Time of the processor in between without which nothing is returned. Chosen: the page at rest takes less."""
 
 
 def free(unused: weakref.ref[Any]) -> None:
@@ -74,11 +43,13 @@ def _free_later(unused: weakref.ref[Any]) -> None:
     _trim()
 
 
+@cache
 def return_freed_memory() -> None:
-    """Let arrays of a mebibyte and more be returned to the system as soon as they are freed.
+    """Let arrays of a mebibyte and more be returned to the system as soon as they are freed, others soon.
 
     By default glibc keeps them for reuse in an arena of each thread; of the many threads of a server, most
-    keep what they never use again. Without effect on systems with another C library.
+    keep what they never use again. Of small blocks it returns only those at the end of an arena, so that
+    hundreds of MB remain allocated after an export. Without effect on systems with another C library.
 
     Notes
     -----
@@ -89,3 +60,18 @@ def return_freed_memory() -> None:
         mallopt(_M_ARENA_MAX, _ARENAS)
         mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
         mallopt(_M_TRIM_THRESHOLD, 4 * _LARGE_BYTES)
+    threading.Thread(target=_trim_often, name="flatcloth-trim", daemon=True).start()
+
+
+def _trim_often() -> None:
+    trimmed_s = 0.0
+    while True:
+        time.sleep(_TRIM_S)
+        if time.process_time() > trimmed_s + _WORKED_S:
+            _trim()
+            trimmed_s = time.process_time()
+
+
+def _trim() -> None:
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)

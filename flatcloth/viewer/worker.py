@@ -10,7 +10,6 @@ from concurrent.futures import Future
 from typing import TypeVar
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.memory import trim_freed_memory
 
 _log = logging.getLogger(__name__)
 
@@ -84,5 +83,3 @@ class Worker:
                 except Exception:  # noqa: BLE001 - nobody else would hear of it
                     _log.exception("the thread %s could not recover", self._thread.name)
             job = None  # frees the arrays that it refers to
-            if self._jobs.empty():
-                trim_freed_memory()

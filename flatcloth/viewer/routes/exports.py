@@ -17,7 +17,6 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from flatcloth.core.errors import CancelledError, FlatclothError
-from flatcloth.core.memory import trim_freed_memory
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
@@ -209,8 +208,6 @@ class ExportRoutes:
         except CancelledError:
             _log.info("the export of %s was cancelled: its client left", name)
             return None
-        finally:
-            trim_freed_memory()
 
     def _stem(self) -> str:
         name = re.sub(r"[^A-Za-z0-9._-]+", "-", self._integration.recording.name).strip("-.")[:60]
