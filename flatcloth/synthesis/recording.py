@@ -276,7 +276,7 @@ measured of its depth (H, W), in units, and of its color (H, W, 3)."""
 def sensor_of(request: Request, item: HungItem) -> Look:
     """Return what looks at an item with the sensor of a request."""
     sensor, camera, scene = DepthSensor(), request.camera, item.scene
-    dots = projector(sensor.baseline_m, request.seed)
+    dots = projector(sensor.baseline_m, request.seed) if request.noise == "stereo" else None
     offset_m = item.hung.points_m - item.hung.held_point_m
     reach_m = float(np.hypot(offset_m[:, 0], offset_m[:, 2]).max()) + _BESIDE_M
     range_m = (max(request.distance_m - reach_m, _NEAREST_M), request.distance_m + reach_m)
@@ -288,7 +288,7 @@ def sensor_of(request: Request, item: HungItem) -> Look:
         if request.noise == "none":
             rgb = request.exposure.apply(view.rgb, random)
             return view, np.rint(view.depth_m / _CLEAN_UNIT_M).astype(np.uint16), rgb
-        if request.noise == "d435":
+        if dots is None:
             depth_m, rgb = measure_depth(view.depth_m, camera.fx, random, sensor), view.rgb
         else:
             depth_m = measure_stereo(scene, camera, pose, points_m, dots, range_m, random, sensor)

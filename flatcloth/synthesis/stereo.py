@@ -20,9 +20,9 @@ from flatcloth.synthesis.sensor import DepthSensor
 
 COLOR_ABOVE_M = 0.015
 """Distance of the color camera from the depth image's imager (datasheet of the D400 series)."""
-_DOTS_PER_SR = 5000 / 2.45
-"""Dots of the projector: some 5000 (Grunnet-Jepsen et al., Projectors for D400 series depth cameras) in 90 by
-63 degrees, 2.45 in units of the tangents."""
+_DOTS_PER_TAN2 = 5000 / 2.45
+"""Dots of the projector per unit of solid angle, measured in tangents: some 5000 (Grunnet-Jepsen et al.,
+Projectors for D400 series depth cameras) in a field of 90 by 63 degrees, which has 2.45."""
 _DOT_TAN = 0.0012
 """Sigma of a dot, in tangents. Chosen: half a pixel of the camera."""
 _FIELD_TAN, _PATTERN_PX = 1.1, 2048
@@ -58,7 +58,7 @@ def projector(baseline_m: float, seed: int) -> Projector:
     random = np.random.default_rng([seed, 3])
     pattern = np.zeros((_PATTERN_PX, _PATTERN_PX), dtype=np.float32)
     sigma_px = _DOT_TAN * _PATTERN_PX / (2 * _FIELD_TAN)
-    count = int(_DOTS_PER_SR * (2 * _FIELD_TAN) ** 2)
+    count = int(_DOTS_PER_TAN2 * (2 * _FIELD_TAN) ** 2)
     rows, cols = random.integers(0, _PATTERN_PX, (2, count))
     np.add.at(pattern, (rows, cols), 2 * np.pi * sigma_px**2)
     return Projector(
