@@ -97,7 +97,8 @@ def check_recording(
     read = frame or recording.__getitem__
     numbers = choose_views(recording.angles_deg, _MOST_VIEWS)
     numbers.sort(key=lambda n: recording.angles_deg[n])
-    first = _readable(read, numbers[:: max(1, len(numbers) // _FIRST)][:_FIRST])
+    known = _readable(read, numbers[:: max(1, len(numbers) // _FIRST)][:_FIRST])
+    first = list(known.values())
     usual_m = _usual_depth_m(first, recording.rotation_axis)
     if not math.isfinite(usual_m):
         return Check(findings=(), views=0, pairs=0)
@@ -105,7 +106,7 @@ def check_recording(
     wrong_unit = unit_findings(usual_m, height_m, recording.rotation_axis)
     if wrong_unit:
         return Check(findings=tuple(wrong_unit), views=len(numbers), pairs=0)
-    seen = list(_seen_views(read, numbers, usual_m, progress))
+    seen = list(_seen_views(lambda n: known[n] if n in known else read(n), numbers, usual_m, progress))
     return _checked(recording, seen)
 
 
@@ -169,6 +170,10 @@ def _turning(
     if step > _MOST_STEP_DEG:
         return found
     swings = sway_findings([turn for turn in likeliest if turn.share >= _LEAST_SHARE], about)
+    if swings and factor is None:  # views in another order tilt in any way, too
+        ordered = order_findings(views, pairs, about, factor)
+        if any(finding.mends for finding in ordered):
+            return ordered
     if swings or factor == 0.0:
         return swings or found
     axis = recording.rotation_axis
@@ -197,12 +202,12 @@ def _turning(
     return found + (beside or focal_findings(focal, views))
 
 
-def _readable(read: Callable[[int], RgbdFrame], numbers: Sequence[int]) -> list[RgbdFrame]:
+def _readable(read: Callable[[int], RgbdFrame], numbers: Sequence[int]) -> dict[int, RgbdFrame]:
     """Return the readable ones of some views; a damaged view is reported when it is requested."""
-    found, errors = [], []
+    found, errors = {}, []
     for n in numbers:
         try:
-            found.append(read(n))
+            found[n] = read(n)
         except RecordingError as error:
             errors.append(error)
     if errors and not found:

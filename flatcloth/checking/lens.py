@@ -90,10 +90,20 @@ def _scanned(
     pairs: Sequence[tuple[float, ViewFeatures, ViewFeatures]], axis: RotationAxis, middle: float
 ) -> FocalLength | None:
     """Try focal lengths around one; ``pairs`` are turns with their views, ``middle`` its logarithm."""
+    if not pairs:
+        return None
+
+    def shares_at(logs: Float64) -> Float64:
+        return np.array(
+            [[_share(one, other, axis, turn, float(log)) for log in logs] for turn, one, other in pairs]
+        )
+
     logs = middle + _LOGS
-    shares = np.array(
-        [[_share(one, other, axis, turn, float(log)) for log in logs] for turn, one, other in pairs]
-    )
+    shares = shares_at(logs[1:-1])
+    if shares.mean(axis=0).argmax() == 1:  # the peak is within these
+        logs = logs[1:-1]
+    else:
+        shares = np.column_stack([shares_at(logs[:1]), shares, shares_at(logs[-1:])])
     peaks = np.array([peak for row in shares if (peak := _peak(logs, row)) is not None])
     if len(peaks) < 4:
         return None

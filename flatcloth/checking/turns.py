@@ -13,12 +13,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from flatcloth.checking.rigid import LEAST_WEIGHT, follow
 from flatcloth.core.geometry import Rigid3, held_from_camera
 from flatcloth.core.types import Bool, Float64, RgbdFrame, RotationAxis
 from flatcloth.registration.axis_estimation import depth_features, thinned
 from flatcloth.registration.pairwise import DISTANCE_STD_M
-from flatcloth.registration.pose_prior import PosePrior, motion
-from flatcloth.registration.view_features import TERMS, Gates, ViewFeatures, compare
+from flatcloth.registration.pose_prior import PosePrior
+from flatcloth.registration.view_features import Gates, ViewFeatures, nothing_compared
 
 _BLOCKS = 9000
 """Blocks of a thinned item. Chosen: half of the pixels of a garment's rectangle remain, 5 mm wide."""
@@ -40,10 +41,6 @@ NEAR_DEG = 4.0 * LOOSE_DEG
 """A turn is as recorded if it is off by less: four such deviations. By definition."""
 _LEAST_TURN_DEG = 0.5
 """Views recorded nearer to each other show no turn; as for the axis. Chosen."""
-_LEAST_WEIGHT = 10.0
-"""Sum of weights below which two views have nothing in common. Chosen."""
-
-
 ALIKE_SHARE = 0.06
 """A motion after which the share of points that agree is smaller by up to this is as good as another.
 Measured: the recorded turns of the 34 recordings are that much worse at most, on cloth smooth as a tube."""
@@ -133,31 +130,16 @@ def _from(
     start_deg: float,
     prior: Reach,
 ) -> Turn | None:
-    known, still = held_from_camera(axis, start_deg), Rigid3(np.eye(3), np.zeros(3))
     center_m, along = one.middle_m, np.outer(axis.direction, axis.direction)
     precision = np.zeros((6, 6))
     precision[:3, :3] = (np.eye(3) - along) / math.radians(_TILT_STD_DEG) ** 2
     precision[:3, :3] += along / math.radians(prior.turn_std_deg) ** 2
     precision[3:, 3:] = np.eye(3) / prior.shift_std_m**2
-    twist, spread, matrix = np.zeros(6), np.zeros(TERMS), np.zeros((6, 6))
-    for scale_m in prior.scales_m:
-        spread[0] = scale_m / 3.0  # the weight is a quarter at three times the spread
-        for _ in range(_STEPS):
-            held = motion(twist, center_m) @ known
-            seen = compare(other, one, held, still, center_m, 0.0, 3 * scale_m, spread, 2, _GATES)
-            if seen.tally[1] < _LEAST_WEIGHT:
-                return None
-            # Points of the same block of the image share their errors.
-            blocks = float(seen.parts.sum()) ** 2 / float(np.square(seen.parts).sum())
-            variance = seen.tally[2] / seen.tally[1] + DISTANCE_STD_M**2
-            weight = blocks / seen.count / variance
-            matrix = weight * seen.matrix[0, :6, :6] + precision
-            gradient = weight * seen.gradient[0, :6] + precision @ twist
-            twist = twist - np.linalg.solve(matrix, gradient)
-    held = motion(twist, center_m) @ known
-    seen = compare(other, one, held, still, center_m, 0.0, 3 * prior.scales_m[-1], spread, 2, _GATES)
-    in_image, agreeing, squares = seen.tally.tolist()
-    if agreeing < _LEAST_WEIGHT:
+    twist, matrix, tally = _followed(
+        one, other, held_from_camera(axis, start_deg), precision, prior.scales_m, _STEPS, 2
+    )
+    in_image, agreeing, squares = tally.tolist()
+    if agreeing < LEAST_WEIGHT:
         return None
     covariance = np.linalg.inv(matrix)[:3, :3]
     return Turn(
@@ -173,13 +155,37 @@ def _from(
     )
 
 
+def _followed(
+    one: ViewFeatures,
+    other: ViewFeatures,
+    start: Rigid3,
+    precision: Float64,
+    scales_m: Sequence[float],
+    steps: int,
+    every: int,
+) -> tuple[Float64, Float64, Float64]:
+    """Return twist, information and tally of :func:`follow`, of the second view from a start on."""
+    sums, limits = nothing_compared(other, one, every, _GATES)
+    found: tuple[Float64, Float64, Float64] = follow(
+        other.compared(),
+        one.compared(),
+        (start.rotation, start.translation_m),
+        one.middle_m,
+        precision,
+        np.array(scales_m),
+        steps,
+        DISTANCE_STD_M**2,
+        limits,
+        sums,
+    )
+    return found
+
+
 def share_at(one: ViewFeatures, other: ViewFeatures, axis: RotationAxis, turn_deg: float) -> float:
     """Return the share of points that roughly agree if the second view is turned by this."""
-    spread = np.zeros(TERMS)
-    spread[0] = _SCALES_M[1] / 3.0
-    still, held = Rigid3(np.eye(3), np.zeros(3)), held_from_camera(axis, turn_deg)
-    seen = compare(other, one, held, still, one.middle_m, 0.0, 3 * _SCALES_M[1], spread, 4, _GATES)
-    return float(seen.tally[1] / max(seen.tally[0], 1.0))
+    held = held_from_camera(axis, turn_deg)
+    *_, tally = _followed(one, other, held, np.zeros((6, 6)), _SCALES_M[1:2], 0, 4)
+    return float(tally[1] / max(tally[0], 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -298,20 +298,8 @@ def compare(
     gates : Gates
         Which points correspond.
     """
-    block_px = max(4.0, _BLOCK_SIZE_M / one.pixel_pitch_m)
-    rows, cols = (int(size / block_px) + 1 for size in one.usable.shape)
-    sums = _no_sums(rows * cols, len(one.points_m) + len(other.points_m))
-    limits = Limits(
-        search_radius_m=search_radius_m,
-        same_normal_cos=gates.same_normal_cos,
-        least_facing_cos=gates.least_facing_cos,
-        full_facing_cos=gates.full_facing_cos,
-        fattening_px=fattening_px,
-        spread=spread,
-        every=every,
-        blocks_per_px=1 / block_px,
-        block_cols=cols,
-    )
+    sums, limits = nothing_compared(one, other, every, gates)
+    limits = limits._replace(search_radius_m=search_radius_m, fattening_px=fattening_px, spread=spread)
     ends = one.compared(), other.compared()
     for source, target, source_held, target_held, sign in (
         (*ends, one_held, other_held, 1.0),
@@ -342,8 +330,23 @@ def compare(
     )
 
 
-def _no_sums(blocks: int, points: int) -> Sums:
-    return Sums(
+def nothing_compared(one: ViewFeatures, other: ViewFeatures, every: int, gates: Gates) -> tuple[Sums, Limits]:
+    """Return empty sums for two views, and the limits, with no radius, no fattening and no spread."""
+    block_px = max(4.0, _BLOCK_SIZE_M / one.pixel_pitch_m)
+    rows, cols = (int(size / block_px) + 1 for size in one.usable.shape)
+    blocks, points = rows * cols, len(one.points_m) + len(other.points_m)
+    limits = Limits(
+        search_radius_m=0.0,
+        same_normal_cos=gates.same_normal_cos,
+        least_facing_cos=gates.least_facing_cos,
+        full_facing_cos=gates.full_facing_cos,
+        fattening_px=0.0,
+        spread=np.zeros(TERMS),
+        every=every,
+        blocks_per_px=1 / block_px,
+        block_cols=cols,
+    )
+    sums = Sums(
         matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),
         scores=np.zeros((TERMS, blocks, UNKNOWNS)),
         products=np.zeros((CHANNELS, 3)),
@@ -353,6 +356,7 @@ def _no_sums(blocks: int, points: int) -> Sums:
         found=np.zeros((TERMS, points)),
         counts=np.zeros(2, dtype=np.int64),
     )
+    return sums, limits
 
 
 def _usual(differences: Float64) -> float:
