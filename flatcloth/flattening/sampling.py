@@ -98,9 +98,8 @@ def fit_samples(surface: Surface, rc: Float64) -> tuple[Float64, Float64, Bool]:
     """
     pixel = np.rint(rc).astype(np.int32)
     radius, stride = (NOISY_WINDOW_PX, 2) if surface.noisy else (NOISY_WINDOW_PX // 2, 1)
-    fit = fit_patches(
-        surface.inverse_depth, surface.steps, pixel[:, 0].copy(), pixel[:, 1].copy(), radius, stride, True
-    )
+    measured, at = surface.inverse_depth.astype(np.float64), (pixel[:, 0].copy(), pixel[:, 1].copy())
+    fit = fit_patches(measured, surface.steps, *at, radius, stride, True)
     known = fit[:, 0] > 0
     y, x = (rc - pixel).T
     value, dx, dy, dxx, dxy, dyy = fit.T

@@ -46,7 +46,7 @@ class Surface:
 
     ``xyz_m`` float32, the organized cloud ``D(i, j)`` with smoothed depth (NaN off the surface);
     ``normal`` float32, unit, towards the camera (NaN off the surface); ``usable`` bool, the surface;
-    ``steps`` uint8, the bits ``STEP_RIGHT`` and ``STEP_DOWN``; ``inverse_depth`` float64, 1/m as measured
+    ``steps`` uint8, the bits ``STEP_RIGHT`` and ``STEP_DOWN``; ``inverse_depth`` float32, 1/m as measured
     (smoothed where that is noisier than a D435's), 0 where the item was not measured; ``noise_m`` the
     median deviation of the measured depth from its local planes; ``noisy`` whether it exceeds the limit.
     ``axis`` is the recording's, camera frame.
@@ -58,7 +58,7 @@ class Surface:
     normal: Float32
     usable: Bool
     steps: NDArray[np.uint8]
-    inverse_depth: Float64
+    inverse_depth: Float32
     noise_m: float
     noisy: bool
 
@@ -171,7 +171,7 @@ def observe_surface(
         normal=normal,
         usable=usable,
         steps=steps,
-        inverse_depth=inverse_depth,
+        inverse_depth=inverse_depth.astype(np.float32),
         noise_m=noise_m,
         noisy=noise_m > _NOISY_DEPTH_M,
     )

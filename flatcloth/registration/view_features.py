@@ -45,7 +45,7 @@ MOTION = 6
 UNKNOWNS = 1 + MOTION
 """The motion of one view against the other (rotation about x, y, z; shift), and the fattening. By
 definition."""
-_IMAGES_KEPT = 30
+_IMAGES_KEPT = 16
 """Views whose images for comparison are kept. Chosen: those of a view take 1 MB and are made in 5 ms;
 every new view is compared with up to four others."""
 

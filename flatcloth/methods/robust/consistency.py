@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, maxi
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.methods.robust.articulated import STRIP_NOISE_M
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, TWICE_M, Hinge, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
@@ -227,7 +227,7 @@ def _turned(uv_m: Float64, part: Bool, ends: Int32, angle_rad: float) -> Float64
 
 
 def without_overlap(
-    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float64, most_cut: float
+    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float32, most_cut: float
 ) -> tuple[Float64, list[Hinge], Int64]:
     """Find another layout for a minimised piece that overlaps, or turn a part about its hinge.
 
@@ -261,7 +261,7 @@ def hinges_within(shape: JointShape, members: Bool) -> list[Hinge]:
 
 
 def _with_hinges_held(
-    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float64
+    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float32
 ) -> tuple[Float64, list[Hinge]]:
     """Return the places (N, 2) of a piece with its parts turned as before about hinges, and these."""
     held, links = [], shape.links
@@ -292,8 +292,8 @@ def _part_swung_apart(
 
 
 def _better_layout(
-    shape: JointShape, within: Int64, uv_m: Float64, weight: Float64, overlapping: Int64
-) -> tuple[Float64, Float64, Int64]:
+    shape: JointShape, within: Int64, uv_m: Float64, weight: Float32, overlapping: Int64
+) -> tuple[Float64, Float32, Int64]:
     """Grow another layout of a piece; return places, weights of ``within`` and overlaps of the better one."""
     links = shape.links
     z = grown_layout(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
 from flatcloth.methods.robust.connectivity import LEAST_EVIDENCE, connected_pieces, links_of
@@ -93,7 +93,7 @@ def begin_joint(
             all_uv_m=uv,
             anchor=np.zeros(0, dtype=np.int32),
             anchor_uv_m=np.zeros((0, 2)),
-            weight=np.ones(len(first.edges)),
+            weight=np.ones(len(first.edges), dtype=np.float32),
             is_cut=np.zeros(len(first.edges), dtype=np.bool_),
             by_hand=np.zeros(len(nodes), dtype=np.bool_),
         )
@@ -282,7 +282,7 @@ def _known(members: Bool, before: Int32) -> Bool:
 
 
 def _flattened(
-    shape: JointShape, piece: _Piece, weight: Float64, is_whole: bool, most_cut: float | None, precise: bool
+    shape: JointShape, piece: _Piece, weight: Float32, is_whole: bool, most_cut: float | None, precise: bool
 ) -> tuple[Float64, list[Hinge], Int64]:
     """Flatten one piece; return its positions (N, 2), its hinges, and the pairs that are to be cut.
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from flatcloth.core.geometry import Rigid3, fit_rigid2
-from flatcloth.core.types import Bool, Float64, Int32, Int64
+from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64
 from flatcloth.methods.robust.connectivity import LEAST_EVIDENCE, Links
 from flatcloth.methods.robust.observations import Nodes, Observation, averaged, no_nodes
 
@@ -68,7 +68,7 @@ class JointShape:
     all_uv_m: Float64
     anchor: Int32
     anchor_uv_m: Float64
-    weight: Float64
+    weight: Float32
     is_cut: Bool
     by_hand: Bool
     hinges: tuple[Hinge, ...] = ()
@@ -139,7 +139,7 @@ def with_observation(
         links=shape.links.with_view(added),
         piece=np.concatenate([shape.piece, np.full(new, -1, dtype=np.int32)]),
         all_uv_m=np.concatenate([shape.all_uv_m, np.full((new, 2), np.nan)]),
-        weight=np.concatenate([shape.weight, np.ones(len(added.edges))]),
+        weight=np.concatenate([shape.weight, np.ones(len(added.edges), dtype=np.float32)]),
         is_cut=np.concatenate([shape.is_cut, is_cut]),
         by_hand=placed_by_hand,
     )
@@ -171,7 +171,7 @@ def without_layout(shape: JointShape, is_cut: Bool) -> JointShape:
         shape,
         piece=np.where(shape.piece == 0, 0, -1).astype(np.int32),
         all_uv_m=np.full_like(shape.all_uv_m, np.nan),
-        weight=np.where(is_cut, 0.0, 1.0),
+        weight=(~is_cut).astype(np.float32),
         is_cut=is_cut,
         hinges=(),
         settled_pairs=0,

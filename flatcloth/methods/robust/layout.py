@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.flattening.banded import Banding, banding
 from flatcloth.flattening.minimisation import MOST_STEPS, minimise
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
@@ -275,13 +275,13 @@ def _agreed(prediction: Complex128, weight: Float64, same_place_m: float) -> com
 
 
 def minimise_piece(
-    z: Complex128, links: Links, inside: Int64, weight: Float64, *, precise: bool = False
+    z: Complex128, links: Links, inside: Int64, weight: Float32 | Float64, *, precise: bool = False
 ) -> tuple[Float64, Float64]:
     """Return ``uv_m`` (all nodes; NaN off the piece) and the robust weights of the pairs ``inside``.
 
     If ``precise``, the places ``z`` are near the minimum, which is to be reached.
     """
-    own = np.flatnonzero(np.isfinite(z.real))
+    own, weight = np.flatnonzero(np.isfinite(z.real)), weight.astype(np.float64)
     place = np.full(len(z), -1, dtype=np.int32)
     place[own] = np.arange(own.size)
     edges = place[links.edges.take(inside, axis=0)]
@@ -320,7 +320,7 @@ def minimise_piece(
 
 
 def relax_around(
-    z: Complex128, links: Links, inside: Int64, weight: Float64, new: Bool
+    z: Complex128, links: Links, inside: Int64, weight: Float32 | Float64, new: Bool
 ) -> tuple[Float64, Float64]:
     """Relax a piece around its ``new`` (N,) nodes only; all others keep their places.
 
@@ -331,7 +331,7 @@ def relax_around(
     for _ in range(_HALO):
         near[links.once[_either_end(near, links.once)]] = True
     is_near = _either_end(near, links.once)[links.pair.take(inside)]
-    own, z, weight = np.flatnonzero(is_near), z.copy(), weight.copy()
+    own, z, weight = np.flatnonzero(is_near), z.copy(), weight.astype(np.float64)
     if own.size:
         nodes, ends = renumbered(links.edges[inside[own]])
         which, pair = renumbered(links.pair[inside[own]])

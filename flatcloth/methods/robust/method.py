@@ -38,7 +38,6 @@ from flatcloth.methods.robust.placement_search import PlacementSearch, choose_pl
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
 from flatcloth.methods.robust.seams.joining import join_sides, seams_of
 from flatcloth.methods.robust.shapes import (
-    KEPT_BYTES,
     MOST_KEPT,
     JointShapes,
     RegisteredViews,
@@ -62,7 +61,7 @@ class RobustMethod(Method):
         self.shapes = JointShapes(self.begin, self.extend, views.held_point_m)
         self.search = PlacementSearch(views, self.seen, self.shapes, angles_deg)
         self._scores: Cache[AlignmentScore] = Cache(MOST_KEPT)
-        self._drawn: Cache[Canonical] = Cache(MOST_KEPT, KEPT_BYTES)
+        self._drawn: Cache[Canonical] = Cache(2)
 
     # ------------------------------------------------- 1. next best view (in place of the paper's 4.1)
 

@@ -34,8 +34,8 @@ from flatcloth.session.document import Accepted, Document
 MOST_KEPT = 64
 """Values that are kept of each kind (shapes, textures, scores). Chosen: more than the views of a session."""
 KEPT_BYTES = 48 * 2**20
-"""Memory of the shapes that are kept for undo, trials and exports, and of the canonical views. Chosen: 35
-views of shirt-sleeve-clean with all their prefixes take 47 MiB, a canonical view 13."""
+"""Memory of the shapes that are kept for undo, trials and exports. Chosen: 35 views of shirt-sleeve-clean
+with all their prefixes take 47 MiB."""
 
 LARGEST = "the largest piece becomes the shape"
 """The step of a prefix that is no accepted view."""

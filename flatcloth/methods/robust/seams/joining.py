@@ -174,7 +174,8 @@ def _one_shape(
     at = placed[cKDTree(this.all_uv_m[placed]).query(places[0])[1]]
     links = _listed((this.links, turned, own, its), n + m + count)
     uv = np.concatenate([this.all_uv_m, mirrored.all_uv_m, places[0]])
-    weight = np.concatenate([this.weight, mirrored.weight, np.ones(len(own.edges) + len(its.edges))])
+    new = np.ones(len(own.edges) + len(its.edges), dtype=np.float32)
+    weight = np.concatenate([this.weight, mirrored.weight, new])
     apart_m = np.linalg.norm(uv[links.edges[:, 0]] - uv[links.edges[:, 1]], axis=1)
     weight[len(this.weight) + len(mirrored.weight) :][
         np.abs(apart_m - links.length_m)[len(this.weight) + len(mirrored.weight) :] > MOST_DRIFT_M
