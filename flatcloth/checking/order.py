@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from flatcloth.checking.findings import Finding
+from flatcloth.checking.slips import closure, slipped_after
 from flatcloth.checking.turns import NEAR_DEG, Pair, pair_of, share_at, turns_between
 from flatcloth.core.types import RotationAxis
 from flatcloth.recordings.mending import Mends
@@ -138,9 +139,30 @@ class Chain:
         for other in among:
             pair = pair_of(self._views[other], self._views[view], self._axis, 0.0)
             if pair.turns and pair.share >= _FITS * self.usual:
-                turn = pair.turns[0]
-                found.append((pair.share, self.recorded_deg[other] + turn.seen_deg / self.factor))
-        return max(found)[1] if found else None
+                found.append((pair.share, self._place_by(pair)))
+        if not found:
+            return None
+        place = max(found)[1]
+        # Views fit best after a little less than their turn: those on both sides must tell.
+        sides = (
+            [o for o in among if self.recorded_deg[o] <= place][-1:]
+            + [o for o in among if self.recorded_deg[o] > place][:1]
+        )  # fmt: skip
+        pairs = [
+            pair_of(
+                self._views[other],
+                self._views[view],
+                self._axis,
+                self.factor * (place - self.recorded_deg[other]),
+            )
+            for other in sides
+        ]
+        told = [self._place_by(pair) for pair in pairs if pair.share >= _FITS * self.usual]
+        near = [one for one in told if abs(one - place) < NEAR_DEG]
+        return float(np.mean(near)) if len(near) == 2 else place
+
+    def _place_by(self, pair: Pair) -> float:
+        return self.recorded_deg[pair.first] + pair.turns[0].seen_deg / self.factor
 
     def successors(self) -> list[int] | None:
         """Return all views in the order in which they turn, from the first on; None if it is not found."""
@@ -176,12 +198,13 @@ def order_findings(
     chain = Chain(views, pairs, axis, 1.0 if factor is None else factor)
     bad = chain.bad_links(chain.order)
     in_time = [] if bad else chain.bad_in_time()  # where it slipped while the angles go round again
-    if not bad and not in_time:
-        return []
     by_chance = (_ODDS * len(pairs)) ** len(bad or in_time) / math.factorial(min(len(bad), 100))
     sure = 1.0 if factor is None else _WRONG / (_WRONG + (1.0 - _WRONG) * by_chance)
-    if not bad:
-        found = _slip(chain, sure) or _single_in_time(chain, in_time, sure)
+    slip = None
+    if factor is not None:
+        slip = (_slip(chain, sure) if bad or in_time else None) or _slip_by_closure(chain, views, axis)
+    if slip or not bad:
+        found = slip or _single_in_time(chain, in_time, sure)
         return [found] if found else []
     shown = chain.order[bad[0]], chain.order[bad[0] + 1]
     told = len(bad), len(pairs), sure, shown
@@ -189,8 +212,7 @@ def order_findings(
         return [_numbered(chain, *told) or _whole_order(chain, *told)]
     few, many = (max(1, int(share * len(views))) for share in (_FEW_SINGLE, _MOST_SINGLE))
     return [
-        _slip(chain, sure)
-        or _single(chain, few, sure, shown)
+        _single(chain, few, sure, shown)
         or _numbered(chain, *told)
         or _single(chain, many, sure, shown)
         or _whole_order(chain, *told)
@@ -205,12 +227,7 @@ def _single(chain: Chain, most: int, sure: float, shown: tuple[int, int]) -> Fin
     recorded = chain.recorded_deg
     rest = [view for view in chain.order if view not in wrong]
     places = {view: chain.place_of(view, rest) for view in wrong}
-    within = 0.5 * chain.step_deg
-    for view, place in places.items():  # exchanged views take each other's angle exactly
-        near = [
-            recorded[other] for other in wrong if place is not None and abs(recorded[other] - place) < within
-        ]
-        places[view] = near[0] if near else place
+    places |= _exchanged(places, {view: recorded[view] for view in wrong}, 0.5 * chain.step_deg)
     found = [place for place in places.values() if place is not None]
     if (
         sum(min(abs(place - recorded[view]) for view in rest) < _BESIDE * chain.step_deg for place in found)
@@ -226,6 +243,23 @@ def _single(chain: Chain, most: int, sure: float, shown: tuple[int, int]) -> Fin
         text = f"{names} fit{'' if many else 's'} to no other view"
     mend = Mends(view_angles=angles, leave_out=lost)
     return Finding(name="views", text=text, probability=sure, mends=(mend,), views=shown)
+
+
+def _exchanged(
+    places: Mapping[int, float | None], angles_deg: Mapping[int, float], within_deg: float
+) -> dict[int, float]:
+    """Return the angles of views that were exchanged: each takes another's exactly.
+
+    If all of them do, they may be off by what no turn between careless recordings is.
+    """
+    views = [view for view, place in places.items() if place is not None]
+    off = np.array([[abs(angle - places[view]) for angle in angles_deg.values()] for view in views])  # type: ignore[operator]
+    if not views:
+        return {}
+    rows, cols = linear_sum_assignment(np.minimum(off, 360.0))
+    is_all = len(views) == len(angles_deg) > 1 and off[rows, cols].max() < NEAR_DEG
+    angles = list(angles_deg.values())
+    return {views[r]: angles[c] for r, c in zip(rows, cols, strict=True) if is_all or off[r, c] < within_deg}
 
 
 def _single_in_time(chain: Chain, bad: Sequence[int], sure: float) -> Finding | None:
@@ -271,10 +305,25 @@ def _slip(chain: Chain, sure: float) -> Finding | None:
     around = [(order[i], order[i + 2]) for i in (n - 1, n) if 0 <= i < len(order) - 2]
     if not all(chain.turns_further(one, other, more) for one, other in around):
         return None
-    later = order[n + 1 :]
-    mend = Mends(view_angles=tuple((view, round(chain.recorded_deg[view] + more, 1)) for view in later))
-    text = f"From view {later[0]} on, the item is turned {more:+.0f} degrees further than recorded"
-    return Finding(name="views", text=text, probability=sure, mends=(mend,), views=(order[n], later[0]))
+    return _slipped(chain, order[n], more, sure)
+
+
+def _slip_by_closure(chain: Chain, views: Sequence[ViewFeatures], axis: RotationAxis) -> Finding | None:
+    """Return the finding that the turntable slipped, if the last views do not meet the first ones."""
+    if abs(chain.factor) != 1.0:
+        return None
+    ends = closure(views, axis, chain.factor)
+    if ends is None or not ends.is_off:
+        return None
+    after = slipped_after(views, axis, chain.factor, ends.slip_deg)
+    return None if after is None else _slipped(chain, after, ends.slip_deg, ends.probability)
+
+
+def _slipped(chain: Chain, after: int, by_deg: float, sure: float) -> Finding:
+    later = [view for view in sorted(chain.recorded_deg) if view > after]
+    mend = Mends(view_angles=tuple((view, round(chain.recorded_deg[view] + by_deg, 1)) for view in later))
+    text = f"From view {later[0]} on, the item is turned {by_deg:+.0f} degrees further than recorded"
+    return Finding(name="views", text=text, probability=sure, mends=(mend,), views=(after, later[0]))
 
 
 def _whole_order(chain: Chain, bad: int, links: int, sure: float, shown: tuple[int, int]) -> Finding:

@@ -1,12 +1,14 @@
 """Mistakes that are made on the bundled recordings, which are right."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from flatcloth.checking import slips
 from flatcloth.checking.check import check_recording
-from flatcloth.checking.order import _single_in_time
+from flatcloth.checking.order import _exchanged, _single_in_time
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import LazyRecording, ViewImages
@@ -162,3 +164,43 @@ def test_a_recording_without_axis_is_checked_about_the_vertical(right):
 def test_a_single_view_is_no_mistake(right):
     one = mended(right, Mends(leave_out=tuple(range(1, 36))))
     assert check_recording(one).findings == ()
+
+
+def _smooth_shares(slip_after):
+    """Shares of 36 views of a smooth tube: neighbours fit as recorded, and nearly as well further on."""
+
+    def shares(pairs, axis, further_deg):
+        found = np.full((len(pairs), len(further_deg)), 0.7)
+        found[:, 1:] -= 0.15
+        if slip_after is not None:
+            found[slip_after, 1:] = 0.72
+        return found
+
+    return shares
+
+
+@pytest.mark.parametrize(("after", "found"), [(18, 18), (None, None)])
+def test_a_slip_is_where_its_neighbours_tell_and_nowhere_if_all_steps_are_longer(monkeypatch, after, found):
+    monkeypatch.setattr(slips, "_shares", _smooth_shares(after))
+    views = [SimpleNamespace(view_index=n, angle_deg=10.0 * n) for n in range(36)]
+    assert slips.slipped_after(views, None, 1.0, 16.0) == found
+
+
+@pytest.mark.parametrize("by_deg", [-16.0, 16.0])
+def test_the_end_of_a_full_turn_tells_how_far_the_turntable_slipped(right, by_deg):
+    slipped = tuple((n, right.angles_deg[n] + by_deg) for n in range(20, 36))
+    wrong = mended(right, Mends(view_angles=slipped))
+    (found,) = check_recording(wrong).findings
+    turned = np.array(mended(wrong, found.mends[0]).angles_deg) - right.angles_deg
+    assert np.abs(turned).max() < 1.5
+
+
+@pytest.mark.parametrize("factor", [0.96, 1.04])
+def test_steps_that_are_a_little_longer_are_no_slip(right, factor):
+    assert check_recording(mended(right, Mends(angle_factor=factor))).findings == ()
+
+
+def test_two_exchanged_views_take_each_others_angle_though_it_is_seen_badly():
+    recorded = {5: 180.0, 18: 50.0}
+    assert _exchanged({5: 50.4, 18: 172.3}, recorded, 5.0) == {5: 50.0, 18: 180.0}
+    assert _exchanged({5: 50.4, 18: 160.0}, recorded, 5.0) == {5: 50.0}
