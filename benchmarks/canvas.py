@@ -11,6 +11,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.browser import CHROMIUM
@@ -135,10 +136,8 @@ def _in_browser(url: str) -> dict[str, Any]:
             "(() => { const b = document.getElementById('canvas').getBoundingClientRect();"
             " return [b.x + b.width / 2, b.y + b.height / 2]; })()"
         )
-        pan = _frames(
-            page, lambda n: page.mouse.move(shown[0] + 3 * (n % 60), shown[1] + 2 * (n % 40)), shown
-        )
-        zoom = _frames(page, lambda n: page.mouse.wheel(0, 24 if n // 40 % 2 else -24), None)
+        pan = frames(page, lambda n: page.mouse.move(shown[0] + 3 * (n % 60), shown[1] + 2 * (n % 40)), shown)
+        zoom = frames(page, lambda n: page.mouse.wheel(0, 24 if n // 40 % 2 else -24), None)
         draws = page.evaluate(DRAWS)
         nudges = [page.evaluate(KEY) for _ in range(NUDGES)]
         page.wait_for_timeout(1500)
@@ -161,8 +160,8 @@ def _in_browser(url: str) -> dict[str, Any]:
     }
 
 
-def _frames(page: Any, act: Any, drag_from: list[float] | None) -> dict[str, float]:
-    """Act as often as the page takes it for some seconds; return the rate of its frames."""
+def frames(page: Any, act: Any, drag_from: Sequence[float] | None) -> dict[str, float]:
+    """Act as often as the page takes it for some seconds, the right button held; return the rate of frames."""
     if drag_from is not None:
         page.mouse.move(*drag_from)
         page.mouse.down(button="right")

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from benchmarks.browser import CHROMIUM
+from benchmarks.canvas import frames
 from benchmarks.output import Options, save
 from flatcloth.engine.warmup import is_compiled
 
@@ -75,6 +76,8 @@ ROWS = (
     ("hover_p95_ms", "  95 % of them within, ms"),
     ("hover_scene_ms", f"pointer in 3D to cursor on the plane (median of {POINTS}), ms"),
     ("hover_scene_p95_ms", "  95 % of them within, ms"),
+    ("drag_fps", "frames a second while the flattened view is dragged, 3D beside it"),
+    ("drag_p95_ms", "  95 % of the frames within, ms"),
 )
 
 
@@ -170,6 +173,9 @@ def _answers(page: Any) -> dict[str, float]:
         _timed(page, "pointermove", "scene", lambda at=at: page.mouse.move(at["x"], at["y"]))
         for at in in_scene
     ]
+    shown = page.locator("#canvas").bounding_box()
+    x, y = shown["x"] + shown["width"] / 2, shown["y"] + shown["height"] / 2
+    dragged = frames(page, lambda n: page.mouse.move(x + 3 * (n % 60), y + 2 * (n % 40)), (x, y))
     return {
         "click_ms": statistics.median(clicks),
         "slowest_click_ms": max(clicks),
@@ -177,6 +183,8 @@ def _answers(page: Any) -> dict[str, float]:
         "hover_p95_ms": statistics.quantiles(hovers, n=20)[-1],
         "hover_scene_ms": statistics.median(back),
         "hover_scene_p95_ms": statistics.quantiles(back, n=20)[-1],
+        "drag_fps": dragged["fps"],
+        "drag_p95_ms": dragged["p95_ms"],
     }
 
 

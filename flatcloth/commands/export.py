@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +29,8 @@ EXAMPLES = """examples:
   flatcloth export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
 
 _OUTPUTS = ("data", "html", "report", "figures", "animation", "grasps", "outline", "garment", "rerun", "mcap")
+_DRAWN = {"html", "report", "figures", "animation"}
+"""The outputs that draw the growth."""
 LIBRARIES = {"rerun": ("rerun", "rerun-sdk", "rerun"), "mcap": ("foxglove", "foxglove-sdk", "foxglove")}
 """The module, the package and the extra that an output needs."""
 
@@ -104,12 +109,52 @@ def run(options: argparse.Namespace) -> None:
             session = open_session(
                 options.session, options.recording, bar.show, options=source_options_of(options)
             )
-            for name in wanted:
-                _write(name, session, getattr(options, name), base_from_camera, options.rotation)
-                written.append(getattr(options, name))
+            with _figures_beside(wanted, session, options.figures) as beside:
+                for name in wanted:
+                    if name not in beside:
+                        _write(name, session, getattr(options, name), base_from_camera, options.rotation)
+                        written.append(getattr(options, name))
+            written += [getattr(options, name) for name in beside]
     finally:
         document = {"written": [str(path) for path in written]}
         report(options, document, [f"Written: {path}" for path in written])
+
+
+@contextmanager
+def _figures_beside(
+    wanted: Sequence[str], session: OpenedSession, folder: Path | None
+) -> Iterator[Sequence[str]]:
+    """Write the figures while the other outputs that draw are written, and give what is written so."""
+    if folder is None or len(_DRAWN.intersection(wanted)) < 2:
+        yield ()
+        return
+    from flatcloth.export.figures import write_figures
+    from flatcloth.export.files import beside
+
+    _draw_together(session)
+    with beside(partial(write_figures, session.silent(), folder)):
+        yield ("figures",)
+
+
+def _draw_together(session: OpenedSession) -> None:
+    """Compute, with all processors, what several outputs draw; the session keeps it."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from flatcloth.export.curves import plan_of
+    from flatcloth.export.figures import picture_before
+    from flatcloth.registration.axis import THREADS
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        others = pool.submit(lambda: (session.sides, session.garment))
+        session.growth  # noqa: B018 - computed on first use
+        others.result()
+        drawn = [
+            pool.submit(make, session, decision)
+            for decision in session.history.decisions
+            for make in (plan_of, picture_before)
+        ]
+        for each in drawn:
+            each.result()
 
 
 def _check(name: str, path: Path) -> None:

@@ -16,8 +16,9 @@ from flatcloth.core.plain_files import replacing
 from flatcloth.core.types import Bool, FlattenedView, Float64, Uint8
 from flatcloth.export.growth import Growth, Step
 from flatcloth.export.session import OpenedSession
-from flatcloth.rendering.charts import SMALL, draw_scale_bar
-from flatcloth.rendering.drawing import BLUE, GRID, SOFT, TEXT, Drawing
+from flatcloth.rendering.charts import SMALL, nice_below
+from flatcloth.rendering.drawing import BLUE, GRID, SOFT, TEXT
+from flatcloth.rendering.painting import Words, draw_dot, draw_line, lay_picture, written
 from flatcloth.rendering.pictures import NEW_RGB, PlanePicture, cropped, side_by_side
 from flatcloth.rendering.points import camera_around, paint_points
 
@@ -28,6 +29,8 @@ SUFFIXES = (".gif", ".mp4")
 
 _WIDTH, _HEIGHT, _FOOT, _PANE = 880, 500, 62, 400
 """Layout (px): image, foot, and the pane of the cloud. Chosen."""
+_SCALE = 120.0
+"""Longest scale bar (px). Chosen."""
 _MOST_TURNING = 72
 """Most frames in which the item turns, shared by all turns. Chosen for the size of the file."""
 _TURN_FRAMES, _TURN_MS, _HOLD_MS, _LAST_MS = 6, 60, 900, 2600
@@ -128,7 +131,6 @@ class _Painter:
         self._growth, self._integration = session.growth, session.integration
         view = self._growth.view
         self._camera = camera_around(view.xyz_m[view.valid], self._integration.axis, _PANE, _HEIGHT - _FOOT)
-        self._drawing = Drawing(_WIDTH, _HEIGHT)
         self.other = session.view_of("other")
 
     def frame(self, page: Uint8, scene: _Scene, angle_deg: float, duration_ms: int) -> Frame:
@@ -154,39 +156,23 @@ class _Painter:
 
     def page(self, step: Step, order: int, tinted: bool) -> Uint8:
         """Paint the shape next to an empty pane, with the step as text and on a timeline."""
-        growth, drawing = self._growth, self._drawing
-        drawing.clear()
+        growth = self._growth
         shown = growth.shown_after(order)
         flat = np.zeros((*growth.view.shape, 4), dtype=np.uint8)
         flat[shown, :3] = _colors(growth, shown, order, tinted)
         flat[shown, 3] = 255
-        self._lay(cropped(flat, growth.view))
-        _draw_foot(drawing, growth, step, order)
-        return drawing.paint(1.0)
+        return _page(cropped(flat, growth.view), growth, step, order)
 
     def both_page(self, last: Step, other: FlattenedView) -> Uint8:
         """Paint both sides beside one another, each as seen from its own outside."""
-        self._drawing.clear()
-        self._lay(side_by_side(self._growth.view, other)[0])
-        _draw_foot(self._drawing, self._growth, last, last.order, "Both sides, each from its own outside")
-        return self._drawing.paint(1.0)
+        picture = side_by_side(self._growth.view, other)[0]
+        return _page(picture, self._growth, last, last.order, "Both sides, each from its own outside")
 
     def with_other(self, scene: _Scene, other: FlattenedView) -> _Scene:
         """Return a scene with the cloth of the other side."""
         xyz, rgb = other.xyz_m[other.valid], other.rgb[other.valid]
         behind_m = np.concatenate([scene.behind_m, np.zeros(len(xyz))])
         return _Scene(np.concatenate([scene.xyz_m, xyz]), np.concatenate([scene.rgb, rgb]), behind_m)
-
-    def _lay(self, picture: PlanePicture) -> None:
-        """Draw a picture of the plane into the right pane, with its scale."""
-        drawing, pane = self._drawing, _HEIGHT - _FOOT
-        rows, cols = picture.rgba.shape[:2]
-        room = (_WIDTH - _PANE - 32, pane - 56)
-        per_pixel = min(room[0] / cols, room[1] / rows)
-        width, height = cols * per_pixel, rows * per_pixel
-        left, top = _PANE + 16 + (room[0] - width) / 2, 16 + (room[1] - height) / 2
-        drawing.picture(picture.rgba, left, top, width, height)
-        draw_scale_bar(drawing, _PANE + 16, pane - 8, per_pixel / picture.pixel_size_m, 120)
 
 
 def _colors(growth: Growth, shown: Bool, order: int, tinted: bool) -> Uint8:
@@ -197,24 +183,44 @@ def _colors(growth: Growth, shown: Bool, order: int, tinted: bool) -> Uint8:
     return rgb
 
 
-def _draw_foot(drawing: Drawing, growth: Growth, step: Step, order: int, told: str = "") -> None:
+def _page(picture: PlanePicture, growth: Growth, step: Step, order: int, told: str = "") -> Uint8:
+    """Paint a picture of the plane into the right pane, with its scale, and the foot below both panes."""
+    page = np.full((_HEIGHT, _WIDTH, 3), _PAPER, dtype=np.uint8)
+    left, pane = _PANE + 16, _HEIGHT - _FOOT
+    rows, cols = picture.rgba.shape[:2]
+    room = (_WIDTH - _PANE - 32, pane - 56)
+    per_pixel = min(room[0] / cols, room[1] / rows)
+    width, height = cols * per_pixel, rows * per_pixel
+    x, y = left + (room[0] - width) / 2, 16 + (room[1] - height) / 2
+    lay_picture(page, picture.rgba, x, y, width, height)
+    length_m = nice_below(_SCALE * picture.pixel_size_m / per_pixel)
+    right, y = left + length_m * per_pixel / picture.pixel_size_m, pane - 8
+    draw_line(page, np.array([(left, y - 5), (left, y), (right, y), (right, y - 5)]), TEXT, 1)
+    scale = Words((left + right) / 2, y - 7, f"{1000 * length_m:g} mm", SMALL, TEXT, "middle")
+    return written(page, [scale, *_foot(page, growth, step, order, told)])
+
+
+def _foot(page: Uint8, growth: Growth, step: Step, order: int, told: str) -> list[Words]:
+    """Draw the timeline, and return the words below it."""
     count = len(growth.steps)
     y = _HEIGHT - _FOOT + 16
-    ends = np.array([(20.0, y), (_WIDTH - 20.0, y)])
-    drawing.line(ends, GRID, 3)
+    draw_line(page, np.array([(20.0, y), (_WIDTH - 20.0, y)]), GRID, 2)
     for n in range(count):
         x = 20.0 + (_WIDTH - 40.0) * (n / max(count - 1, 1))
-        drawing.dot(x, y, 6.0 if n == step.order else 4.0, BLUE if n <= order else GRID)
+        draw_dot(page, x, y, 6.0 if n == step.order else 4.0, BLUE if n <= order else GRID)
     turn = f"{step.angle_deg:g}\u00b0"
     said = told or (
         f"View {step.view_index} at {turn}"
         if order == step.order
         else f"Turning to view {step.view_index}, {turn}"
     )
-    drawing.text(20, _HEIGHT - 14, said, 14, TEXT)
+    below = _HEIGHT - 14
     area = f"{1e4 * growth.steps[order].area_m2:.0f} cm\u00b2"
-    drawing.text(_WIDTH - 20, _HEIGHT - 14, area, 14, TEXT, "end")
-    drawing.text(_WIDTH / 2, _HEIGHT - 14, f"step {step.order + 1} of {count}", SMALL, SOFT, "middle")
+    return [
+        Words(20, below, said, 14),
+        Words(_WIDTH - 20, below, area, 14, TEXT, "end"),
+        Words(_WIDTH / 2, below, f"step {step.order + 1} of {count}", SMALL, SOFT, "middle"),
+    ]
 
 
 def _colorful(session: OpenedSession) -> PillowImage.Image:

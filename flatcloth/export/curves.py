@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.export.history import Decision
+from flatcloth.export.kept import key_of
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import ColumnCurves, Plan, SidePlan
 from flatcloth.rendering.charts import SMALL, Frame, draw_axes
@@ -24,11 +25,16 @@ def plan_of(session: OpenedSession, decision: Decision) -> Plan | None:
     """Return the plan of a proposal, computed again; None if the operator chose the view."""
     if decision.by_hand:
         return None
-    try:
-        made = session.integration.plan(replace(decision.before, pending=None))
-    except FlatclothError:
-        return None  # no view can be planned from this shape; the decision is shown without curves
-    return made
+    before = replace(decision.before, pending=None)
+
+    def made() -> Plan | None:
+        try:
+            return session.integration.plan(before)
+        except FlatclothError:
+            return None  # no view can be planned from this shape; the decision is shown without curves
+
+    key = key_of(session.integration.axis, before), before.refused_views
+    return session.kept.plans.get(key, made)
 
 
 def side_of(plan: Plan | None, decision: Decision) -> SidePlan | None:

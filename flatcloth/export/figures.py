@@ -223,12 +223,13 @@ def map_drawing(
     rings: Sequence[tuple[float, float, str]] = (),
     outline: Floats | None = None,
     dots: Sequence[tuple[Floats, str]] = (),
+    png: bytes | None = None,
 ) -> Drawing:
     """Return a picture of the plane with a title, a scale bar and a legend on the right.
 
     ``marks`` are points (u, v in m) with a short label each, ``rings`` such points that were not seen;
     floating ``pieces`` are named where they lie; ``outline`` (N, 2) is a closed line, ``dots`` are
-    places (N, 2) with their color.
+    places (N, 2) with their color; ``png`` is the picture as PNG, if known.
     """
     rows, cols = picture.rgba.shape[:2]
     per_pixel = longest / max(rows, cols)
@@ -237,7 +238,7 @@ def map_drawing(
     whole = max(_MARGIN + width + _MARGIN + legend_width, head + 2 * _MARGIN)
     drawing = Drawing(whole, _HEAD + max(height, 240) + _BELOW)
     draw_title(drawing, title, about)
-    drawing.picture(picture.rgba, _MARGIN, _HEAD, width, height)
+    drawing.picture(picture.rgba, _MARGIN, _HEAD, width, height, png)
     points_per_m = per_pixel / picture.pixel_size_m
     draw_scale_bar(drawing, _MARGIN, drawing.height - 14, points_per_m, 0.3 * longest)
 
@@ -367,7 +368,8 @@ def overlay(session: OpenedSession, decision: Decision) -> Figure:
     angle = integration.recording.angles_deg[decision.view_index]
     title = f"Decision {decision.number}: view {decision.view_index} ({angle:g}\u00b0)"
     verdict = verdict_text(decision)
-    drawing = map_drawing(_decoded(picture_before(session, decision)), title, verdict, legend_width=20.0)
+    picture = picture_before(session, decision)
+    drawing = map_drawing(_decoded(picture), title, verdict, legend_width=20.0, png=picture.png)
     return Figure(name=_name(decision, "overlay"), caption=f"{title}, {verdict}.", drawing=drawing)
 
 

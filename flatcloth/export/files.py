@@ -1,8 +1,17 @@
-"""Atomic writing of exported text files, with errors of one line."""
+"""Atomic writing of exported files, with errors of one line; by a copy of this process if there are many."""
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
 from pathlib import Path
+
+import cv2
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import replace_file
@@ -21,3 +30,55 @@ def write_text(path: Path, text: str) -> None:
         replace_file(path, text.encode())
     except OSError as error:
         raise FlatclothError(f"{path}: cannot be written ({error.strerror}); choose another file.") from error
+
+
+@contextmanager
+def beside(work: Callable[[], object]) -> Iterator[None]:
+    """Do work that only writes files in a copy of this process while the body runs.
+
+    The copy has all that is computed already, and takes no memory for it. No other thread may be computing.
+    On one processor, and on systems other than Linux, the work is done after the body.
+
+    Raises
+    ------
+    FlatclothError
+        That of the work, after the body.
+    """
+    if not sys.platform.startswith("linux") or len(os.sched_getaffinity(0)) < 2:
+        yield
+        work()
+        return
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # the threads of a pool do not exist in a copy
+    here, there = multiprocessing.Pipe(duplex=False)
+    copy = multiprocessing.get_context("fork").Process(target=_work, args=(work, there))
+    try:
+        with warnings.catch_warnings():
+            # Of the libraries' threads, which wait for work.
+            warnings.filterwarnings("ignore", ".*multi-threaded", DeprecationWarning)
+            copy.start()
+        there.close()
+        yield
+        try:
+            error = here.recv()
+        except EOFError:
+            error = "a part of the work ended unexpectedly; try again with less at a time."
+        if error:
+            raise FlatclothError(error)
+    except BaseException:
+        copy.terminate()
+        raise
+    finally:
+        copy.join()
+        here.close()
+        cv2.setNumThreads(threads)
+
+
+def _work(work: Callable[[], object], there: Connection) -> None:
+    try:
+        work()
+    except FlatclothError as error:
+        there.send(str(error))
+    else:
+        there.send("")
+    there.close()

@@ -135,9 +135,10 @@ def _grown(
 ) -> GrownArrays:
     """Compute the shape after each step, and which pixels of the last one it covers."""
     first = source.copy()
-    area_m2, floating_m2 = [], []
-    pieces = _pieces_of(sheet)
     count = len(document.accepted) + 1
+    area_m2, floating_m2 = [0.0] * count, [0.0] * count
+    pieces = _pieces_of(sheet)
+    cameras = integration.algorithm.cameras(document)  # held until all are drawn: all need its surfaces
 
     def made(order: int) -> Sheet:
         integration.canonical(document)  # the last shape stays the one that was used last
@@ -147,16 +148,18 @@ def _grown(
             kept.keep_sheet(key_of(integration.axis, then), before)
         return before
 
+    # The last shape first: the algorithm keeps the shapes it used last, from which it draws those before.
+    orders = range(count - 1, -1, -1)
     with ThreadPoolExecutor(THREADS) as pool:
-        waiting = deque(pool.submit(made, order) for order in range(min(THREADS, count)))
-        for order in range(count):
-            progress(order / count, f"computing the growth: {order + 1} of {count} views")
+        waiting = deque(pool.submit(made, order) for order in orders[:THREADS])
+        for done, order in enumerate(orders):
+            progress(done / count, f"computing the growth: {done + 1} of {count} views")
             before = waiting.popleft().result()
-            if order + THREADS < count:  # no more than are worked at, which is soon cancelled and small
-                waiting.append(pool.submit(made, order + THREADS))
-            area_m2.append(before.shape_m2)
-            floating_m2.append(before.floating_m2)
-            first[_covers(before, sheet, pieces, first > order)] = order
+            if done + THREADS < count:  # no more than are worked at, which is soon cancelled and small
+                waiting.append(pool.submit(made, orders[done + THREADS]))
+            area_m2[order], floating_m2[order] = before.shape_m2, before.floating_m2
+            first[_covers(before, sheet, pieces, source > order)] = order
+    del cameras
     return GrownArrays(first_step=first, area_m2=tuple(area_m2), floating_m2=tuple(floating_m2))
 
 

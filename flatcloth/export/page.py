@@ -72,7 +72,8 @@ def page(session: OpenedSession) -> str:
         "title": escape(f"{session.history.recording_name} \u00b7 flatcloth"),
         # No text can close its own element.
         "history": json.dumps(history, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
-        "arrays": base64.b64encode(zlib.compress(parcel.pack(), 9, 31)).decode("ascii"),
+        # The highest level takes five times as long, for 2 % less. Measured.
+        "arrays": base64.b64encode(zlib.compress(parcel.pack(), 7, 31)).decode("ascii"),
     }
     template = (static_folder() / "offline" / "offline.html").read_text("utf-8")
     return re.sub(r"@(\w+)@", lambda found: parts[found[1]], template)
@@ -300,7 +301,9 @@ def _around(session: OpenedSession) -> tuple[list[Float64], list[NDArray[np.uint
     for step in session.growth.steps:
         cloud = session.integration.views.cloud(step.view_index)
         cell = np.floor(cloud.xyz_m / AROUND_SPACING_M).astype(np.int64)
-        _, kept = np.unique(cell, axis=0, return_index=True)
+        cell -= cell.min(axis=0, initial=0)
+        number = np.ravel_multi_index(tuple(cell.T), tuple(cell.max(axis=0, initial=0) + 1))
+        _, kept = np.unique(number, return_index=True)
         if len(kept) > MOST_AROUND:
             kept = kept[np.linspace(0, len(kept) - 1, MOST_AROUND).astype(np.intp)]
         points.append(cloud.xyz_m[kept].astype(np.float64))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -69,6 +69,13 @@ class OpenedSession:
     integration: Integration
     progress: Progress = no_progress
     kept: Kept = field(default_factory=Kept)
+
+    def silent(self) -> OpenedSession:
+        """Return the session with all that is computed, telling no progress."""
+        silent = replace(self, progress=no_progress)
+        computed = vars(self).keys() - {field.name for field in fields(self)}
+        vars(silent).update({name: vars(self)[name] for name in computed})
+        return silent
 
     @cached_property
     def growth(self) -> Growth:

@@ -307,6 +307,8 @@ def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedS
 
 def test_a_shape_from_which_nothing_can_be_planned_any_more_has_no_plan(session: OpenedSession) -> None:
     class Stuck:
+        axis = session.integration.axis
+
         def plan(self, _document: Document) -> Plan:
             raise FlatclothError("nothing to plan")
 

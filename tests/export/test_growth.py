@@ -94,6 +94,10 @@ def test_floating_pieces_grow_beside_the_shape_and_join_it(session: OpenedSessio
 
         class algorithm:  # noqa: N801 - stands for the attribute of this name
             @staticmethod
+            def cameras(_document: Document) -> None:
+                return None
+
+            @staticmethod
             def earlier(earlier: Document, _document: Document) -> Canonical:
                 return Shapes.made[len(earlier.accepted)]
 
@@ -124,6 +128,10 @@ def test_a_piece_placed_by_the_garment_counts_as_shape(session: OpenedSession) -
             return canonical
 
         class algorithm:  # noqa: N801 - stands for the attribute of this name
+            @staticmethod
+            def cameras(_document: Document) -> None:
+                return None
+
             @staticmethod
             def earlier(_earlier: Document, _document: Document) -> Canonical:
                 return canonical

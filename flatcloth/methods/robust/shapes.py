@@ -66,6 +66,7 @@ class RegisteredViews:
         self._views = views
         # Registrations keep the features of their views, and these the surfaces: each exists once.
         self._registrations: Cache[Registered] = Cache(4)
+        self._registered: WeakValueDictionary[tuple[int, ...], Registered] = WeakValueDictionary()
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
         self._component_maps: Cache[Int32] = Cache(MOST_KEPT)
         self._textures: Cache[TextureFeatures] = Cache(MOST_KEPT)
@@ -79,7 +80,11 @@ class RegisteredViews:
             return begin_registration(self._views.axis, self._views.held_point_m)
 
         def make() -> Registered:
-            return extend_registration(self.registered(views[:-1]), self._view_features(views[-1]))
+            alive = self._registered.get(views)  # an export of the whole session holds its last one
+            if alive is None:
+                alive = extend_registration(self.registered(views[:-1]), self._view_features(views[-1]))
+                self._registered[views] = alive
+            return alive
 
         return self._registrations.get(views, make)
 
