@@ -1,7 +1,8 @@
 """An hour of an operator's work, by script: how much memory the program takes, minute by minute.
 
 The script decides, moves, takes back, reopens, picks, renames, measures, looks at layers, differences and
-source images, and exports, over and over; 40 times it opens another recording. ``FLATCLOTH_SOAK_MINUTES``
+source images, and exports, over and over; 40 times it opens another recording. Each recording is integrated
+by Auto first, to the end and with both sides: the hour is one of full sessions. ``FLATCLOTH_SOAK_MINUTES``
 sets how long (60), ``FLATCLOTH_SOAK_TRACE=1`` prints with tracemalloc which lines hold what has grown.
 """
 
@@ -105,6 +106,7 @@ def soak(recording: str, seconds: float, *, trace: bool = False) -> dict[str, An
 
 def _watch(operator: Operator, process: subprocess.Popen[str], seconds: float, trace: bool) -> dict[str, Any]:
     began, curve = time.monotonic(), [(0.0, rss_mb(process.pid))]
+    operator.integrate()
     asked = 0.0
     assert process.stdin is not None
     switches = 0
@@ -224,6 +226,16 @@ class Operator:
         self.state = {}
         self._socket = self._open()
         self.until(lambda s: s["phase"] != "computing" and s["layers"], 600.0)
+        self.integrate()
+
+    def integrate(self) -> None:
+        """Let Auto run to the end; what it leaves to the operator is accepted."""
+        self._say("auto", running=True)
+        with contextlib.suppress(TimeoutError):
+            while self.state["auto"]["running"]:
+                self.until(lambda s: not s["auto"]["running"] or s["auto"]["waits_for"], 120.0)
+                if self.state["auto"]["waits_for"] and self.state.get("pending"):
+                    self._say("do", action="accept", view_index=self.state["pending"]["view_index"])
 
     def until(self, found: Any, seconds: float = 60.0) -> None:
         """Hear until a state fits."""

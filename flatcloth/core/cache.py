@@ -124,6 +124,12 @@ class Cache(Generic[T]):
             self._values.move_to_end(key)
             return self._values[key][0]
 
+    def drop(self, unused: Callable[[Hashable], bool]) -> None:
+        """Keep no longer the values whose keys are unused."""
+        with self._lock:
+            for key in [key for key in self._values if unused(key)]:
+                self._bytes -= self._values.pop(key)[1]
+
     def longest(self, start: Hashable, steps: Sequence[Hashable]) -> tuple[int, T | None]:
         """Return n and the value of the longest kept prefix (start, *steps[:n]); (0, None) without any."""
         for n in range(len(steps), -1, -1):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -77,10 +78,14 @@ class BothSides:
     ) -> tuple[Integration, Document]:
         """Integrate the other side alone."""
         this = self.integration
+        this.views.release(document.used_views)
         recording = _OtherSide(this.views, self._masks(document, progress))
         other = Integration(recording, this.config, this.method)
         session = MemorySession(SessionState(len(recording)))
-        return other, Run(other, session).finish(progress, cores).document
+        state = Run(other, session).finish(progress, cores, keeps_frames=this.views.keeps_frames)
+        other.views.release(state.document.used_views)
+        other.algorithm.release()
+        return other, state.document
 
     def _masks(self, document: Document, progress: Progress) -> Callable[[RgbdFrame], Bool]:
         """Return what gives the mask (H, W) of the other side in a frame with the mask of this one."""
@@ -91,7 +96,18 @@ class BothSides:
         solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
         found = other_side(solver.observed, lambda n: _or_empty((frame := views.frame(n)).mask, frame))
         noisy = solver.observed.noisy
-        return lambda frame: _cleared(_or_empty(found.mask(frame.view_index), frame), frame, noisy)
+        # Only the masks are kept, a bit a pixel: what they were found from takes 75 MB.
+        packed = [
+            None if (mask := found.mask(n)) is None else np.packbits(mask)
+            for n in range(len(views.recording))
+        ]
+
+        def mask_of(frame: RgbdFrame) -> Bool:
+            bits, shape = packed[frame.view_index], frame.depth_m.shape
+            mask = None if bits is None else np.unpackbits(bits, count=math.prod(shape)).reshape(shape) > 0
+            return _cleared(_or_empty(mask, frame), frame, noisy)
+
+        return mask_of
 
 
 class _OtherSide(WithMasks):

@@ -114,10 +114,13 @@ class Run:
         """The present state of the session."""
         return self.session.state
 
-    def finish(self, progress: Progress = no_progress, cores: int = 1) -> SessionState:
+    def finish(
+        self, progress: Progress = no_progress, cores: int = 1, *, keeps_frames: bool = True
+    ) -> SessionState:
         """Integrate until no view can add anything, and return the final state.
 
-        With more than one of the ``cores``, likely views are flattened ahead; the result is the same.
+        With more than one of the ``cores``, likely views are flattened ahead, and if frames are kept, none
+        is read twice; the result is the same.
 
         Raises
         ------
@@ -126,7 +129,8 @@ class Run:
         """
         self.integration.algorithm.is_unattended = not self.is_limited
         self.integration.algorithm.is_limited = self.is_limited
-        self.integration.views.keep_frames()
+        if keeps_frames:
+            self.integration.views.keep_frames()
         self.integration.flattens_ahead = cores > 1
         if self.state.document.start_view is None:
             self._ask(Start(), progress)

@@ -151,9 +151,8 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
             f"{MOST_PIXELS / 1e6:.0f} million pixels. Keep fewer views, or give masks."
         )
     with ThreadPoolExecutor(_THREADS) as pool:
-        frames = list(pool.map(views.recorded, range(n)))
-    observed = observe(frames, views.axis, views.held_point_m, views.config, progress=progress)
-    return SideSolver(observed)
+        frames = pool.map(views.recorded, range(n))
+    return SideSolver(observe([*frames], views.axis, views.held_point_m, views.config, progress=progress))
 
 
 def take_strokes(views: RecordedViews, session: Keeper, strokes: Sequence[Decision]) -> None:

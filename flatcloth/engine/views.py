@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol, cast
 
@@ -249,6 +249,10 @@ class RecordedViews:
             except (SurfaceError, FlatteningError) as error:
                 failure = self._failures.put(key, type(error)(str(error)))
         raise failure.with_traceback(None)  # so that no frame of an earlier call is kept alive
+
+    def release(self, views: Container[int]) -> None:
+        """Free what is kept of views that have been integrated; it is made again if it is asked for."""
+        self._flattenings.drop(lambda key: cast("tuple[int, int]", key)[0] in views)
 
     def read_ahead(self, view_indices: Iterable[int]) -> None:
         """Read views that will probably be requested, the most probable first, on another core."""

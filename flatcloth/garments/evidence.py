@@ -30,7 +30,7 @@ LEAST_AREA_M2 = 0.010
 """Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart,
 and is not placed. Set by hand."""
 INSIDE_M = 3 * SPACING_M  # by definition: spacing of the places inside the piece
-_FARTHEST_M = 0.020
+FARTHEST_M = 0.020
 """The search across the outline ends this far outside. Chosen: farther, it meets other cloth."""
 _FACING_COS = 0.5
 """At a steeper incidence than 60 degrees a fold's silhouette looks like an edge, and cloth that is turned
@@ -148,7 +148,7 @@ def evidence_of(
     """
     if not np.isfinite(piece.xyz_m[piece.valid]).all():
         raise GarmentError("The shape has cloth whose 3D point is not a number; integrate it again.")
-    solid = solid_cloth(piece, _FARTHEST_M**2)
+    solid = solid_cloth(piece, FARTHEST_M**2)
     inside_rc = _grid_of(solid & piece.valid, INSIDE_M / piece.pixel_size_m)
     std = piece.placement_std_m
     inside_std = np.zeros(len(inside_rc)) if std is None else std[tuple(inside_rc.T)].astype(np.float64)
@@ -226,7 +226,7 @@ def _ends(
     count = len(border_rc)
     start, normal, along, fine = _tangents(piece, border_rc, outward)
     step = piece.pixel_size_m
-    steps = np.arange(-4 * step, _FARTHEST_M, step)
+    steps = np.arange(-4 * step, FARTHEST_M, step)
     ended, went_on = np.zeros(count), np.zeros(count)
     moved, level, deeper_m = np.zeros(count), np.zeros(count), np.zeros(count)
     for view in seen_from:
@@ -256,7 +256,7 @@ def _goes_on_in(others: Sequence[FlattenedView], start: Float64, normal: Float64
     normals = np.concatenate([other.normal[other.valid] for other in others])
     tree = cKDTree(np.concatenate(points))
     found = np.zeros(len(start), dtype=np.bool_)
-    for step_m in _FARTHEST_M * np.array([1, 3, 5]) / 5:
+    for step_m in FARTHEST_M * np.array([1, 3, 5]) / 5:
         off, nearest = tree.query(start + step_m * along, distance_upper_bound=_SAME_M)
         near = np.isfinite(off)
         facing = (normals[nearest[near]] * normal[near]).sum(axis=1)
@@ -283,7 +283,7 @@ def _tangents(
     start, normal, along = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
     fine = np.zeros(count, dtype=np.bool_)
     size = piece.pixel_size_m
-    half_px = max(2, round(_FARTHEST_M / size))
+    half_px = max(2, round(FARTHEST_M / size))
     rows, cols = piece.shape
     seen_normal = np.nan_to_num(piece.normal)
     found, grams, rights, means = [], [], [], []
@@ -298,7 +298,7 @@ def _tangents(
         xyz = piece.xyz_m[box][valid].astype(np.float64)
         ordered = np.sort(xyz, axis=0)
         middle = 0.5 * (ordered[(len(xyz) - 1) // 2] + ordered[len(xyz) // 2])
-        near = np.linalg.norm(xyz - middle, axis=1) < 2.0 * _FARTHEST_M
+        near = np.linalg.norm(xyz - middle, axis=1) < 2.0 * FARTHEST_M
         if near.sum() < 12:
             continue
         offset = (rc[near] - border_rc[k])[:, ::-1] * size

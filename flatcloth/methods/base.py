@@ -125,6 +125,10 @@ class Method(Protocol):
         """
         return self.canonical(earlier)
 
+    def release(self) -> None:
+        """Free what only further views or earlier shapes need; it is made again if it is asked for."""
+        return
+
     @abstractmethod
     def plan(self, document: Document, unusable: set[int]) -> Plan:
         """Choose the next view; ``unusable`` are views that cannot be flattened."""

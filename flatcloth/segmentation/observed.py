@@ -31,7 +31,7 @@ from flatcloth.registration.cameras import register_together
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
 from flatcloth.segmentation.inner import doubtful_faces, inner_faces
-from flatcloth.segmentation.item import CutOff, Item, find_item
+from flatcloth.segmentation.item import CutOff, find_item
 from flatcloth.segmentation.partition import Int8, Partition, partition, sampled_sides
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
 from flatcloth.segmentation.settings import SegmentationConfig
@@ -132,9 +132,11 @@ def observe(
         raise SegmentationError("Two frames have the same view number; give each view once.")
     settings = settings or SegmentationConfig()
     progress(0.0, "looking for the item")
-    item = find_item([replace(frame, mask=None) for frame in frames], axis, held_point_m, config.surface)
+    item = find_item(frames, axis, held_point_m, config.surface)
     progress(0.1, "surfaces of the views")
-    surfaces = _surfaces(frames, item, axis, config)
+    crops = [crop_to_item(frame, own) for frame, own in zip(frames, item.masks, strict=True) if own.any()]
+    del frames  # they take most memory, unless the caller keeps them
+    surfaces = _surfaces(crops, axis, config)
     progress(0.3, "where the cameras stand")
     poses = _poses(surfaces, axis, held_point_m, config)
     progress(0.6, "clusters of the surface")
@@ -172,21 +174,18 @@ def observe(
     )
 
 
-def _surfaces(frames: Sequence[RgbdFrame], item: Item, axis: RotationAxis, config: Config) -> list[Surface]:
+def _surfaces(crops: Sequence[tuple[RgbdFrame, Bool]], axis: RotationAxis, config: Config) -> list[Surface]:
     with ThreadPoolExecutor(THREADS) as pool:
-        seen = pool.map(lambda n: _surface(frames[n], item, n, axis, config), range(len(frames)))
+        seen = pool.map(lambda crop: _surface(crop[0], crop[1], axis, config), crops)
         surfaces = [surface for surface in seen if surface is not None]
     if not surfaces:
         raise SegmentationError("No view shows cloth that differs from its surroundings; check the depth.")
     return surfaces
 
 
-def _surface(frame: RgbdFrame, item: Item, n: int, axis: RotationAxis, config: Config) -> Surface | None:
-    if not item.masks[n].any():
-        return None
-    cropped, own = crop_to_item(replace(frame, mask=None), item.masks[n])
+def _surface(frame: RgbdFrame, item: Bool, axis: RotationAxis, config: Config) -> Surface | None:
     try:
-        return observe_surface(cropped, axis, config.surface, own)
+        return observe_surface(replace(frame, mask=None), axis, config.surface, item)
     except SurfaceError:
         return None
 
@@ -237,19 +236,18 @@ def _clustered(
     noise_m: float,
     settings: SegmentationConfig,
 ) -> tuple[Clusters, list[Int32]]:
-    points, normals, facings = [], [], []
-    for surface, pose, cos in zip(surfaces, poses, facing, strict=True):
-        at = surface.usable
-        points.append(pose.apply(surface.xyz_m[at]).astype(np.float32))
-        normals.append(pose.turn(surface.normal[at]).astype(np.float32))
-        facings.append(cos[at])
-    every = (np.concatenate(points), np.concatenate(normals), np.concatenate(facings))
-    clusters = gather(every[0], every[1], every[2], noise_m, settings)
-    labels, begin = [], 0
-    for surface, own in zip(surfaces, points, strict=True):
+    ends = np.cumsum([0, *(np.count_nonzero(surface.usable) for surface in surfaces)])
+    points, normals = np.empty((ends[-1], 3), np.float32), np.empty((ends[-1], 3), np.float32)
+    own = [slice(*both) for both in itertools.pairwise(ends)]
+    for surface, pose, at in zip(surfaces, poses, own, strict=True):
+        points[at] = pose.apply(surface.xyz_m[surface.usable])
+        normals[at] = pose.turn(surface.normal[surface.usable])
+    cos = np.concatenate([each[surface.usable] for surface, each in zip(surfaces, facing, strict=True)])
+    clusters = gather(points, normals, cos, noise_m, settings)
+    labels = []
+    for surface, at in zip(surfaces, own, strict=True):
         label = np.full(surface.usable.shape, -1, dtype=np.int32)
-        label[surface.usable] = clusters.of_pixel[begin : begin + len(own)]
-        begin += len(own)
+        label[surface.usable] = clusters.of_pixel[at]
         labels.append(label)
     return clusters, labels
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
-from flatcloth.core.types import FlattenedView
+from flatcloth.core.types import FlattenedView, RgbdFrame
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
+from flatcloth.flattening.surface import crop_to_item
 from flatcloth.garments.deciding import (
     DecidedPieces,
     decided,
@@ -21,7 +23,7 @@ from flatcloth.garments.deciding import (
     pulls_of,
     with_placed_cloth,
 )
-from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
+from flatcloth.garments.evidence import FARTHEST_M, PieceEvidence, SeenFrom, evidence_of
 from flatcloth.garments.links import Cloth, DoubtedLink, doubted_links, is_offered, is_wrong
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import (
@@ -59,7 +61,7 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
         held = {view.view_index: pose for view, pose in zip(registered.views, poses, strict=False)}
     views = []
     for index in sorted(document.used_views):
-        frame = integration.views.frame(index)
+        frame = _around_item(integration.views.frame(index))
         pose = held.get(index) or held_from_camera(integration.axis, frame.angle_deg)
         views.append(
             SeenFrom(
@@ -71,6 +73,16 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
             )
         )
     return views
+
+
+def _around_item(frame: RgbdFrame) -> RgbdFrame:
+    """Return the part of a view in which evidence of an outline is looked for, if its mask is known."""
+    item = (frame.depth_m > 0) & (frame.mask if frame.mask is not None else False)
+    if not item.any():
+        return frame
+    nearest_m = max(float(frame.depth_m[item].min()) - FARTHEST_M, FARTHEST_M)
+    margin_px = FARTHEST_M * max(frame.intrinsics.fx, frame.intrinsics.fy) / nearest_m
+    return crop_to_item(frame, item, math.ceil(margin_px) + 1)[0]
 
 
 def evidence_of_shape(canonical: Canonical, views: list[SeenFrom]) -> tuple[PieceEvidence, ...]:

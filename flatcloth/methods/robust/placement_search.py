@@ -200,6 +200,11 @@ class PlacementSearch:
         self._around: Cache[Neighbourhoods] = Cache(1)
         self._components: Cache[dict[int, SampledComponent]] = Cache(8)
 
+    def release(self) -> None:
+        """Free all that is kept."""
+        for kept in (self._references, self._around, self._components):
+            kept.drop(lambda _: True)
+
     def reference(self, document: Document) -> ReferenceShape:
         """Return a document's shape as the reference for comparisons (cached)."""
 

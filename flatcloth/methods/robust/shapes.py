@@ -74,6 +74,11 @@ class RegisteredViews:
         self._observed: WeakKeyDictionary[Observation, PlacesInView] = WeakKeyDictionary()
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(2)
 
+    def release(self) -> None:
+        """Free what only the search for placements needs."""
+        self._textures.drop(lambda _: True)
+        self._associations.drop(lambda _: True)
+
     def registered(self, views: tuple[int, ...]) -> Registered:
         """Return the registered cameras of views that were accepted in this order."""
         if not views:
@@ -207,6 +212,10 @@ class JointShapes:
         self._prefixes: Cache[JointShape] = Cache(MOST_KEPT, KEPT_BYTES, _own_bytes)
         self._settled: Cache[JointShape] = Cache(2)
         self._certainties: Cache[Certainty] = Cache(MOST_KEPT)
+
+    def release(self) -> None:
+        """Free the shapes that are kept for undo and trials."""
+        self._prefixes.drop(lambda _: True)
 
     def shape(self, document: Document) -> JointShape:
         """Return the joint shape of a document's accepted views."""

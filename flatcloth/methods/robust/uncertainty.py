@@ -103,14 +103,18 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
     more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _GATHERED_M), 3)
-    change = _strained(uv, edges, unit, random)
-    change *= (more * mean_m)[:, None]
-    own = off_m[:, None]
-    change += own * random.standard_normal(change.shape)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True
     sheet = _Sheet(len(uv), edges, along, weight, stars)
-    moved = _displaced(sheet, change, own, random)
+    wanted = np.empty((len(edges) + np.count_nonzero(stars[edges]), _DRAWS))
+    change = _strained(uv, edges, unit, random, wanted[: len(edges)])
+    change *= (more * mean_m)[:, None]
+    own = off_m[:, None]
+    noise_m = random.standard_normal(change.shape)
+    noise_m *= own
+    change += noise_m
+    del noise_m  # it is as large
+    moved = _displaced(sheet, wanted, own, random)
     # The first view, unless a floating piece that it does not show has become the main one.
     shown = (number[observation.node] for observation in shape.observations)
     first_seen = next(
@@ -255,10 +259,11 @@ def _layer_rims(surface: Surface) -> Bool:
     return rims
 
 
-def _strained(at: Float64, edges: Int32, unit: Float64, random: np.random.Generator) -> Float64:
-    """Draw relative changes of length (M, draws) of each pair from smooth random strain fields."""
-    fields = np.stack(_smooth(at, 3, random), axis=1)
-    return _changed(fields, edges, unit, np.empty((len(edges), _DRAWS)))
+def _strained(
+    at: Float64, edges: Int32, unit: Float64, random: np.random.Generator, change: Float64
+) -> Float64:
+    """Write and return relative changes of length (M, draws) of each pair, of smooth random strain fields."""
+    return _changed(np.stack(_smooth(at, 3, random), axis=1), edges, unit, change)
 
 
 @njit(cache=True, nogil=True)
@@ -298,11 +303,11 @@ class _Sheet:
     stars: Bool
 
 
-def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random.Generator) -> Complex128:
-    """Solve for the displacements (draws, n), u + iv, caused by changes of length (M, draws).
+def _displaced(sheet: _Sheet, wanted: Float64, off_m: Float64, random: np.random.Generator) -> Complex128:
+    """Solve for the displacements (draws, n), u + iv, caused by changes of length: ``wanted[:M]``.
 
     Where lengths leave a sheet flexible (a strip, a neck), every node observes the directions of its
-    neighbours with an error as well: ``off_m`` (M, 1) at the other end.
+    neighbours with an error as well: ``off_m`` (M, 1) at the other end. It is written to the other rows.
     """
     n, (i, j) = sheet.n, sheet.edges.T
     unit = sheet.along / np.maximum(np.linalg.norm(sheet.along, axis=1), 1e-9)[:, None]
@@ -317,7 +322,7 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
         rows += [pair, pair]
         columns += [2 * i + p, 2 * j + p]
         values += [-unit[:, p], unit[:, p]]
-    root, wanted = [np.sqrt(sheet.weight)], [change]
+    root = [np.sqrt(sheet.weight)]
     count = len(i)
     for end in (i, j):
         seen = np.flatnonzero(sheet.stars[end])
@@ -331,7 +336,7 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
         columns.append(turn_at[end[seen]])
         values.append(-np.linalg.norm(across[seen], axis=1))
         root.append(np.sqrt(DIRECTION_WEIGHT * sheet.weight[seen]))
-        wanted.append(off_m[seen] * random.standard_normal((seen.size, change.shape[1])))
+        wanted[count : count + seen.size] = off_m[seen] * random.standard_normal((seen.size, wanted.shape[1]))
         count += seen.size
     matrix = coo_matrix(
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(count, size)
@@ -340,7 +345,7 @@ def _displaced(sheet: _Sheet, change: Float64, off_m: Float64, random: np.random
     normal_matrix = csc_matrix(matrix.T @ weighted)
     held = 1e-9 * normal_matrix.diagonal().mean()  # the free motion of the piece
     solve = _factored(normal_matrix + held * eye_array(size, format="csc"))
-    displaced = solve.solve(weighted.T @ np.concatenate(wanted))[: 2 * n]
+    displaced = solve.solve(weighted.T @ wanted)[: 2 * n]
     found: Complex128 = np.ascontiguousarray(displaced.T).view(np.complex128)
     return found
 

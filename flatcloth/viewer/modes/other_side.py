@@ -23,6 +23,7 @@ from flatcloth.rendering import layers
 from flatcloth.session.garment import DecidedSeam, DecideSeam
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
+from flatcloth.viewer.heavy import ONE_AT_A_TIME
 from flatcloth.viewer.protocol.garment import SeamInfo, SeamPlaces, SidePlaces
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture
 from flatcloth.viewer.protocol.sent import Legend, Progress, typed
@@ -125,12 +126,13 @@ class OtherSideController:
     # --- the worker -----------------------------------------------------------------------------
 
     def _work(self, key: tuple[Hashable, ...], document: Document, sheet: Sheet) -> None:
-        if self._asked != key:
-            return  # the shape has changed since
         made: OtherSheet | str
         try:
-            sides = self.both.of(document, self._report)
-            made = sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
+            with ONE_AT_A_TIME:
+                if self._asked != key or self._stopped.is_set():
+                    return  # the shape has changed since, or another recording was opened
+                sides = self.both.of(document, self._report)
+                made = sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
         except CancelledError:
             return
         except FlatclothError as error:

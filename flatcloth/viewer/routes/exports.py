@@ -24,6 +24,7 @@ from flatcloth.export.kept import Kept
 from flatcloth.export.session import OpenedSession, of_page
 from flatcloth.export.session_data import is_floating_file
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.heavy import ONE_AT_A_TIME
 
 _log = logging.getLogger(__name__)
 
@@ -201,10 +202,11 @@ class ExportRoutes:
                 raise CancelledError
 
         try:
-            go_on(0.0, "")
-            opened = of_page(self._integration, self._folder, go_on, self._kept)
-            go_on(0.0, "")
-            return make(opened)
+            with ONE_AT_A_TIME:
+                go_on(0.0, "")
+                opened = of_page(self._integration, self._folder, go_on, self._kept)
+                go_on(0.0, "")
+                return make(opened)
         except CancelledError:
             _log.info("the export of %s was cancelled: its client left", name)
             return None
