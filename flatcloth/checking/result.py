@@ -75,11 +75,16 @@ def told(wrong: Sequence[str]) -> str:
 
 
 def is_hopeless(check: Check | None, registered: Registered | None) -> bool:
-    """Return whether further views cannot help, so that an unattended run ends."""
+    """Return whether further views cannot help, so that an unattended run ends.
+
+    A single view that contradicts may be left out, unless the check doubts the recording, too. If several do,
+    nothing is reliable whatever is added, and to lay out cloth that contradicts takes ever longer.
+    """
     if registered is None or len(registered.features) < LEAST_VIEWS:
         return False
     named = check is not None and any(finding.name in _HOPELESS for finding in check.certain)
-    return named or bool(_corrections(registered))
+    doubted = check is not None and any(finding.stops for finding in check.findings)
+    return named or bool(_corrections(registered)) or len(contradicting_views(registered)) > 1 - doubted
 
 
 def _corrections(registered: Registered) -> list[str]:

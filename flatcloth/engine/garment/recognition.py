@@ -10,6 +10,7 @@ from functools import cached_property
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import FlattenedView, RgbdFrame
+from flatcloth.engine.following import why_hopeless
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
 from flatcloth.flattening.surface import crop_to_item
@@ -145,8 +146,12 @@ class GarmentService:
         Raises
         ------
         GarmentError
-            If the shape shows too little, or was seen in one view only.
+            If the shape shows too little, was seen in one view only, or ended since its recording is wrong.
         """
+        integration = self.integration
+        hopeless = why_hopeless(integration.recording, integration.algorithm, document)
+        if hopeless:  # no garment fits what was laid out with it, and to try them all takes long
+            raise GarmentError(f"{hopeless} No garment is recognised.")
         # The shape is recognised with all its links; doubts about links follow from the result.
         document = replace(document, garment=without_doubts(document.garment))
         with self._lock:
