@@ -1,7 +1,8 @@
 """What a result says about its recording."""
 
 import json
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -10,8 +11,11 @@ import pytest
 
 import flatcloth
 from flatcloth.checking.check import checked, known_check
-from flatcloth.checking.result import LEAST_VIEWS, is_hopeless, wrong_with
+from flatcloth.checking.findings import Check, Finding
+from flatcloth.checking.lens import FOCAL_STD
+from flatcloth.checking.result import LEAST_VIEWS, contradicting_views, is_hopeless, wrong_with
 from flatcloth.core.geometry import held_from_camera
+from flatcloth.engine.following import with_unsure_scale
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.recognition import NONE, Measure, Recognition
@@ -69,6 +73,28 @@ def _compared(views, off_m):
     return replace(registered, features=features, known=known, pairs=pairs)
 
 
+_OFF_ONE = {(2, 4): 0.02, (3, 4): 0.02, (4, 5): 0.02, (4, 6): 0.02}
+_OFF_TWO = {(0, 2): 0.02, (1, 2): 0.02, (2, 3): 0.02}
+
+
+@dataclass(frozen=True)
+class SimpleView:
+    """Three pixels, 0.1 m apart."""
+
+    valid: np.ndarray
+    placement_std_m: np.ndarray
+
+    def uv_from_rc(self, rc):
+        return 0.1 * rc[..., ::-1]
+
+
+@dataclass(frozen=True)
+class SimpleShape:
+    """A shape that is only a view."""
+
+    view: SimpleView
+
+
 def test_surprise_counts_in_stated_deviations():
     registered = _compared(8, {(2, 3): 0.003})
     assert registered.surprises == pytest.approx(
@@ -93,13 +119,34 @@ def test_a_shape_of_no_known_kind_is_no_doubt_alone_but_needs_less():
     assert wrong_with(None, between, 0.0, 0.9)[-1] == "no known kind of garment fits"
 
 
+def test_a_run_ends_once_two_views_contradict_or_one_of_a_doubted_recording():
+    one, two = _compared(8, _OFF_ONE), _compared(8, _OFF_ONE | _OFF_TWO)
+    assert contradicting_views(one) == [12]
+    assert contradicting_views(two) == [6, 9, 12]
+    doubted = Check(findings=(Finding(name="rotated", text="It hangs upside down", probability=0.9),))
+    assert [is_hopeless(Check(), found) for found in (one, two)] == [False, True]
+    assert is_hopeless(doubted, one)
+
+
+def test_places_are_as_unsure_as_an_estimated_scale_far_from_the_middle():
+    valid = np.ones((1, 3), bool)
+    view = SimpleView(valid, np.full((1, 3), 0.003))
+    std_m = with_unsure_scale(SimpleShape(view), 0.04).view.placement_std_m
+    assert std_m[0] == pytest.approx([0.005, 0.003, 0.005])
+
+
 def test_cloth_most_of_which_floats_is():
     assert "floats" in wrong_with(None, _registered(), 0.8)[0]
     assert not is_hopeless(None, _registered())
 
 
-@pytest.mark.parametrize("wrong", [[], ["views contradict"]])
-def test_a_wrong_result_has_no_lengths(wrong, monkeypatch):
+@pytest.mark.parametrize(
+    ("wrong", "focal_factor", "std_m"),
+    [([], 1.0, 0.01), ([], 0.8, math.hypot(0.01, 0.5 * FOCAL_STD)), (["views contradict"], 1.0, None)],
+)
+def test_a_wrong_result_has_no_lengths_and_an_estimated_camera_unsure_ones(
+    wrong, focal_factor, std_m, monkeypatch
+):
     found = Recognition(
         probabilities={"towel": 0.9, NONE: 0.1},
         fits=(),
@@ -111,6 +158,8 @@ def test_a_wrong_result_has_no_lengths(wrong, monkeypatch):
     known = KnownGarment(canonical=shape, evidence=(), by_evidence=found, found=found, pieces=none)
     told = []
     integration = SimpleNamespace(
+        recording=SimpleNamespace(mends=Mends(focal_factor=focal_factor)),
+        algorithm=SimpleNamespace(is_unattended=False),
         canonical=lambda _: shape,
         wrong=lambda _: wrong,
         trust=SimpleNamespace(recognised=lambda *of: told.append(of)),
@@ -118,7 +167,8 @@ def test_a_wrong_result_has_no_lengths(wrong, monkeypatch):
     service = GarmentService(integration)
     monkeypatch.setattr(service, "_recognised", lambda *_: known)
     monkeypatch.setattr(service, "_decided", lambda *_: known)
-    assert list(service.of(Document()).found.dimensions) == ([] if wrong else ["width"])
+    lengths = service.of(Document()).found.dimensions
+    assert [length.std_m for length in lengths.values()] == pytest.approx([] if wrong else [std_m])
     assert service.of(Document()).is_wrong == bool(wrong)
     assert told == [(shape, 0.1)]
 

@@ -10,7 +10,7 @@ from functools import cached_property
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import FlattenedView, RgbdFrame
-from flatcloth.engine.following import why_hopeless
+from flatcloth.engine.following import scale_std_of, why_hopeless
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
 from flatcloth.flattening.surface import crop_to_item
@@ -164,6 +164,10 @@ class GarmentService:
                 self.integration.trust.recognised(canonical, no_kind)
                 if self.integration.wrong(document):  # then no length is reliable
                     known = replace(known, found=replace(known.found, dimensions={}), is_wrong=True)
+                else:
+                    known = replace(
+                        known, found=_as_unsure_as(scale_std_of(integration.recording), known.found)
+                    )
                 self._last = document.garment, known
             return self._last[1]
 
@@ -212,6 +216,17 @@ class GarmentService:
             pieces=pieces,
             links=tuple(links),
         )
+
+
+def _as_unsure_as(scale_std: float, found: Recognition) -> Recognition:
+    """Return a garment whose lengths have the deviation of the scale, too, a share of each."""
+    if not scale_std:
+        return found
+    lengths = {
+        name: replace(length, std_m=math.hypot(length.std_m, scale_std * length.value_m))
+        for name, length in found.dimensions.items()
+    }
+    return replace(found, dimensions=lengths)
 
 
 def points_on_other_side(known: KnownGarment, sides: JoinedSides) -> dict[str, tuple[int, int]]:
