@@ -14,6 +14,7 @@ from flatcloth.checking.check import checked, known_check
 from flatcloth.checking.findings import Check, Finding
 from flatcloth.checking.lens import FOCAL_STD
 from flatcloth.checking.result import LEAST_VIEWS, contradicting_views, is_hopeless, wrong_with
+from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.engine.following import with_unsure_scale
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
@@ -185,4 +186,6 @@ def test_a_result_of_a_wrong_recording_ends_soon_and_calls_nothing_reliable(tmp_
     assert integration.canonical(document) is integration.canonical(document)  # or the garment is fitted anew
     assert "the other way" in shape.report["wrong"][0]
     assert "Nothing of the result is reliable" in str(shape)
+    with pytest.raises(GarmentError, match="No garment is recognised"):
+        shape.garment()
     assert "placement_std_median_mm" not in json.loads(json.dumps(shape.report, allow_nan=False))
