@@ -161,7 +161,7 @@ def _in_browser(url: str) -> dict[str, Any]:
 
 
 def frames(page: Any, act: Any, drag_from: Sequence[float] | None) -> dict[str, float]:
-    """Act as often as the page takes it for some seconds, the right button held; return the rate of frames."""
+    """Act as often as the page takes it for some seconds, right button held; return their rate."""
     if drag_from is not None:
         page.mouse.move(*drag_from)
         page.mouse.down(button="right")

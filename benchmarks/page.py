@@ -150,9 +150,11 @@ def _cpu_s(pid: int) -> float:
 def _answers(page: Any) -> dict[str, float]:
     """Click and point at the same places, on the flattened view and in the scene."""
     on_plane = page.evaluate(
+        # In the middle of the cloth, each far from the one before.
         "(n) => { const l = flatcloth.state.layers, d = l.pixel_size_m, [u, v] = l.origin_uv_m;"
+        " const at = (size, by) => d * size * (0.4 + 0.2 * (by % n) / n);"
         " return Array.from({length: n}, (_, i) =>"
-        " flatcloth.toScreen(u + d * l.cols * (0.4 + 0.2 * i / n), v + d * l.rows * (0.4 + 0.006 * i))); }",
+        " flatcloth.toScreen(u + at(l.cols, 37 * i), v + at(l.rows, 61 * i))); }",
         POINTS,
     )
     page.evaluate("window.flatcloth_drawn = () => flatcloth.sceneMarks.drawn.map((mark) => mark?.id)")

@@ -17,6 +17,11 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.plain_files import replace_file
 
 
+def printed(text: str) -> str:
+    """Return a text with its units as people write them: reasons are kept as a terminal shows them."""
+    return text.replace(" cm2", " cm\u00b2")
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a text file, and create its folder.
 

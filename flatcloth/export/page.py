@@ -23,6 +23,7 @@ from flatcloth.core.resources import static_folder
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
 from flatcloth.engine.sheet import Sheet, lay_out
 from flatcloth.export.figures import verdict_text, words_of
+from flatcloth.export.files import printed
 from flatcloth.export.garment import summary
 from flatcloth.export.growth import Growth
 from flatcloth.export.session import OpenedSession
@@ -71,7 +72,7 @@ def page(session: OpenedSession) -> str:
         **common_parts(ENTRY, _STYLES),
         "title": escape(f"{session.history.recording_name} \u00b7 flatcloth"),
         # No text can close its own element.
-        "history": json.dumps(history, allow_nan=False, ensure_ascii=True).replace("<", "\\u003c"),
+        "history": printed(json.dumps(history, allow_nan=False)).replace("<", "\\u003c"),
         # The highest level takes five times as long, for 2 % less. Measured.
         "arrays": base64.b64encode(zlib.compress(parcel.pack(), 7, 31)).decode("ascii"),
     }

@@ -18,6 +18,7 @@ from flatcloth.engine.sheet import Sheet
 from flatcloth.export import figures
 from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
 from flatcloth.export.figures import Figure
+from flatcloth.export.files import printed
 from flatcloth.export.garment import summary
 from flatcloth.export.history import SKIPPED, VERDICTS, Decision
 from flatcloth.export.review import FLAGS, OVERRIDDEN, Flags, is_overridden, overridden
@@ -50,7 +51,7 @@ def report(session: OpenedSession) -> str:
             f"<title>{escape(title)}</title>",
             f"<style>\n{style}</style></head>",
             "<body><main>",
-            *body,
+            *map(printed, body),
             "</main></body></html>",
             "",
         ]

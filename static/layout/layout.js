@@ -71,7 +71,10 @@ export class Layout {
       click: () => page.run("readout"),
     });
     readouts.append(this.foldButton);
-    addEventListener("resize", () => this.apply());
+    addEventListener("resize", () => {
+      this.apply();
+      this.showPresent();
+    });
     startDivider(this);
     this.apply();
   }
@@ -82,7 +85,11 @@ export class Layout {
     this.show();
     if (this.present === state.present_view) return;
     this.present = state.present_view;
-    // The timeline is drawn after the panels.
+    this.showPresent();
+  }
+
+  /** Bring the present view of the timeline, which is drawn after the panels, into sight. */
+  showPresent() {
     const bring = () =>
       document.querySelector(".view.present")?.scrollIntoView({ block: "nearest", inline: "nearest" });
     requestAnimationFrame(bring);

@@ -279,7 +279,7 @@ export class Teaching {
       const here = Number(button.dataset.stage) === this.at;
       button.tabIndex = here ? 0 : -1; // one stop for Tab; the arrow keys go on from there
       setCurrent(button, here, "step");
-      if (here) button.scrollIntoView({ block: "nearest" });
+      if (here) button.scrollIntoView({ block: "nearest", inline: "nearest" });
     }
     setText(byId("teaching-figure"), stage.figure);
     setText(byId("teaching-name"), `${this.at + 1}. ${stage.name}`);

@@ -169,7 +169,7 @@ def test_what_a_further_view_promises_decides_and_the_number_of_views_of_a_limit
     state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
     assert len(state.document.used_views) > 2
     assert state.document.finished is not None
-    assert state.document.finished.startswith(("The best remaining view", "No view is left"))
+    assert state.document.finished.startswith(("No other view", "No view is left"))
     short = Integration(Cylinder(**SHEET), Config(robust=RobustConfig(most_views=1)))  # type: ignore[arg-type]
     document = stepped(short, SessionState(len(STEPS)), Start(0)).document
     assert short.plan(document).view_index is not None

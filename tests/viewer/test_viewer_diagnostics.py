@@ -79,9 +79,10 @@ def test_what_cannot_be_computed_is_told_in_one_line(held):
     ],
 )
 def test_what_is_no_longer_shown_is_not_there(held, path):
-    assert held.get(path).status_code == 410
+    gone = 204 if path.endswith(".png") else 410  # a picture that comes too late is no error
+    assert held.get(path).status_code == gone
     held.held.picture = None
-    assert held.get(path).status_code == 410
+    assert held.get(path).status_code == gone
 
 
 def test_the_hypotheses_are_pictures_of_where_each_would_lie(held):

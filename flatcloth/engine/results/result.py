@@ -56,7 +56,7 @@ class More:
         The planner's best candidates with the area (m2) that it expects of each; they are far enough apart
         to show different cloth.
     share : float or None
-        The area added by the last views, divided by the area expected of them; None if unknown.
+        The area added by the last views, divided by the area expected of them, at most 1; None if unknown.
     """
 
     reason: str
@@ -271,7 +271,7 @@ def expected_next_m2(areas: Areas, document: Document) -> float | None:
     if plan.view_index not in planned:
         return None
     share = _share(areas, document)
-    return planned[plan.view_index] * (1.0 if share is None else min(1.0, share))
+    return planned[plan.view_index] * (1.0 if share is None else share)
 
 
 def _more(areas: Areas, document: Document) -> More:
@@ -287,7 +287,10 @@ def _more(areas: Areas, document: Document) -> More:
 
 
 def _share(areas: Areas, document: Document) -> float | None:
-    """Return the part of the planner's expectations that the views accepted last fulfilled."""
+    """Return the part of the planner's expectations that the views accepted last fulfilled, at most all.
+
+    So no forecast exceeds the planner's, which the reason of an end tells.
+    """
     expected = added = 0.0
     first = max(0, len(document.accepted) - _LAST_VIEWS)
     for order, accepted in enumerate(document.accepted[first:], start=first):
@@ -295,7 +298,7 @@ def _share(areas: Areas, document: Document) -> float | None:
         if accepted.view_index in planned:
             expected += planned[accepted.view_index]
             added += max(0.0, areas.total_m2(document, order + 1) - areas.total_m2(document, order))
-    return None if expected <= 0.0 else added / expected
+    return None if expected <= 0.0 else min(1.0, added / expected)
 
 
 def at_step(document: Document, order: int) -> Document:

@@ -82,7 +82,7 @@ class RobustMethod(Method):
         rated = rate_candidates(shape, self._views.axis, self.angles_deg, rest, looked, overlap_m2, around)
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
-            reason = f"The best remaining view is expected to add only {1e4 * best.new_m2:.0f} cm2."
+            reason = f"No other view is expected to add more than {1e4 * best.new_m2:.0f} cm2."
             return _no_plan(reason, rated)
         if len(used) >= c.most_views and self.is_limited:
             more = sum(candidate.new_m2 >= c.least_new_m2 for candidate in rated)

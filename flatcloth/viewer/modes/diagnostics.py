@@ -146,7 +146,7 @@ class DiagnosticsService:
             placements = [overlay.sheet.shown(h.current_from_new, own) for h in hypotheses]
             return layers.png(thumbnail(picture.view, new, placements, index))
 
-        return await http.made(make, gone=_GONE)
+        return await http.made(make, gone=None)  # no error: the page asks again for the newer state's
 
 
 def edge_colors(edges: StrainedEdges) -> Uint8:
