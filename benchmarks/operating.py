@@ -24,11 +24,17 @@ from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.page import FIRST_PICTURE, FLAGS
 from flatcloth.cli import main
 from flatcloth.core.resources import sample_recordings
+from flatcloth.engine.evaluation import compare
+from flatcloth.export.session import open_session
 from flatcloth.recordings import open_recording
+from flatcloth.recordings.base import Recording
+from flatcloth.recordings.truth import read_truth
 
 VIEWPORT = {"width": 1366, "height": 768}
 WAIT_MS = 600_000
 STROKES = 2
+_FIGURES = ("coverage", "wrong_side_share", "absolute_median_mm", "absolute_p95_mm")
+"""What is told of a shape's accuracy; see ``flatcloth evaluate``."""
 QUIET = "flatcloth.state.request === null && !flatcloth.state.drawing"
 
 
@@ -158,9 +164,16 @@ def _without_masks(source: str, folder: Path) -> dict[str, Any]:
             operator.key("k")  # unsure: left out for now
             operator.until(f"flatcloth.state.done.length > {done}")
         state = operator.state()
-        return {
+        found = {
             "without_masks_actions": operator.actions,
             "certainty": round(state["sides"]["certainty"], 3),
             "area_cm2": round(state["layers"]["area_cm2"]),
             "finished": state["finished"],
         }
+    return found | _accuracy(folder, recording)
+
+
+def _accuracy(folder: Path, recording: Recording) -> dict[str, float]:
+    """Compare a session's shape with the truth of its recording."""
+    found = compare(open_session(folder).view, read_truth(recording.location), recording).evaluation
+    return {f"without_masks_{name}": round(getattr(found, name), 4) for name in _FIGURES}
