@@ -108,6 +108,7 @@ def test_the_corresponding_lines_are_drawn_and_can_be_hidden(open_tab):
     assert drawn(tab, line["point_uv_m"]) != shown
 
 
+@pytest.mark.thorough
 @pytest.mark.scene
 def test_strained_edges_are_drawn_on_both_sides_and_go_with_the_panel(open_tab):
     tab = asked_why(open_tab)

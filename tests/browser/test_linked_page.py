@@ -40,6 +40,7 @@ def test_picks_are_numbered_on_both_panes_and_the_pointer_is_linked_both_ways(op
     tab.shoot("linked")
 
 
+@pytest.mark.thorough
 def test_a_thumbnail_turns_the_item_to_its_view(open_tab):
     tab = open_tab().ready()
     tab.click_shape()

@@ -41,6 +41,7 @@ def cloth(tab):
     return found[1], found[-2]
 
 
+@pytest.mark.thorough
 def test_a_turned_and_flipped_view_picks_and_reads_the_same_cloth(open_tab):
     tab = open_tab().ready()
     where, _ = cloth(tab)
@@ -131,6 +132,7 @@ def test_the_proposal_follows_the_pointer_on_a_turned_view(open_tab):
     assert nudge["v_mm"] == pytest.approx(1000 * (dropped["v"] - grabbed["v"]), abs=0.2)
 
 
+@pytest.mark.thorough
 def test_the_ruler_measures_and_escape_clears_it(open_tab):
     tab = open_tab().ready()
     tab.page.keyboard.press("#")

@@ -44,6 +44,7 @@ def moved_off(tab):
     tab.until(f"Number({APART}) > 10")
 
 
+@pytest.mark.thorough
 def test_the_fit_follows_while_the_proposal_is_dragged(open_tab):
     tab = open_tab().ready()
     tab.step()
@@ -135,6 +136,7 @@ def test_pairs_of_points_are_picked_dragged_weighed_removed_and_fitted(open_tab)
     tab.until(f"flatcloth.state.picks.length === {count + 1}")
 
 
+@pytest.mark.thorough
 def test_markers_stay_on_the_cloth_when_the_proposal_is_moved_and_the_view_is_zoomed(open_tab):
     tab = open_tab(1600, 900).ready()
     tab.step()

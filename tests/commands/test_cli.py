@@ -36,7 +36,7 @@ def test_run_integrates_resumes_and_evaluate_agrees(
     sample: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["run", str(sample), "--out", str(out)]) == 0
+    assert main(["run", str(sample), "--sides", "one", "--out", str(out)]) == 0
     for name in (
         "session.json",
         "journal.jsonl",
@@ -54,7 +54,10 @@ def test_run_integrates_resumes_and_evaluate_agrees(
 
     journal = (out / "journal.jsonl").read_bytes()
     log = tmp_path / "log.txt"
-    assert main(["run", str(sample), "--out", str(out), "--quiet", "--log-file", str(log)]) == 0
+    assert (
+        main(["run", str(sample), "--sides", "one", "--out", str(out), "--quiet", "--log-file", str(log)])
+        == 0
+    )
     assert (out / "journal.jsonl").read_bytes() == journal
     said = capsys.readouterr()
     assert (said.out, said.err) == ("", "")
@@ -63,7 +66,9 @@ def test_run_integrates_resumes_and_evaluate_agrees(
 
     figures = tmp_path / "figures.json"
     pictures = tmp_path / "pictures"
-    code = main(["evaluate", str(sample), "--json", str(figures), "--pictures", str(pictures)])
+    code = main(
+        ["evaluate", str(sample), "--sides", "one", "--json", str(figures), "--pictures", str(pictures)]
+    )
     assert code == 0
     (row,) = json.loads(figures.read_text())
     assert row["pixels"] == int(view.valid.sum())  # the same integration, twice

@@ -77,12 +77,12 @@ def run(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_inputs_that_are_damaged_or_hostile_end_in_a_clear_error_or_a_valid_result(tmp_path: Path) -> None:
-    done = run("-m", "fuzzing", "--count", "30", "--keep", str(tmp_path / "failures"), folder=tmp_path)
+    done = run("-m", "fuzzing", "--count", "20", "--keep", str(tmp_path / "failures"), folder=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     name, cases, errors, results, faults, *_ = done.stdout.splitlines()[-1].split()
-    assert (name, int(cases), int(faults)) == ("all", 30, 0)
-    assert int(errors) > 8  # the inputs were really spoiled; the others stayed readable
-    assert int(results) > 6
+    assert (name, int(cases), int(faults)) == ("all", 20, 0)
+    assert int(errors) > 5  # the inputs were really spoiled; the others stayed readable
+    assert int(results) > 4
 
 
 def test_each_fault_of_the_program_would_be_noticed(tmp_path: Path) -> None:
