@@ -301,7 +301,7 @@ def test_a_method_that_plans_without_sides_has_its_pictures_too(session: OpenedS
         "decision-03-view-2-overlay"
     ]
     text = report(other)
-    assert "967 cm2 new" in text
+    assert "967 cm² new" in text
     assert "h(u) and A_z(u) of view 2" in text
 
 
