@@ -49,6 +49,7 @@ def _compare(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _limits(like: Limits, scale_m: float) -> Limits:
+    """Return the limits at a scale of the robust weights: compiled code cannot replace single fields."""
     spread = np.zeros_like(like.spread)
     spread[_DISTANCE] = scale_m / 3.0  # the weight is a quarter at three times the spread
     return Limits(

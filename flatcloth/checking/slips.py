@@ -1,6 +1,6 @@
 """Did the turntable slip? All views from one on are turned further than recorded.
 
-Where the cloth is smooth as a tube, neighbouring views fit after almost any turn, and no pair shows the slip.
+Neighbouring views of a round and smooth item, as a tube, fit after almost any turn, so no pair shows the slip.
 But after a full turn the last views meet the first ones, and the turns must add up to 360 degrees.
 """
 

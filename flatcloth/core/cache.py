@@ -124,8 +124,8 @@ class Cache(Generic[T]):
             self._values.move_to_end(key)
             return self._values[key][0]
 
-    def drop(self, unused: Callable[[Hashable], bool]) -> None:
-        """Keep no longer the values whose keys are unused."""
+    def drop(self, unused: Callable[[Hashable], bool] = lambda _: True) -> None:
+        """Free the values whose keys are unused; by default all."""
         with self._lock:
             for key in [key for key in self._values if unused(key)]:
                 self._bytes -= self._values.pop(key)[1]

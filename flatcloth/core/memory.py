@@ -21,7 +21,7 @@ _TRIM_S = 2.0
 """Between two returns of small blocks, and between two looks for what is still used. Chosen: a return takes
 some 10 ms."""
 _WORKED_S = 0.1
-"""Time of the processor in between without which nothing is returned. Chosen: the page at rest takes less."""
+"""After less processor time than this, nothing is returned. Chosen: the page at rest takes less."""
 
 
 def free(unused: weakref.ref[Any]) -> None:

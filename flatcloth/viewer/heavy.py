@@ -5,5 +5,5 @@ from __future__ import annotations
 import threading
 
 ONE_AT_A_TIME = threading.Lock()
-"""The other side and the exports, which need it, wait for one another, also for those of a recording that was
-closed and are being cancelled: each takes some 200 MB."""
+"""Held while the other side or an export is computed: each takes some 200 MB. A recording that was just closed
+may still be computing one, and the next recording waits for it."""

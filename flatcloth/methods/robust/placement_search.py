@@ -203,7 +203,7 @@ class PlacementSearch:
     def release(self) -> None:
         """Free all that is kept."""
         for kept in (self._references, self._around, self._components):
-            kept.drop(lambda _: True)
+            kept.drop()
 
     def reference(self, document: Document) -> ReferenceShape:
         """Return a document's shape as the reference for comparisons (cached)."""

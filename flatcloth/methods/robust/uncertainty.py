@@ -307,7 +307,8 @@ def _displaced(sheet: _Sheet, wanted: Float64, off_m: Float64, random: np.random
     """Solve for the displacements (draws, n), u + iv, caused by changes of length: ``wanted[:M]``.
 
     Where lengths leave a sheet flexible (a strip, a neck), every node observes the directions of its
-    neighbours with an error as well: ``off_m`` (M, 1) at the other end. It is written to the other rows.
+    neighbours with an error as well: ``off_m`` (M, 1) at the other end. These
+    errors are written to the rows of ``wanted`` after those of the lengths.
     """
     n, (i, j) = sheet.n, sheet.edges.T
     unit = sheet.along / np.maximum(np.linalg.norm(sheet.along, axis=1), 1e-9)[:, None]
