@@ -1,7 +1,7 @@
 """Did the turntable slip? All views from one on are turned further than recorded.
 
-Neighbouring views of a round and smooth item, as a tube, fit after almost any turn, so no pair shows the slip.
-But after a full turn the last views meet the first ones, and the turns must add up to 360 degrees.
+Neighbouring views of a round, smooth item fit after almost any turn, so that no pair shows the slip. But
+after a full turn the last views meet the first ones, and the turns must add up to 360 degrees.
 """
 
 from __future__ import annotations
