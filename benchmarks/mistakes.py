@@ -2,7 +2,7 @@
 
 Each kind has up to three strengths. A mistake is found if the check has a finding, named if the first one has
 a name that is right, and mended if one of its mends gives the right recording again: the same images and
-camera, angles to 2.2 degrees (four deviations of careful recordings), focal length to 6 %, color to 2 pixels.
+camera, angles to 2.2 degrees (four deviations of careful recordings), focal length to 2 %, color to 2 pixels.
 Recordings as they are must have no finding. The time is that of the processor, of all threads together.
 """
 
@@ -32,7 +32,7 @@ from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
 from flatcloth.recordings.mending import Mends, mended
 
 ALL = "all"
-_ANGLE_DEG, _FOCAL, _COLOR_PX, _COLOR_SCALE = 2.2, 0.06, 2.0, 0.02
+_ANGLE_DEG, _FOCAL, _COLOR_PX, _COLOR_SCALE = 2.2, 0.02, 2.0, 0.02
 
 
 @dataclass(frozen=True)

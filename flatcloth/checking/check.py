@@ -198,8 +198,10 @@ def _turning(
         there = seen_axis(right, axis)
         moved = None if there is None else focal_length(views, there.axis, factor)
         if moved is None or moved.share < focal.best_share:
-            return found + focal_findings(focal, views)
-    return found + (beside or focal_findings(focal, views))
+            beside = []
+    if beside or axis is None:
+        return found + beside
+    return found + focal_findings(focal, views, axis, factor, recording.held_point_m)
 
 
 def _readable(read: Callable[[int], RgbdFrame], numbers: Sequence[int]) -> dict[int, RgbdFrame]:

@@ -1,8 +1,10 @@
 """The focal length, from turned views of one rigid item.
 
 With a wrong focal length the item is stretched across the line of sight, and two views of it differ by a
-shear that no motion removes: for a turn by t and a factor f by about ``(f - 1) sin t``. Views are registered
-with several focal lengths; the one at which most points agree is the camera's.
+shear that no motion removes: for a turn by t and a factor f by about ``(f - 1) sin t``. Pairs of views are
+registered with several focal lengths; if most points agree at another than the recorded one, it is wrong.
+The motion of a single pair hides a part of the shear, so that the focal length is then estimated from all
+pairs together: one adjustment finds it, the axis, and the turn and swing of each view.
 """
 
 from __future__ import annotations
@@ -16,9 +18,21 @@ import numpy as np
 
 from flatcloth.checking.findings import Finding
 from flatcloth.checking.turns import ALIKE_SHARE, LOOSE_DEG, Reach, turns_between
+from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.recordings.mending import Mends
-from flatcloth.registration.view_features import ViewFeatures
+from flatcloth.registration.pairwise import DISTANCE_STD_M
+from flatcloth.registration.pose_prior import (
+    COMMON,
+    OWN,
+    PosePrior,
+    at_center,
+    grades,
+    jacobian,
+    poses,
+    variances,
+)
+from flatcloth.registration.view_features import CHANNELS, MOTION, UNKNOWNS, ViewFeatures, compare
 
 _LOGS = np.linspace(-0.4, 0.4, 5)
 """Focal lengths that are tried: logarithms of factors of the recorded one. Chosen; streams of one camera
@@ -37,21 +51,24 @@ _LEAST_CHANGE = 0.12
 _SURE_STDS = 2.0
 """Pairs must agree that another focal length fits better: by so many standard deviations of their gain, which
 is 0 on the 34 recordings. Chosen: 1 in 40."""
-FOCAL_STD = 0.04
-"""Deviation of the estimates, beyond their scatter. Measured: 0.038 on ten recordings with focal lengths 0.8,
-1.2 and 1.3 times the true one."""
+FOCAL_STD = 0.005
+"""Deviation of a mended focal length, as a share. Measured: on the 34 recordings with 0.8, 1.2 and 1.3 times
+the true one (``python -m benchmarks mistakes``)."""
+_JOINT_SCALES_M = (0.01, 0.01, 0.005, 0.005)
+"""Scales of the robust weights at each step of the adjustment, which begins near its result. Chosen."""
+_FOCAL = COMMON - 1
+"""The place of the focal length among the common unknowns, elsewhere that of the fattening. By definition."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FocalLength:
-    """The logarithm of the recorded focal length over the true one, and its standard deviation.
+    """The logarithm of the recorded focal length over the true one, to some percent.
 
     ``share`` is the share of points that agree with the recorded focal length, ``best_share`` with the
     true one, ``gain_std`` the standard deviation of the gain, from pair to pair.
     """
 
     log_factor: float
-    log_std: float
     share: float
     best_share: float
     gain_std: float
@@ -65,7 +82,7 @@ class FocalLength:
 
 
 def focal_length(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) -> FocalLength | None:
-    """Estimate the focal length; None if the views do not show it.
+    """Estimate the focal length from single pairs; None if the views do not show it.
 
     Parameters
     ----------
@@ -76,21 +93,11 @@ def focal_length(views: Sequence[ViewFeatures], axis: RotationAxis, factor: floa
     factor : float
         By which the recorded angles are to be multiplied.
     """
+    ends = _pairs(views, abs(factor))
     pairs = [
-        (factor * (b.angle_deg - a.angle_deg), _inner(a), _inner(b)) for a, b in _pairs(views, abs(factor))
+        (factor * (views[b].angle_deg - views[a].angle_deg), _inner(views[a]), _inner(views[b]))
+        for a, b in ends[:: max(1, len(ends) // _PAIRS)]
     ]
-    found = _scanned(pairs, axis, 0.0)
-    if found is None or not found.differs:
-        return found
-    # A parabola is right near its top only: once more, from the first estimate on.
-    again = _scanned(pairs, axis, -found.log_factor)
-    return found if again is None else replace(again, share=found.share, gain_std=found.gain_std)
-
-
-def _scanned(
-    pairs: Sequence[tuple[float, ViewFeatures, ViewFeatures]], axis: RotationAxis, middle: float
-) -> FocalLength | None:
-    """Try focal lengths around one; ``pairs`` are turns with their views, ``middle`` its logarithm."""
     if not pairs:
         return None
 
@@ -99,58 +106,107 @@ def _scanned(
             [[_share(one, other, axis, turn, float(log)) for log in logs] for turn, one, other in pairs]
         )
 
-    logs = middle + _LOGS
-    shares = shares_at(logs[1:-1])
-    if shares.mean(axis=0).argmax() == 1:  # the peak is within these
-        logs = logs[1:-1]
-    else:
-        shares = np.column_stack([shares_at(logs[:1]), shares, shares_at(logs[-1:])])
+    logs, shares = _LOGS[1:-1], shares_at(_LOGS[1:-1])
+    if shares.mean(axis=0).argmax() != 1:  # the peak is not within these
+        logs, shares = _LOGS, np.column_stack([shares_at(_LOGS[:1]), shares, shares_at(_LOGS[-1:])])
     peaks = np.array([peak for row in shares if (peak := _peak(logs, row)) is not None])
     if len(peaks) < 4:
         return None
-    best = float(np.median(peaks))
-    std = 1.4826 * float(np.median(np.abs(peaks - best))) / math.sqrt(len(peaks))
     mean = shares.mean(axis=0)
     gains = shares[:, int(np.argmax(mean))] - shares[:, len(logs) // 2]
     return FocalLength(
-        log_factor=-best,
-        log_std=math.hypot(std, FOCAL_STD),
+        log_factor=-float(np.median(peaks)),
         share=float(mean[len(logs) // 2]),
         best_share=float(mean.max()),
         gain_std=float(gains.std(ddof=1)) / math.sqrt(len(gains)),
     )
 
 
-def focal_findings(focal: FocalLength | None, views: Sequence[ViewFeatures]) -> list[Finding]:
-    """Return whether the focal length is not as recorded."""
+def focal_findings(
+    focal: FocalLength | None,
+    views: Sequence[ViewFeatures],
+    axis: RotationAxis,
+    factor: float,
+    held_point_m: Float64 | None,
+) -> list[Finding]:
+    """Return whether the focal length is not as recorded; the axis and the factor as for the estimate."""
     if focal is None or not focal.differs:
         return []
-    off = (abs(focal.log_factor) - 0.5 * _LEAST_CHANGE) / focal.log_std
-    factor = math.exp(focal.log_factor)
+    pivot_m = views[0].middle_m if held_point_m is None else held_point_m
+    log, std = adjusted(views, axis, pivot_m, factor, -focal.log_factor)
+    off = (abs(log) - 0.5 * _LEAST_CHANGE) / std
     text = (
-        f"The focal length is {abs(factor - 1):.0%} too {'large' if factor > 1 else 'small'} "
-        f"(+-{focal.log_std:.0%}): turned views do not fit together as one rigid item"
+        f"The focal length is {abs(math.exp(-log) - 1):.0%} too {'large' if log < 0 else 'small'} "
+        f"(+-{std:.1%}): turned views do not fit together as one rigid item"
     )
-    shown = next(iter(_pairs(views, 1.0)), (views[0], views[-1]))
+    one, other = _pairs(views, abs(factor))[0]
     return [
         Finding(
             name="focal",
             text=text,
-            probability=math.erf(off / math.sqrt(2.0)),
-            mends=(Mends(focal_factor=round(1.0 / factor, 3)),),
-            views=(shown[0].view_index, shown[1].view_index),
+            probability=math.erf(max(off, 0.0) / math.sqrt(2.0)),
+            mends=(Mends(focal_factor=round(math.exp(log), 3)),),
+            views=(views[one].view_index, views[other].view_index),
         )
     ]
 
 
-def _pairs(views: Sequence[ViewFeatures], factor: float) -> list[tuple[ViewFeatures, ViewFeatures]]:
-    """Return pairs of views that are turned enough against each other, spread over all views."""
+def adjusted(
+    views: Sequence[ViewFeatures], axis: RotationAxis, held_point_m: Float64, factor: float, log: float
+) -> tuple[float, float]:
+    """Return the logarithm of the true focal length over the recorded one, and its standard deviation.
+
+    It is found together with the axis and with the turn and swing of each view, whose errors are at most
+    those of :class:`.pose_prior.PosePrior`; ``log`` is a first estimate, the rest as in
+    :func:`focal_length`.
+    """
+    prior, angles_deg, center_m = PosePrior(), [factor * view.angle_deg for view in views], axis.point_m
+    by = [at_center(jacobian(axis, held_point_m, angle), center_m) for angle in angles_deg]
+    known = 1.0 / variances(len(views), grades(prior)[-1], prior)
+    known[_FOCAL] = 0.0  # nothing is known of it
+    found = np.zeros(len(known))
+    for scale_m in _JOINT_SCALES_M:
+        seen = [_with_focal_factor(view, math.exp(log)) for view in views]
+        held = poses(axis, held_point_m, angles_deg, found[:COMMON], found[COMMON:].reshape(-1, OWN))
+        matrix, right = np.diag(known), -known * found
+        for i, j in _pairs(views, abs(factor)):
+            form, gradient = _form((seen[i], seen[j]), (held[i], held[j]), center_m, scale_m)
+            rows = np.zeros((UNKNOWNS, COMMON + 2 * OWN))
+            rows[:MOTION, :_FOCAL] = by[i][:, OWN:] - by[j][:, OWN:]
+            rows[:MOTION, COMMON:] = np.hstack([by[i][:, :OWN], -by[j][:, :OWN]])
+            rows[MOTION, _FOCAL] = 1.0
+            own = COMMON + OWN * np.array([[i], [j]]) + np.arange(OWN)
+            at = np.concatenate([np.arange(COMMON), own.ravel()])
+            matrix[np.ix_(at, at)] += rows.T @ form @ rows
+            right[at] -= rows.T @ gradient
+        step = np.linalg.solve(matrix, right)
+        log += float(step[_FOCAL])
+        step[_FOCAL] = 0.0  # the views are scaled by it
+        found += step
+    return log, math.sqrt(float(np.linalg.inv(matrix)[_FOCAL, _FOCAL]))
+
+
+def _form(
+    ends: tuple[ViewFeatures, ViewFeatures], held: tuple[Rigid3, Rigid3], center_m: Float64, scale_m: float
+) -> tuple[Float64, Float64]:
+    """Return matrix (7, 7) and gradient (7,) of a pair's negative log likelihood: its motion and the lens."""
+    spread = np.array([scale_m / 3.0, *[0.0] * CHANNELS])  # the weight is a quarter at three times the spread
+    found = compare(*ends, *held, center_m, 0.0, 3.0 * scale_m, spread, 2, of_focal=True)
+    # Points of the same block of the image share their errors.
+    blocks = found.parts.sum() ** 2 / max(float(np.square(found.parts).sum()), 1.0)
+    variance_m2 = found.tally[2] / max(found.tally[1], 1.0) + DISTANCE_STD_M**2
+    weight = blocks / max(found.count, 1) / variance_m2
+    return weight * found.matrix[0], weight * found.gradient[0]
+
+
+def _pairs(views: Sequence[ViewFeatures], factor: float) -> list[tuple[int, int]]:
+    """Return pairs of views, by their place, that are turned enough against each other."""
     found = []
     for n, one in enumerate(views):
-        later = [v for v in views[n + 1 :] if factor * (v.angle_deg - one.angle_deg) >= _TURN_DEG]
-        if later and factor * (later[0].angle_deg - one.angle_deg) <= 1.5 * _TURN_DEG:
-            found.append((one, later[0]))
-    return found[:: max(1, len(found) // _PAIRS)]
+        turned = [factor * (view.angle_deg - one.angle_deg) for view in views]
+        later = [m for m, turn in enumerate(turned) if _TURN_DEG <= turn <= 1.5 * _TURN_DEG]
+        found += [(n, m) for m in later[:1]]
+    return found
 
 
 def _share(one: ViewFeatures, other: ViewFeatures, axis: RotationAxis, turn_deg: float, log: float) -> float:

@@ -62,6 +62,7 @@ def _limits(like: Limits, scale_m: float) -> Limits:
         like.every,
         like.blocks_per_px,
         like.block_cols,
+        like.of_focal,
     )
 
 

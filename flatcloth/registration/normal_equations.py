@@ -52,7 +52,8 @@ class Limits(NamedTuple):
     than the angle of ``same_normal_cos``, do not correspond. The weight grows with the cosine of
     incidence from 0 at ``least_facing_cos`` to 1 at ``full_facing_cos``. ``spread`` (4,) are the
     typical differences (0: the term is left out). Every ``every``-th point is compared. Blocks of
-    the image are ``1 / blocks_per_px`` wide, ``block_cols`` in a row.
+    the image are ``1 / blocks_per_px`` wide, ``block_cols`` in a row. ``of_focal``: the seventh unknown is
+    the logarithm of the focal length in place of the fattening.
     """
 
     search_radius_m: float
@@ -64,6 +65,7 @@ class Limits(NamedTuple):
     every: int
     blocks_per_px: float
     block_cols: int
+    of_focal: bool
 
 
 class Sums(NamedTuple):
@@ -123,17 +125,40 @@ def _rotate(rotation: Float64, v: _Vector) -> _Vector:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _by_fattening(own: float, g: _Vector, fat: float, q: _Vector, n: _Vector) -> float:
+    """Return the derivative of the distance of ``g`` from ``q`` along ``n``; slopes ``own`` and ``fat``."""
+    by = 0.0
+    for a in range(3):
+        by += (own * g[a] - fat * q[a]) * n[a]
+    return by
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _by_focal(to_target: Transforms, s: _Vector, q: _Vector, n: _Vector) -> float:
+    """Return the derivative of the distance of ``s``, moved to the target, from ``q`` along ``n``.
+
+    With a longer focal length, both points are nearer to the line through the middle of their images.
+    """
+    across = _rotate(to_target.rotation, (s[0], s[1], 0.0))
+    by: float = (q[0] - across[0]) * n[0] + (q[1] - across[1]) * n[1] - across[2] * n[2]
+    return by
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _add(
     at: tuple[int, int],
     x: _Vector,
     h: _Vector,
-    by_fattening: float,
+    by: float,
     weight: float,
     off: float,
     matrix: Float64,
     scores: Float64,
 ) -> None:
-    """Add to a term and block a residual ``off``, the displacement along ``h`` of a point at ``x``."""
+    """Add to a term and block a residual ``off``, the displacement along ``h`` of a point at ``x``.
+
+    ``by`` is its derivative by the seventh unknown.
+    """
     term, block = at
     row = (
         x[1] * h[2] - x[2] * h[1],
@@ -142,7 +167,7 @@ def _add(
         h[0],
         h[1],
         h[2],
-        by_fattening,
+        by,
     )
     for a in range(7):
         weighted = weight * row[a]
@@ -182,11 +207,11 @@ def accumulate(
             continue
         n, q = _three(target.normals, r, c), _three(target.xyz_m, r, c)
         fat = _fattening(q[0], q[1], q[2], n, fx, fy)
-        distance, by_fat, alike = 0.0, 0.0, 0.0
+        distance, alike = 0.0, 0.0
         for a in range(3):
             distance += (p[a] - (1.0 + fattening_px * fat) * q[a]) * n[a]
-            by_fat += (own_fat * g[a] - fat * q[a]) * n[a]
             alike += m[a] * n[a]
+        by = _by_focal(transforms, s, q, n) if limits.of_focal else _by_fattening(own_fat, g, fat, q, n)
         if not (abs(distance) < limits.search_radius_m and alike > limits.same_normal_cos):
             continue
         unlikely = 1.0
@@ -211,7 +236,7 @@ def accumulate(
         _add_moments(x, sums.moments)
         if spread[0] > 0.0:
             h = _rotate(held, (sign * n[0], sign * n[1], sign * n[2]))
-            _add((0, block), x, h, by_fat, weight / unlikely, distance, sums.matrix, sums.scores)
+            _add((0, block), x, h, by, weight / unlikely, distance, sums.matrix, sums.scores)
         if not (source.inner[r_own, c_own] and target.inner[r, c]):
             continue
         for k in range(3):
@@ -222,10 +247,10 @@ def accumulate(
                 continue
             d = (right * fx / p[2], down * fy / p[2], 0.0)
             d = (d[0], d[1], -(d[0] * p[0] + d[1] * p[1]) / p[2])
-            by_fat = own_fat * (d[0] * g[0] + d[1] * g[1] + d[2] * g[2])
+            by = own_fat * (d[0] * g[0] + d[1] * g[1] + d[2] * g[2])
             h = _rotate(held, (sign * d[0], sign * d[1], sign * d[2]))
             robust = 1.0 / (1.0 + ((value - own) / (2.0 * spread[1 + k])) ** 2) ** 2
-            _add((1 + k, block), x, h, by_fat, robust, value - own, sums.matrix, sums.scores)
+            _add((1 + k, block), x, h, by, robust, value - own, sums.matrix, sums.scores)
             sums.products[k, 0] += robust * value * value
             sums.products[k, 1] += robust * own * own
             sums.products[k, 2] += robust * value * own

@@ -275,6 +275,8 @@ def compare(
     spread: Float64,
     every: int = 1,
     gates: Gates = Gates(),
+    *,
+    of_focal: bool = False,
 ) -> Agreement:
     """Compare two views in both directions.
 
@@ -297,9 +299,13 @@ def compare(
         Step between the compared points.
     gates : Gates
         Which points correspond.
+    of_focal : bool
+        The seventh unknown of the distance is the logarithm of the focal length, not the fattening.
     """
     sums, limits = nothing_compared(one, other, every, gates)
-    limits = limits._replace(search_radius_m=search_radius_m, fattening_px=fattening_px, spread=spread)
+    limits = limits._replace(
+        search_radius_m=search_radius_m, fattening_px=fattening_px, spread=spread, of_focal=of_focal
+    )
     ends = one.compared(), other.compared()
     for source, target, source_held, target_held, sign in (
         (*ends, one_held, other_held, 1.0),
@@ -345,6 +351,7 @@ def nothing_compared(one: ViewFeatures, other: ViewFeatures, every: int, gates: 
         every=every,
         blocks_per_px=1 / block_px,
         block_cols=cols,
+        of_focal=False,
     )
     sums = Sums(
         matrix=np.zeros((TERMS, UNKNOWNS, UNKNOWNS)),

@@ -69,6 +69,12 @@ def test_a_mistake_is_named_stops_a_run_and_is_mended(right, mistake, name):
         check.refuse(wrong.location)
 
 
+@pytest.mark.parametrize("factor", [0.75, 1.2])
+def test_a_focal_length_is_mended_to_a_percent(right, factor):
+    (found,) = check_recording(mended(right, Mends(focal_factor=factor))).findings
+    assert found.mends[0].focal_factor * factor == pytest.approx(1.0, abs=0.01)
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_views_in_a_random_order_are_put_in_order_again(right, seed):
     angles = np.random.default_rng(seed).permutation(right.angles_deg)
