@@ -166,9 +166,25 @@ export function showSheet(/** @type {HTMLElement} */ dialog) {
 /** A square that shows a colour. */
 export const swatch = (/** @type {string} */ color) => make("i.swatch", { style: { background: color } });
 
+let withoutCard = /** @type {boolean | undefined} */ (undefined);
+
+/**
+ * Whether WebGL is drawn without a graphics card. Then pictures are painted by the processor directly: else the
+ * browser compiles what draws them as for a card, for seconds in which the page stands still.
+ */
+function isWithoutCard() {
+  const gl = document.createElement("canvas").getContext("webgl");
+  const named = gl?.getExtension("WEBGL_debug_renderer_info");
+  return /swiftshader|llvmpipe|software|basic render/i.test(
+    named ? gl?.getParameter(named.UNMASKED_RENDERER_WEBGL) : "",
+  );
+}
+
 /** How a canvas is drawn on, which every browser can. */
-export const contextOf = (/** @type {HTMLCanvasElement | OffscreenCanvas} */ canvas, settings = {}) =>
-  /** @type {Context} */ (canvas.getContext("2d", settings));
+export const contextOf = (
+  /** @type {HTMLCanvasElement | OffscreenCanvas} */ canvas,
+  settings = { willReadFrequently: (withoutCard ??= isWithoutCard()) },
+) => /** @type {Context} */ (canvas.getContext("2d", settings));
 
 /**
  * Give a canvas the size of its place, sharp on the screen at hand. Returns how it is drawn on, in CSS pixels.
