@@ -242,7 +242,6 @@ def _with_focal_factor(view: ViewFeatures, factor: float) -> ViewFeatures:
         intrinsics=replace(k, fx=k.fx * factor, fy=k.fy * factor),
         points_m=view.points_m * across,
         normal=normal / np.linalg.norm(normal, axis=-1, keepdims=True),
-        xyz_m=view.xyz_m * across.astype(np.float32),
         make_images=lambda: made,
         key=object(),
     )

@@ -146,7 +146,7 @@ class RecordedViews:
         self._flattening_ahead.want([])
         self._flattening_ahead.wait()
         self.axis = axis
-        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 16 * _MIB)
+        self._clouds: Cache[ViewCloud] = Cache(MAX_VIEWS, 6 * _MIB)
         self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 42 * _MIB)
         self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
         self._areas: Cache[Float64] = Cache(2)
@@ -252,6 +252,8 @@ class RecordedViews:
 
     def release(self, views: Container[int]) -> None:
         """Free what is kept of views that have been integrated; it is made again if it is asked for."""
+        if not self.keeps_frames:
+            self._frames.drop(lambda key: key in views)
         self._flattenings.drop(lambda key: cast("tuple[int, int]", key)[0] in views)
 
     def read_ahead(self, view_indices: Iterable[int]) -> None:

@@ -250,7 +250,7 @@ def _as_in_previous(samples: Samples, previous: Flattening, surface: Surface, ax
     points, k = turn.apply(samples.points_m), seen.frame.intrinsics
     rc = np.rint(project(points, k)).astype(np.int32)
     inside = np.flatnonzero(((rc >= 0) & (rc < seen.usable.shape)).all(axis=1))
-    depth = seen.xyz_m[rc[inside, 0], rc[inside, 1], 2]
+    depth = seen.depth_m[rc[inside, 0], rc[inside, 1]]
     with np.errstate(invalid="ignore"):
         same = inside[np.abs(depth - points[inside, 2]) < LEAST_INTERVAL_M]
     placed = previous.carrier.place(rc[same])

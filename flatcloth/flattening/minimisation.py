@@ -214,6 +214,7 @@ def _gauss_newton(
         if tries_gradients:
             step, gain, is_rough = _conjugate_gradients(gradient, terms.pairs, unit, factor)
         if not is_rough:
+            factor = laplacian  # frees the last Hessian, which is as large
             factor = _hessian_band(x.shape[1], terms.pairs, unit)
             if not factor_in_place(factor):
                 break

@@ -29,7 +29,7 @@ def read_attributes(
     the object frame, if it is known more accurately than from the view's angle. Positions around which
     there is no surface become NaN.
     """
-    valid = _leave_out_unseen(source_rc, surface.xyz_m)
+    valid = _leave_out_unseen(source_rc, surface.depth_m)
     held = held or held_from_camera(axis, surface.frame.angle_deg)
     return ReadView.of(_Places(source_rc, stretch, surface, axis, held), valid, pixel_size_m, low)
 
@@ -125,8 +125,8 @@ class ReadView(FlattenedView):
         of, k = self._places, self._places.surface.frame.intrinsics
         camera, held = np.array([k.fx, k.fy, k.cx, k.cy]), of.held_from_camera
         return _read_cloth(
-            of.rc, of.surface.xyz_m, of.surface.normal, of.stretch, camera, held.rotation, held.translation_m,
-            is_quality,
+            of.rc, of.surface.depth_m, of.surface.normal, of.stretch, camera, held.rotation,
+            held.translation_m, is_quality,
         )  # fmt: skip
 
 
@@ -141,17 +141,17 @@ def _weights(rc: Float32, row: int, col: int, rows: int, cols: int) -> tuple[int
 
 
 @njit(cache=True, nogil=True)
-def _leave_out_unseen(rc: Float32, xyz: Float32) -> Bool:
+def _leave_out_unseen(rc: Float32, depth_m: Float32) -> Bool:
     """Write NaN to places around which there is no surface; return which (H, W) are left."""
     valid = np.zeros(rc.shape[:2], dtype=np.bool_)
     for row in range(rc.shape[0]):
         for col in range(rc.shape[1]):
             if not np.isfinite(rc[row, col, 0]):
                 continue
-            r, c, weights = _weights(rc, row, col, xyz.shape[0], xyz.shape[1])
+            r, c, weights = _weights(rc, row, col, depth_m.shape[0], depth_m.shape[1])
             weight = 0.0
             for k in range(4):
-                if np.isfinite(xyz[r + k // 2, c + k % 2, 2]):
+                if np.isfinite(depth_m[r + k // 2, c + k % 2]):
                     weight += weights[k]
             valid[row, col] = weight >= 1e-6
             if not valid[row, col]:
@@ -177,7 +177,7 @@ def _read_colors(rc: Float32, color: Uint8) -> Uint8:
 @njit(cache=True, nogil=True)
 def _read_cloth(
     rc: Float32,
-    xyz: Float32,
+    depth_m: Float32,
     normal: Float32,
     stretch: Float32,
     camera: Float64,
@@ -201,11 +201,11 @@ def _read_cloth(
             y, x = rc[row, col, 0], rc[row, col, 1]
             if not np.isfinite(y):
                 continue
-            r0, c0, weights = _weights(rc, row, col, xyz.shape[0], xyz.shape[1])
+            r0, c0, weights = _weights(rc, row, col, depth_m.shape[0], depth_m.shape[1])
             weight, depth, change, known, nx, ny, nz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(4):
                 r, c, w = r0 + k // 2, c0 + k % 2, weights[k]
-                z = xyz[r, c, 2]
+                z = depth_m[r, c]
                 if np.isfinite(z):
                     weight += w
                     depth += w * z

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import z_angle_deg
+from flatcloth.core.geometry import back_project, z_angle_deg
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, RgbdFrame, RotationAxis
 from flatcloth.flattening.noise import smooth_noise
 from flatcloth.flattening.patches import (
@@ -44,8 +44,8 @@ _ITEM_DEPTH_EXTENT_M = 0.25
 class Surface:
     """The cloth surface in one view; all arrays (H, W, ...), camera frame of that view.
 
-    ``xyz_m`` float32, the organized cloud ``D(i, j)`` with smoothed depth (NaN off the surface);
-    ``normal`` float32, unit, towards the camera (NaN off the surface); ``usable`` bool, the surface;
+    ``depth_m`` float32, smoothed (NaN off the surface); ``normal`` float32, unit, towards the camera (NaN off
+    the surface); ``usable`` bool, the surface;
     ``steps`` uint8, the bits ``STEP_RIGHT`` and ``STEP_DOWN``; ``inverse_depth`` float32, 1/m as measured
     (smoothed where that is noisier than a D435's), 0 where the item was not measured; ``noise_m`` the
     median deviation of the measured depth from its local planes; ``noisy`` whether it exceeds the limit.
@@ -54,13 +54,18 @@ class Surface:
 
     frame: RgbdFrame
     axis: RotationAxis
-    xyz_m: Float32
+    depth_m: Float32
     normal: Float32
     usable: Bool
     steps: NDArray[np.uint8]
     inverse_depth: Float32
     noise_m: float
     noisy: bool
+
+    @property
+    def xyz_m(self) -> Float32:
+        """The organized cloud ``D(i, j)`` (H, W, 3) float32, NaN off the surface; not kept."""
+        return back_project(self.depth_m, self.frame.intrinsics)
 
     @cached_property
     def z_angle_deg(self) -> Float32:
@@ -70,7 +75,7 @@ class Surface:
     @cached_property
     def pixel_pitch_m(self) -> float:
         """Median size of an image pixel on the surface, seen frontally."""
-        depth = median(self.xyz_m[..., 2][self.usable])
+        depth = median(self.depth_m[self.usable])
         return depth / math.sqrt(self.frame.intrinsics.fx * self.frame.intrinsics.fy)
 
 
@@ -158,7 +163,7 @@ def observe_surface(
     planes, noise_m = fit_planes(inverse_depth, steps, wanted, NORMAL_WINDOW_PX, _NOISY_DEPTH_M)
     noise_m = max(noise_m, rough_m)
     least_cos = math.cos(math.radians(config.grazing_limit_deg))
-    xyz, normal, usable = _seen(planes, wanted, np.array([k.fx, k.fy, k.cx, k.cy]), least_cos)
+    depth_m, normal, usable = _seen(planes, wanted, np.array([k.fx, k.fy, k.cx, k.cy]), least_cos)
     if not usable.any():
         raise SurfaceError(
             f"View {frame.view_index}: no cloth surface is left after grazing and edge pixels were "
@@ -167,7 +172,7 @@ def observe_surface(
     return Surface(
         frame=frame,
         axis=axis,
-        xyz_m=xyz,
+        depth_m=depth_m,
         normal=normal,
         usable=usable,
         steps=steps,
@@ -179,14 +184,14 @@ def observe_surface(
 
 @njit(cache=True, nogil=True)
 def _seen(planes: Float64, wanted: Bool, camera: Float64, least_cos: float) -> tuple[Float32, Float32, Bool]:
-    """Return points (H, W, 3), normals (H, W, 3) and which pixels are not seen too steeply; NaN off these.
+    """Return depth (H, W), normals (H, W, 3) and which pixels are not seen too steeply; NaN off these.
 
     A plane ``n . X = 1`` has the inverse depth ``n_x x + n_y y + n_z`` at the image ray (x, y, 1).
     """
     rows, cols = wanted.shape
     fx, fy, cx, cy = camera
     usable = np.zeros((rows, cols), np.bool_)
-    xyz, normal = np.full((rows, cols, 3), np.nan, np.float32), np.full((rows, cols, 3), np.nan, np.float32)
+    depth, normal = np.full((rows, cols), np.nan, np.float32), np.full((rows, cols, 3), np.nan, np.float32)
     for r in range(rows):
         for c in range(cols):
             q = planes[0, r, c]
@@ -198,10 +203,9 @@ def _seen(planes: Float64, wanted: Bool, camera: Float64, least_cos: float) -> t
             length = math.sqrt(nx * nx + ny * ny + nz * nz)
             if q > least_cos * length * math.sqrt(x * x + y * y + 1.0):
                 usable[r, c] = True
-                depth = np.float32(1.0 / q)
-                xyz[r, c, 0], xyz[r, c, 1], xyz[r, c, 2] = depth * np.float32(x), depth * np.float32(y), depth
+                depth[r, c] = 1.0 / q
                 normal[r, c, 0], normal[r, c, 1], normal[r, c, 2] = -nx / length, -ny / length, -nz / length
-    return xyz, normal, usable
+    return depth, normal, usable
 
 
 def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: SurfaceConfig) -> Bool:

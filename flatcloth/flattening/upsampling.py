@@ -78,9 +78,13 @@ class Carrier:
         return uv, stretch
 
     def _blended(self, at: Int64) -> Float64:
-        points, normals = (of.reshape(-1, 3) for of in (self._surface.xyz_m, self._surface.normal))
+        depth_m, normals = self._surface.depth_m.ravel(), self._surface.normal.reshape(-1, 3)
+        k = self._surface.frame.intrinsics
+        camera = np.array([k.fx, k.fy, k.cx, k.cy])
         of_samples, first, neighbours = self._of_samples, self._first, self._neighbours
-        return _blend(at, self.nearest, points, normals, of_samples, first, neighbours, self._radius_px)
+        return _blend(
+            at, self.nearest, depth_m, normals, camera, of_samples, first, neighbours, self._radius_px
+        )
 
 
 @njit(cache=True, nogil=True)
@@ -170,8 +174,9 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, most_step
 def _blend(
     at: Int64,
     nearest: Int32,
-    xyz: Float32,
+    depth_m: Float32,
     normal: Float32,
+    camera: Float64,
     samples: Float64,
     first: Int32,
     neighbours: Int32,
@@ -201,7 +206,8 @@ def _blend(
                 for j in range(one.size):
                     of[j, k] = one[j]
         r, c = float(p // cols), float(p % cols)
-        x, y, z = float(xyz[p, 0]), float(xyz[p, 1]), float(xyz[p, 2])
+        x = float(depth_m[p] * np.float32((c - camera[2]) / camera[0]))
+        y, z = float(depth_m[p] * np.float32((r - camera[3]) / camera[1])), float(depth_m[p])
         nx, ny, nz = float(normal[p, 0]), float(normal[p, 1]), float(normal[p, 2])
         total, u, v, s = 0.0, 0.0, 0.0, 0.0
         for k in range(count):

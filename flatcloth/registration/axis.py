@@ -136,17 +136,12 @@ def _starts(seen: Sequence[ViewFeatures], held_point_m: Float64 | None) -> list[
         return []
     upright = RotationAxis(point_m=np.zeros(3), direction=UP)
     top = (
-        np.median([_top([_points_of(view)], upright) for view in seen], axis=0)
+        np.median([_top([view.all_points_m], upright) for view in seen], axis=0)
         if held_point_m is None
         else held_point_m
     )
-    middle: Float64 = np.median(np.concatenate([_points_of(view) for view in seen]), axis=0)
+    middle: Float64 = np.median(np.concatenate([view.all_points_m for view in seen]), axis=0)
     return [top, *(middle + shift for shift in _AROUND_M)]
-
-
-def _points_of(view: ViewFeatures) -> Float64:
-    """Return all points (N, 3) of the surface, camera frame."""
-    return view.xyz_m[view.usable].astype(np.float64)
 
 
 def _found_held_point(

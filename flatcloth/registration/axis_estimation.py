@@ -91,7 +91,7 @@ def depth_features(frame: RgbdFrame, item: Bool, points: int = POINTS_PER_VIEW) 
         points_m=xyz[at].astype(np.float64),
         normal=normals[at].astype(np.float64),
         pixel=pixel,
-        xyz_m=xyz,
+        depth_m=xyz[..., 2].copy(),
         usable=usable,
         inner=np.zeros(usable.shape, dtype=np.bool_),
         make_images=lambda: images,
@@ -262,7 +262,7 @@ def _plausible(axis: RotationAxis, views: Sequence[ViewFeatures]) -> bool:
     """Return whether the axis is about vertical and passes the item within a quarter of a garment."""
     if np.linalg.norm(axis.direction - UP) > 4.0 * _USUAL_TILT:
         return False
-    offset = np.concatenate([view.xyz_m[view.usable] for view in views]) - axis.point_m
+    offset = np.concatenate([view.all_points_m for view in views]) - axis.point_m
     across = offset - (offset @ axis.direction)[:, None] * axis.direction
     return float(np.percentile(np.linalg.norm(across, axis=1), 5)) < 0.5 * EXTENT_M
 

@@ -24,7 +24,7 @@ class ComparedView(NamedTuple):
     points_m: Float64
     normal: Float64
     pixel: Int32
-    xyz_m: Float32
+    depth_m: Float32
     normals: Float32
     usable: Bool
     texture: Float32
@@ -113,6 +113,14 @@ def _fattening(x: float, y: float, z: float, n: _Vector, fx: float, fy: float) -
 @njit(cache=True, nogil=True, error_model="numpy")
 def _three(image: Float32, row: int, col: int) -> _Vector:
     return np.float64(image[row, col, 0]), np.float64(image[row, col, 1]), np.float64(image[row, col, 2])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _point(depth_m: Float32, camera: Float64, row: int, col: int) -> _Vector:
+    """Return the point of a pixel, in single precision as :func:`flatcloth.core.geometry.back_project`."""
+    depth = depth_m[row, col]
+    x, y = np.float32((col - camera[2]) / camera[0]), np.float32((row - camera[3]) / camera[1])
+    return np.float64(depth * x), np.float64(depth * y), np.float64(depth)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -205,7 +213,7 @@ def accumulate(
         r, c = int(r_at + 0.5), int(c_at + 0.5)
         if not target.usable[r, c]:
             continue
-        n, q = _three(target.normals, r, c), _three(target.xyz_m, r, c)
+        n, q = _three(target.normals, r, c), _point(target.depth_m, target.camera, r, c)
         fat = _fattening(q[0], q[1], q[2], n, fx, fy)
         distance, alike = 0.0, 0.0
         for a in range(3):

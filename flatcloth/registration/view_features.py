@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.geometry import Rigid3
+from flatcloth.core.geometry import Rigid3, back_project
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Intrinsics
 from flatcloth.flattening.surface import Surface
 from flatcloth.registration.normal_equations import ComparedView, Limits, Sums, Transforms, accumulate
@@ -67,7 +67,7 @@ class ViewFeatures:
 
     ``points_m``, ``normal`` (N, 3), ``pixel`` (N, 2), on a grid of the image; ``pixel_pitch_m`` the
     median size of a pixel on the surface; ``noise_m`` the scatter of the depth. Images (H, W, ...):
-    ``xyz_m`` float32, NaN off the surface, which is ``usable``; ``inner`` whether the texture is
+    ``depth_m`` float32, NaN off the surface, which is ``usable``; ``inner`` whether the texture is
     unaffected by the outline. ``make_images`` makes the others, which take most memory and are kept for
     a few views only, by ``key``. ``surface`` is what they are computed from, for those that need it later.
     """
@@ -80,7 +80,7 @@ class ViewFeatures:
     points_m: Float64
     normal: Float64
     pixel: Int32
-    xyz_m: Float32
+    depth_m: Float32
     usable: Bool
     inner: Bool
     make_images: Callable[[], ComparedImages]
@@ -92,6 +92,11 @@ class ViewFeatures:
         """The median (3,) of the points."""
         middle: Float64 = np.median(self.points_m, axis=0)
         return middle
+
+    @property
+    def all_points_m(self) -> Float64:
+        """All points (N, 3) of the surface."""
+        return back_project(self.depth_m, self.intrinsics)[self.usable].astype(np.float64)
 
     @property
     def images(self) -> ComparedImages:
@@ -114,7 +119,7 @@ class ViewFeatures:
             points_m=self.points_m,
             normal=self.normal,
             pixel=self.pixel,
-            xyz_m=self.xyz_m,
+            depth_m=self.depth_m,
             normals=self.normals,
             usable=self.usable,
             texture=self.images.texture,
@@ -189,7 +194,7 @@ def extract_features(surface: Surface) -> ViewFeatures:
         angle_deg=surface.frame.angle_deg,
         intrinsics=surface.frame.intrinsics,
         noise_m=surface.noise_m,
-        xyz_m=surface.xyz_m,
+        depth_m=surface.depth_m,
         usable=surface.usable,
         pixel_pitch_m=surface.pixel_pitch_m,
         points_m=surface.xyz_m[at].astype(np.float64),

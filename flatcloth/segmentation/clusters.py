@@ -98,15 +98,27 @@ def gather(
     )
 
 
-def _falling(facing: Float32) -> Int64:
+@njit(cache=True, nogil=True)
+def _falling(facing: Float32) -> Int32:
     """Return the order of positive numbers (N,), largest first; the sort is stable.
 
-    Their bits, read as integers, have the same order; NumPy sorts 16 bits at a time ten times as fast.
+    Their bits, read as integers, have the same order; they are counted 16 at a time. NumPy's sort of integers
+    takes three times the memory: most, when the clusters are found.
     """
-    bits = ~facing.view(np.uint32)
-    order = np.argsort(bits.astype(np.uint16), kind="stable")
-    high = (bits >> np.uint32(16)).astype(np.uint16)
-    return order[np.argsort(high[order], kind="stable")]
+    bits, order = ~facing.view(np.uint32), np.arange(facing.size).astype(np.int32)
+    for shift in (0, 16):
+        place = np.zeros(2**16 + 1, dtype=np.int64)
+        for i in range(bits.size):
+            place[((bits[i] >> shift) & 0xFFFF) + 1] += 1
+        for k in range(2**16):
+            place[k + 1] += place[k]
+        sorted_order = np.empty_like(order)
+        for n in range(order.size):
+            digit = (bits[order[n]] >> shift) & 0xFFFF
+            sorted_order[place[digit]] = order[n]
+            place[digit] += 1
+        order = sorted_order
+    return order
 
 
 class _Limits(NamedTuple):
@@ -139,7 +151,7 @@ def _cells(place: Float64, size: float) -> tuple[Int32, Int32]:
 
 
 @njit(cache=True, nogil=True)
-def _seeded(points: Float32, normals: Float32, order: Int64, limits: _Limits) -> tuple[Float64, Float64]:
+def _seeded(points: Float32, normals: Float32, order: Int32, limits: _Limits) -> tuple[Float64, Float64]:
     """Select each point, in order, that no cluster selected before covers."""
     radius, offset, least_cos = limits
     capacity = min(len(points), 400_000)

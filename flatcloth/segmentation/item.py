@@ -8,10 +8,10 @@ the item by a narrow neck, is the gripper.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -23,6 +23,7 @@ from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import about_axis, foreground_mask
 from flatcloth.registration.axis import THREADS, TOP_M
 
+_T = TypeVar("_T")
 _APART_M = 0.03
 """Regions farther than this from the largest are other objects. Nearer to the axis, the item hardly moves
 either. Set by hand."""
@@ -64,6 +65,7 @@ def find_item(
     axis: RotationAxis | None,
     held_point_m: Float64 | None,
     config: SurfaceConfig,
+    check: Callable[[], None] = lambda: None,
 ) -> Item:
     """Find the item in all views.
 
@@ -77,6 +79,8 @@ def find_item(
         Camera frame; regions above it are the gripper.
     config : SurfaceConfig
         Limits of the foreground.
+    check : callable
+        Called after each view; may raise ``CancelledError``.
 
     Raises
     ------
@@ -84,7 +88,7 @@ def find_item(
         If no view shows an item, or most show two.
     """
     with ThreadPoolExecutor(THREADS) as pool:
-        parts = list(pool.map(lambda frame: _hanging(frame, axis, config), frames))
+        parts = checked(pool.map(lambda frame: _hanging(frame, axis, config), frames), check)
     masks, doubles = [part.mask for part in parts], [part.doubled for part in parts]
     if not any(mask.any() for mask in masks):
         raise SegmentationError(
@@ -97,16 +101,26 @@ def find_item(
         )
     still = _still(frames)
     with ThreadPoolExecutor(THREADS) as pool:
-        freed = list(
+        freed = checked(
             pool.map(
                 lambda n: _without_holder(frames[n], masks[n], still, axis, held_point_m), range(len(frames))
-            )
+            ),
+            check,
         )
     masks = [mask for mask, _ in freed]
     cuts = [cut for part in parts for cut in part.cuts] + [cut for _, own in freed for cut in own]
     if not any(mask.any() for mask in masks):
         raise SegmentationError("Nothing in view turns with the axis; check the angles, or give masks.")
     return Item(masks=tuple(masks), cut_off=tuple(cuts))
+
+
+def checked(made: Iterable[_T], check: Callable[[], None]) -> list[_T]:
+    """Return what is made one by one, with ``check`` called after each; if that raises, no more is made."""
+    found = []
+    for one in made:
+        found.append(one)
+        check()
+    return found
 
 
 class _Hanging(NamedTuple):

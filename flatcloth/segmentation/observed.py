@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError, SurfaceError
@@ -23,6 +25,7 @@ from flatcloth.core.types import (
     Progress,
     RgbdFrame,
     RotationAxis,
+    Uint8,
     no_progress,
 )
 from flatcloth.flattening.surface import Surface, crop_to_item, observe_surface
@@ -31,11 +34,12 @@ from flatcloth.registration.cameras import register_together
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
 from flatcloth.segmentation.inner import doubtful_faces, inner_faces
-from flatcloth.segmentation.item import CutOff, find_item
+from flatcloth.segmentation.item import CutOff, checked, find_item
 from flatcloth.segmentation.partition import Int8, Partition, partition, sampled_sides
 from flatcloth.segmentation.relations import SignedGraph, links_of_view, signed_graph
 from flatcloth.segmentation.settings import SegmentationConfig
 
+_T = TypeVar("_T", np.float32, np.int32)
 _LOOK = 2
 """The camera poses are first checked on every second view, each compared with one other view. Chosen: this
 finds the one recording with wrong poses, and no other, in a fifth of the time."""
@@ -131,30 +135,33 @@ def observe(
     if len(at) != len(frames):
         raise SegmentationError("Two frames have the same view number; give each view once.")
     settings = settings or SegmentationConfig()
-    progress(0.0, "looking for the item")
-    item = find_item(frames, axis, held_point_m, config.surface)
-    progress(0.1, "surfaces of the views")
+    looking = "looking for the item"
+    item = find_item(frames, axis, held_point_m, config.surface, lambda: progress(0.0, looking))
     crops = [crop_to_item(frame, own) for frame, own in zip(frames, item.masks, strict=True) if own.any()]
     del frames  # they take most memory, unless the caller keeps them
-    surfaces = _surfaces(crops, axis, config)
+    surfaces = _surfaces(crops, axis, config, lambda: progress(0.1, "surfaces of the views"))
     progress(0.3, "where the cameras stand")
     poses = _poses(surfaces, axis, held_point_m, config)
     progress(0.6, "clusters of the surface")
     noise_m = float(np.median([surface.noise_m for surface in surfaces]))
+    noisy = bool(np.median([surface.noisy for surface in surfaces]))
+    seen = [_Seen.of(surface, pose) for surface, pose in zip(surfaces, poses, strict=True)]
+    points = _points_of(surfaces, poses)
+    del surfaces  # 25 bytes a pixel, of which the clusters need none
+    clusters = gather(*points, noise_m, settings)
+    facing, labels = _images(points[2], seen, 0.0), _images(clusters.of_pixel, seen, -1)
+    del points
     with ThreadPoolExecutor(THREADS) as pool:
-        facing = list(pool.map(_facing, surfaces))
-        clusters, labels = _clustered(surfaces, poses, facing, noise_m, settings)
-        links = list(pool.map(links_of_view, labels, facing, (surface.steps for surface in surfaces)))
+        links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
         graph = signed_graph(clusters, links, settings)
         progress(0.8, "sides")
-        masks = (item.masks[at[surface.frame.view_index]] for surface in surfaces)
+        masks = (item.masks[at[view.view_index]] for view in seen)
         views = {
             view.view_index: view
-            for view in pool.map(_view, surfaces, masks, poses, labels, facing, itertools.repeat(settings))
+            for view in pool.map(_view, seen, masks, labels, facing, itertools.repeat(settings))
         }
         found = pool.submit(partition, graph)
         inner = inner_faces(clusters, graph, settings)
-        noisy = bool(np.median([surface.noisy for surface in surfaces]))
         doubtful = doubtful_faces(clusters, graph, settings) if noisy else np.full(clusters.count, -1)
     return Observed(
         views=views,
@@ -174,10 +181,12 @@ def observe(
     )
 
 
-def _surfaces(crops: Sequence[tuple[RgbdFrame, Bool]], axis: RotationAxis, config: Config) -> list[Surface]:
+def _surfaces(
+    crops: Sequence[tuple[RgbdFrame, Bool]], axis: RotationAxis, config: Config, check: Callable[[], None]
+) -> list[Surface]:
     with ThreadPoolExecutor(THREADS) as pool:
-        seen = pool.map(lambda crop: _surface(crop[0], crop[1], axis, config), crops)
-        surfaces = [surface for surface in seen if surface is not None]
+        seen = checked(pool.map(lambda crop: _surface(crop[0], crop[1], axis, config), crops), check)
+    surfaces = [surface for surface in seen if surface is not None]
     if not surfaces:
         raise SegmentationError("No view shows cloth that differs from its surroundings; check the depth.")
     return surfaces
@@ -219,64 +228,69 @@ def _features(surface: Surface) -> ViewFeatures:
     return replace(features, make_images=lambda: images)
 
 
-def _facing(surface: Surface) -> Float32:
-    """Cosine (h, w) of the incidence; 0 off the surface, which is not seen at a grazing angle."""
-    at = surface.usable
-    xyz_m = surface.xyz_m[at]
-    cos = -(xyz_m * surface.normal[at]).sum(axis=-1) / np.linalg.norm(xyz_m, axis=-1)
-    facing: Float32 = np.zeros(at.shape, dtype=np.float32)
-    facing[at] = cos
-    return facing
+class _Seen(NamedTuple):
+    """What is kept of the surface in a view: the pixels ``usable`` (h, w), their ``steps``, and the depth."""
+
+    view_index: int
+    offset_rc: tuple[int, int]
+    intrinsics: Intrinsics
+    object_from_camera: Rigid3
+    depth_m: Float32
+    usable: Bool
+    steps: Uint8
+
+    @classmethod
+    def of(cls, surface: Surface, pose: Rigid3) -> _Seen:
+        """Return it of a surface, and of the pose of its camera."""
+        frame = surface.frame
+        return cls(
+            frame.view_index, frame.offset_rc, frame.intrinsics, pose, frame.depth_m, surface.usable,
+            surface.steps,
+        )  # fmt: skip
 
 
-def _clustered(
-    surfaces: Sequence[Surface],
-    poses: Sequence[Rigid3],
-    facing: Sequence[Float32],
-    noise_m: float,
-    settings: SegmentationConfig,
-) -> tuple[Clusters, list[Int32]]:
+def _images(values: NDArray[_T], seen: Sequence[_Seen], elsewhere: float) -> list[NDArray[_T]]:
+    """Return images (h, w) of the values (N,) of all usable pixels, view by view."""
+    images = []
+    ends = np.cumsum([np.count_nonzero(view.usable) for view in seen])[:-1]
+    for view, own in zip(seen, np.split(values, ends), strict=True):
+        image = np.full(view.usable.shape, elsewhere, dtype=values.dtype)
+        image[view.usable] = own
+        images.append(image)
+    return images
+
+
+def _points_of(surfaces: Sequence[Surface], poses: Sequence[Rigid3]) -> tuple[Float32, Float32, Float32]:
+    """Return points and normals (N, 3) of all surfaces, object frame, and cosines (N,) of the incidence."""
     ends = np.cumsum([0, *(np.count_nonzero(surface.usable) for surface in surfaces)])
     points, normals = np.empty((ends[-1], 3), np.float32), np.empty((ends[-1], 3), np.float32)
-    own = [slice(*both) for both in itertools.pairwise(ends)]
-    for surface, pose, at in zip(surfaces, poses, own, strict=True):
-        points[at] = pose.apply(surface.xyz_m[surface.usable])
-        normals[at] = pose.turn(surface.normal[surface.usable])
-    cos = np.concatenate([each[surface.usable] for surface, each in zip(surfaces, facing, strict=True)])
-    clusters = gather(points, normals, cos, noise_m, settings)
-    labels = []
-    for surface, at in zip(surfaces, own, strict=True):
-        label = np.full(surface.usable.shape, -1, dtype=np.int32)
-        label[surface.usable] = clusters.of_pixel[at]
-        labels.append(label)
-    return clusters, labels
+    cos = np.empty(ends[-1], np.float32)
+    for surface, pose, own in zip(surfaces, poses, itertools.pairwise(ends), strict=True):
+        at, xyz_m, normal = slice(*own), surface.xyz_m[surface.usable], surface.normal[surface.usable]
+        points[at], normals[at] = pose.apply(xyz_m), pose.turn(normal)
+        cos[at] = -(xyz_m * normal).sum(axis=-1) / np.linalg.norm(xyz_m, axis=-1)
+    return points, normals, cos
 
 
 def _view(
-    surface: Surface,
-    item: Bool,
-    pose: Rigid3,
-    label: Int32,
-    facing: Float32,
-    settings: SegmentationConfig,
+    seen: _Seen, item: Bool, label: Int32, facing: Float32, settings: SegmentationConfig
 ) -> ObservedView:
-    frame = surface.frame
-    top, left = frame.offset_rc
-    rows, cols = frame.depth_m.shape
+    top, left = seen.offset_rc
+    rows, cols = seen.depth_m.shape
     own = item[top : top + rows, left : left + cols]
-    k = frame.intrinsics
+    k = seen.intrinsics
     area = np.zeros(label.shape, dtype=np.float32)
     known = label >= 0
-    area[known] = frame.depth_m[known] ** 2 / (k.fx * k.fy) / facing[known]
-    near = filled(label, frame.depth_m, own, settings)
+    area[known] = seen.depth_m[known] ** 2 / (k.fx * k.fy) / facing[known]
+    near = filled(label, seen.depth_m, own, settings)
     return ObservedView(
-        view_index=frame.view_index,
-        offset_rc=frame.offset_rc,
+        view_index=seen.view_index,
+        offset_rc=seen.offset_rc,
         full_shape=(item.shape[0], item.shape[1]),
         intrinsics=k,
-        object_from_camera=pose,
+        object_from_camera=seen.object_from_camera,
         item=own,
-        depth_m=frame.depth_m,
+        depth_m=seen.depth_m,
         cluster=near,
         shows=np.unique(near[near >= 0]),
         surface=known,

@@ -12,7 +12,7 @@ import pytest
 from scenes import AXIS, frame, rays
 
 from flatcloth.core.config import SurfaceConfig
-from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
+from flatcloth.core.geometry import Rigid3, back_project, camera_from_held, rotation_about
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import Surface, observe_surface
 from flatcloth.registration.cameras import begin_registration, extend_registration, register_all
@@ -191,8 +191,8 @@ def test_a_sensor_that_makes_what_is_near_larger_is_not_taken_for_wrong_poses() 
     seen = features[0]
     inner = cv2.erode(seen.usable.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     inner &= seen.normals[..., 2] < -0.6
-    before = np.median(seen.xyz_m[..., 2][inner] - true[inner])
-    k, points = seen.intrinsics, seen.xyz_m[inner].astype(np.float64)
+    before = np.median(seen.depth_m[inner] - true[inner])
+    k, points = seen.intrinsics, back_project(seen.depth_m, seen.intrinsics)[inner].astype(np.float64)
     normals = seen.normals[inner].astype(np.float64)
     pulled = [
         _fattening(x, y, z, normal, k.fx, k.fy) for (x, y, z), normal in zip(points, normals, strict=True)

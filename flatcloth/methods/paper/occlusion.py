@@ -37,14 +37,14 @@ def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = No
         The pixels of the surface that count; by default all, as in the paper.
     """
     turned_away, covered = occluding_edges(surface, side, part)
-    pitch = surface.xyz_m[..., 2] / surface.frame.intrinsics.fy
+    pitch = surface.depth_m / surface.frame.intrinsics.fy
     return float(pitch[turned_away].sum() + pitch[covered].sum())
 
 
 def occluding_edges(surface: Surface, side: Side, part: Bool | None = None) -> tuple[Bool, Bool]:
     """Return the pixels (H, W) of these edges: where cloth turns away, and where nearer cloth covers it."""
     part = surface.usable if part is None else part
-    depth = surface.xyz_m[..., 2]
+    depth = surface.depth_m
     outward = -1.0 if side is Side.LEFT else 1.0
     turned_away = _ends(part, side, _EDGE_WIDTH_PX) & (
         _mean_inwards(outward * surface.z_angle_deg, part, side, _EDGE_WIDTH_PX) >= _OCCLUDING_Z_ANGLE_DEG

@@ -208,14 +208,15 @@ class JointShapes:
         held_point_m: Float64,
     ) -> None:
         self._begin, self._extend, self._held_point_m = begin, extend, held_point_m
-        self._shapes: Cache[JointShape] = Cache(3)
+        self._shapes: Cache[JointShape] = Cache(2)
         self._prefixes: Cache[JointShape] = Cache(MOST_KEPT, KEPT_BYTES, _own_bytes)
         self._settled: Cache[JointShape] = Cache(2)
         self._certainties: Cache[Certainty] = Cache(MOST_KEPT)
 
     def release(self) -> None:
-        """Free the shapes that are kept for undo and trials."""
-        self._prefixes.drop()
+        """Free the shapes that are kept for undo and trials; settled ones stay."""
+        for kept in (self._shapes, self._prefixes):
+            kept.drop()
 
     def shape(self, document: Document) -> JointShape:
         """Return the joint shape of a document's accepted views."""

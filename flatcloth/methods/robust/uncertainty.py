@@ -110,11 +110,13 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     change = _strained(uv, edges, unit, random, wanted[: len(edges)])
     change *= (more * mean_m)[:, None]
     own = off_m[:, None]
-    noise_m = random.standard_normal(change.shape)
-    noise_m *= own
-    change += noise_m
-    del noise_m  # it is as large
-    moved = _displaced(sheet, wanted, own, random)
+    for begin in range(0, len(change), len(uv)):  # drawn together it would take as much memory again
+        rows = slice(begin, begin + len(uv))
+        change[rows] += own[rows] * random.standard_normal(change[rows].shape)
+    equations, sides = _equations(sheet, wanted, own, random)
+    del wanted, change  # they take as much memory as the factors
+    displaced = _factored(equations).solve(sides)[: 2 * len(uv)]
+    moved: Complex128 = np.ascontiguousarray(displaced.T).view(np.complex128)
     # The first view, unless a floating piece that it does not show has become the main one.
     shown = (number[observation.node] for observation in shape.observations)
     first_seen = next(
@@ -248,7 +250,7 @@ def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface]) -> Boo
 def _layer_rims(surface: Surface) -> Bool:
     measured = surface.frame.depth_m
     kernel = np.ones((2 * _BESIDE_PX + 1,) * 2, dtype=np.uint8)
-    depth = surface.xyz_m[..., 2]
+    depth = surface.depth_m
     farthest = cv2.dilate(np.where(surface.inverse_depth > 0, measured, np.float32(0.0)), kernel)
     nearest = cv2.erode(np.where(measured > 0, measured, np.float32(np.inf)), kernel)
     reach = np.arange(-_BESIDE_PX, _BESIDE_PX + 1)
@@ -263,7 +265,7 @@ def _strained(
     at: Float64, edges: Int32, unit: Float64, random: np.random.Generator, change: Float64
 ) -> Float64:
     """Write and return relative changes of length (M, draws) of each pair, of smooth random strain fields."""
-    return _changed(np.stack(_smooth(at, 3, random), axis=1), edges, unit, change)
+    return _changed(_smooth(at, 3, random), edges, unit, change)
 
 
 @njit(cache=True, nogil=True)
@@ -280,12 +282,15 @@ def _changed(fields: Float64, edges: Int32, unit: Float64, change: Float64) -> F
     return change
 
 
-def _smooth(at: Float64, count: int, random: np.random.Generator) -> list[Float64]:
-    """Draw ``count`` smooth random fields of unit variance at plane positions (M, 2): (M, draws) each."""
+def _smooth(at: Float64, count: int, random: np.random.Generator) -> Float64:
+    """Draw smooth random fields (M, ``count``, draws) of unit variance at plane positions (M, 2)."""
     phase = at @ (random.standard_normal((_DRAWS, 2)) / _EXTENT_M).T
     features = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
     scale = 1.0 / math.sqrt(_DRAWS)
-    return [features @ (scale * random.standard_normal((2 * _DRAWS, _DRAWS))) for _ in range(count)]
+    fields = np.empty((len(at), count, _DRAWS))
+    for n in range(count):
+        fields[:, n] = features @ (scale * random.standard_normal((2 * _DRAWS, _DRAWS)))
+    return fields
 
 
 @dataclass(frozen=True)
@@ -303,9 +308,12 @@ class _Sheet:
     stars: Bool
 
 
-def _displaced(sheet: _Sheet, wanted: Float64, off_m: Float64, random: np.random.Generator) -> Complex128:
-    """Solve for the displacements (draws, n), u + iv, caused by changes of length: ``wanted[:M]``.
+def _equations(
+    sheet: _Sheet, wanted: Float64, off_m: Float64, random: np.random.Generator
+) -> tuple[csc_matrix, Float64]:
+    """Return the equations (S, S) of the displacements caused by changes of length ``wanted[:M]``.
 
+    Also their right-hand sides (S, draws); of the solution, the first 2 n rows are u and v of each node.
     Where lengths leave a sheet flexible (a strip, a neck), every node observes the directions of its
     neighbours with an error as well: ``off_m`` (M, 1) at the other end. These
     errors are written to the rows of ``wanted`` after those of the lengths.
@@ -345,10 +353,7 @@ def _displaced(sheet: _Sheet, wanted: Float64, off_m: Float64, random: np.random
     weighted = diags_array(np.square(np.concatenate(root))) @ matrix
     normal_matrix = csc_matrix(matrix.T @ weighted)
     held = 1e-9 * normal_matrix.diagonal().mean()  # the free motion of the piece
-    solve = _factored(normal_matrix + held * eye_array(size, format="csc"))
-    displaced = solve.solve(weighted.T @ wanted)[: 2 * n]
-    found: Complex128 = np.ascontiguousarray(displaced.T).view(np.complex128)
-    return found
+    return normal_matrix + held * eye_array(size, format="csc"), weighted.T @ wanted
 
 
 def _factored(matrix: csc_matrix) -> SuperLU:

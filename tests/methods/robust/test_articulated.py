@@ -238,7 +238,7 @@ def test_where_another_layer_lies_beside_a_noisy_rim_no_place_is_firm() -> None:
         SimpleNamespace(
             frame=SimpleNamespace(depth_m=depth),
             usable=usable,
-            xyz_m=np.where(usable, depth, np.float32(np.nan))[..., None].repeat(3, axis=2),
+            depth_m=np.where(usable, depth, np.float32(np.nan)),
             inverse_depth=np.where(depth > 0, 1.0, 0.0),
         ),
     )
