@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.output import Options, save
+from flatcloth.core.resources import sample_recordings
 
 RECORDING = "recordings/shirt-corner-d435"
 """It has floating pieces and layers over each other, so most parts of the method are needed."""
@@ -81,7 +82,7 @@ def _watched(command: list[str], environment: Mapping[str, str]) -> dict[str, An
 def _write_table(seen: list[dict[str, Any]]) -> None:
     from flatcloth.engine.kernels.table import TABLE
 
-    keys = ("name", "arguments", "compile_s")
+    keys = ("name", "arguments", "compile_s", "first")
     called = sorted((line for line in seen if line["depth"] == 0), key=lambda line: str(line["name"]))
     lines = [json.dumps({key: line[key] for key in keys}) for line in called]
     TABLE.write_text("[\n" + ",\n".join(lines) + "\n]\n")
@@ -92,6 +93,7 @@ def _watch(written: Path, out: str) -> None:
     from numba.core import event
 
     seen: list[dict[str, Any]] = []
+    is_first = True
 
     class Listener(event.Listener):  # type: ignore[misc]
         began: list[float] = []  # noqa: RUF012 - one listener
@@ -110,6 +112,7 @@ def _watch(written: Path, out: str) -> None:
                         "arguments": [_told(argument) for argument in event.data["args"]],
                         "compile_s": round(compile_s, 2),
                         "depth": len(self.began),
+                        "first": is_first,
                     }
                 )
 
@@ -117,10 +120,27 @@ def _watch(written: Path, out: str) -> None:
     from flatcloth.cli import main
     from flatcloth.engine.warmup import warm_up
 
+    for name in sample_recordings():
+        _first_picture(name)
+    is_first = False
     warm_up()
     main(["run", RECORDING, "--out", out])
     _segment()
     written.write_text(json.dumps(seen))
+
+
+def _first_picture(recording: str) -> None:
+    """Compute what the page of a recording shows first."""
+    from flatcloth.engine.integration import Integration
+    from flatcloth.recordings import open_recording
+    from flatcloth.session.machine import SessionState, Start, apply
+    from flatcloth.viewer.protocol.picture import make_picture
+
+    integration = Integration(open_recording(recording))
+    state = apply(SessionState(len(integration.recording)), Start())
+    assert state.request is not None
+    state = apply(state, integration.answer(state.document, state.request))
+    make_picture(integration, state.document, None)
 
 
 def _segment() -> None:

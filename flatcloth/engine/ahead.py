@@ -6,7 +6,7 @@ import contextlib
 import threading
 
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.warmup import wait_until_compiled
+from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
 from flatcloth.session.machine import SessionState, Start, apply
 
 
@@ -25,7 +25,7 @@ def begin_ahead(integration: Integration, state: SessionState) -> None:
 def _compute(integration: Integration, state: SessionState) -> None:
     # An error here occurs again when the session requests the shape, and is reported then.
     with contextlib.suppress(Exception):
-        wait_until_compiled()
+        wait_until_compiled(first=is_of_one_view(state.document))
         if state.document.start_view is None:
             state = apply(state, Start())
             assert state.request is not None

@@ -19,7 +19,7 @@ import numpy as np
 from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.kernels.table import compile_share, kernels
-from flatcloth.session.machine import Accept, Propose, SessionState, Start, apply
+from flatcloth.session.machine import Accept, Document, Propose, SessionState, Start, apply
 
 PROCESSES = 2
 """Number of compiling processes. Chosen: all computers have two cores; a third would mostly load the
@@ -106,15 +106,25 @@ def compile_beside() -> None:
         _beside.append(process)
 
 
-def wait_until_compiled(progress: Progress = no_progress) -> None:
+def wait_until_compiled(progress: Progress = no_progress, *, first: bool = False) -> None:
     """Wait for the processes of :func:`compile_beside`, if there are any, and report their progress.
 
-    ``progress`` may raise ``CancelledError``. Kernels that they could not compile are compiled on first use.
+    With ``first``, only what the first picture of a session needs is awaited; it is compiled before the
+    rest. ``progress`` may raise ``CancelledError``. Kernels that the processes could not compile are compiled
+    on first use.
     """
+    needed = [kernel for kernel in kernels() if kernel.first or not first]
     while is_compiling():
-        done, of = sum(kernel.is_kept for kernel in kernels()), len(kernels())
+        done, of = sum(kernel.is_kept for kernel in needed), len(needed)
+        if done == of and first:
+            break
         progress(done / of, f"compiling, first start only: {done} of {of} functions")
         time.sleep(_LOOK_S)
+
+
+def is_of_one_view(document: Document) -> bool:
+    """Return whether a document shows at most its start view, so that its picture needs few kernels."""
+    return document.pending is None and len(document.used_views) < 2
 
 
 if __name__ == "__main__":

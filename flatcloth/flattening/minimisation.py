@@ -181,7 +181,7 @@ def _majorise(
     for n in range(iterations):
         plain = substituted(laplacian, rhs)
         _center(plain)
-        moved = plain - x
+        moved = _added(plain, -1.0, x)
         candidate = _anderson_mixed(past_x[:kept], past_f[:kept], plain, moved)
         _copy(plain, past_x, kept)
         _copy(moved, past_f, kept)
@@ -220,7 +220,7 @@ def _gauss_newton(
                 break
             step = _solved(factor, gradient)
             gain = _product(gradient, step)
-        candidate = x - step
+        candidate = _added(x, -1.0, step)
         h_new = _majorise_rhs(candidate, terms, rhs)
         if gain > tolerance * h or h_new >= h:
             for _repair in range(_REPAIRS):
@@ -248,14 +248,14 @@ def _conjugate_gradients(
     The iteration ends when further steps, predicted from the rate so far, would gain little (inexact Newton
     steps, Dembo et al. 1982).
     """
-    step, curved, rest = np.zeros_like(gradient), np.empty_like(gradient), gradient.copy()
+    step, curved, rest = np.zeros_like(gradient), np.empty_like(gradient), gradient
     toward = _solved(factor, rest)
     direction, power, gain = toward, _product(rest, toward), 0.0
     for iteration in range(_MOST_CG_STEPS):
         _hessian_times(direction, pairs, unit, curved)
         length = power / max(_product(direction, curved), 1e-300)
-        step += length * direction
-        rest -= length * curved
+        step = _added(step, length, direction)
+        rest = _added(rest, -length, curved)
         added = length * power
         gain += added
         toward = _solved(factor, rest)
@@ -263,7 +263,7 @@ def _conjugate_gradients(
         forecast = added * new_power / max(power - new_power, 1e-300)
         if iteration >= 2 and new_power < power and forecast <= _FORCING * gain:
             return step, gain + forecast, True
-        direction = toward + (new_power / max(power, 1e-300)) * direction
+        direction = _added(toward, new_power / max(power, 1e-300), direction)
         power = new_power
     return np.zeros_like(gradient), 0.0, False
 
@@ -291,10 +291,12 @@ def _anderson_mixed(past_x: Float64, past_f: Float64, g: Float64, f: Float64) ->
     """
     kept = len(past_x)
     gram, share, largest = np.zeros((kept, kept)), np.zeros(kept), 0.0
+    change = np.empty_like(past_f)
     for i in range(kept):
+        _copy(_added(f, -1.0, past_f[i]), change, i)
         for j in range(i + 1):
-            gram[i, j] = gram[j, i] = ((f - past_f[i]) * (f - past_f[j])).sum()
-        share[i] = ((f - past_f[i]) * f).sum()
+            gram[i, j] = gram[j, i] = _inner(change[i], change[j])
+        share[i] = _inner(change[i], f)
         largest = max(largest, gram[i, i])
     for i in range(kept):
         gram[i, i] += 1e-12 * largest + 1e-300
@@ -304,12 +306,12 @@ def _anderson_mixed(past_x: Float64, past_f: Float64, g: Float64, f: Float64) ->
             share[j] -= s * share[i]
             for k in range(i, kept):
                 gram[j, k] -= s * gram[i, k]
-    mixed = g.copy()
+    mixed = g
     for i in range(kept - 1, -1, -1):
         for j in range(i + 1, kept):
             share[i] -= gram[i, j] * share[j]
         share[i] /= gram[i, i]
-        mixed += share[i] * (past_x[i] - g)
+        mixed = _added(mixed, share[i], _added(past_x[i], -1.0, g))
     return mixed
 
 
@@ -394,6 +396,16 @@ def _copy(x: Float64, kept: Float64, n: int) -> None:
 
 
 @njit(cache=True, nogil=True)
+def _added(x: Float64, share: float, y: Float64) -> Float64:
+    """Return x plus a share of y (2, N); compiled once, where an expression is compiled at each place."""
+    total = np.empty_like(x)
+    for c in range(2):
+        for m in range(x.shape[1]):
+            total[c, m] = x[c, m] + share * y[c, m]
+    return total
+
+
+@njit(cache=True, nogil=True)
 def _product(p: Float64, q: Float64) -> float:
     """Return the scalar product of vectors (2, N)."""
     total = 0.0
@@ -404,12 +416,21 @@ def _product(p: Float64, q: Float64) -> float:
 
 
 @njit(cache=True, nogil=True)
+def _inner(p: Float64, q: Float64) -> float:
+    """Return the same, summed row by row."""
+    total = 0.0
+    for c in range(2):
+        for m in range(p.shape[1]):
+            total += p[c, m] * q[c, m]
+    return total
+
+
+@njit(cache=True, nogil=True)
 def _center(x: Float64) -> tuple[float, float]:
     """Move points (2, N) so that their centroid is 0; return where it was."""
     u, v = x[0].sum() / x.shape[1], x[1].sum() / x.shape[1]
     for m in range(x.shape[1]):
-        x[0, m] -= u
-        x[1, m] -= v
+        x[0, m], x[1, m] = x[0, m] - u, x[1, m] - v
     return u, v
 
 
@@ -426,6 +447,4 @@ def _lay_onto(x: Float64, target: Float64, center: tuple[float, float]) -> None:
     cos, sin = (along / length, across / length) if length > 0.0 else (1.0, 0.0)
     for m in range(x.shape[1]):
         u, v = x[0, m], x[1, m]
-        x[0, m], x[1, m] = cos * u - sin * v, sin * u + cos * v
-        x[0, m] += center[0]
-        x[1, m] += center[1]
+        x[0, m], x[1, m] = cos * u - sin * v + center[0], sin * u + cos * v + center[1]

@@ -89,6 +89,29 @@ def test_what_needs_kernels_waits_until_the_processes_end_and_can_be_cancelled(i
     assert told == [(0.0, "compiling, first start only: 0 of 1 functions")] * 2
 
 
+def test_the_first_picture_waits_only_for_what_it_needs(index: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = Kernel("fake.function", [], 1.0, first=True)
+    later = SimpleNamespace(first=False, is_kept=False)
+    monkeypatch.setattr(warmup, "kernels", lambda: (first, later))
+    warmup.compile_beside()
+    told: list[str] = []
+
+    def progress(_share: float, text: str) -> None:
+        told.append(text)
+        index.write_bytes(b"")
+
+    warmup.wait_until_compiled(progress, first=True)
+    assert told == ["compiling, first start only: 0 of 1 functions"]
+    assert warmup.is_compiling()
+
+
+def test_each_share_begins_with_what_the_first_picture_needs() -> None:
+    for share in table.shares(2):
+        needed = [kernel.first for kernel in share]
+        assert any(needed)
+        assert needed == sorted(needed, reverse=True)
+
+
 def test_the_shares_are_the_whole_table_and_take_about_as_long() -> None:
     one, other = table.shares(2)
     told = [line["name"] for line in json.loads(table.TABLE.read_text())]

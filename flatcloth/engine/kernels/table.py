@@ -26,12 +26,14 @@ class Kernel:
     """A line of the table.
 
     ``name``: module and function below the package. ``arguments``: a type in numba's short form, a list
-    for a tuple, or {class of a named tuple: list}. ``compile_s``: measured processor seconds.
+    for a tuple, or {class of a named tuple: list}. ``compile_s``: measured processor seconds. ``first``:
+    whether the first picture of a session needs it.
     """
 
     name: str
     arguments: list[Any]
     compile_s: float
+    first: bool = False
 
     @property
     def dispatcher(self) -> Any:
@@ -66,9 +68,9 @@ def kernels() -> tuple[Kernel, ...]:
 
 
 def shares(count: int) -> list[list[Kernel]]:
-    """Divide the table into shares that take about as long."""
+    """Divide the table into shares that take about as long, what the first picture needs before the rest."""
     found: list[list[Kernel]] = [[] for _ in range(count)]
-    for kernel in sorted(kernels(), key=lambda kernel: -kernel.compile_s):
+    for kernel in sorted(kernels(), key=lambda kernel: (not kernel.first, -kernel.compile_s)):
         min(found, key=lambda share: sum(k.compile_s for k in share)).append(kernel)
     return found
 

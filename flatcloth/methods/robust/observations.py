@@ -244,7 +244,7 @@ def _spaced(places: NDArray[np.int64], shape: tuple[int, int], least_px: int) ->
     for n in range(len(places)):
         row, col = places[n]
         if not taken[row, col]:
-            chosen[count] = row, col
+            chosen[count, 0], chosen[count, 1] = row, col
             count += 1
             first_row, first_col = max(row - least_px + 1, 0), max(col - least_px + 1, 0)
             taken[first_row : row + least_px, first_col : col + least_px] = True

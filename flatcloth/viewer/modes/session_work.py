@@ -17,7 +17,7 @@ from flatcloth.core.types import LaidPiece, Rigid2, RotationAxis, finite
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, place_of_piece
-from flatcloth.engine.warmup import wait_until_compiled
+from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
 from flatcloth.session.axis_file import check_axis
 from flatcloth.session.ghosts import Ghost, Ghosts
 from flatcloth.session.machine import (
@@ -185,7 +185,7 @@ class SessionWork:
 
         try:
             progress(0.0, "Starting")
-            wait_until_compiled(progress)
+            wait_until_compiled(progress, first=request.kind == "start" and self._is_first(state.document))
             event = self._integration.answer(state.document, request, progress)
             after = apply(state, event)
             answer = Answer(state, event)
@@ -205,9 +205,13 @@ class SessionWork:
 
     def _draw(self, document: Document) -> None:
         if self._asked is document:  # otherwise a decision has changed it
-            wait_until_compiled()
+            wait_until_compiled(first=self._is_first(document))
             picture = self._drawn(document)
             self._put(lambda: self._show(document, picture))
+
+    def _is_first(self, document: Document) -> bool:
+        # To find the sides of a recording without masks takes more kernels.
+        return is_of_one_view(document) and self._integration.views.sides is None
 
     def _drawn(self, document: Document) -> Picture | str:
         """Return the picture of a document, or the reason if it cannot be drawn."""
