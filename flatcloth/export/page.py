@@ -383,7 +383,6 @@ def _pick(session: OpenedSession, pick: Pick) -> dict[str, Any]:
         "view_index": pick.view_index,
         "source_rc": _finite(np.array(pick.source_rc)),
         "grip": grip_numbers(pose),
-        "gripper_m": None if pose is None else pose.gripper_m().tolist(),
     }
 
 

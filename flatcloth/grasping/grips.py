@@ -139,7 +139,11 @@ def check_opening_m(opening_m: float) -> None:
 
 
 def grip_numbers(pose: GraspPose | None) -> dict[str, Any] | None:
-    """Return the grip of a pose for the page; ``axis_deg`` is the axis as a line on the plane, -90 to 90."""
+    """Return the grip of a pose for the page.
+
+    ``axis_deg`` is the axis as a line on the plane, -90 to 90; lines ``gripper_m`` (S, 2, 3), object frame,
+    draw the gripper.
+    """
     if pose is None:
         return None
     uv, about = pose.direction_uv, pose.uncertainty
@@ -151,6 +155,7 @@ def grip_numbers(pose: GraspPose | None) -> dict[str, Any] | None:
         "axis_held": pose.object_from_grasp.rotation[:, 0].tolist(),
         "approach_held": pose.object_from_grasp.rotation[:, 2].tolist(),
         "opening_m": pose.opening_m,
+        "gripper_m": pose.gripper_m().tolist(),
         "outline_distance_m": finite(pose.outline_distance_m),
         "position_std_m": finite(about.position_m),
         "normal_std_deg": finite(about.normal_deg),

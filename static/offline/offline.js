@@ -244,7 +244,7 @@ export class Page {
     const pick = this.current;
     this.flat.pick = pick?.uv_m && this.isShown(pick) ? { uv_m: pick.uv_m, grip: pick.grip } : null;
     this.flat.showMarks(this.history.picks.filter((p) => this.isShown(p)));
-    this.cloud.setMark(pick && { point: pick.position_held_m, gripper: pick.gripper_m });
+    this.cloud.setMark(pick && { point: pick.position_held_m, gripper: pick.grip?.gripper_m ?? null });
   }
 
   /** @param {OfflinePick} pick */
@@ -333,7 +333,6 @@ export class Page {
       view_index: this.cloth.view(n),
       source_rc: [this.cloth.sourceRc[2 * n], this.cloth.sourceRc[2 * n + 1]],
       grip: null,
-      gripper_m: null,
     });
   }
 

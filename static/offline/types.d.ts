@@ -24,7 +24,6 @@ declare global {
     source_rc: number[];
     miss_m?: number;
     grip: CurrentPick["grip"];
-    gripper_m: [XYZ, XYZ][] | null;
   };
   type OfflineStep = {
     order: number;

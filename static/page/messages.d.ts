@@ -512,7 +512,7 @@ export interface PickInfo {
   grip: GripInfo | null;
 }
 
-/** How a pick is gripped; ``axis_deg`` is the gripper's axis as a line on the plane. */
+/** How a pick is gripped; ``axis_deg`` is its axis on the plane, ``gripper_m`` lines that draw it. */
 export interface GripInfo {
   axis_from: string;
   axis_deg: number | null;
@@ -520,6 +520,7 @@ export interface GripInfo {
   axis_held: [number, number, number];
   approach_held: [number, number, number];
   opening_m: number;
+  gripper_m: [[number, number, number], [number, number, number]][];
   outline_distance_m: number | null;
   position_std_m: number | null;
   normal_std_deg: number | null;

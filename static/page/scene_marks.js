@@ -1,13 +1,15 @@
-// Marks over the 3D scene: all picks with their numbers, visible through the cloth, and the point under the pointer.
+// Marks over the 3D scene: all picks with their numbers, visible through the cloth, the normal and the gripper of the
+// current one, and the point under the pointer.
 //
 // They are drawn by this page on a canvas over viser's, with the camera that viser has at that moment: so a mark
 // is never hidden, and follows the pointer without waiting for the scene.
 
-import { drawDot, drawLabel, drawRing } from "/static/canvas/marks.js";
+import { drawDot, drawLabel, drawRing, strokeRimmed } from "/static/canvas/marks.js";
 import { Question } from "/static/page/connection.js";
 import { byId, make, sized } from "/static/page/dom.js";
 
 const EDGE = 14;
+const NORMAL_M = 0.06; // length of the arrow
 
 /**
  * @typedef {{ id: number; position_held_m: XYZ }} MarkedPick
@@ -35,6 +37,7 @@ export class SceneMarks {
     this.frame.after(this.overlay);
     this.picks = /** @type {MarkedPick[]} */ ([]);
     this.current = /** @type {number | null} */ (null);
+    this.pick = /** @type {CurrentPick | null} */ (null); // its numbers, once they are known
     this.cursor = /** @type {XYZ | null} */ (null); // a point in space that the pointer is at, on either side
     this.plane = /** @type {UV | null} */ (null); // and where it lies on the plane
     this.drawers = /** @type {SceneDrawer[]} */ ([]); // of panels
@@ -65,6 +68,7 @@ export class SceneMarks {
   update(/** @type {State} */ state) {
     this.picks = state.picks ?? [];
     this.current = state.pick?.id ?? null;
+    this.pick = state.pick;
     this.dirty = true;
   }
 
@@ -173,9 +177,33 @@ export class SceneMarks {
     const at = this.place(view, pick.position_held_m);
     if (!at) return null;
     const current = pick.id === this.current;
+    if (this.pick && current && this.pick.id === pick.id) this.drawGrip(context, style, view, this.pick);
     drawDot(context, at, style.getPropertyValue("--pick"), current ? 6 : 4);
     drawNumber(context, at, pick.id, style, current);
     return { id: pick.id, x: at.x, y: at.y, inside: at.x > EDGE && at.x < this.width - EDGE };
+  }
+
+  /**
+   * The normal of a pick as an arrow, and the gripper on it.
+   * @param {Context} context @param {Style} style @param {SceneView} view @param {CurrentPick} pick
+   */
+  drawGrip(context, style, view, { position_held_m: foot, normal_held: normal, grip }) {
+    const lines = (grip?.gripper_m ?? []).map((line) => line.map((point) => this.place(view, point)));
+    const tip = foot.map((x, i) => x + NORMAL_M * (normal[i] ?? NaN));
+    const arrow = [foot, /** @type {XYZ} */ (tip)].map((point) => this.place(view, point));
+    const [from, to] = arrow;
+    if (from && to && Number.isFinite(to.x)) {
+      lines.push(arrow);
+      const [x, y] = [(from.x - to.x) / 5, (from.y - to.y) / 5]; // the barbs are as wide as they are long
+      for (const side of [-1, 1]) lines.push([to, { x: to.x + x - side * y, y: to.y + y + side * x }]);
+    }
+    strokeRimmed(context, style.getPropertyValue("--pick"), 2, () => {
+      for (const [start, end] of lines) {
+        if (!start || !end) continue;
+        context.moveTo(start.x, start.y);
+        context.lineTo(end.x, end.y);
+      }
+    });
   }
 
   drawOnPlane(/** @type {Context} */ context, /** @type {Style} */ style) {

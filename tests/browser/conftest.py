@@ -234,14 +234,12 @@ class Tab:
         self.until(f"flatcloth.state.picks.length === {count + 1}")
         return self.pick()
 
-    def ball(self, near: list[float]) -> list[float]:
-        """Return where the ball stands in the scene, once it has arrived near a point."""
-        self.scene.wait_for_function(
-            "(p) => { const b = window.__viserMutable?.nodePoseData['/pick/ball']?.position;"
-            " return b && Math.hypot(b[0] - p[0], b[1] - p[1], b[2] - p[2]) < 0.002; }",
-            arg=near,
-        )
-        return self.scene.evaluate("window.__viserMutable.nodePoseData['/pick/ball'].position")
+    def mark(self) -> tuple[float, float]:
+        """Return where the current pick is marked over the scene, in pixels of the page, once it is."""
+        found = "flatcloth.sceneMarks.drawn.find((mark) => mark && mark.id === flatcloth.pick?.id)"
+        self.until(found)
+        frame, mark = self.page.locator("#viser").bounding_box(), self.page.evaluate(found)
+        return frame["x"] + mark["x"], frame["y"] + mark["y"]
 
     def overflow(self) -> list[int]:
         """Return by how many pixels the page is wider and higher than its window."""

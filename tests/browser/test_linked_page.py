@@ -20,16 +20,16 @@ def test_picks_are_numbered_on_both_panes_and_the_pointer_is_linked_both_ways(op
     first = tab.click_shape(0.5, 0.5)
     tab.click_shape(0.4, 0.6)
     tab.until("flatcloth.sceneMarks.drawn.filter(Boolean).length === 2")
-    drawn = tab.page.evaluate("flatcloth.sceneMarks.drawn")
-    assert [mark["id"] for mark in drawn] == [1, 2]
+    assert tab.page.evaluate("flatcloth.sceneMarks.drawn.map((mark) => mark.id)") == [1, 2]
     # The pointer on the flattened view is at the same cloth in 3D: at the place where pick 1 is drawn.
     at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", first["uv_m"])
     tab.page.mouse.move(at["x"] + 3, at["y"])
     tab.page.mouse.move(at["x"], at["y"])
     tab.until(
-        f"flatcloth.sceneMarks.cursorAt && Math.hypot(flatcloth.sceneMarks.cursorAt.x - {drawn[0]['x']},"
-        f" flatcloth.sceneMarks.cursorAt.y - {drawn[0]['y']}) < 4"
+        "(({ cursorAt: at, drawn: [mark] }) => at && Math.hypot(at.x - mark.x, at.y - mark.y) < 4)"
+        "(flatcloth.sceneMarks)"
     )
+    drawn = tab.page.evaluate("flatcloth.sceneMarks.drawn")
     # And the other way round: the pointer there in 3D shows on the plane, at pick 1.
     frame = tab.page.locator("#viser").bounding_box()
     tab.page.mouse.move(frame["x"] + drawn[0]["x"] + 2, frame["y"] + drawn[0]["y"])

@@ -163,7 +163,9 @@ def test_a_kept_pick_shows_its_gripper_on_both_sides(open_page, session: OpenedS
     assert tab.values()["opening"] == "40 mm"
     assert math.dist(tab.held_m(), session.history.picks[1].position_held_m) < 1e-4
     (gripper,) = [
-        p["gripper_m"] for p in tab.page.evaluate("flatcloth.history.picks") if p["name"] == "edge <b>"
+        p["grip"]["gripper_m"]
+        for p in tab.page.evaluate("flatcloth.history.picks")
+        if p["name"] == "edge <b>"
     ]
     bar = [(a + b) / 2 for a, b in zip(*gripper[2], strict=True)]
     tab.marked("#cloud-marks", *tab.on_cloud(bar), 10)

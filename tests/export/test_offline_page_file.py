@@ -182,7 +182,7 @@ def test_the_steps_and_decisions_are_those_of_the_session(session: OpenedSession
     ]  # fmt: skip
     middle, edge, gone = history["picks"]
     assert middle["grip"]["opening_m"] == 0.06
-    assert np.array(middle["gripper_m"]).shape == (6, 2, 3)
+    assert np.array(middle["grip"]["gripper_m"]).shape == (6, 2, 3)
     assert middle["uv_m"] is not None
     assert edge["grip"]["outline_distance_m"] < 0.004
     assert (gone["uv_m"], gone["rc"], gone["grip"]["axis_from"]) == (None, None, "level")

@@ -16,6 +16,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import httpx
+import numpy as np
 import pytest
 from exported_sessions import write_cylinder, write_session
 from page_tabs import get, open_socket, post
@@ -99,14 +100,14 @@ class Tab:
         return self.until("state", lambda s: s["pick"])["pick"]
 
 
-def test_a_pick_tells_its_grip_and_the_scene_draws_it(unchanged: PageServer) -> None:
+def test_a_pick_tells_its_grip_and_how_it_is_drawn(unchanged: PageServer) -> None:
     with Tab(unchanged) as tab:
         grip = tab.shown()["grip"]
         assert grip["axis_from"] == "outline"
         assert grip["opening_m"] == 0.06
         assert -90 <= grip["axis_deg"] <= 90
         assert grip["position_std_m"] < 0.001
-    assert unchanged._scene._filled["/pick/gripper"]
+        assert np.array(grip["gripper_m"]).shape == (6, 2, 3)
 
 
 def test_the_axis_is_turned_by_hand_and_laid_along_the_outline_again(server: PageServer, place: Path) -> None:

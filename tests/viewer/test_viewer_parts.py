@@ -20,7 +20,7 @@ from flatcloth.session.machine import Accept, Propose, Proposed, SessionState, S
 from flatcloth.viewer.protocol.actions import ACTIONS, REJECT_REASONS
 from flatcloth.viewer.protocol.allowed import action_table, command_of, nudge_about
 from flatcloth.viewer.protocol.picture import values_at
-from flatcloth.viewer.scene.scene import quaternion_from_matrix, quaternion_from_z
+from flatcloth.viewer.scene.scene import quaternion_from_matrix
 
 AXIS = CylinderRecording().rotation_axis
 # Keys that browsers keep for themselves, or that move the focus.
@@ -178,14 +178,6 @@ def test_attributes_are_those_of_the_pixel_under_the_pointer():
     assert found.height_mm == pytest.approx(1000 * (CENTER_M[1] - view.xyz_m[3, 5, 1]), abs=1e-3)
     assert values_at(view, u, v - 1.0, AXIS) is None
     assert values_at(view, float(view.origin_uv_m[0]) - view.pixel_size_m, v, AXIS) is None
-
-
-@pytest.mark.parametrize("direction", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.3, -0.7, 0.2), (1e-9, 0, -1)])
-def test_the_arrow_points_along_the_normal(direction):
-    from viser import transforms
-
-    turned = transforms.SO3(quaternion_from_z(np.array(direction, dtype=float))).as_matrix() @ [0, 0, 1]
-    np.testing.assert_allclose(turned, np.array(direction) / np.linalg.norm(direction), atol=1e-6)
 
 
 def test_quaternions_keep_the_rotation():

@@ -80,11 +80,6 @@ class SceneView(Protocol):
     def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
         """Show the cloud of a camera in its own frame; ``anew`` resets the view to show all of it."""
 
-    def show_pick(
-        self, position_m: Float64 | None, normal: Float64 | None, gripper_m: Float64 | None
-    ) -> None:
-        """Show the ball, the arrow and the gripper (S, 2, 3) of the current pick, or hide them."""
-
     def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
         """Draw edges (K, 2, 3) in the object frame with colours (K, 2, 3), or hide them."""
 
@@ -126,7 +121,7 @@ class PageController(ABC):
         self._page_settings = SettingsStore(
             getattr(folder, "folder", None), Settings(auto_threshold=integration.accept_score)
         )
-        self._picks = PickStore(folder, integration.axis, scene_view.show_pick, self._highlight)
+        self._picks = PickStore(folder, integration.axis, self._highlight)
         self._places = PlaceStore()
         self.garments = GarmentService(integration)
         self._picture: Picture | None = None
@@ -328,14 +323,14 @@ class PageController(ABC):
         message = messages.parse(text)
         match message:
             case messages.ShowPick(id=pick_id):
-                self._picks.show(pick_id, self._picture)
+                self._picks.show(pick_id)
                 self._turn_to_pick()
                 self._publish()
             case messages.RenamePick(id=pick_id, name=name):
-                self._picks.rename(pick_id, name.strip(), self._picture)
+                self._picks.rename(pick_id, name.strip())
                 self._publish()
             case messages.DeletePick(id=pick_id):
-                self._picks.delete(pick_id, self._picture)
+                self._picks.delete(pick_id)
                 self._publish()
             case messages.SetGrip(id=pick_id, axis_deg=axis_deg, outline=outline, opening_m=opening_m):
                 self._picks.grip(self._picture, pick_id, axis_deg, outline, opening_m)

@@ -382,7 +382,6 @@ class Application(PageController):
                 self._work.forget_picture()  # seams lay pieces of this side, too
             self._picture = replace(picture, other=made)
             self._scene_view.show(self._picture)
-            self._picks.redraw(self._picture)
         self._settle()
 
     def _end_auto(self, level: NoteLevel, text: str, ended: str = "") -> None:
@@ -445,6 +444,5 @@ class Application(PageController):
         picture = replace(picture, other=self.other.status.made)
         self._picture = picture
         self._scene_view.show(picture)
-        self._picks.redraw(picture)
         self._review.follow(picture)
         self._diagnostics.picture_changed()

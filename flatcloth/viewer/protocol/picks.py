@@ -9,7 +9,7 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import camera_from_held, held_from_camera
-from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis, finite
+from flatcloth.core.types import FlattenedView, Floats, RotationAxis, finite
 from flatcloth.grasping.grasps import (
     LOST_AT_M,
     GraspPose,
@@ -60,21 +60,17 @@ class CurrentPick:
 class PickStore:
     """Adds, shows, renames and deletes picks; used by the application thread only.
 
-    ``show(position, normal, gripper)`` shows the ball, the arrow and the gripper's lines in the
-    scene, or hides them. ``added(pick)`` is called as soon as a new pick is stored, before its grasp pose
-    is computed and the scene is drawn.
+    ``added(pick)`` is called as soon as a new pick is stored, before its grasp pose is computed.
     """
 
     def __init__(
         self,
         folder: SessionFolder,
         axis: RotationAxis,
-        show: Callable[[Float64 | None, Float64 | None, Float64 | None], None],
         added: Callable[[Pick], None] = lambda _pick: None,
     ) -> None:
         self._folder = folder
         self._axis = axis
-        self._show = show
         self._added = added
         self._pose: tuple[Picture, CurrentPick, GraspPose | None] | None = None
         # A session in memory also has its grips in memory.
@@ -126,7 +122,7 @@ class PickStore:
         )
         self.picks = (*self.picks, pick)
         self._added(pick)
-        self._set(CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m), picture)
+        self.current = CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m)
 
     def add_on_ray(
         self, picture: Picture | None, points_m: Floats, origin_m: Floats, direction: Floats
@@ -171,12 +167,11 @@ class PickStore:
         """The operator's choices for gripping the picks."""
         return self._book.grips
 
-    def show(self, pick_id: int | None, picture: Picture | None) -> None:
+    def show(self, pick_id: int | None) -> None:
         """Make a pick of the list the current one, or none."""
-        if pick_id is None:
-            self._set(None, picture)
-        else:
-            self._set(CurrentPick(pick=self._listed(pick_id), grip=self._book.get(pick_id)), picture)
+        self.current = None
+        if pick_id is not None:
+            self.current = CurrentPick(pick=self._listed(pick_id), grip=self._book.get(pick_id))
 
     def listed(self, picture: Picture | None, places: PlaceStore) -> tuple[ListedPick, ...]:
         """Return the list for the page, with the place of each pick on the shape."""
@@ -203,11 +198,6 @@ class PickStore:
         place = places.place(picture, self.current.pick)
         return pick_info(self.current, place, picture, self._axis, self.pose(picture))
 
-    def redraw(self, picture: Picture | None) -> None:
-        """Draw the current pick on another shape, whose outline may differ."""
-        if self.current is not None:
-            self._set(self.current, picture)
-
     def grip(
         self,
         picture: Picture | None,
@@ -227,35 +217,26 @@ class PickStore:
             grip = replace(grip, opening_m=opening_m)
         self._book.set(pick_id, grip)
         if self.current is not None and self.current.pick.id == pick_id:
-            self._set(replace(self.current, grip=grip), picture)
+            self.current = replace(self.current, grip=grip)
 
-    def rename(self, pick_id: int, name: str, picture: Picture | None) -> None:
+    def rename(self, pick_id: int, name: str) -> None:
         """Rename a pick."""
         self._listed(pick_id)
         self._folder.rename_pick(pick_id, name)
-        self._reload(picture)
+        self._reload()
 
-    def delete(self, pick_id: int, picture: Picture | None) -> None:
+    def delete(self, pick_id: int) -> None:
         """Remove a pick from the list."""
         self._listed(pick_id)
         self._folder.delete_pick(pick_id)
         self._book.forget(pick_id)
-        self._reload(picture)
+        self._reload()
 
-    def _set(self, current: CurrentPick | None, picture: Picture | None) -> None:
-        self.current = current
-        if current is None:
-            self._show(None, None, None)
-        else:
-            pose = None if picture is None else self.pose(picture)
-            gripper = None if pose is None else pose.gripper_m()
-            self._show(current.pick.position_held_m, current.pick.normal_held, gripper)
-
-    def _reload(self, picture: Picture | None) -> None:
+    def _reload(self) -> None:
         self.picks = self._folder.picks
         if self.current is not None:
             found = [p for p in self.picks if p.id == self.current.pick.id]
-            self._set(replace(self.current, pick=found[0]) if found else None, picture)
+            self.current = replace(self.current, pick=found[0]) if found else None
 
     def _listed(self, pick_id: int) -> Pick:
         for pick in self.picks:

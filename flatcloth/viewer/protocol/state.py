@@ -219,7 +219,7 @@ class PendingInfo(Sent, frozen=True):
 
 
 class GripInfo(Sent, frozen=True):
-    """How a pick is gripped; ``axis_deg`` is the gripper's axis as a line on the plane."""
+    """How a pick is gripped; ``axis_deg`` is its axis on the plane, ``gripper_m`` lines that draw it."""
 
     axis_from: str
     axis_deg: float | None
@@ -227,6 +227,7 @@ class GripInfo(Sent, frozen=True):
     axis_held: XYZ
     approach_held: XYZ
     opening_m: float
+    gripper_m: tuple[tuple[XYZ, XYZ], ...]
     outline_distance_m: float | None
     position_std_m: float | None
     normal_std_deg: float | None

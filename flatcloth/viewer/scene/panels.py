@@ -22,7 +22,6 @@ SWITCHES = (
     ("/proposal/cloud", "What the proposal adds"),
     ("/axis", "Turning axis"),
     ("/camera", "Camera"),
-    ("/pick", "Pick"),
 )
 
 

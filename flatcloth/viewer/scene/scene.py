@@ -1,4 +1,8 @@
-"""The 3D scene: the item in the object frame, with the camera, the axis, the proposal and the pick."""
+"""The 3D scene: the item in the object frame, with the camera, the axis and the proposal.
+
+Picks are not part of it: the page draws them over it (static/page/scene_marks.js). So a pick is seen at once,
+and the scene, which may be drawn without a graphics card, is not drawn again for it.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +30,8 @@ MAX_POINTS = 60_000
 MAX_LIVE_POINTS = 25_000
 """Points of a played frame; browsers cannot receive more at this rate."""
 
-BALL_RADIUS_M = 0.006
-"""Sizes of the mark and of its normal. Chosen."""
-ARROW_LENGTH_M = 0.06
-"""See ``BALL_RADIUS_M``."""
 FRAME_MARGIN = 1.15
 """Share of the window that the item fills, inverted. Chosen."""
-_PICK_COLOR = (225, 29, 116)
-"""Color of the mark. Chosen: no cloth and no color map has it."""
 
 
 class Scene:
@@ -83,24 +81,8 @@ class Scene:
         self._axis_line = server.scene.add_line_segments(
             "/axis", self._axis_points(self._axis), (140, 140, 140), thickness=1.5, thickness_units="screen"
         )
-        self._ball = server.scene.add_icosphere(
-            "/pick/ball", radius=BALL_RADIUS_M, color=_PICK_COLOR, visible=False, cast_shadow=False
-        )
-        self._arrow = server.scene.add_arrows(
-            "/pick/arrow",
-            np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, ARROW_LENGTH_M]]]),
-            _PICK_COLOR,
-            shaft_radius=0.0016,
-            head_radius=0.0045,
-            head_length=0.014,
-            visible=False,
-        )
-        self._gripper = server.scene.add_line_segments(
-            "/pick/gripper", np.zeros((1, 2, 3)), _PICK_COLOR,
-            thickness=3.0, thickness_units="screen", visible=False,
-        )  # fmt: skip
         self._edges = server.scene.add_line_segments(
-            "/edges", np.zeros((1, 2, 3)), _PICK_COLOR,
+            "/edges", np.zeros((1, 2, 3)), (0, 0, 0),
             thickness=3.0, thickness_units="screen", visible=False,
         )  # fmt: skip
         self._panels = Panels(server, self._switch, lambda on: self.on_follow(on))
@@ -181,29 +163,6 @@ class Scene:
             self._fill(name, cloud.points_m, cloud.colors, cloud.size_m)
         self._place_camera(picture)
 
-    def show_pick(
-        self, position_m: Float64 | None, normal: Float64 | None, gripper_m: Float64 | None = None
-    ) -> None:
-        """Show ball, outward arrow and gripper (S, 2, 3) of a pick (object frame), or hide them."""
-        with self._lock, self._server.atomic():
-            there = position_m is not None
-            if position_m is not None:
-                place: Any = position_m
-                self._ball.position = self._arrow.position = place
-            pointing = there and normal is not None and bool(np.all(np.isfinite(normal)))
-            if pointing and normal is not None:
-                self._arrow.wxyz = quaternion_from_z(normal)
-            if gripper_m is not None:
-                lines: Any = gripper_m
-                self._gripper.points = lines
-            self._filled["/pick/ball"], self._filled["/pick/arrow"] = there, pointing
-            self._filled["/pick/gripper"] = there and gripper_m is not None
-            wanted = self._wanted.get("/pick", True)
-            self._ball.visible = there and wanted
-            self._arrow.visible = pointing and wanted
-            self._gripper.visible = self._filled["/pick/gripper"] and wanted
-        self._server.flush()
-
     def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
         """Draw edges (K, 2, 3) in the object frame with colours (K, 2, 3), or hide them."""
         with self._lock, self._server.atomic():
@@ -257,10 +216,6 @@ class Scene:
                 cloud.visible = self._is_visible(name)
             self._frustum.visible = self._wanted.get("/camera", True)
             self._axis_line.visible = self._wanted.get("/axis", True)
-            picks = self._wanted.get("/pick", True)
-            self._ball.visible = picks and self._filled.get("/pick/ball", False)
-            self._arrow.visible = picks and self._filled.get("/pick/arrow", False)
-            self._gripper.visible = picks and self._filled.get("/pick/gripper", False)
         self._server.flush()
 
     def _place_camera(self, picture: Picture) -> None:
@@ -360,13 +315,3 @@ def quaternion_from_matrix(rotation: Floats) -> Float64:
     from viser import transforms
 
     return np.asarray(transforms.SO3.from_matrix(np.asarray(rotation)).wxyz, dtype=np.float64)
-
-
-def quaternion_from_z(direction: Floats) -> Float64:
-    """Return the unit quaternion (w, x, y, z) of the smallest rotation from +z to a direction (3,)."""
-    d = np.asarray(direction, dtype=np.float64)
-    d = d / np.linalg.norm(d)
-    if d[2] < -1 + 1e-9:
-        return np.array([0.0, 1.0, 0.0, 0.0])  # 180 degrees; any horizontal axis will do
-    q = np.array([1 + d[2], -d[1], d[0], 0.0])
-    return np.asarray(q / np.linalg.norm(q), dtype=np.float64)
