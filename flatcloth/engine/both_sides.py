@@ -40,29 +40,39 @@ class BothSides:
         self._others: Cache[tuple[Integration, Document]] = Cache(1)
         self._joined: Cache[JoinedSides] = Cache(2)
 
-    def of(self, document: Document, progress: Progress = no_progress, cores: int = 1) -> JoinedSides | str:
+    def of(
+        self,
+        document: Document,
+        progress: Progress = no_progress,
+        cores: int = 1,
+        check: Callable[[], None] = lambda: None,
+    ) -> JoinedSides | str:
         """Return the other side joined to a document's shape, or the reason why there is none (cached).
 
-        The first call integrates the other side, which takes about as long as this one did.
+        The first call integrates the other side, which takes about as long as this one did. It serves every
+        shape; before it is joined to this document's, ``check`` is called.
 
         Raises
         ------
         CancelledError
-            If ``progress`` raised it.
+            If ``progress`` or ``check`` raised it.
         """
         try:
             with self._lock:
                 key = document.shape_key, document.garment.pieces, document.garment.seams
-                return self._joined.get(key, lambda: self._made(document, progress, cores))
+                return self._joined.get(key, lambda: self._made(document, progress, cores, check))
         except FlatclothError as error:
             return f"Only one side is in the shape: {error}"
 
-    def _made(self, document: Document, progress: Progress, cores: int) -> JoinedSides:
+    def _made(
+        self, document: Document, progress: Progress, cores: int, check: Callable[[], None]
+    ) -> JoinedSides:
         this = self.integration
         if not this.algorithm.joins_sides:
             raise FlatclothError(f"the method {this.method} integrates one.")
         key = (*document.strokes, tuple(this.axis.point_m), tuple(this.axis.direction))
         other, its = self._others.get(key, lambda: self.integrated(document, progress, cores))
+        check()
         parts = this.parts_taken_off(document)
         canonical = this.canonical(document)
         pieces = decided_pieces(document.garment, canonical.view, canonical.floating)

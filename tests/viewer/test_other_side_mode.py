@@ -32,12 +32,15 @@ class Both:
         self.trouble = ""
         self.laid: tuple[LaidPiece, ...] = ()
         self.asked: list = []
+        self.joined: list = []
         self.view = cylinder_view({6: 180.0})
 
-    def of(self, document, progress) -> JoinedSides | str:
+    def of(self, document, progress, check) -> JoinedSides | str:
         self.asked.append(document)
         progress(0.3, "flattening view 7")
         assert self.gate.wait(20)
+        check()
+        self.joined.append(document)
         if self.trouble:
             return self.trouble
         seams = document.garment.seams
@@ -211,6 +214,20 @@ def test_after_auto_both_sides_are_known_and_a_changed_shape_is_joined_again(ser
         tab.say(type="do", action="undo")
         state = tab.state_where(lambda s: known(s) and s["other"]["revision"] > first)
     assert [len(document.accepted) for document in both.asked] == [3, 2]
+
+
+def test_a_shape_that_changed_while_the_other_side_was_integrated_is_not_joined(server, both):
+    both.gate.clear()
+    with Tab(server) as tab:
+        tab.proposed()
+        tab.say(type="other_side")
+        shown = tab.state_where(lambda s: s["other"]["progress"])["layers"]["revision"]
+        tab.say(type="do", action="accept")
+        tab.state_where(lambda s: s["layers"]["revision"] > shown)
+        both.gate.set()
+        tab.state_where(known)
+    assert [len(document.accepted) for document in both.asked] == [0, 1]
+    assert [len(document.accepted) for document in both.joined] == [1]
 
 
 def test_its_seams_are_taught_and_an_example_until_it_is_known(server, both):

@@ -127,11 +127,15 @@ class OtherSideController:
 
     def _work(self, key: tuple[Hashable, ...], document: Document, sheet: Sheet) -> None:
         made: OtherSheet | str
+
+        def check() -> None:
+            if self._asked != key or self._stopped.is_set():
+                raise CancelledError  # the shape has changed since, or another recording was opened
+
         try:
             with ONE_AT_A_TIME:
-                if self._asked != key or self._stopped.is_set():
-                    return  # the shape has changed since, or another recording was opened
-                sides = self.both.of(document, self._report)
+                check()
+                sides = self.both.of(document, self._report, check=check)
                 made = sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
         except CancelledError:
             return
