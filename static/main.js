@@ -288,6 +288,7 @@ const shown = {
   fps: () => liveBar.fps,
   teaching: () => teaching.status,
   layerRevision: () => canvas.layerRevision,
+  marksDrawn: () => canvas.marksDrawn.map(({ id }) => id),
   layerShown: () => canvas.layer.shown?.address ?? null,
   pairEnds: () => repair.status.ends,
   differenceShown: () => comparison.shownKind,

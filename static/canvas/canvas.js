@@ -57,6 +57,7 @@ export class FlatCanvas {
     this.boxes = /** @type {Map<number, Box>} */ (new Map()); // of live mode: where each view lay last
     this.extent = /** @type {Box | null} */ (null); // what all of them need together
     this.marks = /** @type {{ id: number | null; uv_m: UV }[]} */ ([]);
+    this.marksDrawn = this.marks; // for tests
     this.pick = /** @type {{ uv_m: UV; grip?: CurrentPick["grip"] } | null} */ (null);
     this.gesture = /** @type {Gesture | null} */ (null);
     this.scenery = SHAPE_ALONE;
@@ -262,6 +263,7 @@ export class FlatCanvas {
     for (const draw of this.drawers) draw(this, context, style);
     if (!this.layer.shown) return;
     for (const mark of this.marks) drawMark(this, mark, style);
+    this.marksDrawn = this.marks;
     if (this.pick) drawPick(this, this.pick, style);
     drawScale(this, style);
   }

@@ -939,11 +939,13 @@ export interface RayAnswer {
   sheet: "other" | "this";
 }
 
-/** A new pick is stored; its numbers follow with the state. */
+/** A new pick is stored, on a side of the item and its plane; its numbers follow with the state. */
 export interface Picked {
   type: "picked";
   id: number;
   position_held_m: [number, number, number];
+  side: "other" | "this";
+  uv_m: [number, number];
 }
 
 /** A distance: on the plane, along the cloth and through the air. ``path_uv_m`` follows the cloth. */

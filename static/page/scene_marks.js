@@ -72,8 +72,12 @@ export class SceneMarks {
     this.dirty = true;
   }
 
-  /** A new pick is shown at once; its name, its place on the plane and its numbers come with the next state. */
-  highlight(/** @type {MarkedPick} */ pick) {
+  /** A new pick is shown at once, here and on the plane; its name and its numbers come with the next state. */
+  highlight(/** @type {import("/static/page/messages").Picked} */ pick) {
+    const { canvas } = this.page;
+    const at = canvas.shownAt(pick.side, pick.uv_m);
+    if (at) canvas.marks = [...canvas.marks.filter(({ id }) => id !== pick.id), { id: pick.id, uv_m: at }];
+    canvas.redraw();
     this.picks = [...this.picks.filter(({ id }) => id !== pick.id), pick];
     this.current = pick.id;
     this.dirty = true;

@@ -34,7 +34,7 @@ from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, Ray
 from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described
-from flatcloth.viewer.protocol.sent import Note, NoteLevel
+from flatcloth.viewer.protocol.sent import UV, Note, NoteLevel
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
 from flatcloth.viewer.protocol.snapshot import PageStatus, page_state
 from flatcloth.viewer.protocol.state import PageState
@@ -353,10 +353,10 @@ class PageController(ABC):
         self._turn_to_pick()
         self._publish()
 
-    def _highlight(self, pick: Pick) -> None:
+    def _highlight(self, pick: Pick, uv_m: UV) -> None:
         """Let the tabs mark a new pick immediately, before its numbers and the scene are updated."""
         x, y, z = map(float, pick.position_held_m)
-        self._sink.tell(None, Picked(id=pick.id, position_held_m=(x, y, z)))
+        self._sink.tell(None, Picked(id=pick.id, position_held_m=(x, y, z), side=pick.side, uv_m=uv_m))
 
     def _turn_to(self, view_index: int) -> None:
         angles_deg = self._integration.recording.angles_deg

@@ -68,10 +68,12 @@ class RayAnswer(Sent, tag_field="type", tag="hover_ray", frozen=True):
 
 
 class Picked(Sent, tag_field="type", tag="picked", frozen=True):
-    """A new pick is stored; its numbers follow with the state."""
+    """A new pick is stored, on a side of the item and its plane; its numbers follow with the state."""
 
     id: int
     position_held_m: XYZ
+    side: SheetSide
+    uv_m: UV
 
 
 class Measured(Sent, tag_field="type", tag="measured", frozen=True):

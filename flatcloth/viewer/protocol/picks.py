@@ -26,7 +26,7 @@ from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.answers import RayAnswer
 from flatcloth.viewer.protocol.messages import HoverRay
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import typed
+from flatcloth.viewer.protocol.sent import UV, typed
 from flatcloth.viewer.protocol.state import ListedPick, PickInfo
 
 TOO_FAR_M = 0.030
@@ -60,14 +60,14 @@ class CurrentPick:
 class PickStore:
     """Adds, shows, renames and deletes picks; used by the application thread only.
 
-    ``added(pick)`` is called as soon as a new pick is stored, before its grasp pose is computed.
+    ``added(pick, uv_m)`` is called as soon as a new pick is stored, before its grasp pose is computed.
     """
 
     def __init__(
         self,
         folder: SessionFolder,
         axis: RotationAxis,
-        added: Callable[[Pick], None] = lambda _pick: None,
+        added: Callable[[Pick, UV], None] = lambda _pick, _uv_m: None,
     ) -> None:
         self._folder = folder
         self._axis = axis
@@ -121,7 +121,7 @@ class PickStore:
             side,
         )
         self.picks = (*self.picks, pick)
-        self._added(pick)
+        self._added(pick, grasp.uv_m)
         self.current = CurrentPick(pick=pick, miss_m=grasp.miss_m if miss_m is None else miss_m)
 
     def add_on_ray(
