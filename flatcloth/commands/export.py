@@ -124,35 +124,43 @@ def run(options: argparse.Namespace) -> None:
 def _figures_beside(
     wanted: Sequence[str], session: OpenedSession, folder: Path | None
 ) -> Iterator[Sequence[str]]:
-    """Write the figures while the other outputs that draw are written, and give what is written so."""
+    """Write the figures while the other outputs that draw are written, and give what is written so.
+
+    When those are written, what is left of the figures is shared.
+    """
     if folder is None or len(_DRAWN.intersection(wanted)) < 2:
         yield ()
         return
     from flatcloth.export.figures import write_figures
-    from flatcloth.export.files import beside
+    from flatcloth.export.files import beside, shared_count
 
     _draw_together(session)
-    with beside(partial(write_figures, session.silent(), folder)):
+    next_part = shared_count()
+    with beside(partial(write_figures, session.silent(), folder, next_part)):
         yield ("figures",)
+        write_figures(session, folder, next_part)
 
 
 def _draw_together(session: OpenedSession) -> None:
     """Compute, with all processors, what several outputs draw; the session keeps it."""
-    from concurrent.futures import ThreadPoolExecutor
+    from concurrent.futures import Future, ThreadPoolExecutor
 
     from flatcloth.export.curves import plan_of
     from flatcloth.export.figures import picture_before
     from flatcloth.registration.axis import THREADS
+    from flatcloth.rendering.drawing import load_matplotlib
 
     with ThreadPoolExecutor(THREADS) as pool:
-        others = pool.submit(lambda: (session.sides, session.garment))
-        session.growth  # noqa: B018 - computed on first use
-        others.result()
-        drawn = [
-            pool.submit(make, session, decision)
-            for decision in session.history.decisions
-            for make in (plan_of, picture_before)
+        others: list[Future[object]] = [
+            pool.submit(lambda: (session.sides, session.garment)),
+            pool.submit(load_matplotlib),
         ]
+        steps = session.growth.steps
+        for each in others:
+            each.result()
+        drawn: list[Future[object]] = [pool.submit(session.numbers_of, step.view_index) for step in steps]
+        for decision in session.history.decisions:
+            drawn += [pool.submit(make, session, decision) for make in (plan_of, picture_before)]
         for each in drawn:
             each.result()
 

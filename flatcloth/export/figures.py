@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -70,8 +72,10 @@ class Figure:
     drawing: Drawing
 
 
-def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
-    """Write every figure as ``.png`` and ``.svg`` to a folder.
+def write_figures(
+    session: OpenedSession, folder: Path, next_part: Callable[[], int] | None = None
+) -> list[Path]:
+    """Write every figure as ``.png`` and ``.svg`` to a folder; the parts in turn, or those that are next.
 
     Raises
     ------
@@ -81,7 +85,7 @@ def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
     made: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for figure in all_figures(session):
+        for figure in all_figures(session, next_part):
             for suffix, data in (("png", figure.drawing.png()), ("svg", figure.drawing.svg().encode())):
                 path = folder / f"{figure.name}.{suffix}"
                 replace_file(path, data)
@@ -93,18 +97,20 @@ def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
     return made
 
 
-def all_figures(session: OpenedSession) -> Iterator[Figure]:
-    """Yield all figures."""
-    yield from maps(session)
-    yield from both_sides(session)
-    yield from garment(session)
+def all_figures(session: OpenedSession, next_part: Callable[[], int] | None = None) -> Iterator[Figure]:
+    """Yield all figures; with ``next_part`` those of the parts with the numbers that it returns."""
+    decisions = session.history.decisions
+    parts = [partial(make, session) for make in (maps, both_sides, garment, _overview, curves)]
+    parts += [partial(of_decision, session, decision) for decision in decisions]
+    next_part = next_part or itertools.count().__next__
+    while (n := next_part()) < len(parts):
+        session.progress(n / len(parts), f"drawing figures, part {n + 1} of {len(parts)}")
+        yield from parts[n]()
+
+
+def _overview(session: OpenedSession) -> Iterator[Figure]:
     yield growth(session)
     yield energy(session)
-    yield from curves(session)
-    decisions = session.history.decisions
-    for n, decision in enumerate(decisions):
-        session.progress(n / len(decisions), f"drawing decision {n + 1} of {len(decisions)}")
-        yield from of_decision(session, decision)
 
 
 def of_decision(session: OpenedSession, decision: Decision) -> Iterator[Figure]:

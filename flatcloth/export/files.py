@@ -79,6 +79,18 @@ def beside(work: Callable[[], object]) -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
+def shared_count() -> Callable[[], int]:
+    """Return what counts from 0, in this process and the copies that are made later together."""
+    count = multiprocessing.Value("i", -1)
+
+    def following() -> int:
+        with count.get_lock():
+            count.value += 1
+            return int(count.value)
+
+    return following
+
+
 def _work(work: Callable[[], object], there: Connection) -> None:
     try:
         work()

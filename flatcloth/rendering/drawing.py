@@ -281,6 +281,13 @@ def check_matplotlib() -> None:
         raise FlatclothError("Figures need matplotlib: pip install 'flatcloth[export]'") from error
 
 
+def load_matplotlib() -> None:
+    """Load what drawings need of matplotlib, which takes half a second."""
+    check_matplotlib()
+    from matplotlib.backends import backend_agg, backend_svg  # noqa: F401
+    from matplotlib.figure import Figure  # noqa: F401
+
+
 @contextmanager
 def _settings(salt: str) -> Iterator[None]:
     """Set matplotlib's settings to those of a drawing."""

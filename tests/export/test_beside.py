@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.export.files import beside
+from flatcloth.export.files import beside, shared_count
 
 
 def test_the_work_has_what_was_computed_and_is_done_when_the_body_ends(
@@ -41,3 +41,16 @@ def test_a_copy_that_is_killed_is_one_clear_line(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     with pytest.raises(FlatclothError, match="ended unexpectedly"), beside(lambda: os._exit(9)):
         pass
+
+
+def test_a_process_and_its_copy_count_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    following = shared_count()
+
+    def take(name: str) -> None:
+        (tmp_path / name).write_text(" ".join(str(following()) for _ in range(3)))
+
+    with beside(lambda: take("there")):
+        take("here")
+    taken = [int(n) for name in ("here", "there") for n in (tmp_path / name).read_text().split()]
+    assert sorted(taken) == [0, 1, 2, 3, 4, 5]
