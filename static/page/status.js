@@ -104,7 +104,11 @@ function hint(/** @type {State} */ state) {
         ` or move it with the arrow keys.${waiting}${area}`
       );
     case "finished":
-      return `${endOf(state)}: ${state.finished ?? ""} Click the cloth for a grasp point.${area}`;
+      return (
+        `${endOf(state)}: ${state.finished ?? ""}` +
+        (state.sides ? " Told without masks, some of it may be of the wrong side (Result tells what helps)." : "") +
+        ` Click the cloth for a grasp point.${area}`
+      );
     default:
       return state.start_view === null
         ? "Press Step (S): the start view is chosen and flattened."

@@ -47,8 +47,10 @@ export class ResultPanel {
     if (this.section.hidden || !layers) return;
     if (this.loading !== layers.revision) this.load(layers.revision);
     const found = this.found?.revision === layers.revision ? this.found : null;
-    rebuild(this.section, [state.views, layers.area_cm2, layers.pieces, endedBy(state), found, state.other], () =>
-      this.build(state, layers, found),
+    rebuild(
+      this.section,
+      [state.views, state.sides?.certainty, layers.area_cm2, layers.pieces, endedBy(state), found, state.other],
+      () => this.build(state, layers, found),
     );
   }
 
@@ -82,6 +84,7 @@ export class ResultPanel {
       finished && make("p.note", finished),
       found?.wrong.length &&
         make("p.note.warn", { role: "alert" }, `Something about this recording is wrong: ${found.wrong.join("; ")}.`),
+      this.sideDoubt(state),
       values(
         ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
         state.other?.layers && ["Other side", otherSide(state.other), "Cloth of the other side, and what joins it"],
@@ -105,6 +108,18 @@ export class ResultPanel {
       this.toReview(state),
       this.exports(state),
     ];
+  }
+
+  /** Of a recording without masks: how much may be of the wrong side, and what helps. */
+  sideDoubt(/** @type {State} */ { sides }) {
+    if (typeof sides?.certainty !== "number") return null;
+    const wrong = percent(1 - sides.certainty);
+    return make(
+      "p.note.warn",
+      `The sides were told without masks: by their own certainty ${wrong} of this cloth is of the wrong side, and it ` +
+        "can be several times as much. Compare the source images, and stroke what is wrong: ",
+      this.page.smallButton("where_to_stroke"),
+    );
   }
 
   leftOut(/** @type {Found} */ found) {
