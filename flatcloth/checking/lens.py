@@ -234,7 +234,7 @@ def _with_focal_factor(view: ViewFeatures, factor: float) -> ViewFeatures:
     k, images = view.intrinsics, view.images
     across = np.array([1.0 / factor, 1.0 / factor, 1.0])
     normal = view.normal / across
-    normals = np.asarray(view.normals / across, dtype=np.float32)
+    normals = np.asarray(view.normals / across.astype(np.float32), dtype=np.float32)
     normals /= np.sqrt(np.einsum("ijk,ijk->ij", normals, normals))[..., None]  # faster than a norm
     made = images._replace(normals=normals)
     return replace(
