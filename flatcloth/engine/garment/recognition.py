@@ -7,10 +7,11 @@ import threading
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from flatcloth.checking.result import WRONG
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import FlattenedView, RgbdFrame
-from flatcloth.engine.following import scale_std_of, why_hopeless
+from flatcloth.engine.following import scale_std_of
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
 from flatcloth.flattening.surface import crop_to_item
@@ -146,17 +147,17 @@ class GarmentService:
         Raises
         ------
         GarmentError
-            If the shape shows too little, was seen in one view only, or ended since its recording is wrong.
+            If the shape shows too little, was seen in one view only, or (unattended) its recording is wrong.
         """
         integration = self.integration
-        hopeless = why_hopeless(integration.recording, integration.algorithm, document)
-        if hopeless:  # no garment fits what was laid out with it, and to try them all takes long
-            raise GarmentError(f"{hopeless} No garment is recognised.")
         # The shape is recognised with all its links; doubts about links follow from the result.
         document = replace(document, garment=without_doubts(document.garment))
         with self._lock:
             canonical = self.integration.canonical(document)
             if self._shape is None or self._shape.canonical is not canonical:
+                if integration.algorithm.is_unattended and integration.wrong(document):
+                    # No garment fits what was laid out, and to try them all takes long.
+                    raise GarmentError(f"{WRONG}. No garment is recognised.")
                 self._shape, self._last = self._recognised(canonical, document), None
             if self._last is None or self._last[0] != document.garment:
                 known = self._decided(self._shape, document.garment)
