@@ -106,7 +106,7 @@ function hint(/** @type {State} */ state) {
     case "finished":
       return (
         `${endOf(state)}: ${state.finished ?? ""}` +
-        (state.sides ? " Told without masks, some of it may be of the wrong side (Result tells what helps)." : "") +
+        (state.sides ? " Without masks, some may be of the wrong side (see Result)." : "") +
         ` Click the cloth for a grasp point.${area}`
       );
     default:
