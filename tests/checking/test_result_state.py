@@ -174,6 +174,18 @@ def test_a_wrong_result_has_no_lengths_and_an_estimated_camera_unsure_ones(
     assert told == [(shape, 0.1)]
 
 
+def test_no_garment_is_tried_on_an_unattended_result_that_is_wrong(monkeypatch):
+    integration = SimpleNamespace(
+        algorithm=SimpleNamespace(is_unattended=True),
+        canonical=lambda _: SimpleNamespace(),
+        wrong=lambda _: ["88% of the cloth floats"],
+    )
+    service = GarmentService(integration)
+    monkeypatch.setattr(service, "_recognised", lambda *_: pytest.fail("a garment is fitted"))
+    with pytest.raises(GarmentError, match="No garment is recognised"):
+        service.of(Document())
+
+
 def test_a_result_of_a_wrong_recording_ends_soon_and_calls_nothing_reliable(tmp_path):
     wrong = mended(open_recording(RIGHT), Mends(reverse=True))
     assert known_check(wrong) is None
