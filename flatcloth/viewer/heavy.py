@@ -2,8 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
+from collections.abc import Callable, Iterator
 
-ONE_AT_A_TIME = threading.Lock()
-"""Held while the other side or an export is computed: each takes some 200 MB. A recording that was closed
-may still be computing one, and the next recording waits for it."""
+_LOCK = threading.Lock()
+_LOOK_S = 0.2
+"""Between two calls of ``check`` of what waits."""
+
+
+@contextlib.contextmanager
+def one_at_a_time(check: Callable[[], None]) -> Iterator[None]:
+    """Do what computes the other side or an export when nothing else does: each takes some 200 MB.
+
+    A recording that was closed may still be computing one, and the next recording waits for it. ``check``
+    raises ``CancelledError`` when the result is no longer wanted: what waits keeps its whole recording in
+    memory.
+    """
+    while not _LOCK.acquire(timeout=_LOOK_S):
+        check()
+    try:
+        check()
+        yield
+    finally:
+        _LOCK.release()

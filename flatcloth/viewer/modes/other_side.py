@@ -23,7 +23,7 @@ from flatcloth.rendering import layers
 from flatcloth.session.garment import DecidedSeam, DecideSeam
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
-from flatcloth.viewer.heavy import ONE_AT_A_TIME
+from flatcloth.viewer.heavy import one_at_a_time
 from flatcloth.viewer.protocol.garment import SeamInfo, SeamPlaces, SidePlaces
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture
 from flatcloth.viewer.protocol.sent import Legend, Progress, typed
@@ -133,8 +133,7 @@ class OtherSideController:
                 raise CancelledError  # the shape has changed since, or another recording was opened
 
         try:
-            with ONE_AT_A_TIME:
-                check()
+            with one_at_a_time(check):
                 sides = self.both.of(document, self._report, check=check)
                 made = sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
         except CancelledError:

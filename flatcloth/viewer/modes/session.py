@@ -130,13 +130,13 @@ class Application(PageController):
     def stop(self) -> None:
         """Stop the running work and both threads; the journal keeps the session."""
         self._put(None, self._work.cancel)
+        self.other.stop()
         self._front.stop(timeout_s=5.0)
         self._review.keep_summary()
         self._work.stop()
         self._repair.stop(timeout_s=2.0)
         self._sides.stop()
         self._garment.stop()
-        self.other.stop()
 
     # --- the application thread --------------------------------------------------------------
 

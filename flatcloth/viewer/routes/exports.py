@@ -24,7 +24,7 @@ from flatcloth.export.kept import Kept
 from flatcloth.export.session import OpenedSession, of_page
 from flatcloth.export.session_data import is_floating_file
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.heavy import ONE_AT_A_TIME
+from flatcloth.viewer.heavy import one_at_a_time
 
 _log = logging.getLogger(__name__)
 
@@ -202,8 +202,7 @@ class ExportRoutes:
                 raise CancelledError
 
         try:
-            with ONE_AT_A_TIME:
-                go_on(0.0, "")
+            with one_at_a_time(lambda: go_on(0.0, "")):
                 opened = of_page(self._integration, self._folder, go_on, self._kept)
                 go_on(0.0, "")
                 return make(opened)

@@ -178,10 +178,10 @@ class Workspace:
 
     def stop(self) -> None:
         """Stop the threads; close the scene and the source."""
+        self._exports.stop()
         self.application.stop()
         self.hub.close()
         self._teaching.stop()
-        self._exports.stop()
         self.scene.stop()
         self._opened.close()
 
