@@ -13,6 +13,7 @@ from flatcloth.checking.check import checked
 from flatcloth.checking.findings import Check
 from flatcloth.core.cache import Cache
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.warmup import wait_until_compiled
 from flatcloth.recordings.base import source_options
 from flatcloth.rendering.drawing import png_of
 from flatcloth.rendering.evidence import evidence
@@ -40,6 +41,7 @@ class CheckRoutes:
 
     def _made(self) -> Check:
         with self._lock:
+            wait_until_compiled()
             views = self._integration.views
             check = checked(self._integration.recording, views.recorded)
             if check is not self._check:
