@@ -13,11 +13,10 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Float64, Progress, Rigid2, no_progress
-from flatcloth.engine.results.result import at_step
+from flatcloth.engine.results.result import at_step, earlier_shape
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
 from flatcloth.export.kept import GrownArrays, Kept, key_of
-from flatcloth.methods.answers import Canonical
 from flatcloth.registration.axis import THREADS
 from flatcloth.session.machine import Document
 
@@ -142,10 +141,9 @@ def _grown(
 
     def made(order: int) -> Sheet:
         integration.canonical(document)  # the last shape stays the one that was used last
-        then = at_step(document, order)
-        before = sheet_of(_earlier(integration, then, document), document)
+        before = sheet_of(earlier_shape(integration, document, order), document)
         if kept is not None:
-            kept.keep_sheet(key_of(integration.axis, then), before)
+            kept.keep_sheet(key_of(integration.axis, at_step(document, order)), before)
         return before
 
     # The last shape first: the algorithm keeps the shapes it used last, from which it draws those before.
@@ -161,12 +159,6 @@ def _grown(
             first[_covers(before, sheet, pieces, source > order)] = order
     del cameras
     return GrownArrays(first_step=first, area_m2=tuple(area_m2), floating_m2=tuple(floating_m2))
-
-
-def _earlier(integration: Integration, then: Document, document: Document) -> Canonical:
-    if document.garment.parts or len(then.accepted) == len(document.accepted):
-        return integration.canonical(then)
-    return integration.algorithm.earlier(then, document)
 
 
 def motion_between(source: FlattenedView, target: FlattenedView) -> Rigid2 | None:
