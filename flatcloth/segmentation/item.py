@@ -204,10 +204,12 @@ def _still(frames: Sequence[RgbdFrame]) -> tuple[Bool, Float32] | None:
     if len({frame.depth_m.shape for frame in frames}) != 1:
         return None
     chosen = [frames[n] for n in np.unique(np.linspace(0, len(frames) - 1, 12).astype(int))]
-    depth = np.stack([frame.depth_m for frame in chosen])
-    middle = np.median(depth, axis=0).astype(np.float32)
-    close = np.abs(depth - middle) <= _STILL_DEPTH * middle
-    still: Bool = (middle > 0) & (close.mean(axis=0) >= _STILL_SHARE)
+    still, middle = np.empty(frames[0].depth_m.shape, np.bool_), np.empty_like(frames[0].depth_m)
+    for rows in np.array_split(np.arange(len(middle)), len(chosen)):  # together it takes 60 MB
+        depth = np.stack([frame.depth_m[rows] for frame in chosen])
+        middle[rows] = np.median(depth, axis=0)
+        close = np.abs(depth - middle[rows]) <= _STILL_DEPTH * middle[rows]
+        still[rows] = (middle[rows] > 0) & (close.mean(axis=0) >= _STILL_SHARE)
     return still, middle
 
 
