@@ -94,10 +94,10 @@ def test_cloth_is_painted_with_keys_alone_and_the_next_place_is_found(open_tab) 
 
 
 def two_fingers_zoom(tab, canvas: str, shown: str) -> None:
-    before = tab.page.evaluate(shown)
-    tab.page.evaluate(
-        """(selector) => {
-            const canvas = document.querySelector(selector);
+    # In one go, as the window's parts may still find their sizes.
+    before = tab.page.evaluate(
+        """([selector, shown]) => {
+            const canvas = document.querySelector(selector), before = eval(shown);
             canvas.setPointerCapture = () => {};
             const { left, top, width, height } = canvas.getBoundingClientRect();
             const [x, y] = [left + width / 2, top + height / 2];
@@ -109,8 +109,9 @@ def two_fingers_zoom(tab, canvas: str, shown: str) -> None:
                 const at = { pointerId, clientX: x + dx, clientY: y };
                 canvas.dispatchEvent(new PointerEvent(type, { ...finger, ...at }));
             }
+            return before;
         }""",
-        canvas,
+        [canvas, shown],
     )
     assert tab.page.evaluate(shown) == pytest.approx(before / 2, rel=0.02)
     assert tab.state()["sides"]["n_strokes"] == 0
