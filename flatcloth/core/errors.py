@@ -26,10 +26,6 @@ class FlatteningError(FlatclothError):
     """A surface cannot be flattened."""
 
 
-class PlanningError(FlatclothError):
-    """No next view can be chosen."""
-
-
 class AlignmentError(FlatclothError):
     """Two flattened views cannot be aligned."""
 

@@ -103,7 +103,7 @@ def _falling(facing: Float32) -> Int32:
     """Return the order of positive numbers (N,), largest first; the sort is stable.
 
     Their bits, read as integers, have the same order; they are counted 16 at a time. NumPy's sort of integers
-    takes three times the memory: most, when the clusters are found.
+    takes three times the memory, and would set the peak of the segmentation.
     """
     bits, order = ~facing.view(np.uint32), np.arange(facing.size).astype(np.int32)
     for shift in (0, 16):

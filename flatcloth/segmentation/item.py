@@ -115,7 +115,7 @@ def find_item(
 
 
 def checked(made: Iterable[_T], check: Callable[[], None]) -> list[_T]:
-    """Return what is made one by one, with ``check`` called after each; if that raises, no more is made."""
+    """Return a list of what is made one by one; ``check`` is called after each, and may end it by raising."""
     found = []
     for one in made:
         found.append(one)
@@ -205,7 +205,7 @@ def _still(frames: Sequence[RgbdFrame]) -> tuple[Bool, Float32] | None:
         return None
     chosen = [frames[n] for n in np.unique(np.linspace(0, len(frames) - 1, 12).astype(int))]
     still, middle = np.empty(frames[0].depth_m.shape, np.bool_), np.empty_like(frames[0].depth_m)
-    for rows in np.array_split(np.arange(len(middle)), len(chosen)):  # together it takes 60 MB
+    for rows in np.array_split(np.arange(len(middle)), len(chosen)):  # all rows together would take 60 MB
         depth = np.stack([frame.depth_m[rows] for frame in chosen])
         middle[rows] = np.median(depth, axis=0)
         close = np.abs(depth - middle[rows]) <= _STILL_DEPTH * middle[rows]

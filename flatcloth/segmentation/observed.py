@@ -147,7 +147,7 @@ def observe(
     noisy = bool(np.median([surface.noisy for surface in surfaces]))
     seen = [_Seen.of(surface, pose) for surface, pose in zip(surfaces, poses, strict=True)]
     points = _points_of(surfaces, poses)
-    del surfaces  # 25 bytes a pixel, of which the clusters need none
+    del surfaces  # the clusters need none of their 25 bytes a pixel
     clusters = gather(*points, noise_m, settings)
     facing, labels = _images(points[2], seen, 0.0), _images(clusters.of_pixel, seen, -1)
     del points
@@ -241,7 +241,7 @@ class _Seen(NamedTuple):
 
     @classmethod
     def of(cls, surface: Surface, pose: Rigid3) -> _Seen:
-        """Return it of a surface, and of the pose of its camera."""
+        """Keep this of a surface, with the pose of its camera."""
         frame = surface.frame
         return cls(
             frame.view_index, frame.offset_rc, frame.intrinsics, pose, frame.depth_m, surface.usable,

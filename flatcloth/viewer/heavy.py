@@ -13,11 +13,11 @@ _LOOK_S = 0.2
 
 @contextlib.contextmanager
 def one_at_a_time(check: Callable[[], None]) -> Iterator[None]:
-    """Do what computes the other side or an export when nothing else does: each takes some 200 MB.
+    """Wait until no other side and no export is computed, then hold that turn: each takes some 200 MB.
 
-    A recording that was closed may still be computing one, and the next recording waits for it. ``check``
-    raises ``CancelledError`` when the result is no longer wanted: what waits keeps its whole recording in
-    memory.
+    A recording that was closed may still be computing one, and the next recording waits for it. ``check`` is
+    called while this waits, and raises ``CancelledError`` when the result is no longer wanted: a waiting
+    thread keeps its whole recording in memory.
     """
     while not _LOCK.acquire(timeout=_LOOK_S):
         check()

@@ -75,9 +75,9 @@ class Result:
 
 
 def earlier_shape(integration: Integration, document: Document, order: int) -> Canonical:
-    """Return the shape after one of a document's views, as views extended it.
+    """Return the shape after one of a document's views, not relaxed as a whole.
 
-    It takes a sixth of the time of one that is relaxed as a whole, and its area is the same to some cm2.
+    This takes a sixth of the time, and changes its area by some cm2 only.
     """
     then = at_step(document, order)
     if document.garment.parts or len(then.accepted) == len(document.accepted):
