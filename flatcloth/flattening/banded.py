@@ -1,8 +1,9 @@
 """Matrices of graphs as narrow bands, factored and solved by compiled loops.
 
-A band (N, B) holds the entry at (j + k, j) of the symmetric matrix at (j, k). Samples come in image
-order and garments hang long and narrow: with the points in a suitable order all entries of such a matrix
-lie near its diagonal.
+Samples come in image order and garments hang long and narrow: with the points in a suitable order all
+entries of such a matrix lie near its diagonal. Each column is kept down to the lowest entry of itself and of
+those before it (the envelope of George and Liu, 1981, 4): there its factor lies too, and where the garment
+is narrow it is short. A band as wide as the widest place takes twice the memory.
 
 LAPACK (``scipy.linalg.cholesky_banded``) cannot be called from compiled code, and is no faster up to 70
 entries a row: factoring 4000 rows of 60 takes 1.5 ms (here 1.2), solving 0.28 ms (here 0.16). SciPy's
@@ -14,11 +15,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from flatcloth.core.types import Float64, Int32
+from flatcloth.core.types import Float64, Int32, Int64
+
+
+class Band(NamedTuple):
+    """The lower half of a symmetric matrix, or its factor, column after column from the diagonal downwards.
+
+    Column ``j`` is ``entry[first[j] : first[j + 1]]``; ``first`` (N + 1,) int64.
+    """
+
+    first: Int64
+    entry: Float64
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +72,7 @@ class BandedLaplacian:
     def __init__(self, narrow: Banding, weight: Float64, held: float | Float64) -> None:
         self._narrow = narrow
         band = laplacian_band(len(narrow.order), narrow.pairs, weight)
-        band[:, 0] += held if isinstance(held, float) else held[narrow.order]
+        band.entry[band.first[:-1]] += held if isinstance(held, float) else held[narrow.order]
         factor_in_place(band)
         self._factor = band
 
@@ -134,20 +146,37 @@ def cuthill_mckee(n: int, edges: Int32) -> Int32:
 
 
 @njit(cache=True, nogil=True)
-def factor_in_place(band: Float64) -> bool:
-    """Overwrite a band (N, B) by its Cholesky factor, with the inverse of its diagonal.
+def empty_band(n: int, pairs: Int32, unknowns: int) -> Band:
+    """Return a band of zeros for n points with pairs, the lower number first; a point has 1 or 2 unknowns."""
+    lowest = np.arange(n)
+    for e in range(pairs.shape[0]):
+        a, b = pairs[e, 0], pairs[e, 1]
+        lowest[a] = max(lowest[a], b)
+    first, at = np.zeros(unknowns * n + 1, dtype=np.int64), 0
+    for j in range(n):
+        if j > 0:
+            lowest[j] = max(lowest[j], lowest[j - 1])
+        for k in range(unknowns):
+            first[at + 1] = first[at] + unknowns * (lowest[j] - j + 1) - k
+            at += 1
+    return Band(first, np.zeros(first[at]))
+
+
+@njit(cache=True, nogil=True)
+def factor_in_place(band: Band) -> bool:
+    """Overwrite a band by its Cholesky factor, with the inverse of its diagonal.
 
     Returns whether the matrix is definite.
     """
-    n, width = band.shape
-    for j in range(n):
-        if not band[j, 0] > 0.0:
+    first, entry = band
+    for j in range(len(first) - 1):
+        below = entry[first[j] : first[j + 1]]
+        if not below[0] > 0.0:
             return False
-        below = band[j, : min(width, n - j)]
         inverse = 1.0 / math.sqrt(below[0])
         below *= inverse
         for i in range(1, below.size):
-            share, rest, column = below[i], below[i:], band[j + i]
+            share, rest, column = below[i], below[i:], entry[first[j + i] : first[j + i + 1]]
             if share != 0.0:
                 for k in range(rest.size):
                     column[k] -= share * rest[k]
@@ -156,19 +185,19 @@ def factor_in_place(band: Float64) -> bool:
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"})
-def substituted(factor: Float64, rhs: Float64) -> Float64:
+def substituted(factor: Band, rhs: Float64) -> Float64:
     """Return the solutions (K, N) for K right-hand sides; their sums are taken in any order."""
-    n, width = factor.shape
+    first, entry = factor
     solved = rhs.copy()
-    for j in range(n):
-        below = factor[j, : min(width, n - j)]
+    for j in range(len(first) - 1):
+        below = entry[first[j] : first[j + 1]]
         for m in range(len(solved)):  # innermost, so that none waits for the other
             rest = solved[m, j:]
             rest[0] *= below[0]
             for k in range(1, below.size):
                 rest[k] -= below[k] * rest[0]
-    for j in range(n - 1, -1, -1):
-        below = factor[j, : min(width, n - j)]
+    for j in range(len(first) - 2, -1, -1):
+        below = entry[first[j] : first[j + 1]]
         for m in range(len(solved)):
             rest = solved[m, j:]
             s = rest[0]
@@ -179,12 +208,13 @@ def substituted(factor: Float64, rhs: Float64) -> Float64:
 
 
 @njit(cache=True, nogil=True)
-def laplacian_band(n: int, edges: Int32, weight: Float64) -> Float64:
-    """Return the band (n, B) of a Laplacian; it is definite only after a point has been fixed."""
-    band = np.zeros((n, bandwidth_of(edges) + 1))
+def laplacian_band(n: int, edges: Int32, weight: Float64) -> Band:
+    """Return the band of a Laplacian; it is definite only after a point has been fixed."""
+    band = empty_band(n, edges, 1)
+    first, entry = band
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
-        band[a, 0] += weight[e]
-        band[b, 0] += weight[e]
-        band[a, b - a] -= weight[e]
+        entry[first[a]] += weight[e]
+        entry[first[b]] += weight[e]
+        entry[first[a] + b - a] -= weight[e]
     return band

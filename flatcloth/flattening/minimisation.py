@@ -26,9 +26,11 @@ from numba import njit
 
 from flatcloth.core.types import Float64, Int32
 from flatcloth.flattening.banded import (
+    Band,
     Banding,
     banding,
     bandwidth_of,
+    empty_band,
     factor_in_place,
     laplacian_band,
     substituted,
@@ -158,7 +160,7 @@ def _minimised(
     start = start.copy()
     center = _center(start)
     laplacian = laplacian_band(start.shape[1], terms.pairs, terms.weight)
-    laplacian[0, 0] += 1.0  # fixes point 0 and so makes the matrix definite
+    laplacian.entry[0] += 1.0  # fixes point 0 and so makes the matrix definite
     factor_in_place(laplacian)
     x = _majorise(start, terms, laplacian, limits.majorisations, energy, states)
     x, count = _gauss_newton(x, terms, laplacian, limits, energy, states)
@@ -171,7 +173,7 @@ def _minimised(
 
 @njit(cache=True, nogil=True)
 def _majorise(
-    x: Float64, terms: Terms, laplacian: Float64, iterations: int, energy: Float64, states: Float64
+    x: Float64, terms: Terms, laplacian: Band, iterations: int, energy: Float64, states: Float64
 ) -> Float64:
     """SMACOF with Anderson mixing on (2, N); a mixed step that raises H is replaced by a plain one."""
     rhs, kept = np.empty_like(x), 0
@@ -197,7 +199,7 @@ def _majorise(
 
 @njit(cache=True, nogil=True)
 def _gauss_newton(
-    x: Float64, terms: Terms, laplacian: Float64, limits: Limits, energy: Float64, states: Float64
+    x: Float64, terms: Terms, laplacian: Band, limits: Limits, energy: Float64, states: Float64
 ) -> tuple[Float64, int]:
     """Gauss-Newton steps on (2, N), each followed by majorisations, until the predicted gain is small.
 
@@ -241,7 +243,7 @@ def _gauss_newton(
 
 @njit(cache=True, nogil=True)
 def _conjugate_gradients(
-    gradient: Float64, pairs: Int32, unit: Float64, factor: Float64
+    gradient: Float64, pairs: Int32, unit: Float64, factor: Band
 ) -> tuple[Float64, float, bool]:
     """Solve the Gauss-Newton system roughly: the step, its predicted gain, and whether that was quick.
 
@@ -269,10 +271,10 @@ def _conjugate_gradients(
 
 
 @njit(cache=True, nogil=True)
-def _solved(factor: Float64, rhs: Float64) -> Float64:
+def _solved(factor: Band, rhs: Float64) -> Float64:
     """Return the solution (2, N) with the factor of a Laplacian, or of a Hessian of 2 N unknowns."""
     n = rhs.shape[1]
-    if len(factor) == n:
+    if len(factor.first) == n + 1:
         return substituted(factor, rhs)
     mixed, step = np.empty((1, 2 * n)), np.empty_like(rhs)
     for m in range(n):
@@ -352,25 +354,28 @@ def _write_gradient(x: Float64, terms: Terms, unit: Float64, gradient: Float64) 
 
 
 @njit(cache=True, nogil=True)
-def _hessian_band(n: int, pairs: Int32, unit: Float64) -> Float64:
-    """Band (2 n, B) of the Gauss-Newton Hessian of H / 2, u and v interleaved.
+def _hessian_band(n: int, pairs: Int32, unit: Float64) -> Band:
+    """Band of the Gauss-Newton Hessian of H / 2 for n points, u and v interleaved.
 
     It is singular for rigid motions, but for a diagonal that is far below what any bending changes.
     """
-    band = np.zeros((2 * n, 2 * bandwidth_of(pairs) + 2))
-    band[:, 0] = 1e-9
+    band = empty_band(n, pairs, 2)
+    first, entry = band
+    for j in range(2 * n):
+        entry[first[j]] = 1e-9
     for e in range(pairs.shape[0]):
         a, b = pairs[e, 0], pairs[e, 1]
         uu, uv, vv = unit[e, 0] ** 2, unit[e, 0] * unit[e, 1], unit[e, 1] ** 2
         for end in (a, b):
-            band[2 * end, 0] += uu
-            band[2 * end + 1, 0] += vv
-            band[2 * end, 1] += uv
-        offset = 2 * (b - a)
-        band[2 * a, offset] -= uu
-        band[2 * a, offset + 1] -= uv
-        band[2 * a + 1, offset - 1] -= uv
-        band[2 * a + 1, offset] -= vv
+            of_u = first[2 * end]
+            entry[of_u] += uu
+            entry[first[2 * end + 1]] += vv
+            entry[of_u + 1] += uv
+        of_u, of_v, offset = first[2 * a], first[2 * a + 1], 2 * (b - a)
+        entry[of_u + offset] -= uu
+        entry[of_u + offset + 1] -= uv
+        entry[of_v + offset - 1] -= uv
+        entry[of_v + offset] -= vv
     return band
 
 
