@@ -81,6 +81,8 @@ class BothSides:
             for index, motion in pieces.shape_from_piece.items()
         ]
         made = this.algorithm.with_other_side(document, parts, canonical, laid, other.algorithm, its)
+        other.views.release(its.used_views)
+        other.algorithm.release(surfaces=True)
         return replace(made, other=without_trust(made.other)) if this.wrong(document) else made
 
     def integrated(

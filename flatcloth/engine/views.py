@@ -31,6 +31,7 @@ from flatcloth.engine.sides import Masks, Sides
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.sampling import widened
 from flatcloth.flattening.surface import (
+    Surface,
     foreground_mask,
     item_mask,
     observe_item,
@@ -295,10 +296,14 @@ class RecordedViews:
             areas[n] = observed_area_m2(frame, item_mask(frame, self.axis, self.config.surface))
         return areas
 
+    def surface(self, view_index: int) -> Surface:
+        """Return the surface of a view without its flattening, which takes less time."""
+        return observe_item(self.frame(view_index), self.axis, self.config.surface)
+
     def _flatten(self, view_index: int) -> Flattening:
         config = self.config
         try:
-            surface = observe_item(self.frame(view_index), self.axis, config.surface)
+            surface = self.surface(view_index)
             return flatten(
                 surface, self.axis, config.flattening, min_area_m2=config.surface.min_component_area_m2
             )

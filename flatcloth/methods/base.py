@@ -40,6 +40,7 @@ from flatcloth.session.document import Document, Later, Side
 
 if TYPE_CHECKING:
     from flatcloth.flattening.flatten import Flattening
+    from flatcloth.flattening.surface import Surface
     from flatcloth.registration.registered import Registered
 
 
@@ -56,6 +57,10 @@ class Views(Protocol):
 
     def flattening(self, view_index: int) -> Flattening:
         """Return the flattening of a view with its surface (cached)."""
+        ...
+
+    def surface(self, view_index: int) -> Surface:
+        """Return the surface of a view without its flattening, which takes less time."""
         ...
 
     def part(self, view_index: int, component: int) -> FlattenedView:
@@ -125,8 +130,11 @@ class Method(Protocol):
         """
         return self.canonical(earlier)
 
-    def release(self) -> None:
-        """Free what only further views or earlier shapes need; it is made again if it is asked for."""
+    def release(self, *, surfaces: bool = False) -> None:
+        """Free what only further views or earlier shapes need; it is made again if it is asked for.
+
+        With ``surfaces``, those of the accepted views, too, from which its pictures are drawn.
+        """
         return
 
     @abstractmethod

@@ -203,10 +203,11 @@ class RobustMethod(Method):
 
         return self._drawn.get(prefix(document), make)
 
-    def release(self) -> None:
-        """Free what only further views or earlier shapes need."""
-        for kept in (self.seen, self.shapes, self.search):
+    def release(self, *, surfaces: bool = False) -> None:
+        """Free what only further views or earlier shapes need; with ``surfaces``, those of the views too."""
+        for kept in (self.shapes, self.search):
             kept.release()
+        self.seen.release(surfaces=surfaces)
 
     def earlier(self, earlier: Document, document: Document) -> Canonical:
         """Return the canonical view as views extended it, without 3d and 3f, a third of the time.

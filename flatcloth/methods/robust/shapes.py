@@ -68,16 +68,20 @@ class RegisteredViews:
         self._registrations: Cache[Registered] = Cache(4)
         self._registered: WeakValueDictionary[tuple[int, ...], Registered] = WeakValueDictionary()
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
-        self._component_maps: Cache[Int32] = Cache(MOST_KEPT)
+        self._component_maps: Cache[Int32] = Cache(2)
         self._textures: Cache[TextureFeatures] = Cache(MOST_KEPT)
         self._costs: Cache[Float32] = Cache(MOST_KEPT)
         self._observed: WeakKeyDictionary[Observation, PlacesInView] = WeakKeyDictionary()
-        self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(2)
+        self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(1)
 
-    def release(self) -> None:
-        """Free what only the search for placements needs."""
+    def release(self, *, surfaces: bool) -> None:
+        """Free what only the search for placements needs; with ``surfaces``, also those of all views."""
         self._textures.drop()
         self._associations.drop()
+        self._component_maps.drop()
+        if surfaces:
+            self._registrations.drop()
+            self._costs.drop()
 
     def registered(self, views: tuple[int, ...]) -> Registered:
         """Return the registered cameras of views that were accepted in this order."""
@@ -107,12 +111,12 @@ class RegisteredViews:
 
     def surfaces(self, shape: JointShape) -> dict[int, Surface]:
         """Return the surfaces of a shape's views."""
-        # Registrations keep them, so a view that is no longer cached is not flattened again.
-        kept = [self._features.get(view) for view in shape.views]
-        features = [seen for seen in kept if seen is not None]
-        if len(features) < len(kept):
-            features = list(self.registered(shape.views).features)
-        return {seen.view_index: seen.surface for seen in features if seen.surface is not None}
+
+        def of(view: int) -> Surface:
+            seen = self._features.get(view)  # registrations keep them, if they were not released
+            return self._views.surface(view) if seen is None or seen.surface is None else seen.surface
+
+        return {view: of(view) for view in shape.views}
 
     def textures(self, surfaces: Mapping[int, Surface]) -> dict[int, TextureFeatures]:
         """Return the texture features of views."""
