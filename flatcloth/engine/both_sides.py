@@ -50,7 +50,7 @@ class BothSides:
         """Return the other side joined to a document's shape, or the reason why there is none (cached).
 
         The first call integrates the other side, which takes about as long as this one did. It serves every
-        shape; before it is joined to this document's, ``check`` is called.
+        shape; while it is joined to this document's, ``check`` is called.
 
         Raises
         ------
@@ -80,7 +80,7 @@ class BothSides:
             LaidPiece(index=index, shape_from_piece=motion, std_m=pieces.std_m[index])
             for index, motion in pieces.shape_from_piece.items()
         ]
-        made = this.algorithm.with_other_side(document, parts, canonical, laid, other.algorithm, its)
+        made = this.algorithm.with_other_side(document, parts, canonical, laid, other.algorithm, its, check)
         other.views.release(its.used_views)
         other.algorithm.release(surfaces=True)
         return replace(made, other=without_trust(made.other)) if this.wrong(document) else made

@@ -201,6 +201,7 @@ class Method(Protocol):
         laid: Sequence[LaidPiece],
         other: Method,
         its: Document,
+        check: Callable[[], None],
     ) -> JoinedSides:
         """Join the other side of the item to the shape along the seams.
 
@@ -216,6 +217,8 @@ class Method(Protocol):
             Its floating pieces that were placed by the garment.
         other, its
             The same method, made for the masks of the other side, and the decisions about it.
+        check : callable
+            Called between the steps; it raises ``CancelledError`` if the result is no longer wanted.
         """
         raise FlatclothError(f"the method {self.name} integrates one side.")
 

@@ -7,7 +7,7 @@ is always the start view's: a placement ``current_from_new`` maps to it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -248,6 +248,7 @@ class RobustMethod(Method):
         laid: Sequence[LaidPiece],
         other: Method,
         its: Document,
+        check: Callable[[], None],
     ) -> JoinedSides:
         """Join the other side, integrated by itself, along the seams (``docs/robust.md``, "Both sides")."""
         assert isinstance(other, RobustMethod)
@@ -257,7 +258,9 @@ class RobustMethod(Method):
         alone = other.canonical(its)
         pieces = (canonical.view, *canonical.floating), (alone.view, *alone.floating)
         held_point_m, seams = self._views.held_point_m, document.garment.seams
-        joined = join_sides(this, other.shapes.settled(its), pieces, held_point_m, laid, seams)
+        check()
+        joined = join_sides(this, other.shapes.settled(its), pieces, held_point_m, laid, seams, check)
+        check()
         drawn = other._draw(its, joined.shape, (np.nan_to_num(joined.std_m), joined.unreliable))
         if not joined.is_related:  # it floats, and has no deviation from this side's shape
             drawn = replace(drawn, view=replace(drawn.view, placement_std_m=None))

@@ -7,7 +7,7 @@ on a sewing pattern. All positions then follow from Eq. (2) over both sides, as 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,6 +69,7 @@ def join_sides(
     held_point_m: Float64,
     laid: Sequence[LaidPiece] = (),
     decided: Sequence[DecidedSeam] = (),
+    check: Callable[[], None] = lambda: None,
 ) -> JoinedSide:
     """Join the settled shapes of both sides along the seams.
 
@@ -84,6 +85,8 @@ def join_sides(
         Floating pieces of this side with a known place: what seams join to them has one, too.
     decided : sequence of DecidedSeam
         The operator's decisions about seams.
+    check : callable
+        Called between the steps; what it raises ends them.
     """
     matches = matches_of(*pieces)  # 1. where the rims of both sides meet in space (rims.py)
     # 2. Sets that agree on one motion; the other side taken apart where they contradict it (links.py).
@@ -96,8 +99,10 @@ def join_sides(
     # 3. Poses of all pieces by the largest sets; one shape, with a node for each place on a seam.
     own, mirrored, places, std_m = _posed(this, other, matches, links)
     both = _one_shape(own, mirrored, matches.chosen(joining), (places[0][joining], places[1][joining]))
+    check()
     # 4. Eq. (2) over both sides (joint.py).
     both = flatten_jointly(both, most_cut=None, precise=True)
+    check()
     # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
     seamed = np.where(both.piece[: len(this.nodes)] == 0, this.piece, 0)
     joint_std_m = placement_std_m(both, held_point_m)
