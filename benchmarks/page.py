@@ -28,7 +28,7 @@ RECORDING = "shirt-sleeve-clean"
 STARTS = 5
 POINTS = 100
 VIEWPORT = {"width": 1280, "height": 800}
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 
 FIRST_PICTURE = "() => window.flatcloth && flatcloth.layerRevision > 0"
 SCENE_STANDS = (

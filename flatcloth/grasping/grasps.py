@@ -106,13 +106,12 @@ def pixel_of_point(view: FlattenedView, xyz_m: Floats) -> tuple[tuple[int, int],
     FlatclothError
         If the view has no valid pixel.
     """
-    points = view.xyz_m[view.valid]
-    if not len(points):
+    offset = view.xyz_m[view.valid] - np.asarray(xyz_m)
+    if not len(offset):
         raise FlatclothError("Nothing is flattened yet; step first, then pick.")
-    distance_m = np.linalg.norm(points - np.asarray(xyz_m), axis=1)
-    best = int(np.argmin(distance_m))
+    best = int(np.argmin(np.einsum("ij,ij->i", offset, offset)))
     row, col = divmod(int(np.flatnonzero(view.valid)[best]), view.shape[1])
-    return (row, col), float(distance_m[best])
+    return (row, col), float(np.linalg.norm(offset[best]))
 
 
 def nearest_pixel(views: Sequence[FlattenedView], xyz_m: Floats) -> tuple[int, tuple[int, int], float] | None:
@@ -132,16 +131,19 @@ def point_on_ray(
     Candidates are the points (N, 3) within ``max_angle_deg`` of the ray that are at most 10 mm
     behind the nearest of them; the one at the smallest angle to the ray is returned.
     """
-    offset = np.asarray(points_m, dtype=np.float64) - np.asarray(origin_m, dtype=np.float64)
     unit = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
-    along = offset @ unit
-    across = np.linalg.norm(offset - along[:, None] * unit, axis=1)
-    angle = np.arctan2(across, along)
-    near = np.flatnonzero(np.isfinite(angle) & (angle <= math.radians(max_angle_deg)) & (along > 0))
+    points = np.asarray(points_m)
+    offset = points - np.asarray(origin_m, dtype=points.dtype)
+    along = offset @ unit.astype(points.dtype)
+    least = math.cos(math.radians(max_angle_deg)) ** 2
+    near = np.flatnonzero((along > 0) & (along**2 >= least * np.einsum("ij,ij->i", offset, offset)))
     if near.size == 0:
         return None
-    front = near[along[near] <= along[near].min() + 0.010]
-    return int(front[np.argmin(angle[front])])
+    offset = points[near] - np.asarray(origin_m, dtype=np.float64)
+    along = offset @ unit
+    angle = np.arctan2(np.linalg.norm(offset - along[:, None] * unit, axis=1), along)
+    front = np.flatnonzero(along <= along.min() + 0.010)
+    return int(near[front[np.argmin(angle[front])]])
 
 
 @dataclass(frozen=True, kw_only=True)

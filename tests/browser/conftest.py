@@ -18,7 +18,7 @@ from benchmarks.browser import CHROMIUM
 
 ROOT = Path(__file__).parents[2]
 SCREENSHOTS = ROOT / "tests" / "screenshots"
-GRAPHICS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+GRAPHICS = ["--enable-unsafe-swiftshader"]
 """Drawing in 3D without a graphics card; it makes all drawing slow."""
 FLAGS = [
     "--no-sandbox",
