@@ -2,7 +2,10 @@
 
 The program is started on a bundled recording, its kernels compiled; a browser is open already, as an
 operator's is. Times are the clock's; the processor seconds of the program beside them tell how long a
-machine that does nothing else would take. The scene is drawn without a graphics card, the worst case.
+machine that does nothing else would take. The scene is drawn without a graphics card, the worst case, as an
+ordinary Chromium does then: WebGL by SwiftShader, all else by the processor. (``--use-angle=swiftshader`` and
+``--ignore-gpu-blocklist`` would send the page itself through an emulated card, which no browser chooses: a
+second of compiling its shaders falls on some click.)
 Python's byte code of the modules is kept from a start before, as usual; where the environment forbids that,
 each start compiles all modules anew, for a second or two.
 """

@@ -19,7 +19,7 @@ from benchmarks.browser import CHROMIUM
 ROOT = Path(__file__).parents[2]
 SCREENSHOTS = ROOT / "tests" / "screenshots"
 GRAPHICS = ["--enable-unsafe-swiftshader"]
-"""Drawing in 3D without a graphics card; it makes all drawing slow."""
+"""Drawing in 3D without a graphics card, as a browser does on a computer that has none."""
 FLAGS = [
     "--no-sandbox",
     "--disable-quic",

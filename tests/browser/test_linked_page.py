@@ -52,3 +52,26 @@ def test_a_thumbnail_turns_the_item_to_its_view(open_tab):
         "(p) => window.__viserMutable.camera.position.toArray().some((x, i) => Math.abs(x - p[i]) > 0.05)",
         arg=before,
     )
+
+
+COUNT_DRAWN = """() => {
+    window.drawn = 0;
+    for (const name of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"]) {
+        const draw = WebGL2RenderingContext.prototype[name];
+        WebGL2RenderingContext.prototype[name] = function (...rest) {
+            window.drawn++;
+            return draw.apply(this, rest);
+        };
+    }
+}"""
+
+
+def test_the_scene_is_drawn_when_something_changes_and_else_rests(open_tab):
+    tab = open_tab().ready()
+    tab.scene.evaluate(COUNT_DRAWN)
+    tab.page.wait_for_timeout(2500)  # what was begun is drawn
+    tab.scene.evaluate("drawn = 0")
+    tab.page.wait_for_timeout(2500)  # viser by itself would draw twice
+    assert tab.scene.evaluate("drawn") == 0
+    tab.scene.evaluate("window.__viserMutable.requestRender()")
+    tab.scene.wait_for_function("drawn > 0")

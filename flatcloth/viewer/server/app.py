@@ -61,9 +61,9 @@ _REST = """<script>
   const every = setInterval;
   setInterval = (work, ms, ...more) => (ms === 1000 ? 0 : every(work, ms, ...more));
 </script>"""
-"""Keeps viser's page from what it does each second: draw the scene anew although nothing has changed, which takes
-0.2 s of all processors without a graphics card, in which the page answers nothing; and connect again, for which
-our page loads it anew."""
+"""Keeps viser's page from two things that it does each second: draw the scene anew although nothing has
+changed, which without a graphics card takes 0.2 s of all processors, in which the page answers nothing; and
+connect again, for which our page loads it anew."""
 
 
 class PageServer:
