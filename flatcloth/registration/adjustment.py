@@ -43,23 +43,20 @@ def solved(registered: Registered) -> Registered:
         matrix, right = _assembled(registered, pairs, trusting=step == 0)
         pull = right + matrix @ x
         # One grade after the other: the matrix of many views is large.
-        log = np.array([_log_evidence(root, matrix, pull) for root in roots])
-        own = np.exp(log - log.max() + np.log(chance[used]))
+        logs, each = zip(*(_explained(root, matrix, pull) for root in roots), strict=True)
+        own = np.exp(np.array(logs) - max(logs) + np.log(chance[used]))
         own[own < 1e-6 * own.sum()] = 0.0
-        posterior = np.zeros(len(grid))
-        posterior[used] = own / own.sum()
-        means, covariance = [], np.zeros_like(matrix)
-        for share, root in zip(posterior[used[own > 0.0]], roots[own > 0.0], strict=True):
-            inverse = np.linalg.inv(_scaled(root, matrix))
-            means.append(root * (inverse @ (root * pull)))
-            covariance += share * root[:, None] * inverse * root
-        chance_of = posterior[used[own > 0.0]]
-        x = chance_of @ means
+        own /= own.sum()
+        posterior, means = np.zeros(len(grid)), np.array(each)
+        posterior[used] = own
+        x = own @ means
         registered = replace(
             registered, common=x[:COMMON], own=x[COMMON:].reshape(n, OWN), posterior=posterior
         )
-    off = means - x
-    return replace(registered, covariance=covariance + (chance_of[:, None] * off).T @ off)
+    covariance = (own[:, None] * (means - x)).T @ (means - x)
+    for share, root in zip(own[own > 0.0], roots[own > 0.0], strict=True):
+        covariance += share * root[:, None] * np.linalg.inv(_scaled(root, matrix)) * root
+    return replace(registered, covariance=covariance)
 
 
 def _scaled(root: Float64, matrix: Float64) -> Float64:
@@ -69,15 +66,16 @@ def _scaled(root: Float64, matrix: Float64) -> Float64:
     return scaled
 
 
-def _log_evidence(root: Float64, matrix: Float64, pull: Float64) -> float:
-    """Return the logarithm of how well a grade explains the pairs, but for a constant.
+def _explained(root: Float64, matrix: Float64, pull: Float64) -> tuple[float, Float64]:
+    """Return the logarithm of how well a grade explains the pairs, but for a constant, and the unknowns (M,).
 
     The model is linear and Gaussian: with M of :func:`_scaled` and ``pull`` b, it is
-    (b' D^1/2 M^-1 D^1/2 b - log det M) / 2.
+    (b' D^1/2 M^-1 D^1/2 b - log det M) / 2, and they are D^1/2 M^-1 D^1/2 b.
     """
     factor = cholesky(_scaled(root, matrix), lower=True, overwrite_a=True, check_finite=False)
     whitened = solve_triangular(factor, root * pull, lower=True, check_finite=False)
-    return float(0.5 * whitened @ whitened - np.log(np.diag(factor)).sum())
+    found = root * solve_triangular(factor, whitened, lower=True, trans=1, check_finite=False)
+    return float(0.5 * whitened @ whitened - np.log(np.diag(factor)).sum()), found
 
 
 @dataclass(frozen=True, kw_only=True)
