@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from flatcloth.core.types import Float64, Int64
 from flatcloth.registration.pairwise import PairFit
@@ -72,10 +72,12 @@ def _explained(root: Float64, matrix: Float64, pull: Float64) -> tuple[float, Fl
     The model is linear and Gaussian: with M of :func:`_scaled` and ``pull`` b, it is
     (b' D^1/2 M^-1 D^1/2 b - log det M) / 2, and they are D^1/2 M^-1 D^1/2 b.
     """
-    factor = cholesky(_scaled(root, matrix), lower=True, overwrite_a=True, check_finite=False)
-    whitened = solve_triangular(factor, root * pull, lower=True, check_finite=False)
-    found = root * solve_triangular(factor, whitened, lower=True, trans=1, check_finite=False)
-    return float(0.5 * whitened @ whitened - np.log(np.diag(factor)).sum()), found
+    factor, failed = dpotrf(_scaled(root, matrix).T, lower=1, overwrite_a=1)  # columns first; M is symmetric
+    if failed:
+        raise np.linalg.LinAlgError("the adjustment of the views is not finite")
+    whitened, _ = dtrtrs(factor, root * pull, lower=1)
+    found, _ = dtrtrs(factor, whitened, lower=1, trans=1)
+    return float(0.5 * whitened @ whitened - np.log(np.diag(factor)).sum()), root * found
 
 
 @dataclass(frozen=True, kw_only=True)
