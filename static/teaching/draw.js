@@ -159,15 +159,24 @@ export class Sheet {
     }
   }
 
+  /** What of a text has room in a width, as it is written next. */
+  fitted(/** @type {string} */ text, /** @type {number} */ wide) {
+    const fits = (/** @type {string} */ part) => this.context.measureText(part).width <= wide;
+    let shown = text;
+    for (let n = text.length - 1; n >= 0 && !fits(shown); n--) shown = n ? `${text.slice(0, n).trimEnd()}\u2026` : "";
+    return shown;
+  }
+
   /** A title above a pane; returns what is left of it. */
   titled(/** @type {Rect} */ rect, /** @type {string} */ title, detail = "") {
     const high = 1.7 * this.em;
-    this.text(title, rect.x, rect.y + 1.05 * this.em, { weight: 600 });
-    if (detail) {
-      this.font(0.92, 600);
-      const width = this.context.measureText(title).width;
-      this.text(detail, rect.x + width + 0.6 * this.em, rect.y + 1.05 * this.em, { color: this.color.soft });
-    }
+    this.font(0.92, 600);
+    const shown = this.fitted(title, rect.w);
+    const used = this.context.measureText(shown).width + 0.6 * this.em;
+    this.text(shown, rect.x, rect.y + 1.05 * this.em, { weight: 600 });
+    this.font(0.92);
+    const more = shown === title ? this.fitted(detail, rect.w - used) : "";
+    this.text(more, rect.x + used, rect.y + 1.05 * this.em, { color: this.color.soft });
     return inset(rect, 0, high, 0, 0);
   }
 
