@@ -1,44 +1,46 @@
 """How many views an active loop needs on simulated cells, and whether what it says is true.
 
 ``--meshes`` are OBJ files; ``--recordings`` recordings of them with true points, found by the mesh's name at
-their beginning. Each panel is looked at from ``--starts`` start angles, with the noise of a D435 and 2 mm of
-sway, for two named points that are visible by truth, and for two that are not. ``fixed`` turns by 10 degrees;
-``present`` is the choice among views every 10 degrees by new area alone. ``--keep`` keeps each loop, so that
+their beginning. Each panel is looked at from ``--starts`` start angles, by stereo with 2 mm of sway: for two
+named points that are visible by truth, for two that are not, and for its shape, which also tells the kind.
+From the first start, ``fixed`` turns by 10 degrees, and ``present`` chooses among views every 10 degrees
+by new area alone. ``all`` is what 36 views give, integrated as a recording: what they do not know cannot be
+known. A view at an angle is the same in all loops of a mesh. ``--keep`` keeps views and loops, so that
 many can be measured in pieces; with ``--starts 0`` nothing more is measured.
 """
 
 from __future__ import annotations
 
-import functools
+import gc
 import json
 import tempfile
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from benchmarks.cells import Views, true_points
 from benchmarks.inputs import Remembered
-from benchmarks.output import Options, save, say
+from benchmarks.output import Options, kept, save, say
+from benchmarks.speed import unit_s
+from benchmarks.unattended import integrated
 from flatcloth.active.choosing import Next, shorter_deg
 from flatcloth.active.ending import End
-from flatcloth.active.goal import Budget, Goal
+from flatcloth.active.goal import Budget, Goal, knowledge_of
 from flatcloth.active.loop import ActiveLoop
-from flatcloth.active.station import view_of_cell
-from flatcloth.core.geometry import back_project, camera_from_held, fit_rigid2, held_from_camera
-from flatcloth.engine.garment.truth import read_true_points
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.types import finite
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.export.garment import garment_points
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
+from flatcloth.recordings.writer import RecordingWriter
 from flatcloth.synthesis.cell import Cell
-from flatcloth.synthesis.hanging import PoseErrors
-from flatcloth.synthesis.meshes import read_mesh
-from flatcloth.synthesis.recording import Request
 
-SEEN_M = 0.012
-"""A point is visible by truth if a pixel of its panel is as near. Chosen: the error of a named point."""
 WITHIN_M, TRULY_M = 0.020, 0.040
 """What is asked of a point: its deviation, and its true error."""
 VIEWS = 12
@@ -81,202 +83,175 @@ def run(options: Options) -> None:
     """Measure and print; write ``results/active.json`` unless ``quick``."""
     rows: list[dict[str, Any]] = []
     if options.keep and options.starts == 0:  # nothing more is measured
-        rows = [json.loads(file.read_text()) for file in sorted(Path(options.keep).glob("*.json"))]
+        rows = [
+            row for file in sorted(Path(options.keep).glob("*.json")) for row in json.loads(file.read_text())
+        ]
     for mesh in map(Path, options.meshes):
         found = [name for name in options.recordings if Path(name).name.startswith(mesh.stem)]
-        if not found:
+        if found:
+            rows += _rows_of(mesh, found[0], options)
+        else:
             say(f"{mesh.stem}: no recording with true points")
-            continue
-        for panel in (1, 2):
-            truth: dict[str, Any] | None = None
-            for start_deg in np.arange(options.starts) * (360.0 / options.starts):
-                for choice, hidden in [*((each, False) for each in CHOICES), ("active", True)]:
-                    key = f"{mesh.stem}-{panel}-{start_deg:.0f}-{choice}{'-hidden' if hidden else ''}"
-                    file = Path(options.keep) / f"{key}.json" if options.keep else None
-                    if file is not None and file.exists():
-                        rows.append(json.loads(file.read_text()))
-                        continue
-                    truth = truth or true_points(mesh, found[0], panel)
-                    row = measured(mesh, panel, float(start_deg), choice, truth, hidden=hidden)
-                    if row is None:
-                        continue
-                    rows.append(row)
-                    if file is not None:
-                        file.parent.mkdir(parents=True, exist_ok=True)
-                        file.write_text(json.dumps(row))
-                    say(f"{key}: {row['known_after']} {row['errors_mm']} {row['reason'][:90]}")
     found_figures = figures(rows)
     say(json.dumps(found_figures, indent=1))
     if rows and not options.quick:
         save("active", {"summary": found_figures, "loops": rows}, [row["mesh"] for row in rows])
 
 
-def request_of(mesh: Path, panel: int, **more: Any) -> Request:
-    return Request(mesh=mesh, out=Path(), panel=str(panel), texture="floral", **more)
+def _rows_of(mesh: Path, recorded: str, options: Options) -> list[dict[str, Any]]:
+    """Measure all loops of a mesh, and its 36 views."""
+    rows: list[dict[str, Any]] = []
+    views = Views(mesh, Path(options.keep or tempfile.mkdtemp()) / "views" / mesh.stem)
+    for panel in (1, 2):
+        truth = kept(options, f"truth/{mesh.stem}-{panel}", partial(true_points, views, recorded, panel))[0]
+        rows += kept(options, f"{mesh.stem}-{panel}-all", partial(_all_views, views, panel, truth))
+        for number, start_deg in enumerate(np.arange(options.starts) * (360.0 / options.starts)):
+            asked = [("points", "active"), ("hidden", "active"), ("shape", "active")]
+            asked += [("points", choice) for choice in CHOICES[1:] if number == 0]
+            for about, choice in asked:
+                key = f"{mesh.stem}-{panel}-{start_deg:.0f}-{about}-{choice}"
+                loop = partial(measured, views, panel, float(start_deg), choice, truth, about)
+                rows += kept(options, key, loop)
+                gc.collect()  # an integration and its caches refer to one another
+                if rows[-1]["about"] == about:
+                    say(f"{key}: {rows[-1]['known_after']} {rows[-1]['errors_mm']} {rows[-1]['reason'][:90]}")
+    return rows
 
 
-def true_points(mesh_file: Path, recorded: str, panel: int) -> dict[str, Any]:
-    """Return the true places of the named points on the mesh, object frame at start 0, and which are seen.
-
-    The recording's truth says where a point lies on its flat panel; the pattern coordinates of the mesh lead
-    from there to a vertex. As seen from outside of the other panel, left and right are exchanged.
-    """
-    recording, truth = Remembered(open_recording(recorded)), read_truth(recorded)
-    named = read_true_points(Path(recording.location))
-    assert named is not None
-    cell = Cell(request_of(mesh_file, panel))
-    mesh, vertices = read_mesh(mesh_file), cell.points_m
-    own = truth.panel_of_interest
-    members = mesh.group == [name.lower() for name in mesh.group_names].index("front" if own == 1 else "back")
-    corner = mesh.triangles[members].ravel()
-    assert mesh.corner_uv is not None
-    pattern = mesh.corner_uv[members].reshape(-1, 2) * (1.0, -1.0)
-    seen_xyz, seen_uv = [], []
-    for n in range(0, len(recording), 3):
-        frame, true = recording[n], truth[n]
-        shown = (true.panel == own) & true.outer_face & (frame.depth_m > 0)
-        held = held_from_camera(recording.rotation_axis, frame.angle_deg)
-        seen_xyz.append(held.apply(back_project(frame.depth_m, frame.intrinsics)[shown][::20].astype(float)))
-        seen_uv.append(true.flat_uv_m[shown][::20].astype(float))
-    xyz, flat_uv = np.concatenate(seen_xyz), np.concatenate(seen_uv)
-    tree = cKDTree(vertices[corner])
-    turns = [camera_from_held(cell.axis, angle) for angle in np.arange(0.0, 360.0, 5.0)]
-    turn = min(turns, key=lambda each: float(np.median(tree.query(each.apply(xyz))[0])))
-    off, nearest = tree.query(turn.apply(xyz))
-    near = off < 0.006
-    fits = []
-    for mirror in (1.0, -1.0):
-        flat = pattern[nearest[near]] * (mirror, 1.0)
-        motion = fit_rigid2(flat, flat_uv[near])
-        left = float(np.median(np.linalg.norm(motion.apply(flat) - flat_uv[near], axis=1)))
-        fits.append((left, mirror, motion))
-    left_m, mirror, motion = min(fits, key=lambda fit: fit[0])
-    say(f"{mesh_file.stem}: pattern {1e3 * left_m:.1f} mm off the truth, mesh {1e3 * np.median(off):.1f} mm")
-    placed = cKDTree(motion.apply(pattern * (mirror, 1.0)))
-    places = {
-        (name if own == panel else _swapped(name)): vertices[corner[placed.query(np.array(uv))[1]]]
-        for name, uv in named.points_m.items()
-    }
-    seen = _seen(cell, places)
-    return {"kind": named.kind, "places": places, "seen": seen}
+def _all_views(views: Views, panel: int, truth: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return what 36 views give that are integrated as a recording."""
+    with tempfile.TemporaryDirectory() as folder:
+        cell = views.cell
+        with RecordingWriter(
+            folder, name="all", intrinsics=cell.intrinsics, depth_scale_m=DEPTH_SCALE_M,
+            rotation_axis=cell.axis, held_point_m=cell.held_point_m,
+        ) as writer:  # fmt: skip
+            for angle in np.arange(0.0, 360.0, 10.0).tolist():
+                view = views.at(panel, 0.0, angle)
+                writer.add(angle, view.color, depth_units(view.depth_m), view.mask)
+        try:
+            integration, document = integrated(Remembered(open_recording(folder)))
+            known = GarmentService(integration).known(document)
+            area_m2 = integration.canonical(document).view.area_m2
+        except FlatclothError as error:
+            known, area_m2 = str(error), 0.0
+    knowledge = knowledge_of(36, area_m2, known)
+    return [
+        {
+            "mesh": views.mesh.stem,
+            "panel": panel,
+            "about": "all",
+            "true_kind": truth["kind"],
+            "kind": knowledge.kind,
+            "probability": knowledge.probability,
+            "area_cm2": 1e4 * area_m2,
+            "known": [name for name, point in knowledge.points.items() if point.is_within(WITHIN_M)],
+            "std_mm": {name: round(1e3 * point.std_m, 1) for name, point in knowledge.points.items()},
+            "errors_mm": _errors_mm(known, truth, views.cell, 0.0),
+            "seen": truth["seen"],
+        }
+    ]
 
 
-def _swapped(name: str) -> str:
-    for one, other in (("_left", "_right"), ("_right", "_left")):
-        if name.endswith(one):
-            return name.removesuffix(one) + other
-    return name
-
-
-def _seen(cell: Cell, places: dict[str, np.ndarray]) -> dict[str, bool]:
-    """Return which places the panel of interest shows in any of 36 views."""
-    nearest = dict.fromkeys(places, np.inf)
-    for number, angle in enumerate(np.arange(0.0, 360.0, 10.0)):
-        view = cell.look(float(angle), number)
-        depth = view.depth_units.astype(np.float32) * np.float32(cell.depth_scale_m)
-        points = back_project(depth, cell.intrinsics)[view.mask]
-        if not len(points):
-            continue
-        tree = cKDTree(held_from_camera(cell.axis, float(angle)).apply(points.astype(float)))
-        for name, place in places.items():
-            nearest[name] = min(nearest[name], float(tree.query(place)[0]))
-    return {name: off <= SEEN_M for name, off in nearest.items()}
+def _errors_mm(
+    known: KnownGarment | str, truth: dict[str, Any], cell: Cell, start_deg: float
+) -> dict[str, float]:
+    """Return how far each named point that was seen is off; the corners of a towel have no order."""
+    back = held_from_camera(cell.axis, start_deg).inverse()  # the object frame begins where the cell starts
+    places = {name: back.apply(np.array(place)[None])[0] for name, place in truth["places"].items()}
+    errors = {}
+    for pick in garment_points(known):
+        true = (
+            list(places.values())
+            if truth["kind"] == "towel"
+            else [places[n] for n in (pick.name,) if n in places]
+        )
+        if true:
+            off_m = np.linalg.norm(np.array(true) - pick.position_held_m, axis=1)
+            errors[pick.name] = round(1e3 * float(off_m.min()), 1)
+    return errors
 
 
 def asked_points(truth: dict[str, Any], *, hidden: bool) -> tuple[str, ...]:
-    """Return two named points that are visible by truth, or two that are not; a pair if there is one."""
+    """Return two named points that are visible by truth, or one or two that are not; a pair if there is one.
+
+    The corners of a towel have no order, so that two are asked for if all are visible.
+    """
     fits = {name for name, seen in truth["seen"].items() if seen != hidden}
+    if truth["kind"] == "towel":
+        return tuple(sorted(fits)[:2]) if len(fits) == len(truth["seen"]) and not hidden else ()
     for pair in PAIRS:
         both = (f"{pair}_left", f"{pair}_right")
         if set(both) <= fits:
             return both
     some = sorted(fits)[:2]
-    return tuple(some) if len(some) == 2 and truth["kind"] != "towel" else ()
+    return tuple(some) if len(some) == 2 or hidden else ()
 
 
 def measured(
-    mesh: Path, panel: int, start_deg: float, choice: str, truth: dict[str, Any], *, hidden: bool
-) -> dict[str, Any] | None:
-    """Return what one loop found, view by view; None if there are no such points."""
-    names = asked_points(truth, hidden=hidden)
-    if not names:
-        return None
-    seed = int(start_deg)
-    request = request_of(mesh, panel, noise="d435", loose=PoseErrors(swing_m=0.002), seed=seed)
-    cell = Cell(request, start_deg=start_deg)
-    eye = functools.partial(view_of_cell, cell)
-    goal = Goal(about="points", points=names, within_m=WITHIN_M)
-    back = held_from_camera(cell.axis, start_deg).inverse()  # the object frame begins where the cell starts
+    views: Views, panel: int, start_deg: float, choice: str, truth: dict[str, Any], about: str
+) -> list[dict[str, Any]]:
+    """Return what one loop found, view by view; nothing if there are no such points."""
+    names = () if about == "shape" else asked_points(truth, hidden=about == "hidden")
+    if not names and about != "shape":
+        return []
+    goal = Goal(about="points", points=names, within_m=WITHIN_M) if names else Goal(about="shape")
     with tempfile.TemporaryDirectory() as folder:
         loop = LOOPS[choice](Path(folder) / "out", goal, Budget(views=VIEWS))
-        views: list[dict[str, Any]] = []
+        steps: list[dict[str, Any]] = []
         while isinstance(loop.asked, Next):
             angle = loop.asked.angle_deg
-            view = eye(angle, loop.views)
+            view = views.at(panel, start_deg, angle)
             began_s = time.process_time()
-            try:
-                loop.take(view, loop.views)
-            except Exception as error:  # noqa: BLE001 - a row says so
-                views.append({"trouble": str(error)})
-                break
-            picks = {pick.name: pick for pick in garment_points(loop.known)}
-            errors = {}
-            for name in (each for each in names if each in picks):
-                true = back.apply(truth["places"][name][None])[0]
-                errors[name] = 1e3 * float(np.linalg.norm(picks[name].position_held_m - true))
-            views.append(
+            loop.take(view, loop.views)
+            seconds = time.process_time() - began_s
+            errors = _errors_mm(loop.known, truth, views.cell, start_deg)
+            knowledge = loop.knowledge
+            steps.append(
                 {
                     "angle_deg": angle,
-                    "seconds": time.process_time() - began_s,
-                    "area_cm2": 1e4 * loop.knowledge.area_m2,
-                    "kind": loop.knowledge.kind,
-                    "probability": loop.knowledge.probability,
-                    "known": not loop.knowledge.missing(goal),
-                    "errors_mm": {name: round(value, 1) for name, value in errors.items()},
+                    "seconds": seconds,
+                    "area_cm2": 1e4 * knowledge.area_m2,
+                    "kind": knowledge.kind,
+                    "probability": knowledge.probability,
+                    "known": bool(names) and not knowledge.missing(goal),
+                    "std_mm": {name: finite(1e3 * knowledge.point(name).std_m) for name in names},
+                    "errors_mm": {name: errors[name] for name in names if name in errors},
                 }
             )
         end = loop.asked
         loop.close()
-    known = next((n for n, view in enumerate(views, start=1) if view.get("known")), None)
-    return {
-        "mesh": mesh.stem,
-        "panel": panel,
-        "start_deg": start_deg,
-        "choice": choice,
-        "hidden": hidden,
-        "points": list(names),
-        "true_kind": truth["kind"],
-        "known_after": known,
-        "errors_mm": views[known - 1]["errors_mm"] if known else {},
-        "reached": isinstance(end, End) and end.reached,
-        "reason": end.reason if isinstance(end, End) else "",
-        "views": views,
-    }
+    known = next((n for n, step in enumerate(steps, start=1) if step["known"]), None)
+    assert isinstance(end, End)
+    return [
+        {
+            "mesh": views.mesh.stem,
+            "panel": panel,
+            "start_deg": start_deg,
+            "choice": choice,
+            "about": about,
+            "points": list(names),
+            "true_kind": truth["kind"],
+            "known_after": known,
+            "errors_mm": steps[known - 1]["errors_mm"] if known else {},
+            "reached": end.reached,
+            "reason": end.reason,
+            "said_hidden": list(end.hidden),
+            "u_s": unit_s(clock=time.process_time),
+            "views": steps,
+        }
+    ]
 
 
 def figures(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the figures of all loops, by how they chose."""
-    found: dict[str, Any] = {}
+    """Return the figures of all loops, by how they chose, beside what 36 views give."""
+    bounds = {(row["mesh"], row["panel"]): row for row in rows if row["about"] == "all"}
+    found: dict[str, Any] = {"all": _of_all(rows, bounds)} if bounds else {}
     for choice in CHOICES:
-        loops = [row for row in rows if row["choice"] == choice and not row["hidden"]]
-        if not loops:
-            continue
-        after = np.array([row["known_after"] or np.inf for row in loops])
-        right = [max(row["errors_mm"].values()) <= 1e3 * TRULY_M for row in loops if row["known_after"]]
-        kinds = [_kind_after(row) for row in loops]
-        seconds = [view["seconds"] for row in loops for view in row["views"][2:] if "seconds" in view]
-        found[choice] = {
-            "loops": len(loops),
-            "known_after_median": float(np.median(after)) if np.isfinite(np.median(after)) else None,
-            "known_within_6": float((after <= 6).mean()),
-            "known_within_12": float((after <= 12).mean()),
-            "known_and_within_40_mm": float(np.mean(right)) if right else None,
-            "said_cannot_be_known_wrongly": _said_unknowable(loops),
-            "kind_after_median": float(np.median(kinds)) if np.isfinite(np.median(kinds)) else None,
-            "wrong_kind_above_0.9": sum(_is_wrong(row) for row in loops),
-            "seconds_a_view_median": float(np.median(seconds)) if seconds else None,
-        }
-    hidden = [row for row in rows if row["hidden"]]
+        loops = [row for row in rows if row["about"] == "points" and row["choice"] == choice]
+        if loops:
+            found[choice] = _of_points(loops, bounds)
+    hidden = [row for row in rows if row["about"] == "hidden"]
     if hidden:
         found["hidden"] = {
             "loops": len(hidden),
@@ -284,7 +259,88 @@ def figures(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "said_known": float(np.mean([row["known_after"] is not None for row in hidden])),
             "views_median": float(np.median([len(row["views"]) for row in hidden])),
         }
+    said = [row for row in rows if row.get("said_hidden")]
+    if said:
+        found["cannot_be_known"] = {
+            "said": len(said),
+            "right": float(np.mean([not set(row["said_hidden"]) & _knowable(row, bounds) for row in said])),
+        }
+    shapes = [row for row in rows if row["about"] == "shape" and _bound_of(row, bounds).get("area_cm2")]
+    if shapes:
+        kinds = np.array([_kind_after(row) for row in shapes])
+        areas = [row["views"][-1]["area_cm2"] / _bound_of(row, bounds)["area_cm2"] for row in shapes]
+        found["shape"] = {
+            "loops": len(shapes),
+            "area_of_36_views_median": float(np.median(areas)),
+            "area_at_least_0.95": float(np.mean(np.array(areas) >= 0.95)),
+            "views_median": float(np.median([len(row["views"]) for row in shapes])),
+            "kind_after_median": _median(kinds),
+            "kind_within_4": float((kinds <= 4).mean()),
+            "kind_within_12": float((kinds <= 12).mean()),
+            "wrong_kind_above_0.9": sum(_is_wrong(row) for row in shapes),
+        }
     return found
+
+
+def _bound_of(row: dict[str, Any], bounds: dict[tuple[str, int], dict[str, Any]]) -> dict[str, Any]:
+    return bounds.get((row["mesh"], row["panel"]), {})
+
+
+def _knowable(row: dict[str, Any], bounds: dict[tuple[str, int], dict[str, Any]]) -> set[str]:
+    """Return the points that are visible by truth and that 36 views know."""
+    bound = _bound_of(row, bounds)
+    return {name for name in bound.get("known", ()) if bound["seen"].get(name)}
+
+
+def _of_all(rows: Sequence[dict[str, Any]], bounds: dict[tuple[str, int], dict[str, Any]]) -> dict[str, Any]:
+    """Return what 36 views give: of the panels, of the asked points of each, and of all visible points."""
+    asked = {(row["mesh"], row["panel"]): row["points"] for row in rows if row["about"] == "points"}
+    visible = [(name, bound) for bound in bounds.values() for name, seen in bound["seen"].items() if seen]
+    return {
+        "panels": len(bounds),
+        "asked": len(asked),
+        "asked_known": float(
+            np.mean([set(asked[key]) <= set(bounds[key]["known"]) for key in asked if key in bounds])
+        ),
+        "visible_points": len(visible),
+        "visible_points_known": float(np.mean([name in bound["known"] for name, bound in visible])),
+        "kinds_right": float(np.mean([bound["kind"] == bound["true_kind"] for bound in bounds.values()])),
+        "kinds_above_0.9": float(
+            np.mean([bound["kind"] is not None and bound["probability"] >= 0.9 for bound in bounds.values()])
+        ),
+    }
+
+
+def _of_points(
+    loops: Sequence[dict[str, Any]], bounds: dict[tuple[str, int], dict[str, Any]]
+) -> dict[str, Any]:
+    after = np.array([row["known_after"] or np.inf for row in loops])
+    knowable = np.array([set(row["points"]) <= _knowable(row, bounds) for row in loops])
+    right = [max(row["errors_mm"].values()) <= 1e3 * TRULY_M for row in loops if row["known_after"]]
+    in_u = [view["seconds"] / row["u_s"] for row in loops for view in row["views"][2:]]
+    return {
+        "loops": len(loops),
+        "knowable": float(knowable.mean()),
+        "known_after_median": _median(after),
+        "known_after_median_of_knowable": _median(after[knowable]),
+        "known_within_6": float((after <= 6).mean()),
+        "known_within_12": float((after <= 12).mean()),
+        "known_within_12_of_knowable": float((after[knowable] <= 12).mean()) if knowable.any() else None,
+        "known_and_within_40_mm": float(np.mean(right)) if right else None,
+        "said_cannot_be_known_wrongly": float(
+            np.mean(
+                ["cannot be known" in row["reason"] and can for row, can in zip(loops, knowable, strict=True)]
+            )
+        ),
+        "said_cannot_be_known": _said_unknowable(loops),
+        "wrong_kind_above_0.9": sum(_is_wrong(row) for row in loops),
+        "u_a_view_median": float(np.median(in_u)) if in_u else None,
+    }
+
+
+def _median(after: np.ndarray) -> float | None:
+    """Return the median of numbers of views, None if it is more than were taken."""
+    return float(np.median(after)) if len(after) and np.isfinite(np.median(after)) else None
 
 
 def _said_unknowable(rows: Sequence[dict[str, Any]]) -> float:

@@ -4,7 +4,10 @@ A method rates angles by the cloth that they would show (:meth:`flatcloth.method
 For a named point only the cloth around it counts, and around it means where it may be: its own deviation
 widens the neighbourhood. With the share *f* of that cloth that a view shows for the first time, the point is
 as sure afterwards as one whose cloth was seen with probability *f*; so its expected variance is
-``(1 - f) V + f V_seen`` (law of total variance).
+``(1 - f) V + f V_seen`` (law of total variance). Cloth that it shows again, a share *g*, makes edges surer:
+one that was seen once counts half, twice two thirds (:mod:`flatcloth.garments.evidence`), so a quarter of
+``g (V - V_seen)`` goes. The rest of the outline tells where a point is, too: as much is expected of a view as
+the seen cloth grows by it, ``V - V_seen`` as the inverse of its area.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from flatcloth.active.goal import Goal, Knowledge
 from flatcloth.core.types import Float64
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
-from flatcloth.garments.fit import APART_M
+from flatcloth.garments.fit import APART_M, SURE
 from flatcloth.garments.recognition import POINT_STD_M
 from flatcloth.methods.answers import Candidate, Plan
 from flatcloth.methods.starting import overlap_area_m2
@@ -33,6 +36,11 @@ APART_DEG = 5.0
 """No angle nearer to a recorded one is chosen: it shows the same cloth. Chosen."""
 LEAST_SHARE = 0.1
 """A point is hidden if no view is expected to show more than this of the cloth around it. Chosen."""
+NOVEL_DEG = 30.0
+"""A view nearer than this to another is less likely to join what that one did not: as for the cloth beyond an
+outline (:mod:`flatcloth.methods.robust.next_best_view`)."""
+AGAIN = 0.25
+"""Part of the variance of an edge seen once that goes when it is seen again; by definition, see above."""
 FLOATING = 0.05
 """Worth of a view without overlap, of one with enough: its cloth floats until a view connects it. Chosen."""
 _HALF_M = APART_M / 2.0
@@ -123,39 +131,38 @@ def choose_next(
     least_m2 = overlap_area_m2(integration.views)
     rated = _in_order(plan)
     overlap = np.minimum(1.0, [c.overlap_m2 / least_m2 for c in rated])
-    new_m2 = np.array([c.new_m2 for c in rated])
+    # Even odds that a view joins what floats, if it shows it with the shape from elsewhere than before.
+    novel = np.minimum(1.0, [c.gap_deg / NOVEL_DEG for c in rated])
+    joined_m2 = 0.5 * novel * np.array([c.floating_m2 for c in rated])
+    new_m2 = np.array([c.new_m2 - c.joining_m2 for c in rated]) + joined_m2
     gains = new_m2 * (FLOATING + (1.0 - FLOATING) * overlap)
-    shares = _shares(integration, document, known, knowledge, goal, angles)
-    after = {name: _expected_std_m(knowledge.point(name).std_m, share) for name, share in shares.items()}
-    # Where a point is must be known to say that nothing shows it there.
-    placed = [name for name in shares if knowledge.point(name).std_m <= APART_M]
-    hidden = tuple(name for name in placed if shares[name].max() < LEAST_SHARE)
+    shares = _shares(integration, document, known, knowledge, goal, angles, joined_m2)
+    grown = 1.0 + scale * new_m2 / max(knowledge.area_m2, least_m2)
+    after = {
+        name: _expected_std_m(knowledge.point(name).std_m, *share, grown) for name, share in shares.items()
+    }
+    # Which garment it is, and where a point is, must be known to say that nothing shows it there.
+    settled = [n for n in shares if knowledge.probability >= SURE and knowledge.point(n).std_m <= APART_M]
+    hidden = tuple(name for name in settled if max(map(np.max, shares[name])) < LEAST_SHARE)
     lessened = sum(
         (knowledge.point(name).std_m ** 2 - std**2 for name, std in after.items() if name not in hidden),
         start=np.zeros(len(free)),
     )
-    if lessened.any():
-        # More of the outline tells where a point is, as does the cloth around it: both count alike.
-        gains = _of_most(gains) + _of_most(lessened * overlap)
+    if lessened.any() and knowledge.probability > 0.5:  # of another garment they would lie elsewhere
+        gains = lessened * (FLOATING + (1.0 - FLOATING) * overlap)
     best = int((gains / np.array([seconds_of(turn) for turn in turns])).argmax())
     chosen = rated[best]
     points_m = {name: float(std[best]) for name, std in after.items()}
     return Next(
         angle_deg=free[best],
         turn_deg=float(turns[best]),
-        why=_why(scale * chosen.new_m2, chosen.overlap_m2, knowledge, points_m, hidden),
-        new_m2=scale * chosen.new_m2,
+        why=_why(scale * float(new_m2[best]), chosen.overlap_m2, knowledge, points_m, hidden),
+        new_m2=scale * float(new_m2[best]),
         overlap_m2=chosen.overlap_m2,
         most_new_m2=scale * float(new_m2.max()),
         points_m=points_m,
         hidden=hidden,
     )
-
-
-def _of_most(gains: Float64) -> Float64:
-    """Return gains as shares of the largest."""
-    shares: Float64 = gains / max(float(gains.max()), 1e-12)
-    return shares
 
 
 def _in_order(plan: Plan) -> list[Candidate]:
@@ -170,11 +177,20 @@ def _shares(
     knowledge: Knowledge,
     goal: Goal,
     angles_deg: Sequence[float],
-) -> dict[str, Float64]:
-    """Return for each missing point the share (K,) of the cloth around it that each free angle would show."""
+    joined_m2: Float64,
+) -> dict[str, tuple[Float64, Float64]]:
+    """Return for each missing point which shares (K,) of its cloth each free angle would show.
+
+    First that which would be seen well for the first time, then that which would be seen again.
+    """
     if isinstance(known, str) or not knowledge.points:
         return {}
     shares = {}
+    # The cloth of a point that was not seen is on a piece that floats, or elsewhere of what is missing.
+    canonical, (u, v) = integration.canonical(document), known.found.outline_uv_m.T
+    missing_m2 = 0.5 * abs(float(u @ np.roll(v, -1) - v @ np.roll(u, -1))) - canonical.view.area_m2
+    missing_m2 = max(missing_m2, sum(piece.area_m2 for piece in canonical.floating))
+    on_floating = joined_m2 / max(missing_m2, float(joined_m2.max()), 1e-6)
     for name in knowledge.missing(goal):
         if name not in knowledge.points:
             continue
@@ -191,14 +207,19 @@ def _shares(
         # Cloth without any evidence may lie anywhere on the item.
         of_item = min(1.0, whole_m2 / max(knowledge.area_m2, whole_m2))
         new = np.array([c.new_m2 - c.unseen_m2 + of_item * c.unseen_m2 for c in rated])
-        shares[name] = np.clip(new / whole_m2, 0.0, 1.0)
+        again = np.array([c.overlap_m2 for c in rated])
+        new = new / whole_m2 + (0.0 if knowledge.point(name).seen else on_floating)
+        shares[name] = np.clip(new, 0.0, 1.0), np.clip(again / whole_m2, 0.0, 1.0)
     return shares
 
 
-def _expected_std_m(std_m: float, share: Float64) -> Float64:
-    """Return the expected standard deviation (K,) of a point after views that show a share of its cloth."""
-    seen_m = min(std_m, POINT_STD_M)
-    after: Float64 = np.sqrt((1.0 - share) * std_m**2 + share * seen_m**2)
+def _expected_std_m(std_m: float, new: Float64, again: Float64, grown: Float64) -> Float64:
+    """Return the expected standard deviation (K,) of a point after views.
+
+    They show shares of its cloth for the first time, and again, and the whole cloth is so many times as much.
+    """
+    seen_m2 = min(std_m, POINT_STD_M) ** 2
+    after: Float64 = np.sqrt(seen_m2 + (1.0 - new) * (1.0 - AGAIN * again) / grown * (std_m**2 - seen_m2))
     return after
 
 

@@ -14,7 +14,7 @@ from flatcloth.core.geometry import back_project, camera_from_held, held_from_ca
 from flatcloth.core.strokes import ImageStroke
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
 from flatcloth.engine.views import RecordedViews
-from flatcloth.flattening.surface import foreground_mask
+from flatcloth.flattening.surface import crop_to_item, foreground_mask
 from flatcloth.recordings.film.angles import apart_deg
 from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.writer import Uint16
@@ -22,7 +22,8 @@ from flatcloth.recordings.writer import Uint16
 _SAME_M = 0.010
 """Depths that agree: sway, noise and an angle that is off by two degrees move cloth by less. Chosen."""
 _POINTS = 1500
-"""Points compared of each view. Chosen for speed; they are hundreds of independent places."""
+"""Points compared of a view, and of the others together. Chosen for speed; they are hundreds of independent
+places."""
 _COARSE_DEG, _FINE_DEG = 4.0, 1.0
 """Steps of the search. Chosen: cloth 0.15 m from the axis moves by _SAME_M in four degrees."""
 WRONG_DEG = 6.0
@@ -142,44 +143,55 @@ class FoundAngle:
         )
 
 
-def find_angle(view: SeenView, views: RecordedViews) -> FoundAngle:
-    """Find the angle of a view: points of the other views must not lie before its surface, nor beside it.
+class AngleFinder:
+    """Finds angles of views: points of earlier views must not lie before their surface, nor beside it.
 
     Parameters
     ----------
-    view : SeenView
-        The view, with its announced angle.
     views : RecordedViews
-        The views before it.
+        The earlier views. Those that are added to them later are compared, too.
     """
-    about = views.axis, views.config.surface
-    seen = [_surface_of(views.recorded(n), *about) for n in range(len(views.angles_deg))]
-    new = _surface_of(view.frame, *about)
-    poses = [held_from_camera(views.axis, angle) for angle in views.angles_deg]
-    held = np.concatenate([pose.apply(each.points_m) for pose, each in zip(poses, seen, strict=True)])
 
-    def agreement(angle_deg: float) -> float:
-        there = camera_from_held(views.axis, angle_deg)
-        votes = [_votes(there.apply(held), new)]
-        back = there.inverse().apply(new.points_m)
-        votes += [_votes(pose.inverse().apply(back), each) for pose, each in zip(poses, seen, strict=True)]
-        return float(np.concatenate(votes).mean())
+    def __init__(self, views: RecordedViews) -> None:
+        self._views = views
+        self._seen: list[_Surface] = []  # of each view, in its own camera
 
-    coarse = np.arange(0.0, 360.0, _COARSE_DEG)
-    best = float(coarse[int(np.argmax([agreement(angle) for angle in coarse]))])
-    fine = best + np.arange(-_COARSE_DEG, _COARSE_DEG + _FINE_DEG, _FINE_DEG)
-    agreements = [agreement(angle) for angle in fine]
-    near = view.angle_deg + np.arange(-2.0, 3.0, 2.0) * _FINE_DEG
-    return FoundAngle(
-        angle_deg=float(fine[int(np.argmax(agreements))]) % 360.0,
-        agreement=max(agreements),
-        announced=max(agreement(angle) for angle in near),
-    )
+    def find(self, view: SeenView) -> FoundAngle:
+        """Find the angle of a view, with its announced one."""
+        axis, config = self._views.axis, self._views.config.surface
+        for number in range(len(self._seen), len(self._views.angles_deg)):
+            self._seen.append(_surface_of(self._views.recorded(number), axis, config))
+        new, count = _surface_of(view.frame, axis, config), len(self._seen)
+        poses = [held_from_camera(axis, angle) for angle in self._views.angles_deg]
+        held = np.concatenate(
+            [pose.apply(each.points_m[::count]) for pose, each in zip(poses, self._seen, strict=True)]
+        )
+        some_new = new.points_m[::count]
+
+        def in_new(angle_deg: float) -> Float64:
+            return _votes(camera_from_held(axis, angle_deg).apply(held), new)
+
+        def agreement(angle_deg: float) -> float:
+            back = held_from_camera(axis, angle_deg).apply(some_new)
+            poses_and_seen = zip(poses, self._seen, strict=True)
+            votes = [_votes(pose.inverse().apply(back), each) for pose, each in poses_and_seen]
+            return float(np.concatenate([in_new(angle_deg), *votes]).mean())
+
+        coarse = np.arange(0.0, 360.0, _COARSE_DEG)
+        best = float(coarse[int(np.argmax([in_new(angle).mean() for angle in coarse]))])
+        fine = best + np.arange(-_COARSE_DEG, _COARSE_DEG + _FINE_DEG, _FINE_DEG)
+        agreements = [agreement(angle) for angle in fine]
+        near = view.angle_deg + np.arange(-2.0, 3.0, 2.0) * _FINE_DEG
+        return FoundAngle(
+            angle_deg=float(fine[int(np.argmax(agreements))]) % 360.0,
+            agreement=max(agreements),
+            announced=max(agreement(angle) for angle in near),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Surface:
-    """The item in one view: some of its points (N, 3), and its depth (H, W), 0 off the item."""
+    """The item in one view: some of its points (N, 3), and the image around it, its depth 0 off the item."""
 
     points_m: Float64
     depth_m: Float32
@@ -187,7 +199,8 @@ class _Surface:
 
 
 def _surface_of(frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig) -> _Surface:
-    item = foreground_mask(replace(frame, mask=None), axis, config)
+    frame = replace(frame, mask=None)
+    frame, item = crop_to_item(frame, foreground_mask(frame, axis, config))
     points = back_project(frame.depth_m, frame.intrinsics)[item].astype(np.float64)
     step = max(1, len(points) // _POINTS)
     return _Surface(
@@ -202,8 +215,8 @@ def _votes(points_m: Float64, seen: _Surface) -> Float64:
     rc = np.rint(project(points_m, seen.intrinsics)).astype(np.int64)
     height, width = seen.depth_m.shape
     inside = (rc >= 0).all(axis=1) & (rc[:, 0] < height) & (rc[:, 1] < width) & (points_m[:, 2] > 0)
-    rc, depth = rc[inside], points_m[inside, 2]
-    measured = seen.depth_m[rc[:, 0], rc[:, 1]]
+    depth, measured = points_m[:, 2], np.zeros(len(points_m), dtype=np.float32)
+    measured[inside] = seen.depth_m[rc[inside, 0], rc[inside, 1]]
     votes = np.where(np.abs(depth - measured) <= _SAME_M, 1.0, np.where(depth > measured, 0.0, -1.0))
     found: Float64 = np.where(measured == 0.0, -1.0, votes)
     return found

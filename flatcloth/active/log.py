@@ -17,8 +17,8 @@ from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, open_own, read_plain
 LOG = "active.jsonl"
 LAST_VIEWS = 3
 """Views by which it is judged what an expectation is worth. Chosen: one may be unlucky, three are not."""
-ALL_ROUND_DEG = 90.0
-"""Widest gap between views that stand all round: every surface is then seen at 45 degrees. By definition."""
+ALL_ROUND_DEG = 60.0
+"""Widest gap between views that stand all round: every surface is then seen at 30 degrees. By definition."""
 
 
 class ActiveLog:

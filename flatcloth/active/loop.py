@@ -18,13 +18,18 @@ from typing import Any
 from flatcloth.active.choosing import Next, choose_next
 from flatcloth.active.ending import FIRST, End, Waiting, elsewhere, end_of
 from flatcloth.active.goal import Budget, Goal, Knowledge, knowledge_of
-from flatcloth.active.incoming import SeenView, ViewError, check_view, doubled, find_angle, stroke_on_side
+from flatcloth.active.incoming import AngleFinder, SeenView, ViewError, check_view, doubled, stroke_on_side
 from flatcloth.active.log import ActiveLog
 from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Progress, finite, no_progress
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, place_sure_pieces
+from flatcloth.engine.garment.recognition import (
+    GarmentService,
+    KnownGarment,
+    known_with_pieces,
+    place_sure_pieces,
+)
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.export.session import frames_of
@@ -95,6 +100,7 @@ class ActiveLoop:
         self._session: SessionFolder | None = None
         self._run: Run | None = None
         self._garments: GarmentService | None = None
+        self._angles: AngleFinder | None = None
         self._known: KnownGarment | str = "No view was taken yet."
         self.knowledge = Knowledge()
         self.asked: Next | Waiting | End = FIRST
@@ -200,10 +206,10 @@ class ActiveLoop:
             session, integration = self._session, self._integration
             if session is None or integration is None or self.document.start_view is None:
                 return []
-            assert self._garments is not None
-            self._known = place_sure_pieces(self._garments, session)
+            garments = GarmentService(integration)
+            self._known = place_sure_pieces(garments, session)
             frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
-            data = SessionData(integration, self.document, session.picks, frames, {}, self._garments)
+            data = SessionData(integration, self.document, session.picks, frames, {}, garments)
             return data.write(self.folder)
 
     def close(self) -> None:
@@ -265,17 +271,18 @@ class ActiveLoop:
         self._stack.callback(session.close)
         integration.views.keep_frames()
         self._integration, self._session = integration, session
-        self._run, self._garments = Run(integration, session), GarmentService(integration)
+        self._run, self._garments = Run(integration, session), GarmentService(integration, doubts_links=False)
+        self._angles = AngleFinder(integration.views)
 
     # ---------------------------------------------------------------- a view
 
     def _checked_angle(self, view: SeenView) -> tuple[SeenView, list[str]]:
         """Return the view at the angle at which it was taken, and what to tell about it."""
         recording, told = self._recording, []
-        if recording is None or self._integration is None:
+        if recording is None or self._angles is None:
             return view, []
         if len(recording) >= 2 and recording.rotation_axis is not None:  # an estimated axis is too unsure
-            found = find_angle(view, self._integration.views)
+            found = self._angles.find(view)
             if found.is_wrong(view.angle_deg):
                 told.append(
                     f"The view was announced at {view.angle_deg:g} degrees, but agrees with the others at "
@@ -378,7 +385,7 @@ class ActiveLoop:
         except FlatclothError:  # other masks or another axis left the start view no cloth
             document = self._run.begin_again(self._progress).document
         area_m2 = integration.canonical(document).view.area_m2
-        self._known = self._garments.known(document)
+        self._known = known_with_pieces(self._garments, document)
         self.knowledge = knowledge_of(self.views, area_m2, self._known)
         parts = []
         for name in self.goal.points:
@@ -429,8 +436,10 @@ class ActiveLoop:
             scale=self._log.kept_promise(),
         )
         least_m2 = self._integration.config.robust.least_new_m2
-        if following is not None and self._log.is_exhausted(self._integration.views.angles_deg, least_m2):
-            following = None  # all round, nothing came any more
+        # All round, and nothing came any more; but a point whose cloth was seen gets surer with every view.
+        hopes = any(knowledge.point(name).seen for name in knowledge.missing(goal))
+        if not hopes and self._log.is_exhausted(self._integration.views.angles_deg, least_m2):
+            following = None
         return end_of(following, self._known, knowledge, goal, least_m2) or following or FIRST
 
 

@@ -66,7 +66,8 @@ class Candidate:
     ``overlap_m2`` is cloth in common with the shape, ``improved_m2`` cloth seen only at large incidence
     angles so far, ``beyond_m2`` cloth beyond the outline of the shape, ``joining_m2`` cloth of floating
     pieces that the view may connect, ``unseen_m2`` an allowance for cloth without any evidence;
-    ``gap_deg`` is the rotation to the nearest visited view.
+    ``gap_deg`` is the rotation to the nearest visited view. ``floating_m2`` is cloth of floating pieces that
+    it shows with enough of the shape, wherever they hang.
     """
 
     view_index: int
@@ -76,6 +77,7 @@ class Candidate:
     joining_m2: float
     unseen_m2: float
     gap_deg: float
+    floating_m2: float = 0.0
 
     @property
     def new_m2(self) -> float:

@@ -48,7 +48,7 @@ from flatcloth.session.garment import (
     PlacedPiece,
     without_doubts,
 )
-from flatcloth.session.machine import Keeper
+from flatcloth.session.machine import Keeper, MemorySession, SessionState
 
 _MOST_TAKEN_OFF = 3
 """Most parts that an unattended run removes. Chosen: each takes some seconds."""
@@ -127,10 +127,13 @@ class KnownGarment:
 
 
 class GarmentService:
-    """Recognises the garments of an integration's shapes; keeps the last result. Safe for several threads."""
+    """Recognises the garments of an integration's shapes; keeps the last result. Safe for several threads.
 
-    def __init__(self, integration: Integration) -> None:
-        self.integration = integration
+    ``doubts_links``: links that no garment allows are looked for, which takes seconds.
+    """
+
+    def __init__(self, integration: Integration, *, doubts_links: bool = True) -> None:
+        self.integration, self._doubts_links = integration, doubts_links
         self._lock = threading.Lock()
         self._shape: KnownGarment | None = None
         self._last: tuple[GarmentDecisions, KnownGarment] | None = None
@@ -189,7 +192,7 @@ class GarmentService:
         evidence = evidence_of_shape(canonical, views)
         found = recognise(canonical.view, evidence)
         cloth, links = None, []
-        if is_suspect(found.fit, evidence[0]) and not self.integration.wrong(document):
+        if self._doubts_links and is_suspect(found.fit, evidence[0]) and not self.integration.wrong(document):
             cloth = self.integration.cloth(document)
         if cloth is not None:
             links = doubted_links(fits_of(evidence[0]), evidence[0], cloth)
@@ -262,12 +265,22 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
     if isinstance(known, str):
         return known
     _record_doubts(session, known)
-    if known.found.kind == NONE:
+    return _with_sure_pieces(known, service, session)
+
+
+def known_with_pieces(service: GarmentService, document: Document) -> KnownGarment | str:
+    """Return the garment of a document's shape with the pieces with a reliable place placed."""
+    known = service.known(document)
+    if isinstance(known, str) or known.is_wrong:
         return known
-    canonical, decided = known.canonical, known.pieces
-    for piece in known.found.pieces:
+    return _with_sure_pieces(known, service, MemorySession(SessionState(0, document=document)))
+
+
+def _with_sure_pieces(known: KnownGarment, service: GarmentService, session: Keeper) -> KnownGarment | str:
+    decided = known.pieces
+    for piece in known.found.pieces if known.found.kind != NONE else ():
         if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused}:
-            session.record(DecidePiece(piece_decision(canonical, piece, accepted=True)))
+            session.record(DecidePiece(piece_decision(known.canonical, piece, accepted=True)))
     return service.known(session.state.document)
 
 

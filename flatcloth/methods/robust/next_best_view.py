@@ -76,7 +76,7 @@ def rate_candidates(
     best = _best_incidence_deg(shape)[placed]
     area = _node_area_m2(shape)
     rim = _rim(shape, area, around or neighbourhoods_of(shape))
-    gaps = _gaps(shape)
+    gaps, floats = _gaps(shape), shape.piece[placed] > 0
     looked = np.array([angles_deg[v] for v in seen])
     poorly = best >= WELL_SEEN_DEG
     weight = np.ones(len(xyz)) if focus is None else focus(shape.all_uv_m[placed])
@@ -102,6 +102,9 @@ def rate_candidates(
                 joining_m2=float(0.5 * novelty * area * shown),  # even odds
                 unseen_m2=_UNSEEN_M2_PER_DEG * max(0.0, nearest - _EXPLORED_DEG),
                 gap_deg=nearest,
+                floating_m2=area
+                * float((visible & floats).sum())
+                * min(1.0, area * float((visible & ~floats).sum()) / least_overlap_m2),
             )
         )
     rated.sort(key=lambda p: p.new_m2 * min(1.0, p.overlap_m2 / least_overlap_m2), reverse=True)
