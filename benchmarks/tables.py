@@ -379,38 +379,44 @@ def active() -> str:
     """Return after how many views active loops know two named points, by how they choose."""
     words = {
         "active": "chosen for the goal",
-        "present": "chosen by new area, of every 10 degrees",
+        "present": "chosen by new area",
         "fixed": "turned by 10 degrees",
     }
+    columns = """loops: loops; 36 views know both: knowable; views until known, median: known_after_median
+        within 6: known_within_6; within 12: known_within_12; truly within 40 mm: known_and_within_40_mm
+        of those that 36 views know: median: known_after_median_of_knowable
+        within 12: known_within_12_of_knowable; wrongly said unknowable: said_cannot_be_known_wrongly
+        wrong kinds above 0.9: wrong_kind_above_0.9; U a view: u_a_view_median"""
+    pairs = [text.strip().rsplit(": ", 1) for text in re.split("[;\n]", columns)]
+    found = result("active")["summary"]
+    lines = [(words[n], *(_of_loops(k, found[n][k]) for _, k in pairs)) for n in words if n in found]
+    return table(("angles", *(text for text, _ in pairs)), lines)
 
-    def views(found: float | None) -> str:
-        return "more than 12" if found is None else f"{found:g}"
 
-    def share(found: float | None) -> str:
-        return "-" if found is None else percent(found)
+def active_other() -> str:
+    """Return what 36 views know, when loops say that points cannot be known, and what shape and kind take."""
+    labels = """visible points of all panels that 36 views know: all visible_points_known
+        panels whose kind 36 views find, surer than 0.9: all kinds_above_0.9
+        "cannot be known" said, times: cannot_be_known said
+        of these, 36 views do not know them either: cannot_be_known right
+        loops for points that no view shows: hidden loops
+        of these, said to be unknowable: hidden said_cannot_be_known
+        of these, said to be known: hidden said_known
+        loops for the shape: shape loops
+        of these, at least 0.95 of the area of 36 views after at most 12: shape area_at_least_0.95
+        of these, the kind is surer than 0.9 after at most 4: shape kind_within_4
+        and after at most 12: shape kind_within_12"""
+    found, lines = result("active")["summary"], []
+    for label, keys in (text.strip().rsplit(": ", 1) for text in labels.splitlines()):
+        group, key = keys.split()
+        lines.append((label, _of_loops(key, found.get(group, {}).get(key))))
+    return table(("figure", "measured"), lines)
 
-    summary_of = result("active")["summary"]
-    return table(
-        (
-            *("angles", "loops", "views until known, median", "known within 6", "within 12"),
-            *("of these truly within 40 mm", "wrongly said unknowable", "wrong kinds above 0.9", "s a view"),
-        ),
-        [
-            (
-                words[name],
-                found["loops"],
-                views(found["known_after_median"]),
-                share(found["known_within_6"]),
-                share(found["known_within_12"]),
-                share(found["known_and_within_40_mm"]),
-                share(found["said_cannot_be_known_wrongly"]),
-                found["wrong_kind_above_0.9"],
-                "-" if found["seconds_a_view_median"] is None else f"{found['seconds_a_view_median']:.1f}",
-            )
-            for name, found in summary_of.items()
-            if name in words
-        ],
-    )
+
+def _of_loops(key: str, value: float | None) -> str:
+    if value is None:
+        return "more than 12" if "after" in key else "-"
+    return f"{value:.3g}" if re.search("loops|said$|after|wrong_kind|u_a", key) else percent(value)
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -435,4 +441,5 @@ TABLES: dict[str, Callable[[], str]] = {
     "strokes": strokes,
     "segmented": segmented,
     "active": active,
+    "active-other": active_other,
 }

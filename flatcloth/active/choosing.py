@@ -139,7 +139,7 @@ def choose_next(
     shares = _shares(integration, document, known, knowledge, goal, angles, joined_m2)
     grown = 1.0 + scale * new_m2 / max(knowledge.area_m2, least_m2)
     after = {
-        name: _expected_std_m(knowledge.point(name).std_m, *share, grown) for name, share in shares.items()
+        name: expected_std_m(knowledge.point(name).std_m, *share, grown) for name, share in shares.items()
     }
     # Which garment it is, and where a point is, must be known to say that nothing shows it there.
     settled = [n for n in shares if knowledge.probability >= SURE and knowledge.point(n).std_m <= APART_M]
@@ -213,7 +213,7 @@ def _shares(
     return shares
 
 
-def _expected_std_m(std_m: float, new: Float64, again: Float64, grown: Float64) -> Float64:
+def expected_std_m(std_m: float, new: Float64, again: Float64, grown: Float64) -> Float64:
     """Return the expected standard deviation (K,) of a point after views.
 
     They show shares of its cloth for the first time, and again, and the whole cloth is so many times as much.

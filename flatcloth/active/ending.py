@@ -51,18 +51,26 @@ def elsewhere(taken_deg: Sequence[float], stands_deg: float) -> Next | End:
 
 
 def end_of(
-    following: Next | None, known: KnownGarment | str, knowledge: Knowledge, goal: Goal, least_new_m2: float
+    following: Next | None,
+    known: KnownGarment | str,
+    knowledge: Knowledge,
+    goal: Goal,
+    least_new_m2: float,
+    *,
+    is_exhausted: bool,
 ) -> End | None:
     """Return the end of a loop whose best next view is ``following``; None if that is worth its turn.
 
-    ``least_new_m2`` is the new area that is worth a turn.
+    ``least_new_m2`` is the new area that is worth a turn; ``is_exhausted``: views stand all round, and the
+    last ones brought nothing. A missing point whose cloth was seen gets surer with every view.
     """
     missing = knowledge.missing(goal)
     if following is not None:
         if missing and set(missing) <= set(following.hidden):
             cause = f"{' and '.join(missing)} cannot be known: hidden in a fold from every angle."
             return _unknowable(cause, known, knowledge, goal)
-        if math.isnan(following.most_new_m2) or following.most_new_m2 >= least_new_m2:
+        is_worth = math.isnan(following.most_new_m2) or following.most_new_m2 >= least_new_m2
+        if (is_worth and not is_exhausted) or any(knowledge.point(name).seen for name in missing):
             return None
     if goal.about == "shape":
         added_m2 = 0.0 if following is None else following.most_new_m2

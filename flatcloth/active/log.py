@@ -21,6 +21,12 @@ ALL_ROUND_DEG = 60.0
 """Widest gap between views that stand all round: every surface is then seen at 30 degrees. By definition."""
 
 
+def stand_all_round(angles_deg: Sequence[float]) -> bool:
+    """Return whether no gap between views is wider than ``ALL_ROUND_DEG``."""
+    angles = np.sort(np.asarray(angles_deg) % 360.0)
+    return bool(np.diff([*angles, angles[0] + 360.0]).max() <= ALL_ROUND_DEG)
+
+
 class ActiveLog:
     """Appends lines; those of earlier runs are kept, except for an incomplete last one.
 
@@ -75,12 +81,8 @@ class ActiveLog:
 
     def is_exhausted(self, angles_deg: Sequence[float], least_new_m2: float) -> bool:
         """Return whether views stand all round, and the last ones brought neither cloth nor surer points."""
-        angles = np.sort(np.asarray(angles_deg) % 360.0)
         views = [line for line in self.lines if line["event"] == "view"][-LAST_VIEWS:]
-        if len(views) < LAST_VIEWS or len(angles) <= LAST_VIEWS:
-            return False
-        widest_deg = float(np.diff([*angles, angles[0] + 360.0]).max())
-        return widest_deg <= ALL_ROUND_DEG and all(
+        return stand_all_round(angles_deg) and all(
             line.get("new_m2", math.inf) < least_new_m2 and not line.get("surer", True) for line in views
         )
 

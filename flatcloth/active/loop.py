@@ -19,7 +19,7 @@ from flatcloth.active.choosing import Next, choose_next
 from flatcloth.active.ending import FIRST, End, Waiting, elsewhere, end_of
 from flatcloth.active.goal import Budget, Goal, Knowledge, knowledge_of
 from flatcloth.active.incoming import AngleFinder, SeenView, ViewError, check_view, doubled, stroke_on_side
-from flatcloth.active.log import ActiveLog
+from flatcloth.active.log import ActiveLog, stand_all_round
 from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.geometry import Rigid3
@@ -426,6 +426,7 @@ class ActiveLoop:
             )
         if document.start_view is None or self._integration is None:
             return elsewhere(self._recording.angles_deg if self._recording else (), self.stands_deg)
+        taken, least_m2 = self._integration.views.angles_deg, self._integration.config.robust.least_new_m2
         following = choose_next(
             self._integration,
             document,
@@ -433,14 +434,12 @@ class ActiveLoop:
             knowledge,
             goal,
             self.stands_deg,
-            scale=self._log.kept_promise(),
+            # Where nobody has looked yet, there may be more than the last views brought.
+            scale=self._log.kept_promise() if stand_all_round(taken) else 1.0,
         )
-        least_m2 = self._integration.config.robust.least_new_m2
-        # All round, and nothing came any more; but a point whose cloth was seen gets surer with every view.
-        hopes = any(knowledge.point(name).seen for name in knowledge.missing(goal))
-        if not hopes and self._log.is_exhausted(self._integration.views.angles_deg, least_m2):
-            following = None
-        return end_of(following, self._known, knowledge, goal, least_m2) or following or FIRST
+        exhausted = self._log.is_exhausted(taken, least_m2)
+        end = end_of(following, self._known, knowledge, goal, least_m2, is_exhausted=exhausted)
+        return end or following or FIRST
 
 
 def _has_views(folder: Path) -> bool:

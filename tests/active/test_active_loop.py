@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 from cells import SHAPE, led, loop_in, seen, sheet_cell
 
-from flatcloth.active.choosing import Next, free_angles_deg
+from flatcloth.active.choosing import Next, expected_std_m, free_angles_deg
 from flatcloth.active.ending import End
 from flatcloth.active.goal import Budget, Goal, GoalError, Knowledge, PointKnown, parse_budget, parse_goal
 from flatcloth.active.incoming import ViewError
+from flatcloth.active.log import ActiveLog
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.api.integrating import open_session
 from flatcloth.core.errors import FlatclothError
+from flatcloth.garments.recognition import POINT_STD_M
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.writer import RecordingWriter
@@ -247,6 +249,27 @@ def test_a_loop_ends_when_views_all_round_bring_nothing_and_says_where_to_grasp_
     assert "Re-grasp" in loop.asked.reason
     assert loop.views < 20
     assert loop.asked.hidden == ("shoulder_left",)
+
+
+def test_a_point_is_expected_to_be_surer_by_new_cloth_by_cloth_seen_again_and_by_more_outline() -> None:
+    nothing, one = np.zeros(1), np.ones(1)
+    assert expected_std_m(0.05, nothing, nothing, one) == pytest.approx(0.05)
+    assert expected_std_m(0.05, one, nothing, one) == pytest.approx(POINT_STD_M)
+    again = expected_std_m(0.05, nothing, one, one)  # the edges were seen once: 1/2 becomes 2/3
+    assert again**2 - POINT_STD_M**2 == pytest.approx(0.75 * (0.05**2 - POINT_STD_M**2))
+    twice_the_cloth = expected_std_m(0.05, nothing, nothing, 2.0 * one)
+    assert twice_the_cloth**2 - POINT_STD_M**2 == pytest.approx(0.5 * (0.05**2 - POINT_STD_M**2))
+
+
+def test_views_that_brought_nothing_end_a_loop_only_all_round(tmp_path: Path) -> None:
+    log = ActiveLog(tmp_path)
+    for number in range(6):
+        log.add("view", number=number, new_m2=0.0, surer=False)
+    assert log.is_exhausted([0.0, 60.0, 120.0, 180.0, 240.0, 300.0], 0.002)
+    assert not log.is_exhausted([0.0, 60.0, 120.0, 180.0, 240.0, 290.0], 0.002)  # 70 degrees are open
+    log.add("view", number=6, new_m2=0.0, surer=True)
+    assert not log.is_exhausted([0.0, 60.0, 120.0, 180.0, 240.0, 300.0, 30.0], 0.002)
+    log.close()
 
 
 def test_the_paper_s_planning_drives_the_cell_to_either_side(tmp_path: Path) -> None:

@@ -99,3 +99,15 @@ def test_a_view_of_the_gap_to_a_floating_piece_may_join_it(shape: JointShape) ->
     assert found[1].joining_m2 == pytest.approx(found[3].joining_m2 / 3.0, rel=0.15)  # as little of it is new
     assert found[18].joining_m2 == 0.0  # from behind nothing of the gap is seen
     assert found[3].new_m2 > whole[3].new_m2
+
+
+def test_cloth_that_floats_counts_where_it_is_seen_with_the_shape(shape: JointShape) -> None:
+    upper = shape.nodes.xyz_m[:, 1] < np.median(shape.nodes.xyz_m[:, 1])
+    apart = replace(shape, piece=np.where(upper & (shape.piece == 0), 1, shape.piece).astype(np.int32))
+    whole, found = rated(shape), rated(apart)
+    assert all(candidate.floating_m2 == 0.0 for candidate in whole.values())
+    # All of it within 72 degrees, well or not; the rest is seen with it, more than 0.03 m2 of overlap asks.
+    cloth_m2 = upper[shape.piece == 0].mean() * np.radians(2 * 72.0) * RADIUS_M * HEIGHT_M
+    assert found[1].floating_m2 == pytest.approx(cloth_m2, rel=0.1)
+    assert found[6].floating_m2 < found[1].floating_m2  # less of both is seen
+    assert found[18].floating_m2 == 0.0  # from behind nothing of it is seen
