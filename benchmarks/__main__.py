@@ -13,7 +13,7 @@ from benchmarks.output import Options
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch", "strokes")
 ASKED_FOR = (
     *("soak", "confidence", "accuracy", "stability", "paper_steps", "paper_candidates"),
-    *("same", "sides", "seams", "constants", "mutants", "mistakes", "unmended"),
+    *("same", "sides", "seams", "strain", "constants", "mutants", "mistakes", "unmended"),
     *("mended_results", "active", "operating", "tables"),
 )
 """Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, the others

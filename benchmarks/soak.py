@@ -272,6 +272,7 @@ class Operator:
             address,
             origin=self._address,
             max_size=None,
+            ping_interval=None,  # as browsers, which send none
             additional_headers=headers,  # type: ignore[arg-type]
         )
 

@@ -218,3 +218,30 @@ def laplacian_band(n: int, edges: Int32, weight: Float64) -> Band:
         entry[first[b]] += weight[e]
         entry[first[a] + b - a] -= weight[e]
     return band
+
+
+@njit(cache=True, nogil=True)
+def hessian_band(n: int, pairs: Int32, unit: Float64) -> Band:
+    """Return the band of the Gauss-Newton Hessian of H / 2 of n points, u and v interleaved.
+
+    ``unit`` (M, 2) are the unit vectors of the pairs, times the roots of their weights. The matrix is
+    singular for rigid motions, but for a diagonal that is far below what any bending changes.
+    """
+    band = empty_band(n, pairs, 2)
+    first, entry = band
+    for j in range(2 * n):
+        entry[first[j]] = 1e-9
+    for e in range(pairs.shape[0]):
+        a, b = pairs[e, 0], pairs[e, 1]
+        uu, uv, vv = unit[e, 0] ** 2, unit[e, 0] * unit[e, 1], unit[e, 1] ** 2
+        for end in (a, b):
+            of_u = first[2 * end]
+            entry[of_u] += uu
+            entry[first[2 * end + 1]] += vv
+            entry[of_u + 1] += uv
+        of_u, of_v, offset = first[2 * a], first[2 * a + 1], 2 * (b - a)
+        entry[of_u + offset] -= uu
+        entry[of_u + offset + 1] -= uv
+        entry[of_v + offset - 1] -= uv
+        entry[of_v + offset] -= vv
+    return band

@@ -101,7 +101,6 @@ def test_the_order_of_the_points_does_not_change_the_result() -> None:
 
 
 def test_a_wide_sheet_reaches_the_minimum_of_exact_lengths() -> None:
-    """So wide that conjugate gradients are tried before each factorisation."""
     start, edges, _ = sheet(45, 45)
     r, c = np.divmod(np.arange(45 * 45), 45)
     place = 0.01 * np.stack([c, r], axis=1)

@@ -30,7 +30,7 @@ from flatcloth.methods.robust.articulated import (
     rigid_parts,
 )
 from flatcloth.methods.robust.connectivity import both_ends, renumbered
-from flatcloth.methods.robust.joint_shape import OUTGROWN, JointShape
+from flatcloth.methods.robust.joint_shape import OUTGROWN, TWICE_M, JointShape
 
 Complex128 = NDArray[np.complex128]
 
@@ -38,6 +38,9 @@ _STRAIN = 0.0035
 """Standard deviation of the strain that the flattening cannot know. Set by hand."""
 _EXTENT_M = 0.04
 """Correlation length of the strain. Set by hand."""
+_OF_RIPPLES = 0.25
+"""Strain for each rad^2 of ``ripples_of``, which a sensor smooths away: of the whole garment, and as much
+again that varies. Measured: ``python -m benchmarks strain``."""
 _GATHERED_EXTENT_M = 0.26
 """At this distance from the held point the strain is doubled; it grows with the cube towards it, ..."""
 _GATHERED_M = 0.07
@@ -103,6 +106,9 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
     more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _GATHERED_M), 3)
+    ripples = ripples_of(uv, shape.nodes.xyz_m[placed], shape.nodes.normal[placed])
+    shortened = _OF_RIPPLES * ripples
+    more *= math.hypot(1.0, shortened / _STRAIN)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True
     sheet = _Sheet(len(uv), edges, along, weight, stars)
@@ -117,6 +123,8 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     del wanted, change  # they take as much memory as the factors
     displaced = _factored(equations).solve(sides)[: 2 * len(uv)]
     moved: Complex128 = np.ascontiguousarray(displaced.T).view(np.complex128)
+    # Ripples shorten all of a garment together, besides what differs from place to place.
+    moved += np.multiply.outer(shortened * random.standard_normal(len(moved)), uv @ np.array([1.0, 1j]))
     # The first view, unless a floating piece that it does not show has become the main one.
     shown = (number[observation.node] for observation in shape.observations)
     first_seen = next(
@@ -132,6 +140,27 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     std[placed] = np.sqrt(of_largest if outgrown else of_start)
     result: Float64 = np.hypot(std, LEAST_STD_M)
     return result
+
+
+def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> float:
+    """Return how strong the ripples of cloth are: squares of angles between neighbouring normals, rad^2.
+
+    The angle of bent cloth grows with the distance, that of ripples hardly: what nodes farther apart differ
+    by is taken off. Of all neighbours a quarter has more (the median is that of the smooth cloth between
+    ripples). ``uv`` (N, 2) are the places on the plane, ``xyz_m`` and ``normal`` (N, 3) those in space.
+    """
+    one, other = cKDTree(uv).query_pairs(_EXTENT_M, output_type="ndarray").T
+    apart_m = np.linalg.norm(uv[one] - uv[other], axis=1)
+    is_near = apart_m < TWICE_M
+    # What is farther apart in space lies on one another.
+    same = np.linalg.norm(xyz_m[one] - xyz_m[other], axis=1) < np.where(is_near, TWICE_M, _EXTENT_M)
+    near, far = is_near & same, ~is_near & same
+    if not near.any() or not far.any():
+        return 0.0
+    unit = normal / np.linalg.norm(normal, axis=1)[:, None]
+    square = np.square(np.arccos(np.clip(np.einsum("ij,ij->i", unit[one], unit[other]), -1.0, 1.0)))
+    bent = np.quantile(square[far], 0.75) * np.mean(apart_m[near] ** 2) / np.mean(apart_m[far] ** 2)
+    return max(0.0, float(np.quantile(square[near], 0.75) - bent))
 
 
 def _on_one_part(nodes: Int32 | NDArray[np.int64], rigid_part: Int32) -> NDArray[np.int64]:

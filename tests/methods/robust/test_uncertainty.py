@@ -9,9 +9,9 @@ import pytest
 from scenes import AXIS, frame, plane
 
 from flatcloth.core.config import SurfaceConfig
-from flatcloth.core.types import Bool
+from flatcloth.core.types import Bool, Float64
 from flatcloth.flattening.surface import observe_surface
-from flatcloth.methods.robust.uncertainty import _layer_rims
+from flatcloth.methods.robust.uncertainty import _layer_rims, ripples_of
 
 EDGE = 120
 """The first column of the sheet; another layer ends where it begins."""
@@ -57,3 +57,33 @@ def test_the_rim_around_a_single_pixel_of_another_layer_is_round() -> None:
 def test_a_layer_that_is_hardly_nearer_or_farther_makes_no_rim() -> None:
     for layer_m in (0.843, 0.857):
         assert not rims_beside(layer_m)[0].any()
+
+
+def rolled(lean_rad: Float64) -> tuple[Float64, Float64, Float64]:
+    """Return nodes 12 mm apart on a cylinder of 0.2 m: places, points, and normals leaned along u."""
+    at = 0.012 * np.stack(np.meshgrid(np.arange(24.0), np.arange(24.0)), axis=2).reshape(-1, 2)
+    turn = at[:, 0] / 0.2
+    xyz_m = np.stack([0.2 * np.sin(turn), at[:, 1], -0.2 * np.cos(turn)], axis=1)
+    leaned = turn + lean_rad
+    return at, xyz_m, np.stack([np.sin(leaned), np.zeros(len(at)), -np.cos(leaned)], axis=1)
+
+
+def test_ripples_are_told_from_bending() -> None:
+    column = np.arange(24 * 24) % 24
+    bent = ripples_of(*rolled(np.zeros(24 * 24)))
+    assert bent < 0.002  # the cylinder turns by 0.06 rad, 0.0036 rad^2, from node to node
+    weak, strong = (ripples_of(*rolled(lean * np.where(column % 2 == 0, 1.0, -1.0))) for lean in (0.1, 0.2))
+    assert 4.0 * bent < weak < 0.5 * strong  # neighbours differ by twice the lean
+    assert 0.05 < strong < 0.4**2
+
+
+def test_cloth_that_lies_on_other_cloth_is_no_ripple() -> None:
+    at, xyz_m, normal = rolled(np.zeros(24 * 24))
+    above = xyz_m + np.array([0.0, 0.0, 0.2])
+    both = [np.concatenate(two) for two in ((at, at + 0.003), (xyz_m, above), (normal, -normal))]
+    assert ripples_of(*both) == pytest.approx(ripples_of(at, xyz_m, normal), abs=1e-3)
+
+
+def test_too_few_nodes_have_no_ripples() -> None:
+    at, xyz_m, normal = rolled(np.zeros(24 * 24))
+    assert ripples_of(at[:1], xyz_m[:1], normal[:1]) == 0.0
