@@ -8,10 +8,12 @@ import re
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import uvicorn
+from starlette.responses import PlainTextResponse
+from starlette.types import Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MAX_CONNECTIONS = 256
@@ -34,7 +36,7 @@ _NUMBER = re.compile(r"0x[0-9a-f]+|\d+")
 def limited_server(app: Any) -> uvicorn.Server:
     """Return the web server of an application, with the limits of this module; both servers are made here."""
     config = uvicorn.Config(
-        app,
+        _EndsQuietly(app),
         log_config=None,
         access_log=False,
         ws="websockets-sansio",
@@ -46,7 +48,29 @@ def limited_server(app: Any) -> uvicorn.Server:
         http=LimitedProtocol,
         limit_concurrency=MAX_REQUESTS,
     )
+    logging.getLogger("uvicorn.error").addFilter(_is_news)
     return uvicorn.Server(config)
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    """Return whether a line says more than that answers are cancelled as the server ends."""
+    return "graceful shutdown" not in record.getMessage()
+
+
+class _EndsQuietly:
+    """Answers what is still computed when the server ends, where uvicorn would log a traceback."""
+
+    def __init__(self, app: Any) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on."""
+        try:
+            await self._app(scope, receive, send)
+        except asyncio.CancelledError:
+            if scope["type"] == "http":
+                with suppress(RuntimeError):  # an answer has been begun
+                    await PlainTextResponse("The program has ended.", status_code=503)(scope, receive, send)
 
 
 class LimitedProtocol(H11Protocol):
