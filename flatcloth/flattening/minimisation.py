@@ -10,7 +10,8 @@ minimisation. These steps are not damped: bending a thin part is so much softer 
 that would keep a step safe. Instead, two majorisations after each step remove the stretching that
 a linearised rotation leaves.
 
-All matrices are narrow bands (:mod:`flatcloth.flattening.banded`). All steps are compiled, because most
+All matrices are narrow bands (:mod:`flatcloth.flattening.banded`). Where a band is wide, conjugate
+gradients with the last factor as preconditioner are tried first. All steps are compiled, because most
 components have so few points that calls from Python would take longer than the arithmetic.
 """
 
@@ -28,6 +29,7 @@ from flatcloth.flattening.banded import (
     Band,
     Banding,
     banding,
+    bandwidth_of,
     factor_in_place,
     hessian_band,
     laplacian_band,
@@ -38,6 +40,10 @@ MOST_STEPS = 60
 """Limit of Gauss-Newton steps. Chosen; the tolerance normally ends them earlier."""
 _REPAIRS = 2
 """Majorisations after each Gauss-Newton step. Set by hand."""
+_MOST_CG_STEPS = 9
+"""Conjugate gradients that need more steps than this are given up for a factorisation. Chosen for speed."""
+_FORCING = 0.05
+"""They end where further steps would gain less than this share. Chosen for speed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,13 +207,20 @@ def _gauss_newton(
     h = energy[count - 1]
     tolerance = limits.tolerance * (1.0 + limits.constant_m2 / max(h, 1e-30))
     gradient, unit, rhs = np.empty_like(x), np.empty((len(terms.pairs), 2)), np.empty_like(x)
+    # A factorisation takes as long as a gradient for every three entries of its width.
+    factor, tries_gradients = laplacian, bandwidth_of(terms.pairs) > 3 * _MOST_CG_STEPS
     for _ in range(limits.steps):
         _write_gradient(x, terms, unit, gradient)
-        hessian = hessian_band(x.shape[1], terms.pairs, unit)
-        if not factor_in_place(hessian):
-            break
-        step = _solved(hessian, gradient)
-        gain = _inner(gradient, step)
+        step, gain, is_rough = np.zeros_like(x), 0.0, False
+        if tries_gradients:
+            step, gain, is_rough = _conjugate_gradients(gradient, terms.pairs, unit, factor)
+        if not is_rough:
+            factor = laplacian  # frees the last Hessian, which is as large
+            factor = hessian_band(x.shape[1], terms.pairs, unit)
+            if not factor_in_place(factor):
+                break
+            step = _solved(factor, gradient)
+            gain = _product(gradient, step)
         candidate = _added(x, -1.0, step)
         h_new = _majorise_rhs(candidate, terms, rhs)
         if gain > tolerance * h or h_new >= h:
@@ -215,7 +228,10 @@ def _gauss_newton(
                 candidate = substituted(laplacian, rhs)
                 h_new = _majorise_rhs(candidate, terms, rhs)
         if not h_new < h:
-            break
+            if not is_rough:
+                break
+            tries_gradients = False
+            continue
         x, h, energy[count] = candidate, h_new, h_new
         _copy(x, states, count)
         count += 1
@@ -225,9 +241,40 @@ def _gauss_newton(
 
 
 @njit(cache=True, nogil=True)
+def _conjugate_gradients(
+    gradient: Float64, pairs: Int32, unit: Float64, factor: Band
+) -> tuple[Float64, float, bool]:
+    """Solve the Gauss-Newton system roughly: the step, its predicted gain, and whether that was quick.
+
+    The iteration ends when further steps, predicted from the rate so far, would gain little (inexact Newton
+    steps, Dembo et al. 1982).
+    """
+    step, curved, rest = np.zeros_like(gradient), np.empty_like(gradient), gradient
+    toward = _solved(factor, rest)
+    direction, power, gain = toward, _product(rest, toward), 0.0
+    for iteration in range(_MOST_CG_STEPS):
+        _hessian_times(direction, pairs, unit, curved)
+        length = power / max(_product(direction, curved), 1e-300)
+        step = _added(step, length, direction)
+        rest = _added(rest, -length, curved)
+        added = length * power
+        gain += added
+        toward = _solved(factor, rest)
+        new_power = _product(rest, toward)
+        forecast = added * new_power / max(power - new_power, 1e-300)
+        if iteration >= 2 and new_power < power and forecast <= _FORCING * gain:
+            return step, gain + forecast, True
+        direction = _added(toward, new_power / max(power, 1e-300), direction)
+        power = new_power
+    return np.zeros_like(gradient), 0.0, False
+
+
+@njit(cache=True, nogil=True)
 def _solved(factor: Band, rhs: Float64) -> Float64:
-    """Return the solution (2, N) with the factor of a Hessian of 2 N unknowns."""
+    """Return the solution (2, N) with the factor of a Laplacian, or of a Hessian of 2 N unknowns."""
     n = rhs.shape[1]
+    if len(factor.first) == n + 1:
+        return substituted(factor, rhs)
     mixed, step = np.empty((1, 2 * n)), np.empty_like(rhs)
     for m in range(n):
         mixed[0, 2 * m], mixed[0, 2 * m + 1] = rhs[0, m], rhs[1, m]
@@ -306,6 +353,18 @@ def _write_gradient(x: Float64, terms: Terms, unit: Float64, gradient: Float64) 
 
 
 @njit(cache=True, nogil=True)
+def _hessian_times(p: Float64, pairs: Int32, unit: Float64, product: Float64) -> None:
+    """Write the Gauss-Newton Hessian of H / 2 times p (2, N)."""
+    product[:] = 0.0
+    for e in range(pairs.shape[0]):
+        a, b = pairs[e, 0], pairs[e, 1]
+        along = unit[e, 0] * (p[0, a] - p[0, b]) + unit[e, 1] * (p[1, a] - p[1, b])
+        for k in range(2):
+            product[k, a] += along * unit[e, k]
+            product[k, b] -= along * unit[e, k]
+
+
+@njit(cache=True, nogil=True)
 def _copy(x: Float64, kept: Float64, n: int) -> None:
     """Write points (2, N) to the n-th place of those that are kept (K, 2, N), if there is room."""
     if n < len(kept):
@@ -325,8 +384,18 @@ def _added(x: Float64, share: float, y: Float64) -> Float64:
 
 
 @njit(cache=True, nogil=True)
+def _product(p: Float64, q: Float64) -> float:
+    """Return the scalar product of vectors (2, N)."""
+    total = 0.0
+    for m in range(p.shape[1]):
+        total += p[0, m] * q[0, m]
+        total += p[1, m] * q[1, m]
+    return total
+
+
+@njit(cache=True, nogil=True)
 def _inner(p: Float64, q: Float64) -> float:
-    """Return the scalar product of points (2, N)."""
+    """Return the same, summed row by row."""
     total = 0.0
     for c in range(2):
         for m in range(p.shape[1]):

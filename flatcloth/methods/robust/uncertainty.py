@@ -38,9 +38,9 @@ _STRAIN = 0.0035
 """Standard deviation of the strain that the flattening cannot know. Set by hand."""
 _EXTENT_M = 0.04
 """Correlation length of the strain. Set by hand."""
-_OF_RIPPLES = 0.25
-"""Strain for each rad^2 of ``ripples_of``, which a sensor smooths away: of the whole garment, and as much
-again that varies. Measured: ``python -m benchmarks strain``."""
+_OF_RIPPLES = 0.42
+"""Strain for each rad^2 of ``ripples_of``, which a sensor smooths away. Measured: ``python -m benchmarks
+strain``."""
 _GATHERED_EXTENT_M = 0.26
 """At this distance from the held point the strain is doubled; it grows with the cube towards it, ..."""
 _GATHERED_M = 0.07
@@ -107,8 +107,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
     more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _GATHERED_M), 3)
     ripples = ripples_of(uv, shape.nodes.xyz_m[placed], shape.nodes.normal[placed])
-    shortened = _OF_RIPPLES * ripples
-    more *= math.hypot(1.0, shortened / _STRAIN)
+    more *= math.hypot(1.0, _OF_RIPPLES / _STRAIN * ripples)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True
     sheet = _Sheet(len(uv), edges, along, weight, stars)
@@ -123,8 +122,6 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     del wanted, change  # they take as much memory as the factors
     displaced = _factored(equations).solve(sides)[: 2 * len(uv)]
     moved: Complex128 = np.ascontiguousarray(displaced.T).view(np.complex128)
-    # Ripples shorten all of a garment together, besides what differs from place to place.
-    moved += np.multiply.outer(shortened * random.standard_normal(len(moved)), uv @ np.array([1.0, 1j]))
     # The first view, unless a floating piece that it does not show has become the main one.
     shown = (number[observation.node] for observation in shape.observations)
     first_seen = next(
@@ -143,11 +140,10 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
 
 
 def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> float:
-    """Return how strong the ripples of cloth are: squares of angles between neighbouring normals, rad^2.
+    """Return how strong the ripples of cloth are: angles between neighbouring normals, squared, rad^2.
 
     The angle of bent cloth grows with the distance, that of ripples hardly: what nodes farther apart differ
-    by is taken off. Of all neighbours a quarter has more (the median is that of the smooth cloth between
-    ripples). ``uv`` (N, 2) are the places on the plane, ``xyz_m`` and ``normal`` (N, 3) those in space.
+    by is taken off. ``uv`` (N, 2) are the places on the plane, ``xyz_m`` and ``normal`` (N, 3) in space.
     """
     one, other = cKDTree(uv).query_pairs(_EXTENT_M, output_type="ndarray").T
     apart_m = np.linalg.norm(uv[one] - uv[other], axis=1)
@@ -158,9 +154,9 @@ def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> float:
     if not near.any() or not far.any():
         return 0.0
     unit = normal / np.linalg.norm(normal, axis=1)[:, None]
-    square = np.square(np.arccos(np.clip(np.einsum("ij,ij->i", unit[one], unit[other]), -1.0, 1.0)))
-    bent = np.quantile(square[far], 0.75) * np.mean(apart_m[near] ** 2) / np.mean(apart_m[far] ** 2)
-    return max(0.0, float(np.quantile(square[near], 0.75) - bent))
+    angle = np.arccos(np.clip(np.einsum("ij,ij->i", unit[one], unit[other]), -1.0, 1.0))
+    bent = angle[far].mean() ** 2 * np.mean(apart_m[near] ** 2) / np.mean(apart_m[far] ** 2)
+    return max(0.0, float(angle[near].mean() ** 2 - bent))
 
 
 def _on_one_part(nodes: Int32 | NDArray[np.int64], rigid_part: Int32) -> NDArray[np.int64]:
