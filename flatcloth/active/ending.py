@@ -11,6 +11,7 @@ import numpy as np
 from flatcloth.active.choosing import Next, free_angles_deg, shorter_deg
 from flatcloth.active.goal import Goal, Knowledge
 from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.garments.fit import APART_M
 from flatcloth.recordings.film.angles import apart_deg
 from flatcloth.session.journal import Pick
 
@@ -62,7 +63,8 @@ def end_of(
     """Return the end of a loop whose best next view is ``following``; None if that is worth its turn.
 
     ``least_new_m2`` is the new area that is worth a turn; ``is_exhausted``: views stand all round, and the
-    last ones brought nothing. A missing point whose cloth was seen gets surer with every view.
+    last ones brought nothing. A missing point with a known place whose cloth was seen gets surer with
+    every view.
     """
     missing = knowledge.missing(goal)
     if following is not None:
@@ -70,7 +72,8 @@ def end_of(
             cause = f"{' and '.join(missing)} cannot be known: hidden in a fold from every angle."
             return _unknowable(cause, known, knowledge, goal)
         is_worth = math.isnan(following.most_new_m2) or following.most_new_m2 >= least_new_m2
-        if (is_worth and not is_exhausted) or any(knowledge.point(name).seen for name in missing):
+        points = [knowledge.point(name) for name in missing]
+        if (is_worth and not is_exhausted) or any(p.seen and p.std_m <= APART_M for p in points):
             return None
     if goal.about == "shape":
         added_m2 = 0.0 if following is None else following.most_new_m2

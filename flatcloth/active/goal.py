@@ -6,11 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.garment.recognition import KnownGarment
-from flatcloth.garments.fit import SURE
+from flatcloth.garments.fit import APART_M, SURE
 from flatcloth.garments.kinds import known_kinds
-from flatcloth.garments.recognition import NONE
+from flatcloth.garments.recognition import NONE, Recognition
 
 WITHIN_MM = 20.0
 """Standard deviation to which named points are found by default. Chosen: about a gripper's finger."""
@@ -158,9 +160,29 @@ def knowledge_of(views: int, area_m2: float, known: KnownGarment | str) -> Knowl
             views=views, area_m2=area_m2, probability=found.probability, reason="It is no known garment."
         )
     points = {
-        name: PointKnown(std_m=point.std_m, seen=point.pixel is not None)
+        name: PointKnown(
+            std_m=math.hypot(point.std_m, doubt_of_kind_m(name, found)), seen=point.pixel is not None
+        )
         for name, point in found.points.items()
     }
     return Knowledge(
         views=views, area_m2=area_m2, kind=found.kind, probability=found.probability, points=points
     )
+
+
+def doubt_of_kind_m(name: str, found: Recognition) -> float:
+    """Return the deviation of a named point by the other kinds of garment that have it, m, each axis.
+
+    As for other places of the same kind, none if those that agree about the place are sure.
+    """
+    shares, off_m = [], []
+    for fit in found.fits:
+        named = fit.kind.named(fit.parameters[:, None])
+        if name in named:
+            place = fit.garment_from_piece[0].inverse().apply(named[name].T)[0]
+            shares.append(found.probabilities[fit.kind.name])
+            off_m.append(float(np.linalg.norm(place - found.points[name].uv_m)))
+    share, off = np.array(shares) / max(sum(shares), 1e-9), np.array(off_m)
+    if share[off <= APART_M].sum() >= SURE:
+        return 0.0
+    return math.sqrt(float(share @ np.square(off)) / 2.0)

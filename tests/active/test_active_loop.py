@@ -12,13 +12,26 @@ from cells import SHAPE, led, loop_in, seen, sheet_cell
 
 from flatcloth.active.choosing import Next, expected_std_m, free_angles_deg
 from flatcloth.active.ending import End
-from flatcloth.active.goal import Budget, Goal, GoalError, Knowledge, PointKnown, parse_budget, parse_goal
+from flatcloth.active.goal import (
+    Budget,
+    Goal,
+    GoalError,
+    Knowledge,
+    PointKnown,
+    doubt_of_kind_m,
+    parse_budget,
+    parse_goal,
+)
 from flatcloth.active.incoming import ViewError
 from flatcloth.active.log import ActiveLog
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.api.integrating import open_session
 from flatcloth.core.errors import FlatclothError
-from flatcloth.garments.recognition import POINT_STD_M
+from flatcloth.core.types import Rigid2
+from flatcloth.garments.fit import Fit
+from flatcloth.garments.kinds import known_kinds
+from flatcloth.garments.model import Kind
+from flatcloth.garments.recognition import POINT_STD_M, Point, Recognition
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.writer import RecordingWriter
@@ -249,6 +262,44 @@ def test_a_loop_ends_when_views_all_round_bring_nothing_and_says_where_to_grasp_
     assert "Re-grasp" in loop.asked.reason
     assert loop.views < 20
     assert loop.asked.hidden == ("shoulder_left",)
+
+
+def test_a_point_is_as_unsure_as_the_kinds_that_lay_it_elsewhere() -> None:
+    shorts, skirt, towel = (kind_named(name) for name in ("shorts", "skirt", "towel"))
+    place = shorts.named(shorts.mean[:, None])["waist_left"][:, 0]
+    there = skirt.named(skirt.mean[:, None])["waist_left"][:, 0]
+    off = Rigid2(0.0, *(there - place - (0.3, 0.0)).tolist())  # lays the skirt's point 0.3 m beside
+    fits = (fit_of(shorts, Rigid2()), fit_of(skirt, off), fit_of(towel, Rigid2()))
+    point = Point(uv_m=place, std_m=0.014, pixel=(0, 0))
+
+    def doubt_m(probabilities: tuple[float, float, float]) -> float:
+        found = Recognition(
+            probabilities=dict(zip(("shorts", "skirt", "towel"), probabilities, strict=True)),
+            fits=fits,
+            dimensions={},
+            points={"waist_left": point},
+        )
+        return doubt_of_kind_m("waist_left", found)
+
+    assert doubt_m((0.5, 0.5, 0.0)) == pytest.approx(0.3 * np.sqrt(0.5 / 2))
+    assert doubt_m((0.25, 0.25, 0.5)) == pytest.approx(0.3 * np.sqrt(0.5 / 2))  # a towel has no waist
+    assert doubt_m((0.95, 0.05, 0.0)) == 0.0
+
+
+def kind_named(name: str) -> Kind:
+    return next(kind for kind in known_kinds() if kind.name == name)
+
+
+def fit_of(kind: Kind, pose: Rigid2) -> Fit:
+    return Fit(
+        kind=kind,
+        parameters=kind.mean,
+        garment_from_piece=(pose,),
+        energy=0.0,
+        log_evidence=0.0,
+        covariance=np.eye(len(kind.mean) + 3),
+        edge_cost=0.0,
+    )
 
 
 def test_a_point_is_expected_to_be_surer_by_new_cloth_by_cloth_seen_again_and_by_more_outline() -> None:
