@@ -78,6 +78,8 @@ def end_of(
     if goal.about == "shape":
         added_m2 = 0.0 if following is None else following.most_new_m2
         text = f"The next view is expected to add only {1e4 * added_m2:.0f} cm2"
+        if added_m2 >= least_new_m2:
+            text = f"Views stand all round, and the last ones added less than {1e4 * least_new_m2:.0f} cm2"
         return End(reached=True, reason=f"{text}: {knowledge.about(goal)} are known.")
     what = "The kind" if goal.about == "kind" else " and ".join(missing)
     return _unknowable(f"{what} cannot be known: no angle shows more cloth.", known, knowledge, goal)
