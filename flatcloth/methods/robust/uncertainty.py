@@ -38,7 +38,7 @@ _STRAIN = 0.0035
 """Standard deviation of the strain that the flattening cannot know. Set by hand."""
 _EXTENT_M = 0.04
 """Correlation length of the strain. Set by hand."""
-_OF_RIPPLES = 0.42
+_OF_RIPPLES = 0.41
 """Strain for each rad^2 of ``ripples_of``, which a sensor smooths away. Measured: ``python -m benchmarks
 strain``."""
 _GATHERED_EXTENT_M = 0.26
