@@ -148,13 +148,14 @@ def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> float:
     one, other = cKDTree(uv).query_pairs(_EXTENT_M, output_type="ndarray").T
     apart_m = np.linalg.norm(uv[one] - uv[other], axis=1)
     is_near = apart_m < TWICE_M
-    # What is farther apart in space lies on one another.
+    unit = normal / np.linalg.norm(normal, axis=1)[:, None]
+    cosine = np.clip(np.einsum("ij,ij->i", unit[one], unit[other]), -1.0, 1.0)
+    # What is farther apart in space, or faces away, as the other side of an item, lies on one another.
     same = np.linalg.norm(xyz_m[one] - xyz_m[other], axis=1) < np.where(is_near, TWICE_M, _EXTENT_M)
-    near, far = is_near & same, ~is_near & same
+    near, far = is_near & same & (cosine > 0.0), ~is_near & same & (cosine > 0.0)
     if not near.any() or not far.any():
         return 0.0
-    unit = normal / np.linalg.norm(normal, axis=1)[:, None]
-    angle = np.arccos(np.clip(np.einsum("ij,ij->i", unit[one], unit[other]), -1.0, 1.0))
+    angle = np.arccos(cosine)
     bent = angle[far].mean() ** 2 * np.mean(apart_m[near] ** 2) / np.mean(apart_m[far] ** 2)
     return max(0.0, float(angle[near].mean() ** 2 - bent))
 

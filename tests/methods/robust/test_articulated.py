@@ -134,6 +134,7 @@ def test_cloth_bent_as_a_cylinder_is_unrolled_exactly() -> None:
 class _Nodes:
     def __init__(self, uv: np.ndarray) -> None:
         self.xyz_m = np.pad(uv, ((0, 0), (0, 1)))
+        self.normal = np.tile([0.0, 0.0, -1.0], (len(uv), 1))
 
     def __len__(self) -> int:
         return len(self.xyz_m)
