@@ -18,7 +18,8 @@ LOG = "active.jsonl"
 LAST_VIEWS = 3
 """Views by which it is judged what an expectation is worth. Chosen: one may be unlucky, three are not."""
 ALL_ROUND_DEG = 60.0
-"""Widest gap between views that stand all round: every surface is then seen at 30 degrees. By definition."""
+"""Widest gap between views that stand all round: every surface is then seen within 30 degrees. Set by hand,
+on a few loops of ``benchmarks active``."""
 
 
 def stand_all_round(angles_deg: Sequence[float]) -> bool:

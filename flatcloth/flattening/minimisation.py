@@ -207,7 +207,7 @@ def _gauss_newton(
     h = energy[count - 1]
     tolerance = limits.tolerance * (1.0 + limits.constant_m2 / max(h, 1e-30))
     gradient, unit, rhs = np.empty_like(x), np.empty((len(terms.pairs), 2)), np.empty_like(x)
-    # A factorisation takes as long as a gradient for every three entries of its width.
+    # In a narrow band a factorisation takes less time than the steps of a try.
     factor, tries_gradients = laplacian, bandwidth_of(terms.pairs) > 3 * _MOST_CG_STEPS
     for _ in range(limits.steps):
         _write_gradient(x, terms, unit, gradient)

@@ -150,7 +150,7 @@ def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> float:
     is_near = apart_m < TWICE_M
     unit = normal / np.linalg.norm(normal, axis=1)[:, None]
     cosine = np.clip(np.einsum("ij,ij->i", unit[one], unit[other]), -1.0, 1.0)
-    # What is farther apart in space, or faces away, as the other side of an item, lies on one another.
+    # Nodes far apart in space, or that face away from each other as two sides do, are not neighbours.
     same = np.linalg.norm(xyz_m[one] - xyz_m[other], axis=1) < np.where(is_near, TWICE_M, _EXTENT_M)
     near, far = is_near & same & (cosine > 0.0), ~is_near & same & (cosine > 0.0)
     if not near.any() or not far.any():

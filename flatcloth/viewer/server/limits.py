@@ -53,7 +53,7 @@ def limited_server(app: Any) -> uvicorn.Server:
 
 
 def _is_news(record: logging.LogRecord) -> bool:
-    """Return whether a line says more than that answers are cancelled as the server ends."""
+    """Return False for uvicorn's notice that it cancels answers because it ends."""
     return "graceful shutdown" not in record.getMessage()
 
 
