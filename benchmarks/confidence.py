@@ -26,7 +26,6 @@ from flatcloth.engine.garment.recognition import GarmentService, place_sure_piec
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod
-from flatcloth.methods.robust.placement_search import recorded_rc
 from flatcloth.methods.robust.scoring import CONFIDENCE_WEIGHTS, FEATURES, confidence_of, features_of
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
@@ -90,7 +89,8 @@ def placements_of(found: Watched, random: np.random.Generator) -> list[Laid]:
         node_truth = _truth_of_nodes(integration, document, truth)
         for component, hypotheses in considered.items():
             part = parts[component]
-            true = _truth_at(truth, view, recorded_rc(integration, view, part))
+            offset_rc = integration.views.flattening(view).surface.frame.offset_rc
+            true = _truth_at(truth, view, part.rc + np.asarray(offset_rc, dtype=np.float64))
             best = hypotheses[0].current_from_new
             motions = [(hypothesis.current_from_new, False) for hypothesis in hypotheses]
             motions += [(_disturbed(best, part.uv_m, random), True) for _ in range(WRONG_PER_PART)]

@@ -268,7 +268,8 @@ def unknown_evidence(loops: list[list[tuple[float, float]]]) -> PieceEvidence:
 
 def unknown_of(loops: list[list[tuple[float, float]]]) -> tuple[str, float]:
     """Return the answer for a shape, and the probability of none of the kinds."""
-    probabilities = recognition.probabilities_of(unknown_evidence(loops))
+    evidence = unknown_evidence(loops)
+    probabilities = recognition.probabilities_by(recognition.fits_of(evidence), evidence)
     return max(probabilities, key=lambda name: probabilities[name]), probabilities[recognition.NONE]
 
 

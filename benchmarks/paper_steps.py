@@ -19,12 +19,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, save
 from flatcloth.core.config import Config, FlatteningConfig
-from flatcloth.core.types import FlattenedView, Progress, RotationAxis, no_progress
+from flatcloth.core.types import Bool, FlattenedView, Int32, Progress, RotationAxis, no_progress
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
@@ -32,7 +33,7 @@ from flatcloth.methods.answers import Alignment
 from flatcloth.methods.paper.departures import Aligned, Aligner
 from flatcloth.methods.paper.matching import FINE_SMOOTHING_M, Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
 from flatcloth.methods.paper.method import PaperMethod
-from flatcloth.methods.paper.occlusion import near_samples, occluding_edge_length_m
+from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.registry import MethodEntry, register, unregister
 from flatcloth.methods.starting import start_by_view
 from flatcloth.recordings import open_recording
@@ -121,7 +122,7 @@ class Before(PaperMethod):
         flattening = self._views.flattening(view_index)
         level = flattening.levels[-1]
         points = level.points_rc[flattening.components[document.placed_components.get(view_index, 0)].members]
-        near = near_samples(flattening.surface.usable, points, level.sampling_interval_px)
+        near = _near_samples(flattening.surface.usable, points, level.sampling_interval_px)
         return occluding_edge_length_m(flattening.surface, side, near)
 
     def settled(self, alignment: Alignment) -> Alignment:
@@ -242,3 +243,12 @@ def run(options: Options) -> None:
               f"{middle['relative_p95_mm']:>7.1f}")  # fmt: skip
     if not options.quick:
         save("paper_steps", rows, [row["recording"] for row in rows])
+
+
+def _near_samples(usable: Bool, points_rc: Int32, extent_px: int) -> Bool:
+    """Return which usable pixels (H, W) lie within an extent of samples (N, 2)."""
+    seeds = np.zeros(usable.shape, dtype=np.uint8)
+    seeds[points_rc[:, 0], points_rc[:, 1]] = 1
+    size = 2 * extent_px + 1
+    near: Bool = (cv2.dilate(seeds, np.ones((size, size), dtype=np.uint8)) > 0) & usable
+    return near

@@ -13,8 +13,8 @@ from scipy.sparse.linalg import splu
 
 from benchmarks.problems import Problem
 from flatcloth.core.types import Float64
-from flatcloth.flattening.flatten import ENERGY_TOLERANCE, MAJORISATIONS
-from flatcloth.flattening.minimisation import energy_of, minimise
+from flatcloth.flattening.flatten import MAJORISATIONS
+from flatcloth.flattening.minimisation import ENERGY_TOLERANCE, energy_of, minimise
 
 Solver = Callable[[Problem, float], Float64 | None]
 """Takes a problem and the H to reach (m^2; only SciPy needs to be told); returns (N, 2) or None."""

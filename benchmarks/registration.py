@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from flatcloth.core.geometry import Rigid3, held_from_camera, project
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
-from flatcloth.registration.cameras import register_all
+from flatcloth.registration.cameras import begin_registration, extend_registration
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import MOST_APART_DEG, ViewFeatures, extract_features
 
@@ -94,11 +95,12 @@ def measured(
         angle = surface.frame.angle_deg + random.normal(0.0, spoiling.angle_deg)
         surfaces.append(replace(surface, frame=replace(surface.frame, angle_deg=angle)))
     features = [extract_features(surface) for surface in surfaces]  # once unmeasured: compiles
-    register_all(features[:3], axis, integration.views.held_point_m)
+    start = begin_registration(axis, integration.views.held_point_m)
+    reduce(extend_registration, features[:3], start)
     started = time.perf_counter()
     features = [extract_features(surface) for surface in surfaces]
     scanned = time.perf_counter()
-    found = register_all(features, axis, integration.views.held_point_m)
+    found = reduce(extend_registration, features, start)
     ended = time.perf_counter()
     before, after = _slips_m(features, found.known, true), _slips_m(features, found.held_from_camera, true)
     return Row(

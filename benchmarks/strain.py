@@ -94,7 +94,7 @@ def strains(integration: Integration, document: Document, truth: Any) -> tuple[F
     middle = 0.5 * (shape.uv_m[one] + shape.uv_m[other])[pair]
     tree = cKDTree(middle)
     places, around = middle[:: len(middle) // 1000 + 1], []
-    for near in tree.query_ball_point(places, uncertainty._EXTENT_M):
+    for near in tree.query_ball_point(places, uncertainty.CORRELATED_M):
         own = pair[near]
         around.append(flat_m[own].sum() / true_m[own].sum() - 1.0 if len(near) >= _LEAST_PAIRS else np.nan)
     off = np.array(around)

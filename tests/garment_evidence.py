@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flatcloth.core.types import FlattenedView, Rigid2
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.distance import inside_outline
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.kinds import kind_named
@@ -77,3 +78,15 @@ def at_mean(name: str) -> np.ndarray:
     kind = kind_named(name)
     drawn: np.ndarray = kind.outline(kind.mean[:, None])[:, :, 0]
     return drawn
+
+
+def cloth_of(uv: np.ndarray, xyz: np.ndarray, edges: np.ndarray, evidence: np.ndarray) -> Cloth:
+    """Return flat cloth that the first view saw, by its samples and the pairs of them."""
+    return Cloth(
+        uv_m=uv,
+        xyz_m=xyz,
+        edges=edges,
+        length_m=np.linalg.norm(uv[edges[:, 0]] - uv[edges[:, 1]], axis=1),
+        evidence=evidence,
+        view_index=np.zeros(len(edges), dtype=np.int32),
+    )

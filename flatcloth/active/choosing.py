@@ -22,10 +22,11 @@ from flatcloth.active.goal import Goal, Knowledge
 from flatcloth.core.types import Float64
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
-from flatcloth.garments.fit import APART_M, SURE
+from flatcloth.garments.fit import APART_M
 from flatcloth.garments.recognition import POINT_STD_M
 from flatcloth.methods.answers import Candidate, Plan
 from flatcloth.methods.starting import overlap_area_m2
+from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Document
 
 LOOK_S, TURN_DEG_PER_S = 2.0, 180.0

@@ -10,9 +10,10 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.garment.recognition import KnownGarment
-from flatcloth.garments.fit import APART_M, SURE
+from flatcloth.garments.fit import APART_M
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.recognition import NONE, Recognition
+from flatcloth.segmentation.settings import SURE
 
 WITHIN_MM = 20.0
 """Standard deviation to which named points are found by default. Chosen: about a gripper's finger."""

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from flatcloth.checking.findings import Finding
+from flatcloth.core.geometry import window_of
 from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, Uint8
 from flatcloth.recordings.mending import Mends, scaled_color
 
@@ -81,7 +82,7 @@ def color_offset(frames: Sequence[tuple[RgbdFrame, Bool]]) -> ColorOffset | None
     """Return where color lies against depth in some views with their items (H, W); None without outlines."""
     sides = _Sides()
     for frame, item in frames:
-        window = _window(item)
+        window = window_of(item, _HALF * (_SEARCH_PX + _CLEAR_PX))
         if window is None:
             continue
         color, near = frame.color[window][::_HALF, ::_HALF], item[window][::_HALF, ::_HALF]
@@ -143,17 +144,6 @@ def color_findings(frames: Sequence[tuple[RgbdFrame, Bool]]) -> list[Finding]:
             name="color", text=text, probability=sure, mends=(mend,), views=(view, view), picture="outline"
         )
     ]
-
-
-def _window(item: Bool) -> tuple[slice, slice] | None:
-    rows, cols = np.flatnonzero(item.any(axis=1)), np.flatnonzero(item.any(axis=0))
-    if not len(rows):
-        return None
-    margin = _HALF * (_SEARCH_PX + _CLEAR_PX)
-    return (
-        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + margin),
-        slice(max(int(cols[0]) - margin, 0), int(cols[-1]) + margin),
-    )
 
 
 def _odds(color: Uint8, item: Bool) -> Float32:

@@ -13,8 +13,9 @@ from flatcloth.checking.findings import CERTAIN, Finding
 from flatcloth.checking.turns import Turn, turns_between
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import Float64, RotationAxis
+from flatcloth.flattening.surface import EXTENT_M
 from flatcloth.recordings.mending import Mends
-from flatcloth.registration.pose_prior import EXTENT_M, PosePrior, motion
+from flatcloth.registration.pose_prior import PosePrior, motion
 from flatcloth.registration.view_features import ViewFeatures
 
 _AXIS_M = PosePrior().axis_stds_m[-1]

@@ -52,8 +52,8 @@ recordings. If more than the second does, the item does not turn. Measured; chos
 class ViewLook:
     """What one view shows: ``depth_m`` the median of the item, ``height_m`` its extent, upright in the image.
 
-    ``mask_share`` of the masked pixels lie on the item; ``covered`` is the share of the item under the mask;
-    ``masked`` the share of the image under it; ``brightness`` the logarithm of the item's mean color.
+    ``mask_share`` of the masked pixels lie on the item; ``masked`` is the share of the image under the mask,
+    ``brightness`` the logarithm of the item's mean color.
     ``thinned`` (h, w, 2) are depth (m) and brightness of what is taken for the item, NaN elsewhere.
     """
 
@@ -61,7 +61,6 @@ class ViewLook:
     depth_m: float
     height_m: float
     mask_share: float
-    covered: float
     masked: float
     brightness: float
     thinned: Float32
@@ -84,7 +83,6 @@ def look_at(frame: RgbdFrame, item: Bool, every: int = 4) -> ViewLook:
         depth_m=depth_m,
         height_m=height / frame.intrinsics.fy * depth_m,
         mask_share=both / masked if masked else math.nan,
-        covered=both / max(int(near.sum()), 1),
         masked=masked / near.size,
         brightness=math.log(float(color[near].mean()) + 1.0) if near.any() else math.nan,
         thinned=np.where(taken[..., None], np.dstack([depth, gray]), np.float32(np.nan)),

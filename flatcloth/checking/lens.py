@@ -20,8 +20,8 @@ from flatcloth.checking.findings import Finding
 from flatcloth.checking.turns import ALIKE_SHARE, LOOSE_DEG, Reach, turns_between
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64, RotationAxis
+from flatcloth.flattening.surface import NOISELESS_STD_M
 from flatcloth.recordings.mending import Mends
-from flatcloth.registration.pairwise import DISTANCE_STD_M
 from flatcloth.registration.pose_prior import (
     COMMON,
     OWN,
@@ -194,7 +194,7 @@ def _form(
     found = compare(*ends, *held, center_m, 0.0, 3.0 * scale_m, spread, 2, of_focal=True)
     # Points of the same block of the image share their errors.
     blocks = found.parts.sum() ** 2 / max(float(np.square(found.parts).sum()), 1.0)
-    variance_m2 = found.tally[2] / max(found.tally[1], 1.0) + DISTANCE_STD_M**2
+    variance_m2 = found.tally[2] / max(found.tally[1], 1.0) + NOISELESS_STD_M**2
     weight = blocks / max(found.count, 1) / variance_m2
     return weight * found.matrix[0], weight * found.gradient[0]
 

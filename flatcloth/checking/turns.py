@@ -14,10 +14,10 @@ from itertools import pairwise
 import numpy as np
 
 from flatcloth.checking.rigid import LEAST_WEIGHT, follow
-from flatcloth.core.geometry import Rigid3, held_from_camera
+from flatcloth.core.geometry import Rigid3, held_from_camera, window_of
 from flatcloth.core.types import Bool, Float64, RgbdFrame, RotationAxis
+from flatcloth.flattening.surface import NOISELESS_STD_M
 from flatcloth.registration.axis_estimation import depth_features, thinned
-from flatcloth.registration.pairwise import DISTANCE_STD_M
 from flatcloth.registration.pose_prior import PosePrior
 from flatcloth.registration.view_features import Gates, ViewFeatures, nothing_compared
 
@@ -93,12 +93,9 @@ def item_pixels(frame: RgbdFrame, usual_m: float, extent_m: float) -> Bool:
 
 def item_of(frame: RgbdFrame, near: Bool) -> tuple[RgbdFrame, Bool] | None:
     """Return the thinned item ``near`` (H, W) of a view, without its mask, and its pixels; None if empty."""
-    rows, cols = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
-    if not len(rows):
+    window = window_of(near, _MARGIN_PX)
+    if window is None:
         return None
-    window = tuple(
-        slice(max(int(found[0]) - _MARGIN_PX, 0), int(found[-1]) + _MARGIN_PX + 1) for found in (rows, cols)
-    )
     cropped = replace(frame, mask=near, other_mask=None).cropped(*window)
     small = thinned(cropped, _BLOCKS)
     return small, small.depth_m > 0
@@ -174,7 +171,7 @@ def _followed(
         precision,
         np.array(scales_m),
         steps,
-        DISTANCE_STD_M**2,
+        NOISELESS_STD_M**2,
         limits,
         sums,
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flatcloth.core.types import Float32, Float64, Floats, Intrinsics, Rigid2, RotationAxis
+from flatcloth.core.types import Bool, Float32, Float64, Floats, Intrinsics, Rigid2, RotationAxis
 
 
 @dataclass(frozen=True)
@@ -181,3 +181,12 @@ def nearest_isometries(maps: Float64) -> Float64:
         u, _, v = np.linalg.svd(maps[flat], full_matrices=False)
         isometry[flat] = u @ v
     return isometry
+
+
+def window_of(where: Bool, margin_px: int = 0) -> tuple[slice, slice] | None:
+    """Return the rows and columns in which an image (H, W) is True, with a margin; None if nowhere."""
+    rows, cols = np.flatnonzero(where.any(axis=1)), np.flatnonzero(where.any(axis=0))
+    if not rows.size:
+        return None
+    top, left = max(int(rows[0]) - margin_px, 0), max(int(cols[0]) - margin_px, 0)
+    return slice(top, int(rows[-1]) + margin_px + 1), slice(left, int(cols[-1]) + margin_px + 1)

@@ -49,3 +49,10 @@ def minimum_cut(
     side = np.zeros(count + 2, dtype=np.bool_)
     side[breadth_first_order(rest, count, return_predecessors=False)] = True
     return side[:count]
+
+
+def cut_between(count: int, edges: NDArray[np.integer], capacity: Float64, one: Int64, other: Int64) -> Bool:
+    """Return which nodes (count,) lie with nodes ``one`` by the cut of least capacity to nodes ``other``."""
+    ends = np.zeros((2, count))
+    ends[0, one] = ends[1, other] = np.inf
+    return minimum_cut(edges, capacity, *ends)

@@ -13,7 +13,8 @@ import numpy as np
 
 from flatcloth.core.errors import AlignmentError, FlatclothError
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.methods.answers import ClothPairs, ColumnCurves, Correspondence, SurfaceEdges
+from flatcloth.flattening.cloth import SurfaceEdges
+from flatcloth.methods.answers import ClothPairs, ColumnCurves, Correspondence
 from flatcloth.methods.edges import edges_of_view
 from flatcloth.methods.paper.alignment import correspond
 from flatcloth.methods.paper.planning import column_curves, overlap_column, rotation_to_limit_deg

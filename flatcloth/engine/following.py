@@ -18,7 +18,6 @@ from flatcloth.checking.check import known_check
 from flatcloth.checking.lens import FOCAL_STD
 from flatcloth.core.errors import AlignmentError, FlatteningError, SurfaceError
 from flatcloth.core.types import FlattenedView, Progress, Rigid2
-from flatcloth.garments.links import Cloth
 from flatcloth.methods.answers import (
     Alignment,
     AlignmentScore,
@@ -26,7 +25,6 @@ from flatcloth.methods.answers import (
     ComponentPlacement,
     Placement,
     Plan,
-    SurfaceEdges,
 )
 from flatcloth.methods.base import Method
 from flatcloth.recordings.base import Recording
@@ -198,17 +196,3 @@ def why_hopeless(recording: Recording, method: Method, document: Document) -> st
     if not method.is_unattended or not result.is_hopeless(known_check(recording), method.cameras(document)):
         return ""
     return f"{result.WRONG}: no further view is added."
-
-
-def cloth_of(edges: SurfaceEdges) -> Cloth | None:
-    """Return how a shape hangs together; None if the method does not know."""
-    if edges.evidence is None:
-        return None
-    return Cloth(
-        uv_m=edges.uv_m,
-        xyz_m=edges.xyz_m,
-        edges=edges.edges,
-        evidence=edges.evidence,
-        length_m=edges.length_m,
-        view_index=edges.view_index,
-    )

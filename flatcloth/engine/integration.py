@@ -31,7 +31,6 @@ from flatcloth.core.types import (
 )
 from flatcloth.engine.following import (
     Trust,
-    cloth_of,
     ended,
     follow,
     laid_beside,
@@ -40,9 +39,9 @@ from flatcloth.engine.following import (
 )
 from flatcloth.engine.repair import RefinedScore, refine_and_score
 from flatcloth.engine.views import RecordedViews, Segmenter
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.resampling import place_all
 from flatcloth.garments.deciding import parts_taken_off, with_doubts
-from flatcloth.garments.links import Cloth
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method
 from flatcloth.methods.registry import method_entry
@@ -217,8 +216,12 @@ class Integration:
         Removed parts have no place.
         """
         if not document.garment.parts:
-            return cloth_of(self.algorithm.surface_edges(document))
+            return self._cloth(document)
         return self._by_garment(document, self.algorithm.canonical(document)).cloth
+
+    def _cloth(self, document: Document) -> Cloth | None:
+        edges = self.algorithm.surface_edges(document)
+        return edges if isinstance(edges, Cloth) else None
 
     def taken_off(self, document: Document) -> Bool | None:
         """Return which samples (N,) were removed from the shape; None if none were."""
@@ -228,7 +231,7 @@ class Integration:
 
     def parts_taken_off(self, document: Document) -> list[Bool]:
         """Return the parts (N,) of the shape's samples that were removed, because no garment allows them."""
-        cloth = cloth_of(self.algorithm.surface_edges(document)) if document.garment.parts else None
+        cloth = self._cloth(document) if document.garment.parts else None
         return [] if cloth is None else parts_taken_off(cloth, document.garment.parts)
 
     def _by_garment(self, document: Document, whole: Canonical) -> _ByGarment:
@@ -238,13 +241,13 @@ class Integration:
         """
 
         def make() -> _ByGarment:
-            made, cloth = whole, cloth_of(self.algorithm.surface_edges(document))
+            made, cloth = whole, self._cloth(document)
             if cloth is None:
                 return _ByGarment(made, None, None)
             parts = parts_taken_off(cloth, document.garment.parts)
             apart = self.algorithm.apart(document, parts) if parts else None
             if apart is not None:
-                made, cloth = apart[0], cloth_of(apart[1]) or cloth
+                made, cloth = apart
             made = replace(made, view=with_doubts(made.view, cloth, document.garment.parts))
             return _ByGarment(made, cloth, np.any(parts, axis=0) if parts else None)
 

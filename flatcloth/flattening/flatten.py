@@ -18,7 +18,7 @@ from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import ConfigError, FlatteningError
 from flatcloth.core.geometry import camera_from_held, fit_rigid2, held_from_camera, project
 from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
-from flatcloth.flattening.minimisation import Minimum, minimise
+from flatcloth.flattening.minimisation import ENERGY_TOLERANCE, Minimum, minimise
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
 from flatcloth.flattening.sampling import (
     LEAST_INTERVAL_M,
@@ -32,13 +32,10 @@ from flatcloth.flattening.upsampling import Carrier
 
 MAJORISATIONS = 6
 """Majorisation steps at each interval, before the Gauss-Newton steps. Set by hand."""
-ENERGY_TOLERANCE = 2e-3
-"""The minimisation ends when a step promises to lower the energy by a smaller share than this. Set by
-hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Level:
+class Level(Samples):
     """One sampling interval: the samples with their positions before and after the minimisation.
 
     ``component`` (N,) int32 is the number of each sample's connected component, 0 for the largest.
@@ -47,38 +44,12 @@ class Level:
     largest component, if they were recorded.
     """
 
-    samples: Samples
     component: Int32
     initial_uv_m: Float64
     uv_m: Float64
     energy: tuple[float, ...]
     state_members: Int32
     states: tuple[Float64, ...] = ()
-
-    @property
-    def sampling_interval_px(self) -> int:
-        """Interval d."""
-        return self.samples.sampling_interval_px
-
-    @property
-    def points_rc(self) -> Int32:
-        """(N, 2) image pixels of the samples."""
-        return self.samples.points_rc
-
-    @property
-    def points_m(self) -> Float64:
-        """(N, 3) samples, camera frame."""
-        return self.samples.points_m
-
-    @property
-    def edges(self) -> Int32:
-        """(M, 2) pairs with B = 1."""
-        return self.samples.edges
-
-    @property
-    def edge_length_m(self) -> Float64:
-        """(M,) lengths E."""
-        return self.samples.edge_length_m
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +90,7 @@ class Flattening:
     def triangles(self) -> Int32:
         """(T, 3) Delaunay triangles of the largest component, indices into the last level's samples."""
         level = self.levels[-1]
-        return triangulate(level.uv_m, level.samples, self.components[0].members, self.surface)[0]
+        return triangulate(level.uv_m, level, self.components[0].members, self.surface)[0]
 
 
 def flatten(
@@ -175,7 +146,7 @@ def flatten(
             levels.append(_solve_level(samples, _pixel_start(samples, surface), least, record))
     if not levels:
         raise FlatteningError(_too_small(surface))
-    carrier = Carrier(levels[-1].uv_m, levels[-1].samples, surface)
+    carrier = Carrier(levels[-1].uv_m, levels[-1], surface)
     components = _raster_components(levels[-1], carrier, surface, axis, config, min_area_m2)
     if not components:
         raise FlatteningError(_too_small(surface))
@@ -207,7 +178,7 @@ def _solve_level(samples: Samples, initial: Float64, least_samples: int, record:
         uv[members] = found.uv_m
         largest = found if c == 0 else largest
     return Level(
-        samples=samples,
+        **vars(samples),
         component=component,
         initial_uv_m=initial,
         uv_m=uv,
@@ -233,10 +204,10 @@ def _pixel_start(samples: Samples, surface: Surface) -> Float64:
 
 def _from_coarse(samples: Samples, coarse: Level, surface: Surface) -> Float64:
     """Move each fine point with the coarse points; a point out of their range follows the nearest one."""
-    uv = Carrier(coarse.uv_m, coarse.samples, surface).place(samples.points_rc)
+    uv = Carrier(coarse.uv_m, coarse, surface).place(samples.points_rc)
     alone = np.isnan(uv[:, 0])
     if alone.any():
-        start, coarse_start = _pixel_start(samples, surface), _pixel_start(coarse.samples, surface)
+        start, coarse_start = _pixel_start(samples, surface), _pixel_start(coarse, surface)
         _, near = cKDTree(coarse_start).query(start[alone])
         uv[alone] = start[alone] + coarse.uv_m[near] - coarse_start[near]
     return uv
@@ -316,9 +287,9 @@ def _delaunay_components(
     _, stretch = carrier.place_all()
     for c in range(int(level.component.max()) + 1):
         members = np.flatnonzero(level.component == c).astype(np.int32)
-        triangles, flips = triangulate(level.uv_m, level.samples, members, surface)
+        triangles, flips = triangulate(level.uv_m, level, members, surface)
         if len(triangles):
             view = rasterise_triangles(
-                level.uv_m, level.samples, triangles, stretch, surface, axis, config.pixel_size_m
+                level.uv_m, level, triangles, stretch, surface, axis, config.pixel_size_m
             )
             yield Component(view=view, members=members, flips=flips, overlaps=0)

@@ -36,6 +36,15 @@ from flatcloth.flattening.banded import (
     substituted,
 )
 
+ENERGY_TOLERANCE = 2e-3
+"""The minimisation ends when a step promises to lower the energy by a smaller share than this. Set by
+hand."""
+ROBUST_STDS = 3.0
+"""Residuals of so many standard deviations have a quarter of their weight, and half of the largest cost
+(Geman and McClure). Chosen: the usual 3."""
+ITERATIONS = 8
+"""Limit of the steps of relaxations, minimisations and adjustments, and of the rounds of robust weights.
+Chosen for speed; what they minimise normally ends them earlier."""
 MOST_STEPS = 60
 """Limit of Gauss-Newton steps. Chosen; the tolerance normally ends them earlier."""
 _REPAIRS = 2

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, Intrinsics
 from flatcloth.flattening.patches import median
 
-_RAMP_HALF_WIDTH_PX = 4
-"""Half the width of the slopes by which a stereo sensor joins two layers. Set by hand."""
+RAMP_HALF_WIDTH_PX = 4
+"""Half the width of the slopes by which a stereo sensor joins two layers: so wide is an outline. Set by
+hand."""
 RAMP_HEIGHT_M = 0.010
 """A ramp rises by at least this more than the slopes on both sides of it explain. Set by hand."""
 _RAMP_SLOPE = 1.5
@@ -57,7 +58,7 @@ def find_ramps(inverse_depth: Float64, intrinsics: Intrinsics) -> Bool:
     strength = _strength(inverse_depth, focal)
     # An edge between layers is at least as long as a ramp is wide; a shorter one is noise. Where the layers
     # come closer together, the edge continues as a weaker ramp, which could be a fold if it stood alone.
-    edge = long_ones(strength >= 1.0, 2 * _RAMP_HALF_WIDTH_PX)
+    edge = long_ones(strength >= 1.0, 2 * RAMP_HALF_WIDTH_PX)
     if not edge.any():
         return edge
     return regions_with(edge, (strength >= _WEAK_RAMP_SHARE) | edge)
@@ -138,7 +139,7 @@ def _strength(inverse_depth: Float64, focal: float) -> Float32:
 
     0 where it is below ``_WEAK_RAMP_SHARE``.
     """
-    half = _RAMP_HALF_WIDTH_PX
+    half = RAMP_HALF_WIDTH_PX
     rows, cols = inverse_depth.shape
     strength = np.zeros((rows, cols), dtype=np.float32)
     # With a rim as wide as is looked from a pixel, so that all positions in the flat array are inside.

@@ -26,6 +26,11 @@ from flatcloth.flattening.surface import Surface, numbered, unite
 LEAST_INTERVAL_M = 0.012
 """Samples are at least about this far apart. Set by hand: 6 px of a D435 at 0.85 m. Limits that count samples
 (necks, strips, evidence) were set there, and on a finer grid a narrow strip would pass for a wide one."""
+CORRELATED_M = 0.04
+"""Errors of flattened cloth, as those by its strain, are alike over this distance. Set by hand."""
+BENT_DEG = 8.0
+"""Normals or Z-angles that differ by less may do so by noise: a pair is bent by more, and half a disagreement
+is this much. Set by hand."""
 MAX_CHORD_SLOPE = 0.35
 """Pairs whose chord leaves the tangent plane at either end by a steeper slope are dropped. Set by hand."""
 _NEIGHBOURS = 8

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import back_project, z_angle_deg
+from flatcloth.core.geometry import back_project, window_of, z_angle_deg
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, RgbdFrame, RotationAxis
 from flatcloth.flattening.noise import smooth_noise
 from flatcloth.flattening.patches import (
@@ -32,12 +32,15 @@ from flatcloth.flattening.patches import (
 )
 from flatcloth.flattening.ramps import cut_small_jumps, fill_dropouts, find_ramps
 
-_NOISY_DEPTH_M = 0.0003
-"""Depth that scatters more than this about its local planes (median) is noisy. Set by hand."""
-_MIN_ITEM_AREA_M2 = 0.01
-"""Without masks: a region smaller than this is not taken for the item. Set by hand."""
-_ITEM_DEPTH_EXTENT_M = 0.25
-"""Without masks: regions of the item lie within this distance of its nearest one. Set by hand."""
+NOISELESS_STD_M = 0.0003
+"""Error of depth, and of lengths and distances on cloth, that is there without a sensor's noise: depth that
+scatters more about its local planes (median) is noisy. Set by hand."""
+LEAST_ITEM_M2 = 0.01
+"""Half of the smallest garment's front (a child's shorts) is larger: a smaller region is not taken for the
+item without masks, and less cloth does not tell kinds of garments apart. Set by hand."""
+EXTENT_M = 0.3
+"""Half a garment: typical distance of cloth from the middle of a view. Without masks, regions of the item lie
+within it of the nearest one; over it, the tilt of the axis is its error of position. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,14 +114,11 @@ def crop_to_item(frame: RgbdFrame, item: Bool, margin_px: int = 16) -> tuple[Rgb
     SurfaceError
         If no pixel belongs to the item.
     """
-    rows, cols = np.flatnonzero(item.any(axis=1)), np.flatnonzero(item.any(axis=0))
-    if rows.size == 0:
+    around = window_of(item, margin_px)
+    if around is None:
         raise SurfaceError(
             f"View {frame.view_index}: no pixel of it shows the side of interest; use another view."
         )
-    around = tuple(
-        slice(max(int(found[0]) - margin_px, 0), int(found[-1]) + margin_px + 1) for found in (rows, cols)
-    )
     return frame.cropped(*around), item[around]
 
 
@@ -160,7 +160,7 @@ def observe_surface(
     inverse_depth[find_ramps(inverse_depth, k)] = 0.0
     steps = cut_small_jumps(inverse_depth, find_steps(inverse_depth, step_limit))
     wanted = off_edges(inverse_depth > 0, steps)
-    planes, noise_m = fit_planes(inverse_depth, steps, wanted, NORMAL_WINDOW_PX, _NOISY_DEPTH_M)
+    planes, noise_m = fit_planes(inverse_depth, steps, wanted, NORMAL_WINDOW_PX, NOISELESS_STD_M)
     noise_m = max(noise_m, rough_m)
     least_cos = math.cos(math.radians(config.grazing_limit_deg))
     depth_m, normal, usable = _seen(planes, wanted, np.array([k.fx, k.fy, k.cx, k.cy]), least_cos)
@@ -178,7 +178,7 @@ def observe_surface(
         steps=steps,
         inverse_depth=inverse_depth.astype(np.float32),
         noise_m=noise_m,
-        noisy=noise_m > _NOISY_DEPTH_M,
+        noisy=noise_m > NOISELESS_STD_M,
     )
 
 
@@ -224,11 +224,11 @@ def foreground_mask(frame: RgbdFrame, axis: RotationAxis | None, config: Surface
     distance = depth if axis is None else about_axis(frame, measured, axis)[1]
     mean_distance = np.bincount(label, distance, count) / np.maximum(pixels, 1)
     # Seen at the usual depth: a wrong match of a stereo sensor, 60 m away, would be large.
-    least_px = _MIN_ITEM_AREA_M2 * k.fx * k.fy / median(depth) ** 2
+    least_px = LEAST_ITEM_M2 * k.fx * k.fy / median(depth) ** 2
     large = pixels >= min(least_px, pixels.max())
     nearest = mean_distance[large].min()
     # Overlapping layers of one item are separate regions within the item's depth extent.
-    chosen = large & (mean_distance <= nearest + _ITEM_DEPTH_EXTENT_M)
+    chosen = large & (mean_distance <= nearest + EXTENT_M)
     kept: Bool = measured & np.append(chosen, False)[labels]
     return kept
 

@@ -14,9 +14,10 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, LaidPiece, Rigid2
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import APART_M, HELD_STD_M, Pull, thinned
-from flatcloth.garments.links import Cloth, DoubtedLink, side_of
+from flatcloth.garments.links import DoubtedLink, side_of
 from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import (
     KNOWN_STD_M,

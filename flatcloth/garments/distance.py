@@ -9,10 +9,7 @@ import numpy as np
 from numba import njit
 
 from flatcloth.core.types import Bool, Float64, Int64
-
-ALIKE_M = 0.040
-"""Errors of cloth and edges are alike over this distance, which is also their standard deviation in a coarse
-search. Chosen."""
+from flatcloth.flattening.sampling import CORRELATED_M
 
 _ENDS = 0.06
 """Share at either end of a line between two places that may lie outside. Chosen: 2 cm of 30."""
@@ -38,7 +35,9 @@ def to_edges(q: Float64, normal: Float64, outline: Float64) -> Distances:
     side, share = np.empty(count, np.int64), np.empty(count)
     away, distance = np.empty((count, 2)), np.empty(count)
     for i in range(count):
-        rated, squared, a, t, _ = _nearest(q[i, 0], q[i, 1], normal[i, 0], normal[i, 1], ALIKE_M, outline)
+        rated, squared, a, t, _ = _nearest(
+            q[i, 0], q[i, 1], normal[i, 0], normal[i, 1], CORRELATED_M, outline
+        )
         b = a + 1 if a + 1 < len(outline) else 0
         ex, ey = outline[b, 0] - outline[a, 0], outline[b, 1] - outline[a, 1]
         length = math.sqrt(ex * ex + ey * ey)
@@ -182,7 +181,7 @@ def cost_of_poses(
             y = sin * edges[i, 0] + cos * edges[i, 1] + poses[k, 2]
             u = cos * normals[i, 0] - sin * normals[i, 1]
             v = sin * normals[i, 0] + cos * normals[i, 1]
-            rated, _, _, _, _ = _nearest(x, y, u, v, ALIKE_M, outline)
+            rated, _, _, _, _ = _nearest(x, y, u, v, CORRELATED_M, outline)
             total += _bounded(rated) / n
         result[k] = total
         if total < limit:
@@ -195,7 +194,7 @@ def cost_of_poses(
 @njit(cache=True, nogil=True, inline="always")
 def _bounded(squared: float) -> float:
     """Return the cost of a squared distance in a coarse search (Geman and McClure), 4 at most."""
-    z2 = squared / (ALIKE_M * ALIKE_M)
+    z2 = squared / (CORRELATED_M * CORRELATED_M)
     return 4.0 * z2 / (4.0 + z2)
 
 

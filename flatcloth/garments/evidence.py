@@ -23,12 +23,11 @@ from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import Rigid3, project
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsics
 from flatcloth.flattening.borders import SPACING_M, border_of, solid_cloth
-from flatcloth.flattening.sampling import MAX_CHORD_SLOPE
-from flatcloth.garments.distance import ALIKE_M
+from flatcloth.flattening.sampling import CORRELATED_M, MAX_CHORD_SLOPE
+from flatcloth.flattening.surface import LEAST_ITEM_M2
 
-LEAST_AREA_M2 = 0.010
-"""Half of the smallest garment's front (a child's shorts) is larger; less cloth does not tell kinds apart,
-and is not placed. Set by hand."""
+LEAST_AREA_M2 = LEAST_ITEM_M2
+"""Less cloth does not tell kinds apart, and is not placed."""
 INSIDE_M = 3 * SPACING_M  # by definition: spacing of the places inside the piece
 FARTHEST_M = 0.020
 """The search across the outline ends this far outside. Chosen: farther, it meets other cloth."""
@@ -80,8 +79,8 @@ class PieceEvidence:
     depth_m: Float32
     depth_origin_uv_m: Float64
     depth_pixel_m: float
-    edge_weight: float = SPACING_M / ALIKE_M
-    inside_weight: float = (INSIDE_M / ALIKE_M) * (INSIDE_M / ALIKE_M)
+    edge_weight: float = SPACING_M / CORRELATED_M
+    inside_weight: float = (INSIDE_M / CORRELATED_M) * (INSIDE_M / CORRELATED_M)
 
     def depth_at(self, uv_m: Float64) -> Float64:
         """Return how far inside of the border places (N, 2) of the plane are, 0 off the cloth."""

@@ -14,7 +14,9 @@ import numpy as np
 
 from flatcloth.core.types import Float64, Int64, Rigid2
 from flatcloth.flattening.borders import SPACING_M
-from flatcloth.garments.distance import ALIKE_M, accumulate, cost_of_poses, outside, to_edges
+from flatcloth.flattening.minimisation import ROBUST_STDS
+from flatcloth.flattening.sampling import CORRELATED_M
+from flatcloth.garments.distance import accumulate, cost_of_poses, outside, to_edges
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.model import Kind, with_slope
 
@@ -24,12 +26,6 @@ OUTLINE_STD_M = 0.008
 TEMPERATURE = 3.0
 """Divisor of differences in evidence: errors of neighbouring edges are correlated; see the reliability in
 docs/garments.md."""
-SURE = 0.90
-"""Probability from which an answer is given without reserve, and acted on without asking: a kind, the place
-of a floating piece, a link of the shape. Chosen; docs/garments.md has the measured reliability."""
-_BOUND = 3.0
-"""Standard deviations at which an edge has half of its largest cost (Geman and McClure), and from which the
-cost of a point inside grows linearly (Huber). Chosen: the usual 3."""
 _POINTS = 60
 """Edges, and points inside, that stand for a piece in a coarse search. Chosen: fewer rank the starts worse,
 more cost time."""
@@ -43,7 +39,7 @@ _MOST_STEPS = 10
 _TOLERANCE = 1e-3
 """They end where a step lowers E by a smaller share. Chosen for speed."""
 HELD_STD_M = 0.001
-"""Standard deviation of a point that was placed by hand: a pixel of the flattened view. Set by hand."""
+"""Standard deviation of a point that was placed by hand: half a pixel of the flattened view. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +97,7 @@ def starts(kind: Kind, piece: PieceEvidence, count: int) -> list[tuple[Float64, 
 def coarse_poses(outline: Float64, piece: PieceEvidence, count: int) -> list[tuple[float, Rigid2]]:
     """Return the cost and the motion of the best poses of a piece on an outline, the best first.
 
-    They are twice ``ALIKE_M`` apart, in the turns at the farthest place of the piece.
+    They are twice ``CORRELATED_M`` apart, in the turns at the farthest place of the piece.
     """
     middle = (piece.inside_uv_m.min(axis=0) + piece.inside_uv_m.max(axis=0)) / 2
     insides = piece.inside_uv_m[thinned(len(piece.inside_uv_m))] - middle
@@ -109,10 +105,10 @@ def coarse_poses(outline: Float64, piece: PieceEvidence, count: int) -> list[tup
     low, high = outline.min(axis=0), outline.max(axis=0)
     farthest_m = float(np.linalg.norm(insides, axis=1).max())
     rows = []
-    for turn in np.arange(0.0, 2 * np.pi, min(2 * ALIKE_M / max(farthest_m, ALIKE_M), np.pi / 2)):
+    for turn in np.arange(0.0, 2 * np.pi, min(2 * CORRELATED_M / max(farthest_m, CORRELATED_M), np.pi / 2)):
         turned = insides @ _turn(turn).T
         ends = np.sort([low - turned.min(axis=0), high - turned.max(axis=0)], axis=0)
-        counts = np.ceil((ends[1] - ends[0]) / (2 * ALIKE_M)).astype(int)
+        counts = np.ceil((ends[1] - ends[0]) / (2 * CORRELATED_M)).astype(int)
         steps = [(np.arange(n) + 0.5) / n if n else np.full(1, 0.5) for n in counts]
         grid = ends[0] + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2) * (
             ends[1] - ends[0]
@@ -164,7 +160,7 @@ class _Problem:
             bounded = robust_weight(z)
             weight = piece.edge_weight * piece.edge_trust
             edge_cost += float((0.5 * weight * np.square(z) * bounded).sum())
-            most += 0.5 * _BOUND**2 * float(weight.sum())
+            most += 0.5 * ROBUST_STDS**2 * float(weight.sum())
             accumulate(
                 edges, q - shift, slope, at, z / std, weight * np.square(bounded), std, gradient, matrix
             )
@@ -173,9 +169,9 @@ class _Problem:
             std = widened * np.hypot(OUTLINE_STD_M, piece.inside_std_m)
             z = cloth.distance / std
             # Huber's cost: cloth far outside keeps its influence.
-            near = np.minimum(z, _BOUND)
+            near = np.minimum(z, ROBUST_STDS)
             energy += float(piece.inside_weight * (near * (z - 0.5 * near)).sum())
-            weight = piece.inside_weight * _BOUND / np.maximum(z, _BOUND)
+            weight = piece.inside_weight * ROBUST_STDS / np.maximum(z, ROBUST_STDS)
             accumulate(cloth, q - shift, slope, at, z / std, weight, std, gradient, matrix)
         for pull in self.pulls:
             residual, slope_of_pull = with_slope(partial(self._off, pull), x)
@@ -195,7 +191,7 @@ class _Problem:
 
 def robust_weight(z: Float64) -> Float64:
     """Return the weight of squared distances (N,), in standard deviations, by Geman and McClure."""
-    weight: Float64 = _BOUND**2 / (_BOUND**2 + np.square(z))
+    weight: Float64 = ROBUST_STDS**2 / (ROBUST_STDS**2 + np.square(z))
     return weight
 
 
@@ -268,7 +264,7 @@ def crossing_energy(outline: Float64, pieces: tuple[PieceEvidence, ...], poses: 
     for piece, pose in zip(pieces, poses, strict=True):
         depth_m = piece.depth_at((places - pose[1:]) @ _turn(pose[0]))
         energy += float(bounded_cost(depth_m - SPACING_M, OUTLINE_STD_M).sum())
-    return SPACING_M / ALIKE_M * energy
+    return SPACING_M / CORRELATED_M * energy
 
 
 def bounded_cost(off_m: Float64, std_m: float) -> Float64:

@@ -15,14 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.spatial import cKDTree
 from scipy.special import expit
 
-from flatcloth.core.graphs import minimum_cut
-from flatcloth.core.types import Bool, Float64, Int32, Int64
+from flatcloth.core.graphs import cut_between
+from flatcloth.core.types import Bool, Float64, Int64
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
-from flatcloth.garments.fit import APART_M, SURE, TEMPERATURE, Fit, refine
+from flatcloth.garments.fit import APART_M, TEMPERATURE, Fit, refine
 from flatcloth.garments.placing import contradiction, place_piece
+from flatcloth.segmentation.settings import SURE
 
 WRONG_PROBABILITY = 0.5
 """A link less probable than this is taken for wrong without asking: it is more probably so. By definition;
@@ -33,47 +34,6 @@ links have 0.2 to 1.8, right ones 0.2 and more, most of them more than this (doc
 _SADDLE = 0.8
 """Two areas are told apart if less than this share of the evidence within the smaller one joins them.
 Chosen: less than the unevenness of one area."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cloth:
-    """How the shape hangs together: its samples and the pairs of them that were seen to be one sheet.
-
-    ``uv_m`` (N, 2) on the plane, NaN for samples of other pieces; ``xyz_m`` (N, 3), object frame; ``edges``
-    (M, 2) int32; ``evidence`` (M,) that both ends of a pair are one sheet, from 0. ``length_m`` (M,) of each
-    pair along the cloth and the view ``view_index`` (M,) that saw it, if they are known.
-    """
-
-    uv_m: Float64
-    xyz_m: Float64
-    edges: Int32
-    evidence: Float64
-    length_m: Float64 | None = None
-    view_index: Int32 | None = None
-
-    @property
-    def placed(self) -> Bool:
-        """(N,) which samples lie on the shape."""
-        placed: Bool = np.isfinite(self.uv_m[:, 0])
-        return placed
-
-    @property
-    def joined(self) -> Bool:
-        """(M,) which pairs join samples of the shape."""
-        joined: Bool = self.placed[self.edges].all(axis=1) & (self.evidence > 0.0)
-        return joined
-
-    @property
-    def spacing_m(self) -> float:
-        """Median distance of joined samples on the plane."""
-        ends = self.uv_m[self.edges[self.joined]]
-        return float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
-
-    def at(self, uv_m: Float64, part: Bool) -> Bool:
-        """Return whether the samples nearest to places (K, 2) of the plane belong to a part (N,)."""
-        nearest = cKDTree(self.uv_m[self.placed]).query(uv_m)[1]
-        found: Bool = part[self.placed][nearest]
-        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,9 +147,9 @@ def basins(cloth: Cloth) -> list[tuple[Int64, Int64]]:
 
 def side_of(cloth: Cloth, own: Int64, others: Int64) -> Bool:
     """Return the samples (N,) on the side of ``own`` of the cut with the least evidence to ``others``."""
-    joined, unbounded = cloth.joined, np.zeros((2, len(cloth.uv_m)))
-    unbounded[0, own] = unbounded[1, others] = np.inf
-    return minimum_cut(cloth.edges[joined], cloth.evidence[joined], *unbounded) & cloth.placed
+    joined = cloth.joined
+    side = cut_between(len(cloth.uv_m), cloth.edges[joined], cloth.evidence[joined], own, others)
+    return side & cloth.placed
 
 
 def evidence_per_row(cloth: Cloth, part: Bool) -> float:

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.garments.distance import ALIKE_M, straight_inside
+from flatcloth.flattening.sampling import CORRELATED_M
+from flatcloth.garments.distance import straight_inside
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
 from flatcloth.garments.fit import (
     OUTLINE_STD_M,
@@ -127,7 +128,7 @@ def _contradiction(
     joined = straight_inside(first, last, outline)
     if not joined.any():
         return energy
-    nearer = bounded_cost((space - flat)[joined] - ALIKE_M, ALIKE_M)
+    nearer = bounded_cost((space - flat)[joined] - CORRELATED_M, CORRELATED_M)
     return energy + piece.inside_weight * len(there) * float(nearer.mean())
 
 

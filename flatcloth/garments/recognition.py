@@ -24,7 +24,6 @@ from flatcloth.garments.fit import (
     APART_M,
     OUTLINE_STD_M,
     STARTS,
-    SURE,
     TEMPERATURE,
     Fit,
     Pull,
@@ -35,6 +34,7 @@ from flatcloth.garments.fit import (
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.model import Kind, with_slope
 from flatcloth.garments.placing import Placed, place_pieces
+from flatcloth.segmentation.settings import SURE
 
 NONE = "none of these"
 MISFIT, MISFIT_STD = 0.135, 0.016
@@ -200,11 +200,6 @@ def has_enough_edges(piece: PieceEvidence) -> bool:
 def fits_of(main: PieceEvidence) -> list[Fit]:
     """Return the best fit of every kind to one piece, the most probable first."""
     return sorted((best_fit(kind, main) for kind in known_kinds()), key=lambda f: -f.log_evidence)
-
-
-def probabilities_of(main: PieceEvidence) -> dict[str, float]:
-    """Return the probabilities of the kinds and of :data:`NONE` by one piece alone."""
-    return probabilities_by(fits_of(main), main)
 
 
 def probabilities_by(fits: list[Fit], main: PieceEvidence) -> dict[str, float]:

@@ -17,6 +17,7 @@ from flatcloth.core.types import (
     Rigid2,
 )
 from flatcloth.flattening.borders import SPACING_M
+from flatcloth.flattening.sampling import BENT_DEG, LEAST_INTERVAL_M
 from flatcloth.session.document import PlacedPart, Side
 
 MIRROR = np.array([-1.0, 1.0])
@@ -41,15 +42,13 @@ class ColumnCurves:
 class SidePlan:
     """The plan for one side of the shape.
 
-    ``from_view`` is the outermost view accepted on that side, at whose rotation the Z-angles are
-    computed; ``edge_z_angle_deg`` is the mean Z-angle of the outermost columns, ``occluding_edge_m``
-    the length of the occluding edge there; ``u_b_m`` and ``a_0_deg`` are the column at which the
-    overlap is reached and its Z-angle; ``rotation_deg`` is A, unsigned, before rounding to an existing
-    view; ``view_index`` is the chosen view, None if the side is complete; ``reason`` explains it.
+    At the rotation of the outermost view accepted there, ``occluding_edge_m`` is the length of the occluding
+    edge, ``u_b_m`` and ``a_0_deg`` are the column at which the overlap is reached and its Z-angle;
+    ``rotation_deg`` is A, unsigned, before rounding to an existing view; ``view_index`` is the chosen view,
+    None if the side is complete; ``reason`` explains it.
     """
 
     side: Side
-    from_view: int
     curves: ColumnCurves
     occluding_edge_m: float
     u_b_m: float
@@ -181,11 +180,11 @@ class Hypothesis:
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """The directions that the common cloth does not determine."""
+        """The directions that the common cloth leaves unsure by a bend, or an interval of samples."""
         names = []
-        if self.std[0] > math.radians(5.0):
+        if self.std[0] > math.radians(BENT_DEG):
             names.append("turn")
-        names += [n for n, s in zip(("across", "along"), self.std[1:], strict=True) if s > 0.008]
+        names += [n for n, s in zip(("across", "along"), self.std[1:], strict=True) if s > LEAST_INTERVAL_M]
         return tuple(names)
 
 
@@ -274,23 +273,6 @@ class JoinedSides:
     seams: tuple[Seam, ...]
     is_related: bool
     laid: tuple[LaidPiece, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class SurfaceEdges:
-    """The edges of Eq. (2) of a shape at their present position on its plane.
-
-    ``uv_m`` (N, 2) and ``xyz_m`` (N, 3, object frame) of the samples, NaN without a position;
-    ``edges`` (M, 2) int32; ``length_m`` (M,) along the cloth. ``evidence`` (M,) that both ends are one
-    sheet, from 0, and ``view_index`` (M,) int32 the view that saw it; None if the method does not know.
-    """
-
-    uv_m: Float64
-    xyz_m: Float64
-    edges: Int32
-    length_m: Float64
-    evidence: Float64 | None = None
-    view_index: Int32 | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,6 +26,7 @@ from flatcloth.core.types import (
     Uint8,
     no_progress,
 )
+from flatcloth.flattening.cloth import Cloth, SurfaceEdges
 from flatcloth.methods.answers import (
     AlignmentScore,
     Canonical,
@@ -34,7 +35,6 @@ from flatcloth.methods.answers import (
     JoinedSides,
     Placement,
     Plan,
-    SurfaceEdges,
 )
 from flatcloth.session.document import Document, Later, Side
 
@@ -186,7 +186,7 @@ class Method(Protocol):
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of Eq. (2) of the shape."""
 
-    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, SurfaceEdges] | None:
+    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, Cloth] | None:
         """Return the canonical view, and its edges, with ``parts`` (N,) of the edges' samples floating.
 
         None if the method's edges have no evidence.

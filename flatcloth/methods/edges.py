@@ -8,7 +8,7 @@ import numpy as np
 
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import Rigid2
-from flatcloth.methods.answers import SurfaceEdges
+from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.methods.base import Views
 
 

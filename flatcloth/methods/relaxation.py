@@ -19,10 +19,7 @@ Int64 = NDArray[np.int64]
 
 _HELD = 1e-6
 """Weight that holds every node at its position, because lengths do not fix the sheet as a whole; its inverse
-keeps a node where it is. Chosen: far from the weights of pairs, which are about 1."""
-ITERATIONS = 8
-"""Limit of the steps of relaxations and minimisations, and of the rounds of robust weights. Chosen for
-speed."""
+keeps a node where it is. By definition: far from the weights of pairs, which are about 1."""
 
 
 @njit(cache=True, nogil=True)

@@ -22,9 +22,9 @@ from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import back_project, held_from_camera
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
-from flatcloth.flattening.surface import item_mask
+from flatcloth.flattening.minimisation import ITERATIONS
+from flatcloth.flattening.surface import EXTENT_M, item_mask
 from flatcloth.registration.pose_prior import (
-    EXTENT_M,
     OWN,
     PosePrior,
     across,
@@ -156,9 +156,6 @@ UP = np.array([0.0, -1.0, 0.0])
 _SCALES_M = (0.05, 0.02, 0.01, 0.005)
 """Scales of the robust weights, coarse to fine. Chosen: from the error of a start to a few times the noise of
 a D435."""
-_STEPS_PER_SCALE = 8
-"""Limit of Gauss-Newton steps at a scale. Chosen; a step below the error of the best recordings normally ends
-them earlier."""
 _USUAL_TILT = 0.17
 """Prior: cameras are level to about 10 degrees; it matters only where the views do not decide. Set by
 hand."""
@@ -309,7 +306,7 @@ def _settled(
 ) -> _State:
     """Return the state after Gauss-Newton steps at each scale of the robust weights."""
     for scale in scales_m:
-        for _ in range(_STEPS_PER_SCALE):
+        for _ in range(ITERATIONS):
             state, size = _stepped(state, _equations(views, state, pairs, scale, every), with_fattening)
             if size < PosePrior().axis_stds_m[0]:
                 break

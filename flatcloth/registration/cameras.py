@@ -68,34 +68,20 @@ def begin_registration(
     )
 
 
-def register_all(
-    features: Sequence[ViewFeatures],
-    axis: RotationAxis,
-    held_point_m: Float64,
-    prior: PosePrior | None = None,
-) -> Registered:
-    """Register views in order; see :func:`begin_registration` and :func:`extend_registration`."""
-    registered = begin_registration(axis, held_point_m, prior)
-    for seen in features:
-        registered = extend_registration(registered, seen)
-    return registered
-
-
 def register_together(
     features: Sequence[ViewFeatures],
     axis: RotationAxis,
     held_point_m: Float64,
-    prior: PosePrior | None = None,
     partners: int = _PARTNERS,
     fattening_px: float = 0.0,
     threads: int = 1,
 ) -> Registered:
-    """Register all views at once: the same model as :func:`register_all`, solved once.
+    """Register all views at once: the same model as view by view, solved once.
 
     Pairs are compared from the recorded poses on, not from those refined before, and each view with
     ``partners`` before it only: that shows in a fraction of the time whether the recorded poses are right.
     """
-    registered = begin_registration(axis, held_point_m, prior)
+    registered = begin_registration(axis, held_point_m)
     registered = _with_views(
         replace(registered, common=np.append(registered.common[:4], fattening_px)), features
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64
+from flatcloth.flattening.surface import NOISELESS_STD_M
 from flatcloth.registration.pose_prior import PosePrior, motion
 from flatcloth.registration.view_features import CHANNELS, MOTION, TERMS, Agreement, ViewFeatures, compare
 
@@ -24,8 +25,6 @@ _FINE_ROUNDS = 3
 """Rounds with all points and the last radius. Set by hand."""
 LEAST_POINTS = 60
 """Views with fewer points in common, counted both ways, are not compared. Set by hand."""
-DISTANCE_STD_M = 0.0003
-"""Standard deviation of the distance of equal cloth in two views, without noise. Set by hand."""
 _SHADING_STD = 0.15
 """Relative deviation of the brightness between views, because folds are shaded by the lamp. Set by hand."""
 _PART_NOISE = 0.4
@@ -153,7 +152,7 @@ def _rounds(uncertainty_m: float) -> tuple[list[tuple[float, int]], Float64]:
 
 def _usual(found: Float64) -> Float64:
     """Return the typical differences (4,) from those found; 0 where there were none."""
-    least = np.array([DISTANCE_STD_M, *[1e-6] * CHANNELS])
+    least = np.array([NOISELESS_STD_M, *[1e-6] * CHANNELS])
     usual: Float64 = np.where(np.isfinite(found), np.maximum(np.nan_to_num(found), least), 0.0)
     usual[1] = math.hypot(usual[1], _SHADING_STD) if usual[1] > 0 else 0.0
     return usual

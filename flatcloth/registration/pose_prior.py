@@ -16,14 +16,11 @@ import numpy as np
 
 from flatcloth.core.geometry import Rigid3, held_from_camera, rotation_about, rotations_by
 from flatcloth.core.types import Float64, RotationAxis
+from flatcloth.flattening.surface import EXTENT_M
 
 COMMON, OWN = 5, 3
 """Unknowns: shift (2) and tilt (2) of the axis, and the fattening; turn and swing (2) of each view. By
 definition."""
-
-EXTENT_M = 0.3
-"""Half a garment: typical distance of cloth from the middle of a view; over it, the tilt of the axis is its
-error of position. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,6 @@ from flatcloth.registration.pose_prior import (
     PosePrior,
     at_center,
     grades,
-    moved_axis,
     poses,
     twists_between,
 )
@@ -72,11 +71,6 @@ class Registered:
     own: Float64
     covariance: Float64
     posterior: Float64
-
-    @property
-    def refined_axis(self) -> RotationAxis:
-        """The axis as estimated from the views."""
-        return moved_axis(self.axis, self.common)
 
     @property
     def error_stds(self) -> tuple[float, float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from flatcloth.checking.findings import Finding
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.geometry import back_project, held_from_camera, window_of
 from flatcloth.core.types import Bool, RgbdFrame, RotationAxis, Uint8
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
@@ -94,7 +94,7 @@ def _turned(recording: Recording, views: tuple[int, ...]) -> Uint8:
     for there, color in zip(shade, (_ONE, _OTHER), strict=True):
         closed = cv2.morphologyEx(there, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))[..., None]
         canvas = (canvas * (1 - 0.55 * closed) + color * 0.55 * closed).astype(np.uint8)
-    return _cropped(canvas, np.asarray((shade > 0).any(axis=0)))
+    return canvas[window_of(np.asarray((shade > 0).any(axis=0)), _MARGIN_PX) or np.s_[:, :]]
 
 
 def _outlined(recording: Recording, views: tuple[int, ...]) -> Uint8:
@@ -105,7 +105,7 @@ def _outlined(recording: Recording, views: tuple[int, ...]) -> Uint8:
         if of is not None:
             found, _ = cv2.findContours(of.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
             cv2.drawContours(picture, found, -1, color.tolist(), 2)
-    return _cropped(picture, item)
+    return picture[window_of(item, _MARGIN_PX) or np.s_[:, :]]
 
 
 def _item(frame: RgbdFrame, axis: RotationAxis | None) -> Bool:
@@ -113,16 +113,6 @@ def _item(frame: RgbdFrame, axis: RotationAxis | None) -> Bool:
         return foreground_mask(replace(frame, mask=None), axis, SurfaceConfig())
     except SurfaceError:
         return np.asarray(frame.depth_m > 0)
-
-
-def _cropped(picture: Uint8, item: Bool) -> Uint8:
-    rows, cols = np.flatnonzero(item.any(axis=1)), np.flatnonzero(item.any(axis=0))
-    if not len(rows):
-        return picture
-    return picture[
-        max(rows[0] - _MARGIN_PX, 0) : rows[-1] + _MARGIN_PX,
-        max(cols[0] - _MARGIN_PX, 0) : cols[-1] + _MARGIN_PX,
-    ]
 
 
 def _fitted(picture: Uint8) -> Uint8:

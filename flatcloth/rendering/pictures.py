@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
+from flatcloth.core.geometry import window_of
 from flatcloth.core.types import Bool, FlattenedView, Floats, Uint8
 
 OUTLINE_RGB, NEW_RGB = (230, 126, 0), (255, 140, 0)
@@ -37,13 +38,10 @@ def grid_of(view: FlattenedView) -> dict[str, Any]:
 
 def cropped(rgba: Uint8, view: FlattenedView, margin_px: int = 3) -> PlanePicture:
     """Return a picture of a view without the empty border of its grid."""
-    rows, cols = np.flatnonzero(view.valid.any(axis=1)), np.flatnonzero(view.valid.any(axis=0))
-    if rows.size == 0:
-        rows, cols = np.array([0]), np.array([0])
-    top, left = max(int(rows[0]) - margin_px, 0), max(int(cols[0]) - margin_px, 0)
-    origin = view.uv_from_rc(np.array([top, left]))
+    rows, cols = window_of(view.valid, margin_px) or np.s_[0:1, 0:1]
+    origin = view.uv_from_rc(np.array([rows.start, cols.start]))
     return PlanePicture(
-        rgba=rgba[top : int(rows[-1]) + margin_px + 1, left : int(cols[-1]) + margin_px + 1],
+        rgba=rgba[rows, cols],
         pixel_size_m=view.pixel_size_m,
         origin_uv_m=(float(origin[0]), float(origin[1])),
     )
@@ -74,12 +72,11 @@ def laid_on(shape: FlattenedView, overlay: FlattenedView, new_points: Bool) -> P
     known[there] |= overlay.valid
     edge = overlay.valid & ~ndimage.binary_erosion(overlay.valid)
     rgb[there][edge] = OUTLINE_RGB
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    box = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    rows, cols = window_of(known) or np.s_[0:1, 0:1]
     alpha = np.where(known, 255, 0)[..., None]
-    origin = np.array(shape.origin_uv_m) + size * (low + np.array([rows[0], cols[0]]))[::-1]
+    origin = np.array(shape.origin_uv_m) + size * (low + np.array([rows.start, cols.start]))[::-1]
     return PlanePicture(
-        rgba=np.concatenate([np.rint(rgb), alpha], axis=-1).astype(np.uint8)[box],
+        rgba=np.concatenate([np.rint(rgb), alpha], axis=-1).astype(np.uint8)[rows, cols],
         pixel_size_m=size,
         origin_uv_m=(float(origin[0]), float(origin[1])),
     )

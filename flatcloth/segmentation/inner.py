@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 
 from flatcloth.core.graphs import minimum_cut
 from flatcloth.core.types import Bool, Float64, Int64
-from flatcloth.registration.pairwise import DISTANCE_STD_M
+from flatcloth.flattening.surface import NOISELESS_STD_M
 from flatcloth.segmentation.clusters import Clusters
 from flatcloth.segmentation.relations import SignedGraph, back_to_back
 from flatcloth.segmentation.settings import SegmentationConfig
@@ -84,7 +84,7 @@ def _thin(clusters: Clusters, config: SegmentationConfig) -> tuple[Float64, Floa
     thickness_m, weight = thicknesses(clusters, config)
     known = weight > 0.0
     two_layers_m = float(np.percentile(thickness_m[known], _TWO_LAYERS)) if known.any() else 0.0
-    if two_layers_m < DISTANCE_STD_M:  # one layer: a towel
+    if two_layers_m < NOISELESS_STD_M:  # one layer: a towel
         return np.zeros(clusters.count), np.zeros(clusters.count)
     return weight / (weight + 1.0), np.clip(1.0 - thickness_m / (_ONE_LAYER * two_layers_m), -1.0, 1.0)
 

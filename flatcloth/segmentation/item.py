@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SegmentationError, SurfaceError
+from flatcloth.core.geometry import window_of
 from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import about_axis, foreground_mask
 from flatcloth.registration.axis import THREADS, TOP_M
@@ -250,26 +251,19 @@ def _large(frame: RgbdFrame, off: Bool, like: Bool | None = None) -> Bool:
 
     Without ``like``, their own distance counts.
     """
-    count = int(np.count_nonzero(off))
-    if not count:
+    part, count = window_of(off), int(np.count_nonzero(off))
+    if part is None:
         return off
     depth_m = float(np.median(frame.depth_m[off if like is None else like]))
     least_px = LEAST_AREA_M2 * frame.intrinsics.fx * frame.intrinsics.fy / depth_m**2
     kept = np.zeros_like(off)
     if count < least_px:
         return kept
-    part = _around(off)
     _, label, stats, _ = cv2.connectedComponentsWithStats(off[part].astype(np.uint8), connectivity=8)
     large = stats[:, cv2.CC_STAT_AREA] >= least_px
     large[0] = False
     kept[part] = large[label]
     return kept
-
-
-def _around(pixels: Bool) -> tuple[slice, slice]:
-    """Return the rows and columns in which there are pixels."""
-    rows, cols = np.flatnonzero(pixels.any(axis=1)), np.flatnonzero(pixels.any(axis=0))
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
 
 
 def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+SURE = 0.9
+"""Probability from which an answer is given without reserve, and acted on without asking: a side, a kind of
+garment, the place of a floating piece, a link of the shape. Chosen; docs/segmentation.md and docs/garments.md
+have the measured reliability."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentationConfig:
@@ -50,7 +55,7 @@ class SegmentationConfig:
     ``python -m benchmarks segmentation --learn`` prints it, also with each garment left out."""
     least_certainty: float = 0.7
     """Cloth with a lower certainty is undecided, and not part of the shape."""
-    sure: float = 0.9
+    sure: float = SURE
     """If cloth of a higher certainty is turned over, its area is reported. Cloth that strokes turned over is
     undecided below this certainty."""
 

@@ -17,8 +17,9 @@ from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.joints import HeldBy, Joint, joints_of
 from flatcloth.engine.sheet import outline_loops
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part, pixels_of_part
-from flatcloth.garments.links import WEAK_EVIDENCE, Cloth
+from flatcloth.garments.links import WEAK_EVIDENCE
 from flatcloth.grasping.visibility import Visibility
 from flatcloth.session.garment import DecideLink
 from flatcloth.session.machine import Document

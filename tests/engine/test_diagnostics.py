@@ -14,7 +14,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.engine.diagnostics import LEAST_STRAIN, MOST_EDGES, reasons, strained_edges
-from flatcloth.methods.answers import SurfaceEdges
+from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.session.machine import Side
 
 RECORDING = CylinderRecording()

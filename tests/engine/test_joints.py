@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from flatcloth.engine.results.joints import joints_of
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part
-from flatcloth.garments.links import Cloth, DoubtedLink
+from flatcloth.garments.links import DoubtedLink
 
 WEAK, OFF_M = 0.05, 0.004
 

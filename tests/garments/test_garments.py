@@ -22,8 +22,9 @@ from flatcloth.garments.recognition import (
     NONE,
     Point,
     dimensions_of,
+    fits_of,
     held_fit,
-    probabilities_of,
+    probabilities_by,
     recognise,
 )
 
@@ -261,12 +262,16 @@ def test_a_whole_outline_gives_its_own_parameters_and_pose() -> None:
     assert best.edge_cost < 0.02
 
 
+def chances_of(main: PieceEvidence) -> dict[str, float]:
+    return probabilities_by(fits_of(main), main)
+
+
 @pytest.mark.parametrize("name", ["shorts", "skirt", "towel", "sleeveless_dress"])
 def test_each_kind_is_recognised_from_two_thirds_of_it(name: str) -> None:
     outline = at_mean(name)
     limit = outline[:, 0].min() + 0.66 * (outline[:, 0].max() - outline[:, 0].min())
     main = evidence_from(outline, Rigid2(0.8, 0.1, 0.2), np.array([1.0, 0.0, limit]), noise_m=0.003)
-    probabilities = probabilities_of(main)
+    probabilities = chances_of(main)
     assert max(probabilities, key=lambda kind: probabilities[kind]) == name
     assert math.isclose(sum(probabilities.values()), 1.0, abs_tol=1e-9)
 
@@ -275,14 +280,14 @@ def test_a_star_is_none_of_these() -> None:
     around = np.arange(10) * np.pi / 5
     radius = np.where(np.arange(10) % 2 == 0, 0.4, 0.16)
     star = np.stack([radius * np.cos(around), radius * np.sin(around)], axis=1)
-    assert probabilities_of(evidence_from(star))[NONE] > 0.9
+    assert chances_of(evidence_from(star))[NONE] > 0.9
 
 
 def test_a_hole_with_edges_all_round_speaks_for_no_known_kind() -> None:
     main = evidence_from(at_mean("towel"))
     holed = dataclasses.replace(main, hole_edge_m=0.38)  # 12 cm wide
-    assert probabilities_of(main)[NONE] < 0.05
-    assert probabilities_of(holed)[NONE] > 0.9
+    assert chances_of(main)[NONE] < 0.05
+    assert chances_of(holed)[NONE] > 0.9
 
 
 def test_an_outline_through_seen_cloth_costs() -> None:

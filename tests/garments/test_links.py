@@ -6,10 +6,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from garment_evidence import at_mean, blank_view, evidence_from
+from garment_evidence import at_mean, blank_view, cloth_of, evidence_from
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Rigid2
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import (
     decided_part,
     found_again,
@@ -21,7 +22,6 @@ from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import Fit
 from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.links import (
-    Cloth,
     DoubtedLink,
     basins,
     doubted_links,
@@ -44,7 +44,7 @@ def sheet(rows: int, cols: int, weak_after: int) -> Cloth:
     steep = (np.abs(col[edges] - weak_after - 0.5) < 3.0).any(axis=1)
     across = (col[edges] <= weak_after).sum(axis=1) == 1
     xyz = np.concatenate([uv, np.full((len(uv), 1), 0.85)], axis=1)
-    return Cloth(uv_m=uv, xyz_m=xyz, edges=edges, evidence=np.where(across, WEAK, np.where(steep, 0.3, 1.0)))
+    return cloth_of(uv, xyz, edges, np.where(across, WEAK, np.where(steep, 0.3, 1.0)))
 
 
 def test_areas_that_meet_where_little_joins_them_are_candidates_and_cut_there() -> None:
@@ -105,7 +105,7 @@ def joined_at(motion: Rigid2) -> tuple[PieceEvidence, Cloth, np.ndarray]:
         depth_origin_uv_m=np.full(2, -1.2),
         depth_pixel_m=0.006,
     )
-    return shape, Cloth(uv_m=uv, xyz_m=whole.inside_xyz_m, edges=pairs, evidence=evidence), insides
+    return shape, cloth_of(uv, whole.inside_xyz_m, pairs, evidence), insides
 
 
 def best_fits(shape: PieceEvidence) -> list[Fit]:

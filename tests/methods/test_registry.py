@@ -13,8 +13,9 @@ from flatcloth.cli import main
 from flatcloth.core.errors import ConfigError
 from flatcloth.core.types import Progress, Rigid2, no_progress
 from flatcloth.export.data import read_shape
+from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.flattening.resampling import place
-from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan, SurfaceEdges
+from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method, Views
 from flatcloth.methods.edges import edges_of_view
 from flatcloth.methods.registry import MethodEntry, method_entry, method_names, register, unregister

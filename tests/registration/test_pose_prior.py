@@ -7,10 +7,10 @@ import pytest
 from scenes import AXIS
 
 from flatcloth.core.geometry import Rigid3, held_from_camera
+from flatcloth.flattening.surface import EXTENT_M
 from flatcloth.registration.axis_estimation import _neighbours, _pairs, choose_views
 from flatcloth.registration.pairwise import _FINE_ROUNDS, _SEARCH_RADII_M, _rounds
 from flatcloth.registration.pose_prior import (
-    EXTENT_M,
     PosePrior,
     across,
     at_center,

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import tracemalloc
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scenes import Cylinder
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.registration.adjustment import solved
-from flatcloth.registration.cameras import register_all
+from flatcloth.registration.cameras import begin_registration, extend_registration
 from flatcloth.registration.pairwise import LEAST_POINTS
 from flatcloth.registration.pose_prior import COMMON, OWN, grades
 from flatcloth.registration.registered import Registered
@@ -24,7 +25,8 @@ def features_of_views(made: Integration, views: tuple[int, ...]) -> list[ViewFea
 
 
 def registered(made: Integration, views: tuple[int, ...] = (0, 1, 2)) -> Registered:
-    return register_all(features_of_views(made, views), made.axis, made.views.held_point_m)
+    start = begin_registration(made.axis, made.views.held_point_m)
+    return reduce(extend_registration, features_of_views(made, views), start)
 
 
 @pytest.fixture(scope="module")

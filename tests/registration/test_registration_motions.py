@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import cv2
@@ -15,9 +16,9 @@ from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.geometry import Rigid3, back_project, camera_from_held, rotation_about
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import Surface, observe_surface
-from flatcloth.registration.cameras import begin_registration, extend_registration, register_all
+from flatcloth.registration.cameras import begin_registration, extend_registration
 from flatcloth.registration.normal_equations import _fattening
-from flatcloth.registration.pose_prior import PosePrior, motion, twist_of
+from flatcloth.registration.pose_prior import PosePrior, motion, moved_axis, twist_of
 from flatcloth.registration.registered import Registered, describe
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 
@@ -107,8 +108,8 @@ def features_of_views(*args: Any, **kwargs: Any) -> list[ViewFeatures]:
     return [extract_features(surface) for surface in surfaces_of_views(*args, **kwargs)]
 
 
-def registered(features: list[ViewFeatures]) -> Registered:
-    return register_all(features, AXIS, HELD_M)
+def registered(features: list[ViewFeatures], prior: PosePrior | None = None) -> Registered:
+    return reduce(extend_registration, features, begin_registration(AXIS, HELD_M, prior))
 
 
 def slips_m(found: Registered, loose: Loose = EXACT, *, known: bool = False) -> Float64:
@@ -221,7 +222,7 @@ def test_without_texture_a_smooth_cylinder_is_not_turned_and_it_says_so() -> Non
         assert view.std_deg[1] > 2.0 * textured.std_deg[1]
     # Were the recording known to be loose, nothing would be known of the turn but that.
     always_loose = PosePrior(turn_stds_deg=(1.5,), axis_stds_m=(0.006,), swing_stds_deg=(0.02,))
-    unknown = register_all(features, AXIS, HELD_M, always_loose).views[1]
+    unknown = registered(features, always_loose).views[1]
     assert unknown.std_deg[1] == pytest.approx(1.5 * 2**0.5, rel=0.35)
 
 
@@ -287,7 +288,7 @@ def test_the_report_says_what_was_changed() -> None:
     assert "Cameras registered: the axis moved by" in describe(found)
     assert found.axis_moved_m == pytest.approx(0.0078, abs=0.002)
     assert 0 < found.axis_std_m < 0.002
-    np.testing.assert_allclose(found.refined_axis.point_m, LOOSE.axis.point_m, atol=0.002)
+    np.testing.assert_allclose(moved_axis(found.axis, found.common).point_m, LOOSE.axis.point_m, atol=0.002)
     worst = max(found.views, key=lambda view: abs(view.turned_deg))
     assert worst.distance_m[1] < worst.distance_m[0]
 
@@ -303,7 +304,7 @@ def test_a_scrap_of_cloth_between_the_points_of_the_grid_is_registered_still() -
     usable[at[0], at[1]] = True
     few = extract_features(replace(whole, usable=usable))
     assert len(few.points_m) == 1
-    found = register_all([few, *features_of_views(angles=(0.0,))], AXIS, HELD_M)
+    found = registered([few, *features_of_views(angles=(0.0,))])
     assert found.pairs == ()
 
 

@@ -8,7 +8,7 @@ import threading
 import msgspec
 import numpy as np
 import pytest
-from garment_evidence import at_mean, blank_view, evidence_from
+from garment_evidence import at_mean, blank_view, cloth_of, evidence_from
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError, GarmentError
@@ -16,7 +16,7 @@ from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment.recognition import KnownGarment, place_sure_pieces
 from flatcloth.export.garment import garment_document, lines_of, outcome_entry
 from flatcloth.garments.deciding import DecidedPieces, decided_pieces
-from flatcloth.garments.links import Cloth, DoubtedLink
+from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import recognise
 from flatcloth.methods.answers import Canonical
@@ -55,7 +55,7 @@ class Service:
         at = self.canonical.view.uv_from_rc(np.stack([row, col], axis=1))
         edges = cKDTree(at).query_pairs(0.0085, output_type="ndarray").astype(np.int32)
         xyz = self.canonical.view.xyz_m[row, col].astype(float)
-        self.cloth = Cloth(uv_m=at, xyz_m=xyz, edges=edges, evidence=np.ones(len(edges)))
+        self.cloth = cloth_of(at, xyz, edges, np.ones(len(edges)))
         self.links: tuple[DoubtedLink, ...] = ()
         self.error: Exception | None = None
 

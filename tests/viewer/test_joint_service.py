@@ -15,7 +15,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
-from flatcloth.garments.links import Cloth
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.session.machine import Document
 from flatcloth.viewer.joints import JointService
 from flatcloth.viewer.protocol.garment import DecideJoint

@@ -14,6 +14,7 @@ from flatcloth.core.types import FlattenedView, RgbdFrame
 from flatcloth.engine.following import scale_std_of
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.surface import crop_to_item
 from flatcloth.garments.deciding import (
     DecidedPieces,
@@ -26,7 +27,7 @@ from flatcloth.garments.deciding import (
     with_placed_cloth,
 )
 from flatcloth.garments.evidence import FARTHEST_M, PieceEvidence, SeenFrom, evidence_of
-from flatcloth.garments.links import Cloth, DoubtedLink, doubted_links, is_offered, is_wrong
+from flatcloth.garments.links import DoubtedLink, doubted_links, is_offered, is_wrong
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import (
     KNOWN_STD_M,

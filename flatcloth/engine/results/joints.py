@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.core.types import Bool, Float64, Int64
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import is_same_part, kept_parts
-from flatcloth.garments.links import Cloth, DoubtedLink, evidence_per_row, weakly_joined
+from flatcloth.garments.links import DoubtedLink, evidence_per_row, weakly_joined
 from flatcloth.session.garment import DoubtedPart
 
 _MOST = 0.9  # by definition: nine tenths of the residuals are below
@@ -95,8 +96,6 @@ def joints_of(
 
 
 def _views(cloth: Cloth, across: Int64) -> tuple[HeldBy, ...]:
-    if cloth.view_index is None or cloth.length_m is None:
-        return ()
     ends = cloth.uv_m[cloth.edges[across]]
     residual_m = np.abs(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) - cloth.length_m[across])
     middle = cloth.xyz_m[cloth.edges[across]].mean(axis=1)

@@ -16,8 +16,11 @@ import cv2
 import numpy as np
 from numba import njit
 
+from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import directions_across, height_m, z_angle_deg
 from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigid2, RotationAxis, no_progress
+from flatcloth.flattening.borders import SPACING_M
+from flatcloth.flattening.sampling import BENT_DEG
 from flatcloth.methods.answers import AlignmentScore
 
 _SEARCH_TRANSLATION_M = 0.06
@@ -30,13 +33,13 @@ _SEARCH_CANDIDATES = 12
 """Best placements of the coarse search that are searched in detail. Set by hand."""
 SEARCH_POINTS = 700
 """Pixels compared in the coarse search. Set by hand."""
-COARSE_SMOOTHING_M = 0.006
-"""Smoothing of the texture in the coarse search, whose step it is, and in the score. Set by hand."""
+COARSE_SMOOTHING_M = SPACING_M
+"""Smoothing of the texture in the coarse search, whose step it is, and in the score."""
 _COARSE_STEP = np.array([math.radians(_SEARCH_STEP_DEG), COARSE_SMOOTHING_M, COARSE_SMOOTHING_M])
 Z_ANGLE_SMOOTHING_M = COARSE_SMOOTHING_M
 """Z-angles are compared as coarsely as the texture."""
-FINE_SMOOTHING_M = 0.002
-"""Smoothing of the texture in the detailed search. Set by hand."""
+FINE_SMOOTHING_M = FlatteningConfig().pixel_size_m
+"""Smoothing of the texture in the detailed search: a pixel of flattened views."""
 _MISSING_OVERLAP_COST = 0.3
 """Cost of losing all of the overlap that the initial estimate has. Set by hand."""
 _DISTANCE_COST = 0.03
@@ -56,9 +59,9 @@ evaluation; noise, bending of the flattened views and an axis that is a few mill
 SAME_FACING = 0.8
 """Cloth whose normals or Z-angles have a smaller cosine (37 degrees) is other cloth. Set by hand: several
 times the noise of the averaged Z-angles, and less than the two flanks of a fold differ by."""
-Z_ANGLE_SCALE_DEG = 8.0
+Z_ANGLE_SCALE_DEG = BENT_DEG
 """Difference in Z-angle that counts as half a disagreement, and half the widest band of a line of equal
-Z-angle. Set by hand."""
+Z-angle."""
 
 
 class Disagreement(NamedTuple):
@@ -166,7 +169,7 @@ class Matcher:
         offsets = np.array([(t, u, v) for t in turns for u in shifts for v in shifts])
         motions = [_disturbed(initial, offset, center) for offset in offsets]
         cost = self._cost(motions, offsets, SEARCH_POINTS, COARSE_SMOOTHING_M, share)
-        starts = _distinct(offsets, cost, _SEARCH_CANDIDATES, 2.5 * COARSE_SMOOTHING_M)
+        starts = _distinct(offsets, cost, _SEARCH_CANDIDATES, (2 + 0.5) * COARSE_SMOOTHING_M)  # over 2 steps
         found = []
         for n, start in enumerate(starts):
             progress(0.3 + 0.6 * n / len(starts), "searching the alignment")
@@ -327,10 +330,10 @@ def _spread(texture: Float32) -> float:
 
 
 def _texture(view: FlattenedView, smoothing_m: float) -> Float32:
-    """Return the intensity (H, W) minus its mean within 10 mm, smoothed; 0 off the cloth."""
+    """Return the intensity (H, W) minus its mean within ``PLACE_SCALE_M``, smoothed; 0 off the cloth."""
     grey = np.asarray(cv2.cvtColor(view.rgb.astype(np.float32), cv2.COLOR_RGB2GRAY), dtype=np.float32)
     weight = view.valid.astype(np.float32)
-    fine, coarse = smoothing_m / view.pixel_size_m, 0.010 / view.pixel_size_m
+    fine, coarse = smoothing_m / view.pixel_size_m, PLACE_SCALE_M / view.pixel_size_m
 
     def mean(sigma: float) -> Float32:
         total = cv2.GaussianBlur(grey * weight, (0, 0), sigma)

@@ -13,7 +13,8 @@ from functools import cached_property
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
-from flatcloth.methods.answers import Alignment, AlignmentScore, Placement, Plan, SurfaceEdges
+from flatcloth.flattening.cloth import SurfaceEdges
+from flatcloth.methods.answers import Alignment, AlignmentScore, Placement, Plan
 from flatcloth.methods.base import Focus, Views
 from flatcloth.methods.edges import edges_of_view, joined_edges
 from flatcloth.methods.paper.alignment import align_by_z_angle

@@ -2,23 +2,21 @@
 
 The paper calls the leftmost or rightmost boundary an occluding edge if it divides one surface into a
 visible and a hidden part, and judges it by the Z-angle of the outermost column. Here every end of every
-image row counts, so that a flat stretch does not hide a steep one. An end that is covered by a nearer
-layer counts too, for the rotation that moves this layer away.
+image row counts, so that a flat stretch does not hide a steep one; the Z-angle is the mean over half the
+width of a ramp. An end that is covered by a nearer layer counts too, for the rotation that moves this layer
+away.
 """
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
-from flatcloth.core.types import Bool, Float64, Floats, Int32
+from flatcloth.core.types import Bool, Float64, Floats
+from flatcloth.flattening.ramps import RAMP_HALF_WIDTH_PX
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.paper.matching import PLACE_SCALE_M
 from flatcloth.session.machine import Side
 
-_EDGE_WIDTH_PX = 4
-"""The Z-angle at an outline is the mean over this width; a nearer layer within this distance covers the cloth
-behind it. Set by hand."""
 _OCCLUDING_Z_ANGLE_DEG = 40.0
 """An outline seen more steeply than this is an occluding edge. Set by hand."""
 
@@ -46,24 +44,15 @@ def occluding_edges(surface: Surface, side: Side, part: Bool | None = None) -> t
     part = surface.usable if part is None else part
     depth = surface.depth_m
     outward = -1.0 if side is Side.LEFT else 1.0
-    turned_away = _ends(part, side, _EDGE_WIDTH_PX) & (
-        _mean_inwards(outward * surface.z_angle_deg, part, side, _EDGE_WIDTH_PX) >= _OCCLUDING_Z_ANGLE_DEG
+    turned_away = _ends(part, side, RAMP_HALF_WIDTH_PX) & (
+        _mean_inwards(outward * surface.z_angle_deg, part, side, RAMP_HALF_WIDTH_PX) >= _OCCLUDING_Z_ANGLE_DEG
     )
     other = Side.RIGHT if side is Side.LEFT else Side.LEFT
     measured = np.where(surface.frame.depth_m > 0, surface.frame.depth_m, np.inf)
-    beyond = _nearest_outwards(measured, other, _EDGE_WIDTH_PX)
+    beyond = _nearest_outwards(measured, other, RAMP_HALF_WIDTH_PX)
     with np.errstate(invalid="ignore"):
-        covered = _ends(part, other, _EDGE_WIDTH_PX) & (beyond < depth - PLACE_SCALE_M)
+        covered = _ends(part, other, RAMP_HALF_WIDTH_PX) & (beyond < depth - PLACE_SCALE_M)
     return turned_away, covered
-
-
-def near_samples(usable: Bool, points_rc: Int32, extent_px: int) -> Bool:
-    """Return which usable pixels (H, W) lie within an extent of samples (N, 2)."""
-    seeds = np.zeros(usable.shape, dtype=np.uint8)
-    seeds[points_rc[:, 0], points_rc[:, 1]] = 1
-    size = 2 * extent_px + 1
-    near: Bool = (cv2.dilate(seeds, np.ones((size, size), dtype=np.uint8)) > 0) & usable
-    return near
 
 
 def _outwards(values: Floats | Bool, steps: int, side: Side, fill: float) -> Float64:

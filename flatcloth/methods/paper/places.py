@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Float64, Int64, Rigid2
+from flatcloth.flattening.minimisation import ITERATIONS
 from flatcloth.methods.paper.matching import COARSE_SMOOTHING_M, LEAST_AREA_M2, PLACE_SCALE_M, SAME_FACING
-from flatcloth.methods.relaxation import ITERATIONS
 
 TRIALS = 64
 """Random pairs of correspondences that are tried. Chosen: if 30 % of them are right, 64 trials miss a right

@@ -138,7 +138,6 @@ def plan_side(
         reason = f"{side}: A = {held:.0f} deg" if view is not None else f"no view remains on the {side}"
     return SidePlan(
         side=side,
-        from_view=from_view,
         curves=curves,
         occluding_edge_m=occluding_edge_m,
         u_b_m=u_b,

@@ -13,15 +13,11 @@ import numpy as np
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.flatten import Flattening
-from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.answers import JoinedPiece
-from flatcloth.methods.robust.joint_shape import LEAST_PIECE, JointShape
+from flatcloth.methods.robust.joint_shape import LEAST_PIECE, TWO_ROWS_M, JointShape
 from flatcloth.methods.robust.observations import Association
 from flatcloth.session.document import Accepted
 
-_GATE_M = 2 * LEAST_INTERVAL_M
-"""Nodes farther than this from their position by the placement do not count as the same cloth. Chosen:
-two rows of nodes."""
 _LEAST_FITTED = 4
 """So many nodes of a component fit one motion, or it is not joined yet: a motion takes two. A further motion
 of the same component needs as many as a floating piece has. Set by hand."""
@@ -58,7 +54,7 @@ def same_cloth(
     kept = np.ones(len(own), dtype=bool)
     at = np.flatnonzero(known & (component == added.component))
     off = np.linalg.norm(added.current_from_new.apply(own[at]) - target[at], axis=1)
-    kept[at] = off <= _GATE_M
+    kept[at] = off <= TWO_ROWS_M
     by_hand = joins_piece or (added.fixed and kept[at].sum() <= 0.5 * at.size)
     for number in np.unique(component):
         at = np.flatnonzero(known & (component == number))
@@ -154,10 +150,10 @@ def _fits_one_motion(points: Float64, target: Float64, least: int) -> Bool:
     kept = np.ones(len(points), dtype=np.bool_)
     for _ in range(6):
         off = np.linalg.norm(fit_rigid2(points[kept], target[kept]).apply(points) - target, axis=1)
-        closest = off <= max(0.5 * _GATE_M, float(np.median(off)))
+        closest = off <= max(0.5 * TWO_ROWS_M, float(np.median(off)))
         if (closest == kept).all():
             break
         kept = closest
     off = np.linalg.norm(fit_rigid2(points[kept], target[kept]).apply(points) - target, axis=1)
-    fits: Bool = off <= _GATE_M
+    fits: Bool = off <= TWO_ROWS_M
     return fits if fits.mean() >= 0.5 and fits.sum() >= least else none

@@ -21,7 +21,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.banded import cuthill_mckee
-from flatcloth.methods.relaxation import ITERATIONS, BorderedBand, add_products
+from flatcloth.flattening.minimisation import ITERATIONS
+from flatcloth.methods.relaxation import BorderedBand, add_products
 from flatcloth.methods.robust.connectivity import renumbered
 
 LEAST_RIGID_PART_NODES = 40

@@ -24,13 +24,13 @@ from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier, nearest_samples
 from flatcloth.methods.answers import Canonical
 from flatcloth.methods.robust.connectivity import both_ends
-from flatcloth.methods.robust.joint_shape import LEAST_PIECE, JointShape
+from flatcloth.methods.robust.joint_shape import LEAST_PIECE, TWO_ROWS_M, JointShape
 from flatcloth.methods.robust.observations import FRONTAL_NOISE, INCIDENCE_LIMIT_DEG, Observation
 from flatcloth.methods.robust.uncertainty import with_placement_std
 
-_WIDEST_PX = 12.0
-"""A wider triangle joins parts of the cloth that lie apart. Chosen: neighbouring pixels are two pixels of the
-plane apart, four times that at the largest incidence angle."""
+_WIDEST_PX = TWO_ROWS_M / FlatteningConfig().pixel_size_m
+"""A wider triangle joins parts of the cloth that lie apart: neighbouring pixels are two pixels of the plane
+apart, four times that at the largest incidence angle."""
 _RIM_NOISE = 3.0
 """Additional cost of a pixel at the outline of the surface, decreasing over a few pixels. Set by hand."""
 

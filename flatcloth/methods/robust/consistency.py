@@ -16,10 +16,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.graphs import cut_between
 from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.methods.robust.articulated import STRIP_NOISE_M
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, TWICE_M, Hinge, JointShape
@@ -28,9 +29,6 @@ from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise
 MOST_CUT_EVIDENCE = 20.0
 """Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
 hand."""
-_EVIDENCE_UNITS = 1000
-"""Evidence in whole numbers, as the maximum flow needs it. By definition."""
-
 _MOST_MISFIT = 9.0
 """A hinge may turn until its pairs fit worse by three standard deviations. By definition."""
 _TURNS_RAD = [math.radians(sign * turn) for turn in range(1, 13) for sign in (1.0, -1.0)]
@@ -95,29 +93,12 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
         one, other = _farthest(pairs, nodes, xyz_m)
     if not (one.size and other.size):
         return none, math.inf, np.zeros(len(xyz_m), dtype=np.bool_)
-    side, strength = _minimum_cut(len(xyz_m), edges, evidence, one, other)
+    side = cut_between(len(xyz_m), edges, evidence, one, other)
     linked = np.zeros(len(xyz_m), dtype=np.bool_)
     linked[edges] = True
     sides = side & linked, ~side & linked
     cut: Bool = side[edges[:, 0]] != side[edges[:, 1]]
-    return cut, strength, min(sides, key=np.count_nonzero)
-
-
-def _minimum_cut(n: int, edges: Int32, evidence: Float64, one: Int64, other: Int64) -> tuple[Bool, float]:
-    """Return which nodes (n,) the cut with the least evidence leaves with ``one``, and that evidence."""
-    units = np.maximum(np.rint(_EVIDENCE_UNITS * evidence), 1).astype(np.int64)
-    source, sink, unbounded = n, n + 1, int(units.sum()) + 1
-    rows = np.concatenate([edges[:, 0], edges[:, 1], np.full(one.size, source), other])
-    columns = np.concatenate([edges[:, 1], edges[:, 0], one, np.full(other.size, sink)])
-    capacity = np.concatenate([units, units, np.full(one.size + other.size, unbounded)])
-    network = coo_matrix((capacity, (rows, columns)), shape=(n + 2, n + 2)).tocsr().astype(np.int32)
-    flow = maximum_flow(network, source, sink)
-    rest = network - flow.flow
-    rest.data[rest.data < 0] = 0
-    rest.eliminate_zeros()
-    side = np.zeros(n + 2, dtype=np.bool_)
-    side[breadth_first_order(rest, source, return_predecessors=False)] = True
-    return side[:n], flow.flow_value / _EVIDENCE_UNITS
+    return cut, float(evidence[cut].sum()), min(sides, key=np.count_nonzero)
 
 
 def _farthest(pairs: Int64, nodes: Int64, xyz_m: Float64) -> tuple[Int64, Int64]:
@@ -207,7 +188,8 @@ def held_hinge(
     own, rest = np.flatnonzero(known & was), np.flatnonzero(known & ~was)
     if min(own.size, rest.size) < LEAST_PIECE:
         return None
-    part, strength = _minimum_cut(len(uv_m), edges, evidence, own, rest)
+    part = cut_between(len(uv_m), edges, evidence, own, rest)
+    strength = float(evidence[part[edges[:, 0]] != part[edges[:, 1]]].sum())
     placed = np.isfinite(uv_m[:, 0])
     part &= placed
     ends = np.unique(edges[placed[edges].all(axis=1) & (part[edges[:, 0]] != part[edges[:, 1]])])

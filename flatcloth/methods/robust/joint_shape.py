@@ -12,6 +12,7 @@ import numpy as np
 
 from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64
+from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.robust.connectivity import LEAST_EVIDENCE, Links
 from flatcloth.methods.robust.observations import Nodes, Observation, averaged, no_nodes
 
@@ -23,7 +24,11 @@ TWICE_M = 0.015
 present twice. Nodes nearer than this on the plane and more than three times as far apart in space lie on
 one another: no noise explains that. Set by hand."""
 PIECES_APART_M = 10.0
-"""Distance of floating pieces on the plane. Chosen: larger than any cloth."""
+"""Distance of floating pieces on the plane. By definition: larger than any cloth."""
+TWO_ROWS_M = 2 * LEAST_INTERVAL_M
+"""Two rows of nodes. So far off its place a node may still be the same cloth; so much nearer a node covers
+others; gaps between pieces are at most as wide, and so is the cloth that is expected beyond an outline.
+Chosen."""
 OUTGROWN = 1.3
 """A piece or part with this many times the nodes of the main one becomes the main one. Set by hand."""
 _LEAST_OF_MEDIAN = 0.025

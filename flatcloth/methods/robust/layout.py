@@ -17,15 +17,13 @@ from numpy.typing import NDArray
 
 from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.flattening.banded import Banding, banding
-from flatcloth.flattening.minimisation import MOST_STEPS, minimise
+from flatcloth.flattening.minimisation import ENERGY_TOLERANCE, ITERATIONS, MOST_STEPS, ROBUST_STDS, minimise
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
-from flatcloth.methods.relaxation import ITERATIONS, local_rotations, relax_rigidly
+from flatcloth.methods.relaxation import local_rotations, relax_rigidly
 from flatcloth.methods.robust.articulated import STILL_M, FlexibleSheet, settle_flexible
 from flatcloth.methods.robust.connectivity import Links, both_ends, renumbered
 from flatcloth.methods.robust.observations import Complex128
 
-_ROBUST_STD = 3.0
-"""A pair with a residual of this many standard deviations has a quarter of its weight. Set by hand."""
 CONTRADICTED_WEIGHT = 0.25
 """Pairs of a smaller weight contradict the others: that of Geman and McClure at the scale. By definition."""
 _ROUNDS = 2
@@ -33,9 +31,9 @@ _ROUNDS = 2
 for what is shown they are updated until no node moves."""
 _HALO = 2
 """Rows of nodes around new ones that are relaxed with them. Set by hand."""
-_TOLERANCE, _PRECISE = 2e-3, 1e-5
-"""Relative decrease of the energy that ends it earlier, normally (chosen for speed) and for what is shown:
-wide parts turn about narrow ones with hardly any energy, in trousers-waist-clean by 1 mm."""
+_PRECISE = 1e-5
+"""``ENERGY_TOLERANCE`` for what is shown. Chosen: wide parts turn about narrow ones with hardly any energy,
+in trousers-waist-clean by 1 mm."""
 MOST_DRIFT_M = 0.04
 """A pair that a layout misses by more than this contradicts it; the drift of a layout is 5 to 15 mm. Set by
 hand."""
@@ -376,7 +374,7 @@ def _minimised(
         mean,
         weight=total,
         majorisations=ITERATIONS,
-        energy_tolerance=_PRECISE if precise else _TOLERANCE,
+        energy_tolerance=_PRECISE if precise else ENERGY_TOLERANCE,
         narrow=narrow,
         least_energy_m2=spread,
         most_steps=MOST_STEPS if precise else ITERATIONS,
@@ -385,7 +383,7 @@ def _minimised(
 
 def _robust_weight(normed: Float64) -> Float64:
     """Geman-McClure weights (Black and Rangarajan, 1996) of residuals in standard deviations."""
-    scale = _ROBUST_STD * max(1.0, 1.4826 * float(np.median(np.abs(normed))))
+    scale = ROBUST_STDS * max(1.0, 1.4826 * float(np.median(np.abs(normed))))
     weight = np.square(normed * (1.0 / scale))
     weight += 1.0
     np.square(weight, out=weight)

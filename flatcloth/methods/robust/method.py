@@ -14,6 +14,7 @@ import numpy as np
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.types import Bool, Float64, LaidPiece, Progress, RgbdFrame, Rigid2, Uint8, no_progress
+from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.pixel_states import states_of_view
 from flatcloth.methods.answers import (
     AlignmentScore,
@@ -24,7 +25,6 @@ from flatcloth.methods.answers import (
     JoinedSides,
     Placement,
     Plan,
-    SurfaceEdges,
 )
 from flatcloth.methods.base import Focus, Method, Views
 from flatcloth.methods.robust.acceptance import joined_piece, same_cloth, with_piece_moved
@@ -232,7 +232,7 @@ class RobustMethod(Method):
         motions = self.seen.current_from_view(shape, document.placed_components)
         return draw(shape, surfaces, self._views.axis, self._config, costs, certainty, motions, taken_off)
 
-    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, SurfaceEdges]:
+    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, Cloth]:
         """Return the canonical view without some parts, which float, and its edges (doubted links)."""
         shape = taken_apart(self.shapes.settled(document), parts)
         canonical = self._draw(document, shape, self.shapes.certainty_of(shape), np.any(parts, axis=0))
@@ -324,13 +324,13 @@ class RobustMethod(Method):
         carried = states_on_surface(observation, surface, state, self._config.flattening)
         return states_of_view(frame, item, surface, carried)
 
-    def surface_edges(self, document: Document) -> SurfaceEdges:
+    def surface_edges(self, document: Document) -> Cloth:
         """Return the edges of the joint flattening, each once per view that saw it."""
         return _edges_of(self.shapes.settled(document))
 
 
-def _edges_of(shape: JointShape) -> SurfaceEdges:
-    return SurfaceEdges(
+def _edges_of(shape: JointShape) -> Cloth:
+    return Cloth(
         uv_m=shape.uv_m,
         xyz_m=shape.nodes.xyz_m,
         edges=shape.links.edges,

@@ -22,7 +22,7 @@ from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.answers import Candidate
 from flatcloth.methods.neighbours import Neighbourhoods
-from flatcloth.methods.robust.joint_shape import JointShape
+from flatcloth.methods.robust.joint_shape import TWO_ROWS_M, JointShape
 from flatcloth.methods.robust.observations import INCIDENCE_LIMIT_DEG, WELL_SEEN_DEG
 from flatcloth.methods.robust.scoring import neighbourhoods_of
 
@@ -32,9 +32,6 @@ _EXPLORED_DEG = 12.0
 """Within this rotation of a visited view no unknown cloth is expected; ..."""
 _UNSEEN_M2_PER_DEG = 0.001
 """... beyond it, this much per degree. Set by hand."""
-_NEAR_M = 2 * LEAST_INTERVAL_M
-"""A node covers others within the distance of nodes if it is nearer by this. Gaps between pieces are at
-most as wide, and so is the cloth that is expected beyond an outline. Chosen: two rows of nodes."""
 
 
 def rate_candidates(
@@ -118,10 +115,10 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
     floating = np.flatnonzero(piece > 0)
     if not floating.size:
         return []
-    low, high = xyz[floating].min(axis=0) - _NEAR_M, xyz[floating].max(axis=0) + _NEAR_M
+    low, high = xyz[floating].min(axis=0) - TWO_ROWS_M, xyz[floating].max(axis=0) + TWO_ROWS_M
     main = np.flatnonzero((piece == 0) & ((xyz >= low) & (xyz <= high)).all(axis=1))
     tree = cKDTree(xyz[main], compact_nodes=False, balanced_tree=False)  # quicker to build, asked once
-    distance, nearest = tree.query(xyz[floating], distance_upper_bound=_NEAR_M)
+    distance, nearest = tree.query(xyz[floating], distance_upper_bound=TWO_ROWS_M)
     near = np.flatnonzero(np.isfinite(distance))
     of, sizes = piece[floating[near]], np.bincount(piece[floating])
     found = []
@@ -165,7 +162,7 @@ def _rim(shape: JointShape, area_m2: float, around: Neighbourhoods) -> _Rim:
     # An outline that is the same in several views is the border of the cloth.
     shown = [seen.node[seen.incidence_deg < WELL_SEEN_DEG] for seen in shape.observations]
     often = np.bincount(np.concatenate(shown), minlength=len(shape.nodes))[rim]
-    promise = math.sqrt(area_m2) * _NEAR_M * 0.5 ** np.maximum(often - 1.0, 0.0)
+    promise = math.sqrt(area_m2) * TWO_ROWS_M * 0.5 ** np.maximum(often - 1.0, 0.0)
     return _Rim((np.cumsum(shape.has_place) - 1)[rim], beyond, promise)
 
 
@@ -184,7 +181,7 @@ def _uncovered(points: Float64) -> Bool:
         nearest[row[n], column[n]] = min(nearest[row[n], column[n]], points[n, 2])
     free = np.empty(len(points), dtype=np.bool_)
     for n in range(len(points)):
-        free[n] = points[n, 2] <= nearest[row[n], column[n]] + _NEAR_M
+        free[n] = points[n, 2] <= nearest[row[n], column[n]] + TWO_ROWS_M
     return free
 
 

@@ -16,24 +16,25 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import FlatteningConfig
+from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.geometry import Rigid3, project, tangent_basis
 from flatcloth.core.types import Bool, Float64, Int32, Intrinsics
 from flatcloth.flattening.sampling import (
+    BENT_DEG,
     MAX_CHORD_SLOPE,
     fit_samples,
     lengths_along_surface,
     path_on_surface,
 )
-from flatcloth.flattening.surface import Surface
+from flatcloth.flattening.surface import NOISELESS_STD_M, Surface
 
 _SAME_PLACE_M = 0.0015
 """A view sees a node that lies within this plus three times the view's noise of the view's surface,
 and faces as it does. Set by hand."""
 _SAME_NORMAL_COS = 0.85
 """The cosine of the angle between the normals of the same cloth is at least this. Set by hand."""
-INCIDENCE_LIMIT_DEG = 75.0
-"""Cloth at a larger incidence angle adds no nodes. Set by hand."""
+INCIDENCE_LIMIT_DEG = SurfaceConfig().grazing_limit_deg
+"""Cloth at a larger incidence angle adds no nodes: the usual limit of the surface."""
 WELL_SEEN_DEG = 55.0
 """Cloth at a smaller incidence angle is seen well; with noisy depth, known cloth at a larger one is not
 observed there. Set by hand."""
@@ -42,19 +43,15 @@ _NEW_NODE_DISTANCE = 0.65
 _NARROW_NODE_DISTANCE = 0.8
 """In narrow places it does so at this distance, in halves of the interval. Set by hand: with a smaller one,
 skirts and shirts without noise are relaxed less well."""
-_PAIR_STD_M = 0.0003
-"""Standard deviation of a pair's length without noise, due to stretching of the cloth. Set by hand."""
 FRONTAL_NOISE = 0.4
 """Error of a pair seen frontally, as a share of the view's noise; the squared tangent of the incidence angle
 is added. Set by hand."""
-_PAIR_INTERVALS = 1.5
+PAIR_INTERVALS = 1.5
 """Pairs are at most this many sampling intervals long: neighbours on the grid, and diagonals. Chosen."""
 _SMOOTH_COS = 0.95
 """A pair whose normals have a smaller cosine crosses a crease, or two layers: ..."""
 _CREASED_EVIDENCE = 0.25
 """... its evidence that its ends are one piece of cloth is multiplied by this. Set by hand."""
-_BENT_DEG = 8.0
-"""A pair is bent if its normals differ by more than this. Set by hand."""
 
 Complex128 = NDArray[np.complex128]
 
@@ -194,7 +191,7 @@ def observe(
     node[is_new] = len(nodes) + np.arange(int(is_new.sum()))
     edges, length, std, offset = _pairs(rc, points, normal, incidence, d, surface)
     smooth = np.einsum("ij,ij->i", normal[edges[:, 0]], normal[edges[:, 1]]) >= _SMOOTH_COS
-    evidence = np.square(_PAIR_STD_M / std) * np.where(smooth, 1.0, _CREASED_EVIDENCE)
+    evidence = np.square(NOISELESS_STD_M / std) * np.where(smooth, 1.0, _CREASED_EVIDENCE)
     observation = Observation(
         view_index=surface.frame.view_index,
         node=node,
@@ -274,14 +271,14 @@ def _pairs(
     surface: Surface,
 ) -> tuple[Int32, Float64, Float64, Complex128]:
     pixel = np.rint(rc).astype(np.int32)
-    reach_px = _PAIR_INTERVALS * interval_px
+    reach_px = PAIR_INTERVALS * interval_px
     edges = cKDTree(pixel).query_pairs(reach_px, output_type="ndarray").astype(np.int32)
     if not surface.noisy:
         # Where nodes are closer than the interval, pairs are shorter.
         one, other = edges.T
         apart_px = np.hypot(*(pixel[one] - pixel[other]).T)
         surrounded_px = _nth_nearest(edges, apart_px, np.full((len(pixel), _SURROUND), reach_px))
-        longest_px = _PAIR_INTERVALS * np.maximum(surrounded_px, interval_px // 2)
+        longest_px = PAIR_INTERVALS * np.maximum(surrounded_px, interval_px // 2)
         edges = edges[apart_px <= np.maximum(longest_px[one], longest_px[other])]
     edges = edges[path_on_surface(surface.usable, surface.steps, pixel, edges)]
     edges, length = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
@@ -290,9 +287,9 @@ def _pairs(
     steepness = np.tan(np.radians(np.minimum(incidence_deg, INCIDENCE_LIMIT_DEG))) ** 2
     one, other = edges.T
     noise = surface.noise_m * (FRONTAL_NOISE + 0.5 * (steepness[one] + steepness[other]))
-    bent_rad = math.radians(_BENT_DEG)
+    bent_rad = math.radians(BENT_DEG)
     offset = _offsets(edges, points, normal, np.stack(tangent_basis(normal)), length, bent_rad)
-    return edges, length, np.hypot(_PAIR_STD_M, noise), offset
+    return edges, length, np.hypot(NOISELESS_STD_M, noise), offset
 
 
 @njit(cache=True, nogil=True)

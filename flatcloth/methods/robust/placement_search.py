@@ -343,10 +343,3 @@ def choose_placement(
             for n, sampled in components.items()
         ),
     )
-
-
-def recorded_rc(views: Views, view_index: int, sampled: SampledComponent) -> Float64:
-    """Return the positions of a component's samples (K, 2) in the recorded image."""
-    offset = views.flattening(view_index).surface.frame.offset_rc
-    recorded: Float64 = sampled.rc.astype(np.float64) + np.asarray(offset)
-    return recorded

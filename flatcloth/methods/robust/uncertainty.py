@@ -20,7 +20,8 @@ from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
-from flatcloth.flattening.sampling import LEAST_INTERVAL_M
+from flatcloth.flattening.ramps import RAMP_HALF_WIDTH_PX
+from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import (
     DIRECTION_WEIGHT,
@@ -36,8 +37,6 @@ Complex128 = NDArray[np.complex128]
 
 _STRAIN = 0.0035
 """Standard deviation of the strain that the flattening cannot know. Set by hand."""
-_EXTENT_M = 0.04
-"""Correlation length of the strain. Set by hand."""
 _OF_RIPPLES = 0.41
 """Strain for each rad^2 of ``ripples_of``, which a sensor smooths away. Measured: ``python -m benchmarks
 strain``."""
@@ -51,9 +50,8 @@ _DRAWS = 48
 """Number of random strain fields for the standard deviations. Set by hand."""
 _OTHER_LAYER_M = 0.012
 """Another layer is nearer or farther by at least this. It is also the standard deviation of what may have the
-depth of another layer: outlines of noisy views next to it, and nodes that hardly any evidence joins. ..."""
-_BESIDE_PX = 4
-"""... An outline is at most this wide, and a layer at most so many pixels from it. Set by hand."""
+depth of another layer: outlines of noisy views next to it, half a ramp wide and as far from it, and nodes
+that hardly any evidence joins. Set by hand."""
 _WEAK_STD_M = 0.005
 """A node joined to others by evidence e is off by this over e, because much of what is seen once and steeply,
 at outlines, has another layer's depth. Set by hand."""
@@ -145,13 +143,13 @@ def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> float:
     The angle of bent cloth grows with the distance, that of ripples hardly: what nodes farther apart differ
     by is taken off. ``uv`` (N, 2) are the places on the plane, ``xyz_m`` and ``normal`` (N, 3) in space.
     """
-    one, other = cKDTree(uv).query_pairs(_EXTENT_M, output_type="ndarray").T
+    one, other = cKDTree(uv).query_pairs(CORRELATED_M, output_type="ndarray").T
     apart_m = np.linalg.norm(uv[one] - uv[other], axis=1)
     is_near = apart_m < TWICE_M
     unit = normal / np.linalg.norm(normal, axis=1)[:, None]
     cosine = np.clip(np.einsum("ij,ij->i", unit[one], unit[other]), -1.0, 1.0)
     # Nodes far apart in space, or that face away from each other as two sides do, are not neighbours.
-    same = np.linalg.norm(xyz_m[one] - xyz_m[other], axis=1) < np.where(is_near, TWICE_M, _EXTENT_M)
+    same = np.linalg.norm(xyz_m[one] - xyz_m[other], axis=1) < np.where(is_near, TWICE_M, CORRELATED_M)
     near, far = is_near & same & (cosine > 0.0), ~is_near & same & (cosine > 0.0)
     if not near.any() or not far.any():
         return 0.0
@@ -275,12 +273,12 @@ def _beside_a_layer(view: FlattenedView, surfaces: Mapping[int, Surface]) -> Boo
 
 def _layer_rims(surface: Surface) -> Bool:
     measured = surface.frame.depth_m
-    kernel = np.ones((2 * _BESIDE_PX + 1,) * 2, dtype=np.uint8)
+    kernel = np.ones((2 * RAMP_HALF_WIDTH_PX + 1,) * 2, dtype=np.uint8)
     depth = surface.depth_m
     farthest = cv2.dilate(np.where(surface.inverse_depth > 0, measured, np.float32(0.0)), kernel)
     nearest = cv2.erode(np.where(measured > 0, measured, np.float32(np.inf)), kernel)
-    reach = np.arange(-_BESIDE_PX, _BESIDE_PX + 1)
-    disc = (np.hypot(*np.meshgrid(reach, reach)) <= _BESIDE_PX).astype(np.uint8)
+    reach = np.arange(-RAMP_HALF_WIDTH_PX, RAMP_HALF_WIDTH_PX + 1)
+    disc = (np.hypot(*np.meshgrid(reach, reach)) <= RAMP_HALF_WIDTH_PX).astype(np.uint8)
     inside = cv2.erode(surface.usable.astype(np.uint8), disc, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     step_m = np.maximum(farthest - depth, depth - nearest)
     rims: Bool = surface.usable & (inside == 0) & (step_m > _OTHER_LAYER_M)
@@ -310,7 +308,7 @@ def _changed(fields: Float64, edges: Int32, unit: Float64, change: Float64) -> F
 
 def _smooth(at: Float64, count: int, random: np.random.Generator) -> Float64:
     """Draw smooth random fields (M, ``count``, draws) of unit variance at plane positions (M, 2)."""
-    phase = at @ (random.standard_normal((_DRAWS, 2)) / _EXTENT_M).T
+    phase = at @ (random.standard_normal((_DRAWS, 2)) / CORRELATED_M).T
     features = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
     scale = 1.0 / math.sqrt(_DRAWS)
     fields = np.empty((len(at), count, _DRAWS))

@@ -20,10 +20,10 @@ from flatcloth.methods.robust.connectivity import Links, both_ends, pairs_once
 from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M
-from flatcloth.methods.robust.observations import Nodes
+from flatcloth.methods.robust.observations import PAIR_INTERVALS, Nodes
+from flatcloth.methods.robust.scoring import PLACE_STD_M
 from flatcloth.methods.robust.seams.decisions import CUT, with_decisions
 from flatcloth.methods.robust.seams.links import (
-    SEAM_STD_M,
     Matches,
     SeamLink,
     linked,
@@ -33,8 +33,6 @@ from flatcloth.methods.robust.seams.links import (
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined
 from flatcloth.session.garment import DecidedSeam
 
-_REACH = 1.5
-"""A place on a seam is paired with nodes up to this many typical pairs away. Chosen: two or three nodes."""
 _SEAM_EVIDENCE = 0.1
 """Evidence of each pair at a seam. Chosen: the 30 matches that join pieces have more than joins any two."""
 _TO_COMPLEX = np.array([1.0, 1j])
@@ -125,7 +123,7 @@ def _posed(
 
     The other side is returned mirrored, on the plane of this side, with the places of the matches on both,
     and the standard deviations that the motions give to the nodes of each side. The residuals of a set are
-    not independent: each set counts as one place and one direction, known to ``SEAM_STD_M`` over its extent.
+    not independent: each set counts as one place and one direction, known to ``PLACE_STD_M`` over its extent.
     """
     uv = [this.all_uv_m.copy(), other.all_uv_m * MIRROR]
     variance = [np.zeros(len(this.nodes)), np.zeros(len(other.nodes))]
@@ -157,7 +155,7 @@ def _posed(
             moved = number[side] == groups[moves]
             uv[side][moved] = motion.apply(uv[side][moved])
             away_m2 = np.square(uv[side][moved] - middle).sum(axis=1)
-            variance[side][moved] += its_variance + SEAM_STD_M**2 * (1.0 + away_m2 / extent_m2)
+            variance[side][moved] += its_variance + PLACE_STD_M**2 * (1.0 + away_m2 / extent_m2)
             number[side][moved] = groups[stays]
             moved = of_match[side] == groups[moves]
             places[side][moved] = motion.apply(places[side][moved])
@@ -227,7 +225,7 @@ def _pairs_at(shape: JointShape, seam_uv_m: Float64, first_node: int, first_seam
     Its nodes are numbered from ``first_node``, the places from ``first_seam``.
     """
     placed = np.flatnonzero(shape.has_place & (shape.piece >= 0))
-    reach_m = _REACH * float(np.median(shape.links.length_m))
+    reach_m = PAIR_INTERVALS * float(np.median(shape.links.length_m))
     tree = cKDTree(shape.all_uv_m[placed])
     near = np.unique(np.concatenate([[], *tree.query_ball_point(seam_uv_m, reach_m)]).astype(np.int64))
     uv = np.concatenate([shape.all_uv_m[placed[near]], seam_uv_m])
@@ -247,7 +245,7 @@ def _pairs_at(shape: JointShape, seam_uv_m: Float64, first_node: int, first_seam
         member=pairs.astype(np.int32),
         n_members=len(uv),
         length_m=length_m,
-        std_m=np.full(len(pairs), SEAM_STD_M),
+        std_m=np.full(len(pairs), PLACE_STD_M),
         evidence=np.full(len(pairs), _SEAM_EVIDENCE),
         offset=np.repeat((along @ _TO_COMPLEX)[:, None], 2, axis=1),
         observation=np.zeros(len(pairs), dtype=np.int32),

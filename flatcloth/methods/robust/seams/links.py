@@ -13,11 +13,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.graphs import minimum_cut
+from flatcloth.core.graphs import cut_between
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int16, Int64, Rigid2
+from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.methods.answers import MIRROR
 from flatcloth.methods.robust.joint import taken_apart
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, JointShape
+from flatcloth.methods.robust.scoring import PLACE_STD_M
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 
 LEAST_MATCHES = 30
@@ -31,11 +33,8 @@ _BENT = 0.3
 """Cloth is cut between two sets that contradict each other if its evidence is less than this for each match
 of the weaker one, weighted by its width; otherwise the weaker set is false. Measured by the same command:
 where the cloth is bent it is up to 0.2, where the set is false 0.4 and more."""
-SEAM_STD_M = 0.003
-"""Standard deviation of a length between a seam and the cloth beside it. Chosen: in ``outcome.json`` of the
-shared recordings, the places of a seam fit its motion to 2 to 4 mm in the median (``residual_mm``)."""
-_AGREE_M = 0.012
-"""Matches of one set fit its motion to this. Chosen: four times their median residual."""
+_AGREE_M = LEAST_INTERVAL_M
+"""Matches of one set fit its motion to this: four times their median residual."""
 _CONTRADICT_M = 0.030
 """Two sets whose motions differ by more contradict each other. Chosen: drift of a sheet is 5 to 20 mm."""
 _TRIES = 300
@@ -43,8 +42,6 @@ _TRIES = 300
 _SEED_M = (0.03, 0.2)
 """Distances of the two matches that give a motion to try. Chosen: nearer ones fix no angle, between farther
 ones the cloth may be bent."""
-_AROUND_M = 0.04
-"""Nodes that take a place on a seam along when their piece is laid out again. Chosen: two rows of nodes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,7 +190,7 @@ def sets_of(this: JointShape, other: JointShape, matches: Matches) -> list[SeamL
 def _width_m(uv_m: Float64) -> float:
     """Return the standard deviation of places (K, 2) across the line through them, at least a residual's."""
     across = float(np.linalg.eigvalsh(np.cov(uv_m.T))[0])
-    return max(float(np.sqrt(max(across, 0.0))), SEAM_STD_M)
+    return max(float(np.sqrt(max(across, 0.0))), PLACE_STD_M)
 
 
 def _largest_set(matches: Matches, among: Int64) -> Int64:
@@ -242,11 +239,8 @@ def evidence_between(
     node = _node_at(shape, matches.other_uv_m)
     one, other = np.unique(node[before.members]), np.unique(node[link.members])
     both = np.intersect1d(one, other)
-    ends = np.zeros((2, len(shape.nodes)))
-    for row, own in zip(ends, (one, other), strict=True):
-        row[np.setdiff1d(own, both)] = np.inf
     edges, evidence = shape.links.edges, shape.evidence
-    side = minimum_cut(edges, evidence, *ends)
+    side = cut_between(len(shape.nodes), edges, evidence, np.setdiff1d(one, both), np.setdiff1d(other, both))
     return side, float(evidence[side[edges[:, 0]] != side[edges[:, 1]]].sum())
 
 
@@ -283,7 +277,7 @@ def _taken_apart(shape: JointShape, side: Int64, matches: Matches, node: Int64) 
     kept = np.flatnonzero(shape.has_place & (shape.piece >= 0) & apart.has_place & (apart.piece >= 0))
     tree = cKDTree(shape.all_uv_m[kept])
     uv = np.full_like(matches.other_uv_m, np.nan)
-    for k, around in enumerate(tree.query_ball_point(matches.other_uv_m, _AROUND_M)):
+    for k, around in enumerate(tree.query_ball_point(matches.other_uv_m, CORRELATED_M)):
         near = kept[around]
         near = near[code[near] == code[node[k]]]
         if near.size > 2:

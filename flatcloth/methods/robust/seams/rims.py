@@ -92,13 +92,13 @@ def _rim_of_piece(piece: FlattenedView, number: int) -> Rim:
     mean_xyz = total / np.maximum(count, np.float32(1e-6))[..., None]
     normals = cv2.boxFilter(np.nan_to_num(piece.normal), -1, box, borderType=edges)
     step_px = SPACING_M / size * inward_rc
-    at_rim, inside = _at(mean_xyz, rc + 0.5 * step_px), _at(mean_xyz, rc + 2.5 * step_px)
+    at_rim, inside = _at(mean_xyz, rc + 0.5 * step_px), _at(mean_xyz, rc + (0.5 + 2.0) * step_px)
     normal = _unit(_at(normals, rc + step_px))
     outward = at_rim - inside
     length = np.linalg.norm(outward, axis=1) / (2.0 * SPACING_M)
     outward = _unit(outward)
     # Elsewhere a fold or another layer lies between the two points.
-    known = (length > 0.5) & (length < 1.5) & (_at(count, rc + 0.5 * step_px) > 0) & (normal != 0).any(axis=1)
+    known = (np.abs(length - 1.0) < 0.5) & (_at(count, rc + 0.5 * step_px) > 0) & (normal != 0).any(axis=1)
     std = np.full(piece.shape, np.nan) if piece.placement_std_m is None else piece.placement_std_m
     return Rim(
         uv_m=piece.uv_from_rc(rc)[known],
