@@ -29,7 +29,7 @@ from flatcloth.checking.check import check_recording
 from flatcloth.checking.findings import Check
 from flatcloth.core.types import RgbdFrame, RotationAxis
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
+from flatcloth.recordings.base import Recording, ViewImages, altered, images_of
 from flatcloth.recordings.mending import Mends, mended
 
 ALL = "all"
@@ -85,24 +85,9 @@ def _slipped(angles: np.ndarray, by_deg: float) -> np.ndarray:
 
 def _images(change: Callable[[Recording, int, float], ViewImages]) -> Callable[[Recording, float], Recording]:
     def make(recording: Recording, strength: float) -> Recording:
-        return _like(recording, read=lambda n: change(recording, n, strength))
+        return altered(recording, read=lambda n: change(recording, n, strength))
 
     return make
-
-
-def _like(recording: Recording, **changes: Any) -> LazyRecording:
-    same = {
-        name: getattr(recording, name)
-        for name in (
-            *("name", "location", "intrinsics", "angles_deg"),
-            *("rotation_axis", "held_point_m", "has_masks"),
-        )
-    }
-    return LazyRecording(**{"read": lambda n: _images_of(recording[n]), **same, **changes})
-
-
-def _images_of(frame: RgbdFrame) -> ViewImages:
-    return ViewImages(frame.color, frame.depth_m, frame.mask, frame.other_mask)
 
 
 def _still(recording: Recording, n: int, _: float) -> ViewImages:
@@ -136,7 +121,7 @@ def _axis_beside(recording: Recording, by_mm: float) -> Recording:
     axis = recording.rotation_axis
     assert axis is not None
     beside = axis.point_m + np.array([0.6, 0.0, 0.8]) * by_mm / 1e3
-    return _like(recording, rotation_axis=replace(axis, point_m=beside))
+    return altered(recording, rotation_axis=replace(axis, point_m=beside))
 
 
 def _axis_tilted(recording: Recording, by_deg: float) -> Recording:
@@ -144,7 +129,7 @@ def _axis_tilted(recording: Recording, by_deg: float) -> Recording:
     assert axis is not None
     tilt = math.radians(by_deg)
     leaning = np.array([math.sin(tilt), 0.0, 0.0]) + math.cos(tilt) * axis.direction
-    return _like(recording, rotation_axis=RotationAxis(point_m=axis.point_m, direction=leaning))
+    return altered(recording, rotation_axis=RotationAxis(point_m=axis.point_m, direction=leaning))
 
 
 def _few(recording: Recording, every: float) -> Recording:
@@ -164,7 +149,7 @@ def _swinging(recording: Recording, n: int, std_deg: float) -> ViewImages:
     order = np.argsort(-moved[:, 2])  # the nearest is drawn last
     order = order[((at >= 0) & (at < (k.width, k.height))).all(axis=1)[order]]
     rows_to, cols_to = at[order, 1], at[order, 0]
-    depth, color = np.zeros_like(frame.depth_m), np.zeros_like(frame.color)
+    depth, color = np.zeros_like(frame.depth_m), np.zerosaltered(frame.color)
     depth[rows_to, cols_to] = moved[order, 2]
     color[rows_to, cols_to] = frame.color[rows[order], cols[order]]
     mask = None
@@ -261,7 +246,7 @@ def rows_of(source: str) -> list[dict[str, Any]]:
     """Return what the check says of a recording as it is, and with each mistake at each strength."""
     file = open_recording(source)
     frames = [file[n] for n in range(len(file))]
-    right = _like(file, read=lambda n: _images_of(frames[n]))
+    right = altered(file, read=lambda n: images_of(frames[n]))
     rows = [_row(file, right, right, None, 0.0)]
     for kind in KINDS:
         rows += [_row(file, right, kind.make(right, strength), kind, strength) for strength in kind.strengths]

@@ -19,7 +19,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.strokes import Decision
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.segmenting import MaskedRecording
+from flatcloth.engine.segmenting import masked
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
 from flatcloth.segmentation.observed import observe
@@ -74,7 +74,7 @@ def after_one_stroke(recording: Any, truth: Any) -> Remembered:
 
 def masked_by(recording: Any, found: Segmentation) -> Remembered:
     """Return the recording with the masks of a segmentation."""
-    return Remembered(MaskedRecording(recording, found))
+    return Remembered(masked(recording, found))
 
 
 def figures(recording: Any, truth: Any, reference: Any) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from flatcloth.cameras import CameraError, CameraFrame
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.types import Intrinsics
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.playing.camera import CameraRecording
+from flatcloth.engine.playing.camera import camera_recording
 from flatcloth.session.store import SessionFolder
 
 
@@ -66,7 +66,7 @@ class SceneCamera:
 def opened(camera: SceneCamera, folder: Path) -> tuple[CameraFeed, Integration, SessionFolder]:
     """What the command line opens for a camera's page."""
     feed = CameraFeed(camera)
-    integration = Integration(CameraRecording(feed))
+    integration = Integration(camera_recording(feed))
     integration.notes = camera.notes
     session = SessionFolder.open(folder, integration.recording, integration.config, integration.method)
     return feed, integration, session

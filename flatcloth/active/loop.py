@@ -23,7 +23,7 @@ from flatcloth.active.log import ActiveLog, stand_all_round
 from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Progress, finite, no_progress
+from flatcloth.core.types import finite
 from flatcloth.engine.garment.recognition import (
     GarmentService,
     KnownGarment,
@@ -88,11 +88,9 @@ class ActiveLoop:
         budget: Budget,
         method: str | None = None,
         name: str | None = None,
-        progress: Progress = no_progress,
     ) -> None:
         self.folder, self.goal, self.budget = folder, goal, budget
         self._method, self._name = method_entry(method).name, name or folder.resolve().name
-        self._progress = progress
         self._lock = threading.RLock()
         self._stack = contextlib.ExitStack()
         self._recording: GrowingRecording | None = None
@@ -359,7 +357,7 @@ class ActiveLoop:
         assert self._run is not None
         try:
             self._keep_side()
-            return self._run.add(number, self._progress)
+            return self._run.add(number)
         except FlatclothError as error:
             return str(error)
 
@@ -383,7 +381,7 @@ class ActiveLoop:
         try:
             integration.canonical(document)
         except FlatclothError:  # other masks or another axis left the start view no cloth
-            document = self._run.begin_again(self._progress).document
+            document = self._run.begin_again().document
         area_m2 = integration.canonical(document).view.area_m2
         self._known = known_with_pieces(self._garments, document)
         self.knowledge = knowledge_of(self.views, area_m2, self._known)

@@ -125,7 +125,7 @@ def opened_camera(options: argparse.Namespace, serial: str) -> Opened:
     from flatcloth.cameras import capture, open_camera
     from flatcloth.cameras.feed import CameraFeed
     from flatcloth.engine.integration import Integration
-    from flatcloth.engine.playing.camera import CameraRecording
+    from flatcloth.engine.playing.camera import camera_recording
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder
     from flatcloth.session.store import SessionFolder
@@ -142,7 +142,7 @@ def opened_camera(options: argparse.Namespace, serial: str) -> Opened:
     with contextlib.ExitStack() as stack:
         feed = CameraFeed(open_camera(serial, options.align or "depth"))
         stack.callback(lambda: feed.stop(timeout_s=5.0))
-        integration = Integration(CameraRecording(feed), method=options.method)
+        integration = Integration(camera_recording(feed), method=options.method)
         integration.notes = feed.camera.notes
         path = options.session or default_session_folder(
             integration.recording, options.method, integration.config

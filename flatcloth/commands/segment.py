@@ -58,7 +58,7 @@ def strokes_of(options: argparse.Namespace) -> tuple[Decision, ...]:
 
 def run(options: argparse.Namespace) -> None:
     """Segment, and write the masks."""
-    from flatcloth.engine.segmenting import MaskedRecording, prepare, summary
+    from flatcloth.engine.segmenting import masked, prepare, summary
     from flatcloth.recordings.copying import copy_recording, write_masks
 
     decisions = strokes_of(options)
@@ -66,11 +66,11 @@ def run(options: argparse.Namespace) -> None:
     recording = integration.recording
     with ProgressBar(recording.name) as bar:
         found = prepare(integration.views, bar.show).solve(decisions)
-        masked = MaskedRecording(recording, found)
+        copied = masked(recording, found)
         if options.copy:
-            count = copy_recording(masked, options.out, progress=bar.show)
+            count = copy_recording(copied, options.out, progress=bar.show)
         else:
-            count = write_masks(masked, options.out, summary(found), bar.show)
+            count = write_masks(copied, options.out, summary(found), bar.show)
     lines = [f"{recording.name}: has masks; they were not used."] if recording.has_masks else []
     lines += [found.text, *(cut.text for cut in found.cut_off), *(each.text for each in found.conflicts)]
     lines.append(f"Written to {options.out}: {count} {'views with masks' if options.copy else 'masks'}.")

@@ -12,14 +12,14 @@ import numpy as np
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Bool, Float64, LaidPiece, Progress, RgbdFrame, RotationAxis, no_progress
+from flatcloth.core.types import Bool, LaidPiece, Progress, RgbdFrame, no_progress
 from flatcloth.engine.following import without_trust
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.segmenting import WithMasks, prepare
-from flatcloth.engine.views import RecordedViews
+from flatcloth.engine.segmenting import prepare
 from flatcloth.garments.deciding import decided_pieces
 from flatcloth.methods.answers import JoinedSides
+from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.segmentation.other_side import other_side
 from flatcloth.session.document import Document
 from flatcloth.session.machine import MemorySession, SessionState
@@ -91,7 +91,15 @@ class BothSides:
         """Integrate the other side alone."""
         this = self.integration
         this.views.release(document.used_views)
-        recording = _OtherSide(this.views, self._masks(document, progress))
+        mask_of = self._masks(document, progress)
+
+        def read(view_index: int) -> ViewImages:
+            frame = this.views.frame(view_index)
+            return ViewImages(frame.color, frame.depth_m, mask_of(frame))
+
+        recording = altered(
+            this.recording, read=read, rotation_axis=this.axis, held_point_m=this.views.held_point_m
+        )
         other = Integration(recording, this.config, this.method)
         session = MemorySession(SessionState(len(recording)))
         state = Run(other, session).finish(progress, cores, keeps_frames=this.views.keeps_frames)
@@ -120,28 +128,6 @@ class BothSides:
             return _cleared(_or_empty(mask, frame), frame, noisy)
 
         return mask_of
-
-
-class _OtherSide(WithMasks):
-    """The views of a recording with the masks of the other side, about the axis that this side has."""
-
-    def __init__(self, views: RecordedViews, mask_of: Callable[[RgbdFrame], Bool]) -> None:
-        def read(view_index: int) -> RgbdFrame:
-            frame = views.frame(view_index)
-            return replace(frame, mask=mask_of(frame), other_mask=None)
-
-        super().__init__(views.recording, read)
-        self._axis, self._held_point_m = views.axis, views.held_point_m
-
-    @property
-    def rotation_axis(self) -> RotationAxis:
-        """The turning axis of the integration of this side."""
-        return self._axis
-
-    @property
-    def held_point_m(self) -> Float64:
-        """Where the item is held."""
-        return self._held_point_m
 
 
 def _or_empty(mask: Bool | None, frame: RgbdFrame) -> Bool:

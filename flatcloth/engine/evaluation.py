@@ -15,6 +15,7 @@ from flatcloth.core.errors import EvaluationError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Floats, Uint8
 from flatcloth.recordings.base import Recording
+from flatcloth.recordings.truth import TrueView
 
 CELL_M = 0.005
 """Cells of the true cloth in which it counts as covered. Chosen: about the distance of samples."""
@@ -28,25 +29,6 @@ PAIR_RANGE_M = (0.020, 0.200)
 """Distances of the pixel pairs whose error is measured. Chosen: within a patch, to half a garment."""
 PAIRS = 200_000
 """Number of these pairs. Chosen: more cost time."""
-
-
-class TrueView(Protocol):
-    """Truth of one view; see :mod:`flatcloth.recordings.truth`."""
-
-    @property
-    def panel(self) -> Uint8:
-        """(H, W) panel seen, 0 none."""
-        ...
-
-    @property
-    def outer_face(self) -> Bool:
-        """(H, W) whether it is seen from outside."""
-        ...
-
-    @property
-    def flat_uv_m(self) -> Float32:
-        """(H, W, 2) true position on the plane."""
-        ...
 
 
 class Truth(Protocol):

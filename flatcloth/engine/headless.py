@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, Rigid2, no_progress
@@ -29,13 +28,8 @@ from flatcloth.session.machine import (
     apply,
 )
 
-
-class Policy(Protocol):
-    """Decides on the pending proposal."""
-
-    def __call__(self, integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
-        """Return the verdict, or first move the proposal to another placement."""
-        ...
+Policy = Callable[[Integration, SessionState], Accept | Reject | Nudge]
+"""Returns the verdict on the pending proposal, or first moves it to another placement."""
 
 
 CONTRADICTS = "contradicts the other views"

@@ -1,23 +1,23 @@
 """Recordings without masks, in a session: the side of interest is found, and the recording has masks then.
 
 ``prepare`` is the slow part (seconds, in the background), ``SideSolver.solve`` the quick one (a stroke);
-``MaskedRecording`` is what the rest of the program integrates.
+``masked`` is what the rest of the program integrates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Decision, ImageStroke, why_off_image
-from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
+from flatcloth.core.types import Progress, RgbdFrame, no_progress
 from flatcloth.engine.views import RecordedViews
-from flatcloth.recordings.base import Plain, Recording, check_index
+from flatcloth.recordings.base import LazyRecording, Recording, ViewImages, altered, images_of
 from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.observed import observe
 from flatcloth.segmentation.result import OF_INTEREST, Segmentation
@@ -34,103 +34,22 @@ _THREADS = 2
 """Number of views read in parallel. Chosen for two cores."""
 
 
-class WithMasks:
-    """A recording whose views have other masks.
+def masked(recording: Recording, segmentation: Segmentation) -> LazyRecording:
+    """Return a recording whose views have the masks of a segmentation; masks of its own are not used.
 
     Its attributes are those of the recording, ``has_masks`` included, so that a session folder takes it
-    for the same recording.
-
-    Parameters
-    ----------
-    recording : Recording
-        The views.
-    read : callable
-        Returns a view with its mask.
+    for the same recording; its notes also tell the sides found, regions cut off, and conflicts.
     """
+    kinds = sorted({cut.kind for cut in segmentation.cut_off})
+    cut = (f"Cut off as no part of the item: {', '.join(kinds)}.",) if kinds else ()
+    conflicts = tuple(conflict.text for conflict in segmentation.conflicts)
 
-    def __init__(self, recording: Recording, read: Callable[[int], RgbdFrame]) -> None:
-        self._recording, self._read = recording, read
+    def read(view_index: int) -> ViewImages:
+        images, mask = images_of(recording[view_index]), segmentation.mask(view_index)
+        return images._replace(mask=np.zeros(images.depth_m.shape, np.bool_) if mask is None else mask)
 
-    @property
-    def name(self) -> str:
-        """Short name, for titles and session folders."""
-        return self._recording.name
-
-    @property
-    def description(self) -> str:
-        """One sentence of free text; may be empty."""
-        return self._recording.description
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes for the operator on the recording."""
-        return tuple(getattr(self._recording, "notes", ()))
-
-    @property
-    def mends(self) -> Plain | None:
-        """What is read otherwise than recorded."""
-        made: Plain | None = getattr(self._recording, "mends", None)
-        return made
-
-    @property
-    def location(self) -> str:
-        """Where the recording was read from."""
-        return self._recording.location
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """The camera, after lens distortion was undone."""
-        return self._recording.intrinsics
-
-    @property
-    def rotation_axis(self) -> RotationAxis | None:
-        """The turning axis in the camera frame; None if it is not recorded."""
-        return self._recording.rotation_axis
-
-    @property
-    def held_point_m(self) -> Float64 | None:
-        """The point (3,) where the item is held, camera frame; None if it is not recorded."""
-        return self._recording.held_point_m
-
-    @property
-    def angles_deg(self) -> tuple[float, ...]:
-        """Angle of each view about the axis since view 0."""
-        return self._recording.angles_deg
-
-    @property
-    def has_masks(self) -> bool:
-        """Whether the recording itself has masks."""
-        return self._recording.has_masks
-
-    def __len__(self) -> int:
-        """Return the number of views."""
-        return len(self._recording)
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Read one view, with its mask."""
-        check_index(self, view_index)
-        return self._read(view_index)
-
-
-class MaskedRecording(WithMasks):
-    """A recording whose views have the masks of a segmentation; masks of its own are not used."""
-
-    def __init__(self, recording: Recording, segmentation: Segmentation) -> None:
-        super().__init__(recording, self._masked)
-        self.segmentation = segmentation
-
-    def _masked(self, view_index: int) -> RgbdFrame:
-        frame = self._recording[view_index]
-        mask = self.segmentation.mask(view_index)
-        return replace(frame, mask=np.zeros(frame.depth_m.shape, dtype=np.bool_) if mask is None else mask)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes for the operator: the sides found, regions cut off, and conflicts."""
-        found = self.segmentation
-        kinds = sorted({cut.kind for cut in found.cut_off})
-        cut = (f"Cut off as no part of the item: {', '.join(kinds)}.",) if kinds else ()
-        return (*super().notes, found.text, *cut, *(conflict.text for conflict in found.conflicts))
+    own = tuple(getattr(recording, "notes", ()))
+    return altered(recording, read=read, notes=(*own, segmentation.text, *cut, *conflicts))
 
 
 def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolver:

@@ -22,11 +22,8 @@ from flatcloth.core.types import (
     FlattenedView,
     Float64,
     Int32,
-    Intrinsics,
     Progress,
-    RgbdFrame,
     Rigid2,
-    RotationAxis,
     Uint8,
     no_progress,
 )
@@ -41,6 +38,7 @@ from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.methods.paper.occlusion import occluding_edges
 from flatcloth.methods.paper.watching import Search, WatchedMatcher
 from flatcloth.methods.starting import components_by_area
+from flatcloth.recordings.base import altered, images_of
 from flatcloth.session.machine import Accepted, Document, Pending, Proposed, Request, Side, Started
 
 INTERVALS_PX = (4, 40)
@@ -98,11 +96,6 @@ class FlatteningLesson:
     view_index: int
     flattening: Flattening
     unused_pairs: tuple[Int32, ...]
-
-    @property
-    def levels(self) -> tuple[Level, ...]:
-        """The coarse and the fine level."""
-        return self.flattening.levels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -344,33 +337,18 @@ def paper_config(config: Config, parameters: Parameters) -> Config:
     )
 
 
-class _SessionRecording:
-    """The session's recording, read through its cache of frames, with the axis in use."""
-
-    def __init__(self, session: RecordedViews) -> None:
-        self._session = session
-        recording = session.recording
-        self.name: str = recording.name
-        self.description: str = recording.description
-        self.location: str = recording.location
-        self.intrinsics: Intrinsics = recording.intrinsics
-        self.rotation_axis: RotationAxis | None = session.axis
-        self.held_point_m: Float64 | None = session.held_point_m
-        self.angles_deg: tuple[float, ...] = recording.angles_deg
-        self.has_masks: bool = recording.has_masks
-
-    def __len__(self) -> int:
-        return len(self.angles_deg)
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        return self._session.frame(view_index)
-
-
 class _PaperViews(RecordedViews):
     """The views of a session for the paper's method; the minimisation is recorded, and cached for each d."""
 
     def __init__(self, session: RecordedViews, config: Config, flattenings: Cache[Flattening]) -> None:
-        super().__init__(_SessionRecording(session), config, None)
+        axis, held_point_m = session.axis, session.held_point_m
+        recording = altered(
+            session.recording,
+            read=lambda n: images_of(session.frame(n)),
+            rotation_axis=axis,
+            held_point_m=held_point_m,
+        )
+        super().__init__(recording, config, None)
         self._session, self._shared = session, flattenings
 
     def observed_areas_m2(self, progress: Progress = no_progress) -> Float64:

@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass, replace
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 
@@ -62,12 +62,8 @@ class ViewCloud:
     of_interest: Bool
 
 
-class Segmenter(Protocol):
-    """Reads all views once (takes seconds) and returns a solver for their labels."""
-
-    def __call__(self, views: RecordedViews, progress: Progress) -> SideSolver:
-        """Read the views."""
-        ...
+Segmenter = Callable[["RecordedViews", Progress], SideSolver]
+"""Reads all views once (takes seconds) and returns a solver for their labels."""
 
 
 class RecordedViews:

@@ -16,9 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from flatcloth.core.types import Float64, Intrinsics, Progress, RgbdFrame, RotationAxis, no_progress
+from flatcloth.core.types import Intrinsics, Progress, RotationAxis, no_progress
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.kernels.table import compile_share, kernels
+from flatcloth.recordings.base import LazyRecording, ViewImages
 from flatcloth.session.machine import Accept, Document, Propose, SessionState, Start, apply
 
 PROCESSES = 2
@@ -30,46 +31,38 @@ _LOOK_S = 0.25
 _beside: list[subprocess.Popen[bytes]] = []
 
 
-class TurnedCylinder:
-    """A recording of a checkered half cylinder with two views, as small as the method allows."""
+def turned_cylinder() -> LazyRecording:
+    """Return a recording of a checkered half cylinder with two views, as small as the method allows."""
+    k, angles_deg = Intrinsics(width=160, height=160, fx=250.0, fy=250.0, cx=79.5, cy=79.5), (0.0, 20.0)
 
-    name = "cylinder"
-    description = "checkered half cylinder, computed"
-    location = "computed"
-    has_masks = True
-    angles_deg = (0.0, 20.0)
-    intrinsics = Intrinsics(width=160, height=160, fx=250.0, fy=250.0, cx=79.5, cy=79.5)
-    rotation_axis = RotationAxis(point_m=np.array([0.0, 0.0, 0.8]), direction=np.array([0.0, -1.0, 0.0]))
-    held_point_m: Float64 = np.array([0.0, -0.2, 0.8])
-
-    def __len__(self) -> int:
-        """Return 2."""
-        return len(self.angles_deg)
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
+    def read(view_index: int) -> ViewImages:
         """Render one view of a cylinder of radius 0.12 m about the axis by ray casting."""
-        k, radius = self.intrinsics, 0.12
+        radius = 0.12
         y, x = (np.mgrid[0 : k.height, 0 : k.width] - np.array([k.cy, k.cx])[:, None, None]) / k.fx
         a, b = 1.0 + x * x, 0.8
         root = np.sqrt(np.maximum(b * b - a * (b * b - radius * radius), 0.0))
         depth = np.where(root > 0, (b - root) / a, 0.0)
-        around = np.degrees(np.arctan2(x * depth, 0.8 - depth)) - self.angles_deg[view_index]
+        around = np.degrees(np.arctan2(x * depth, 0.8 - depth)) - angles_deg[view_index]
         mask = (root > 0) & (np.abs(around) < 80.0) & (np.abs(y * depth) < 0.15)
         squares = np.floor(around / 12.0) + np.floor(y * depth / 0.025)
         color = np.where((squares % 2 == 0)[..., None], 220, 40) * np.ones(3)
-        return RgbdFrame(
-            view_index=view_index,
-            angle_deg=self.angles_deg[view_index],
-            color=color.astype(np.uint8),
-            depth_m=np.where(mask, depth, 0.0).astype(np.float32),
-            mask=mask,
-            intrinsics=k,
-        )
+        return ViewImages(color.astype(np.uint8), np.where(mask, depth, 0.0).astype(np.float32), mask)
+
+    return LazyRecording(
+        name="cylinder",
+        location="computed",
+        intrinsics=k,
+        rotation_axis=RotationAxis(point_m=np.array([0.0, 0.0, 0.8]), direction=np.array([0.0, -1.0, 0.0])),
+        held_point_m=np.array([0.0, -0.2, 0.8]),
+        angles_deg=angles_deg,
+        has_masks=True,
+        read=read,
+    )
 
 
 def warm_up() -> None:
     """Integrate the cylinder once."""
-    integration = Integration(TurnedCylinder())
+    integration = Integration(turned_cylinder())
     state = apply(SessionState(2), Start())
     for command in (None, Propose(1)):
         if command is not None:

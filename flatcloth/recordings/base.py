@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sized
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, Protocol
 
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
@@ -130,6 +130,18 @@ class LazyRecording:
             other_mask=other_mask,
             intrinsics=self.intrinsics,
         )
+
+
+def altered(recording: Recording, **changes: Any) -> LazyRecording:
+    """Return a recording like another, but for the attributes that are given; ``read`` may be one of them."""
+    names = [own.name for own in fields(LazyRecording) if hasattr(recording, own.name)]
+    same = {name: getattr(recording, name) for name in names}
+    return LazyRecording(**(same | {"read": lambda n: images_of(recording[n])} | changes))
+
+
+def images_of(frame: RgbdFrame) -> ViewImages:
+    """Return the images of a frame."""
+    return ViewImages(frame.color, frame.depth_m, frame.mask, frame.other_mask)
 
 
 _SOURCE_OPTIONS = "source_options"

@@ -15,7 +15,7 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics, RgbdFrame, Uint8
-from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
+from flatcloth.recordings.base import Recording, ViewImages, altered
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,10 +225,8 @@ def mended(recording: Recording, mends: Mends) -> Recording:
         frame = recording[kept[view]]
         return _images(frame, mends)
 
-    return LazyRecording(
-        name=recording.name,
-        location=recording.location,
-        description=recording.description,
+    return altered(
+        recording,
         notes=(*getattr(recording, "notes", ()), f"Mended: {mends.words()}."),
         intrinsics=_camera(recording.intrinsics, mends),
         angles_deg=tuple(angle - angles[0] for angle in angles),

@@ -8,7 +8,7 @@ import numpy as np
 
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
-from flatcloth.core.types import Bool, Float64, Intrinsics, Progress, RotationAxis, Uint8, no_progress
+from flatcloth.core.types import Bool, Float64, Intrinsics, RotationAxis, Uint8
 from flatcloth.recordings.writer import Uint16
 from flatcloth.synthesis.recording import HungItem, Request, depth_unit_m, hung_item, sensor_of
 
@@ -40,8 +40,6 @@ class Cell:
         How the item is turned when the cell stands at 0 degrees.
     most_seen : bool
         The panel of interest is the one that shows most of its outer face, not that of the request.
-    with_truth : bool
-        Flatten the panels, which takes seconds, so that :attr:`CellView.truth_bgr` is true.
 
     Raises
     ------
@@ -60,11 +58,9 @@ class Cell:
         start_deg: float = 0.0,
         *,
         most_seen: bool = False,
-        with_truth: bool = False,
-        progress: Progress = no_progress,
     ) -> None:
         self._request, self._start_deg = request, start_deg
-        self._item = hung_item(request, progress, with_truth=with_truth)
+        self._item = hung_item(request, with_truth=False)
         if most_seen:
             self._item = replace(self._item, panel_of_interest=_most_seen(self._item, request.camera))
         self._look = sensor_of(request, self._item)

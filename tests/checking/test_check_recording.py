@@ -11,7 +11,7 @@ from flatcloth.checking.check import check_recording
 from flatcloth.checking.order import _exchanged, _single_in_time
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.base import LazyRecording, ViewImages
+from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.recordings.mending import Mends, mended
 
 NAMES = ("shirt-corner-d435", "shirt-sleeve-clean", "trousers-waist-d435")
@@ -25,9 +25,7 @@ def right():
 
 def _with(recording, images):
     """The recording with other images: ``images(frame)`` makes them."""
-    same = ("name", "location", "intrinsics", "angles_deg", "rotation_axis", "held_point_m", "has_masks")
-    kept = {name: getattr(recording, name) for name in same}
-    return LazyRecording(read=lambda n: images(recording[n]), **kept)
+    return altered(recording, read=lambda n: images(recording[n]))
 
 
 @pytest.mark.parametrize("name", NAMES)

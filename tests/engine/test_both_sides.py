@@ -15,9 +15,9 @@ from flatcloth.core.resources import sample_recordings
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
-from flatcloth.engine.segmenting import WithMasks
 from flatcloth.export.garment import garment_document, other_points
 from flatcloth.recordings import open_recording
+from flatcloth.recordings.base import altered, images_of
 from flatcloth.recordings.truth import read_truth
 from flatcloth.session.document import Document
 
@@ -92,9 +92,9 @@ def test_masks_that_name_both_sides_are_taken_as_they_are():
     its = OtherTruth(truth, len(recording))
 
     def named(view: int):
-        return replace(recording[view], other_mask=its[view].outer_face)
+        return images_of(recording[view])._replace(other_mask=its[view].outer_face)
 
-    integration = Integration(WithMasks(recording, named))
+    integration = Integration(altered(recording, read=named))
     mask_of = BothSides(integration)._masks(Document(), lambda share, text: None)
     for view in (0, 18):
         assert np.array_equal(mask_of(integration.views.frame(view)), its[view].outer_face)

@@ -103,7 +103,7 @@ def test_frames_are_read_once_for_the_session_and_the_lessons():
 
 def test_every_neighbour_is_a_pair_or_an_unused_pair(teaching):
     lesson = teaching.flattening(0, teaching.defaults)
-    for level, unused in zip(lesson.levels, lesson.unused_pairs, strict=True):
+    for level, unused in zip(lesson.flattening.levels, lesson.unused_pairs, strict=True):
         rc, d = level.points_rc, level.sampling_interval_px
         used = {tuple(sorted(map(int, pair))) for pair in level.edges}
         left_out = {tuple(sorted(map(int, pair))) for pair in unused}
@@ -119,7 +119,7 @@ def test_every_neighbour_is_a_pair_or_an_unused_pair(teaching):
 
 
 def test_the_states_lead_from_the_first_energy_to_the_last(teaching):
-    for level in teaching.flattening(0, teaching.defaults).levels:
+    for level in teaching.flattening(0, teaching.defaults).flattening.levels:
         local = np.searchsorted(level.state_members, level.edges)
         energies = [energy_of(state, local, level.edge_length_m) for state in level.states]
         assert len(level.states) == len(level.energy) > 2
@@ -131,7 +131,7 @@ def test_the_states_lead_from_the_first_energy_to_the_last(teaching):
 def test_another_interval_is_another_flattening_and_comes_from_memory_the_second_time(teaching):
     coarse = replace(teaching.defaults, sampling_interval_px=20)
     lesson = teaching.flattening(0, coarse)
-    assert [level.sampling_interval_px for level in lesson.levels] == [20, 10]
+    assert [level.sampling_interval_px for level in lesson.flattening.levels] == [20, 10]
     assert teaching.flattening(0, replace(coarse, overlap_area_m2=0.02)).flattening is lesson.flattening
 
 

@@ -12,10 +12,11 @@ from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.errors import FlatclothError, SegmentationError, SurfaceError
 from flatcloth.core.geometry import back_project
-from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
+from flatcloth.core.types import Bool, Float32, RgbdFrame, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.playing.recording import LiveFrame, LivePlayer
 from flatcloth.engine.views import ViewCloud
+from flatcloth.recordings.base import LazyRecording, ViewImages, images_of
 from flatcloth.segmentation.item import find_item
 
 NOTHING_YET_S = 2.0
@@ -36,7 +37,7 @@ class CameraPlayer(LivePlayer):
     Parameters
     ----------
     integration : Integration
-        The integration of a :class:`CameraRecording`.
+        The integration of a :func:`camera_recording`.
     feed : CameraFeed
         Source of the frames.
     """
@@ -92,46 +93,32 @@ class CameraPlayer(LivePlayer):
         return own if own.any() else item
 
 
-class CameraRecording:
-    """A camera as a recording of one view, the newest frame, for code that needs a recording.
+def camera_recording(feed: CameraFeed) -> LazyRecording:
+    """Return a camera as a recording of one view, the newest frame, for code that needs a recording.
 
-    Its axis is the vertical of a level camera, 0.5 to 1 m away.
+    Its axis is the vertical of a level camera, 0.5 to 1 m away. Reading raises ``CameraError`` if there is no
+    frame.
     """
+    camera = feed.camera
 
-    rotation_axis: RotationAxis | None = RotationAxis(
-        point_m=np.array([0.0, 0.0, 0.8]), direction=np.array([0.0, -1.0, 0.0]), estimated=True
-    )
-    held_point_m: Float64 | None = np.array([0.0, -0.4, 0.8])
-    angles_deg: tuple[float, ...] = (0.0,)
-    has_masks = False
-
-    def __init__(self, feed: CameraFeed) -> None:
-        self._feed = feed
-        self.name: str = feed.camera.name
-        self.description = "live camera"
-        self.location = f"camera {feed.camera.name}"
-        self.intrinsics: Intrinsics = feed.camera.intrinsics
-
-    def __len__(self) -> int:
-        """Return 1."""
-        return 1
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Return the newest frame.
-
-        Raises
-        ------
-        IndexError
-            If the view is not 0.
-        CameraError
-            If there is no frame.
-        """
-        if view_index != 0:
-            raise IndexError(f"view {view_index} of 1")
-        seen = self._feed.newest(None, NOTHING_YET_S)
+    def read(_view_index: int) -> ViewImages:
+        seen = feed.newest(None, NOTHING_YET_S)
         if seen is None:
-            raise CameraError(f"{self.name}: no image yet.")
-        return seen.rgbd(self._feed.camera)
+            raise CameraError(f"{camera.name}: no image yet.")
+        return images_of(seen.rgbd(camera))
+
+    return LazyRecording(
+        name=camera.name,
+        description="live camera",
+        location=f"camera {camera.name}",
+        intrinsics=camera.intrinsics,
+        rotation_axis=RotationAxis(
+            point_m=np.array([0.0, 0.0, 0.8]), direction=np.array([0.0, -1.0, 0.0]), estimated=True
+        ),
+        held_point_m=np.array([0.0, -0.4, 0.8]),
+        angles_deg=(0.0,),
+        read=read,
+    )
 
 
 def cloud_of(frame: RgbdFrame, most: int = MOST_POINTS) -> tuple[Float32, Uint8]:

@@ -2,43 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Rigid2, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2
 from flatcloth.engine.evaluation import (
     CELL_M,
     FIRM_M,
     TRIM_SHARE,
     Evaluation,
-    TrueView,
     Truth,
     compare,
     look_up,
     of_interest,
 )
-from flatcloth.engine.segmenting import WithMasks
 from flatcloth.methods.answers import MIRROR, JoinedSides, Seam
-from flatcloth.recordings.base import Recording
+from flatcloth.recordings.base import Recording, altered, images_of
+from flatcloth.recordings.truth import TrueView
 
 NEAR_SEAM_M = 0.015
 """The truth of a place on a seam is read at most this far away. Chosen: a D435 loses up to 10 mm of a rim."""
 FAR_RELATED_M = 0.030
 """A pixel of the other side farther than this from its true place beside this side is wrong. Chosen: the
 patterns of both sides agree to 3 to 8 mm only, since cloth stretches."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Side:
-    """A view of the truth of one side: ``panel`` 1 where its outer face is seen, else 0."""
-
-    panel: Uint8
-    outer_face: Bool
-    flat_uv_m: Float32
 
 
 class _Read:
@@ -66,13 +56,13 @@ class OtherTruth:
         panels = np.unique(np.concatenate([np.unique(truth[n].panel) for n in range(views)]))
         self._is_one_layer = set(panels.tolist()) <= {0, truth.panel_of_interest}
 
-    def __getitem__(self, view_index: int) -> _Side:
-        """Return the truth of one view."""
+    def __getitem__(self, view_index: int) -> TrueView:
+        """Return the truth of one view: ``panel`` 1 where the outer face of this side is seen, else 0."""
         true = self._truth[view_index]
         own = true.panel == self._truth.panel_of_interest
         seen = own & ~true.outer_face if self._is_one_layer else ~own & (true.panel > 0) & true.outer_face
         flat = true.flat_uv_m * np.float32(MIRROR) if self._is_one_layer else true.flat_uv_m
-        return _Side(panel=seen.astype(np.uint8), outer_face=seen, flat_uv_m=flat)
+        return TrueView(panel=seen.astype(np.uint8), outer_face=seen, flat_uv_m=flat)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +114,7 @@ def compare_sides(
         "this_seen": _share_of_seen(this, truth, views),
         "other_seen": _share_of_seen(other, its_truth, views),
     }
-    unmasked = WithMasks(recording, lambda n: replace(recording[n], mask=None))
+    unmasked = altered(recording, read=lambda n: images_of(recording[n])._replace(mask=None))
     true_shares = [_true_matches(seam, this, other, truth, its_truth) for seam in sides.seams]
     seen["true_match_share"] = (
         float(np.concatenate([[], *true_shares]).mean()) if true_shares else float("nan")

@@ -86,7 +86,7 @@ class CaptureApplication(LiveApplication):
     Parameters
     ----------
     integration, folder, scene_view, sink
-        The integration is that of a :class:`flatcloth.engine.playing.camera.CameraRecording`.
+        The integration is that of a :func:`flatcloth.engine.playing.camera.camera_recording`.
     feed : CameraFeed
         The camera; it is started and stopped with the page.
     settings : CaptureSettings

@@ -56,7 +56,7 @@ def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis) -> Parcel:
         "levels": [
             _level(parcel, name, level, unused)
             for name, level, unused in zip(
-                ("coarse", "fine"), lesson.levels, lesson.unused_pairs, strict=False
+                ("coarse", "fine"), lesson.flattening.levels, lesson.unused_pairs, strict=False
             )
         ],
         "flat": grid_of(view),
