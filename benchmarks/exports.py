@@ -53,7 +53,7 @@ def row_of(source: str, folder: Path, names: tuple[str, ...]) -> dict[str, Any]:
         return time.process_time() - began_s, len(data)
 
     spent_s(names[0], Kept())  # imports, and compiled kernels from the disk
-    row: dict[str, Any] = {"recording": session.history.recording_name, "views": len(begun.used_views)}
+    row: dict[str, Any] = {"recording": session.history.header.recording.name, "views": len(begun.used_views)}
     unit, shared = unit_s(), Kept()
     for kind in ("alone", "after_those_before"):
         for name in names:

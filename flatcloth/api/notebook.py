@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from html import escape
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -13,6 +12,7 @@ from flatcloth.core.resources import static_folder
 from flatcloth.core.types import Rigid2
 from flatcloth.export.data import png_bytes
 from flatcloth.export.garment import upright_rad
+from flatcloth.rendering.drawing import data_url
 
 if TYPE_CHECKING:
     from flatcloth.core.types import Bool, FlattenedView
@@ -84,7 +84,7 @@ def turned_upright(shape: Shown) -> tuple[str, str]:
 
 def image_of(shape: Shown) -> str:
     """Return the flat image as a data URL."""
-    return "data:image/png;base64," + base64.b64encode(png_bytes(shape.view)).decode()
+    return data_url(png_bytes(shape.view.rgb, shape.view.valid), "image/png")
 
 
 def marks_of(shape: Shown) -> list[dict[str, Any]]:

@@ -10,14 +10,15 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import back_project, held_from_camera
-from flatcloth.core.types import FlattenedView, Float64, Uint8
+from flatcloth.core.types import FlattenedView, Float64
 from flatcloth.engine.integration import Integration
 from flatcloth.flattening.surface import item_mask
 from flatcloth.methods.answers import Canonical
+from flatcloth.rendering.thumbnails import picture_thumbnail
 
 THUMBNAIL_FILE = "thumbnail.webp"
 THUMBNAIL_PX = 96
-"""Size of a thumbnail in the report. Chosen."""
+"""Longer side of a thumbnail in the report. Chosen."""
 _CELL_M = 0.005
 """Cell of the thinned cloud. Chosen: about the distance of the nodes."""
 _NEAR_M = 0.012
@@ -61,29 +62,9 @@ def _cells(points: Float64) -> Float64:
     return np.asarray((np.unique(keys, axis=0) + 0.5) * _CELL_M, dtype=np.float64)
 
 
-def thumbnail(view: FlattenedView) -> Uint8:
-    """Return the flattened picture (96, 96, 4) uint8 RGBA, in the middle, transparent off the cloth."""
-    image = np.zeros((THUMBNAIL_PX, THUMBNAIL_PX, 4), dtype=np.uint8)
-    rows, cols = np.nonzero(view.valid)
-    if not rows.size:
-        return image
-    window = (slice(rows.min(), rows.max() + 1), slice(cols.min(), cols.max() + 1))
-    alpha = view.valid[window].astype(np.float32)
-    rgba = np.dstack([view.rgb[window] * alpha[..., None], alpha])
-    scale = THUMBNAIL_PX / max(alpha.shape)
-    size = (max(1, round(alpha.shape[1] * scale)), max(1, round(alpha.shape[0] * scale)))
-    small = cv2.resize(rgba, size, interpolation=cv2.INTER_AREA)
-    color = small[..., :3] / np.maximum(small[..., 3:], 1e-6)
-    top, left = (THUMBNAIL_PX - size[1]) // 2, (THUMBNAIL_PX - size[0]) // 2
-    part = image[top : top + size[1], left : left + size[0]]
-    part[..., :3] = np.clip(color, 0, 255)
-    part[..., 3] = np.clip(255 * small[..., 3], 0, 255)
-    return image
-
-
 def write_thumbnail(view: FlattenedView, folder: Path) -> None:
-    """Write the thumbnail of a shape to its folder."""
-    rgba = thumbnail(view)
+    """Write the flattened picture of a shape, transparent off the cloth, to its folder."""
+    rgba = picture_thumbnail(view, (THUMBNAIL_PX, THUMBNAIL_PX))
     bgra = np.ascontiguousarray(rgba[..., [2, 1, 0, 3]])
     done, data = cv2.imencode(".webp", bgra, [cv2.IMWRITE_WEBP_QUALITY, 70])
     if done:

@@ -232,7 +232,7 @@ def _write(
             from flatcloth.export.garment import upright_rad
             from flatcloth.export.outline import outline_text
 
-            turn_rad, name = upright_rad(session.garment), session.history.recording_name
+            turn_rad, name = upright_rad(session.garment), session.history.header.recording.name
             write_text(path, outline_text(session.view, name, path.suffix, turn_rad, session.other_view))
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import open_plain, replacing
-from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
+from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, RotationAxis, Uint8
 from flatcloth.engine.sheet import OTHER_FILE, floating_file, other_floating_file
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel, quaternion_wxyz
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
@@ -70,7 +70,7 @@ def shape_files(
     """
     files: dict[str, Callable[[BinaryIO], object]] = {
         "flattened.npz": lambda file: write_npz(view, file),
-        "flattened.png": lambda file: file.write(png_bytes(view)),
+        "flattened.png": lambda file: file.write(png_bytes(view.rgb, view.valid)),
         "cloud.ply": lambda file: file.write(ply_bytes(view)),
         GRASPS: lambda file: file.write(
             grasps_text(view, picks, frames, named(), floating, other()).encode()
@@ -90,7 +90,7 @@ def other_files(sides: JoinedSides, this: FlattenedView) -> dict[str, Callable[[
     other = sides.other.view
     files: dict[str, Callable[[BinaryIO], object]] = {
         _OF_OTHER_SIDE[0]: functools.partial(_write_other, sides, other, this),
-        _OF_OTHER_SIDE[1]: lambda file: file.write(png_bytes(other)),
+        _OF_OTHER_SIDE[1]: lambda file: file.write(png_bytes(other.rgb, other.valid)),
         _OF_OTHER_SIDE[2]: lambda file: file.write(ply_bytes(other)),
     }
     for n, piece in enumerate(sides.other.floating, start=1):
@@ -216,30 +216,21 @@ def _shape_of(data: Any) -> FlattenedView:
 
 def write_npz(view: FlattenedView, file: BinaryIO, **more: Any) -> None:
     """Write a flattened view as ``flattened.npz`` is, with ``more`` arrays by name."""
-    arrays: dict[str, Any] = dict(more)
-    if view.placement_std_m is not None:
-        arrays["placement_std_m"] = view.placement_std_m
+    arrays = {name: array for name in _ARRAYS if (array := getattr(view, name)) is not None}
     np.savez_compressed(
         file,
-        rgb=view.rgb,
-        xyz_m=view.xyz_m,
-        normal=view.normal,
-        z_angle_deg=view.z_angle_deg,
-        valid=view.valid,
-        view_index=view.view_index,
-        source_rc=view.source_rc,
         pixel_size_m=np.float64(view.pixel_size_m),
         origin_uv_m=np.array(view.origin_uv_m),
         format=np.str_(FORMAT),
         **arrays,
+        **more,
     )
 
 
-def png_bytes(view: FlattenedView) -> bytes:
-    """Return the flattened picture as PNG, transparent off the cloth."""
-    alpha = np.where(view.valid, 255, 0).astype(np.uint8)
-    bgra = np.concatenate([view.rgb[..., ::-1], alpha[..., None]], axis=-1)
-    return bytes(cv2.imencode(".png", bgra)[1])
+def png_bytes(rgb: Uint8, shown: Bool) -> bytes:
+    """Return a flattened picture (H, W, 3) as PNG, transparent off the shown pixels (H, W)."""
+    alpha = np.where(shown, 255, 0).astype(np.uint8)
+    return bytes(cv2.imencode(".png", np.concatenate([rgb[..., ::-1], alpha[..., None]], axis=-1))[1])
 
 
 def ply_bytes(view: FlattenedView) -> bytes:

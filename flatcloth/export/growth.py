@@ -161,15 +161,6 @@ def _grown(
     return GrownArrays(first_step=first, area_m2=tuple(area_m2), floating_m2=tuple(floating_m2))
 
 
-def motion_between(source: FlattenedView, target: FlattenedView) -> Rigid2 | None:
-    """Return ``target_from_source`` on the plane, from pixels that show the same image pixel.
-
-    None if the shapes share too few pixels. The shapes of one session have different orientations,
-    because a renewed shape takes that of the added view.
-    """
-    return _motion(_some(_measured(source)), target)
-
-
 @dataclass(frozen=True)
 class _Measured:
     """Pixels with their positions ``uv_m`` (N, 2) and ``key`` (N, 3): the image pixels that they show."""

@@ -9,14 +9,12 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError, JournalError
 from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, read_plain
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.grips import read_grips
-from flatcloth.session.header import read_header
+from flatcloth.session.header import Header, read_header
 from flatcloth.session.journal import JOURNAL, Line, OutOfBoundsLineError, Pick, Replay, read_journal
 from flatcloth.session.machine import (
     Accept,
@@ -62,15 +60,7 @@ class SessionHistory:
     """The content of a session folder; ``document`` is its present state."""
 
     folder: Path
-    recording_name: str
-    recording_location: str
-    recording_fingerprint: str
-    recording_options: dict[str, Any]
-    n_views: int
-    method: str
-    config: Config
-    created: str
-    versions: Mapping[str, str]
+    header: Header
     document: Document
     decisions: tuple[Decision, ...]
     picks: tuple[Pick, ...]
@@ -175,15 +165,7 @@ def read_history(folder: Path) -> SessionHistory:
     standing = verdicts.present.standing
     return SessionHistory(
         folder=folder,
-        recording_name=header.recording.name,
-        recording_location=header.recording.location,
-        recording_fingerprint=header.recording.fingerprint,
-        recording_options=header.recording.options,
-        n_views=header.recording.views,
-        method=header.method,
-        config=header.effective_config,
-        created=header.created,
-        versions=header.versions,
+        header=header,
         document=replay.state.document,
         decisions=tuple(replace(d, stands=d.number in standing) for d in verdicts.decisions),
         picks=tuple(replay.picks.values()),

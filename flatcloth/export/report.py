@@ -33,10 +33,10 @@ def report(session: OpenedSession) -> str:
     """Return the report as self-contained HTML."""
     history = session.history
     style = (static_folder() / "offline" / "report.css").read_text(encoding="utf-8")
-    title = f"{history.recording_name}: integration report"
+    title = f"{history.header.recording.name}: integration report"
     body = [
         *_head(session),
-        *_settings(history.config),
+        *_settings(history.header.effective_config),
         *_decisions(session),
         *_both_sides(session),
         *_garment(session),
@@ -71,22 +71,23 @@ def differences(config: Config) -> list[tuple[str, Any, Any]]:
 
 def _head(session: OpenedSession) -> Iterable[str]:
     history, growth, recording = session.history, session.growth, session.integration.recording
+    header = history.header
     views = ", ".join(f"{step.view_index} ({step.angle_deg:g}\u00b0)" for step in growth.steps)
     camera = recording.intrinsics
     ended = history.document.finished or "Not finished: more views may be added."
-    yield f"<h1>{escape(history.recording_name)}</h1>"
+    yield f"<h1>{escape(header.recording.name)}</h1>"
     yield f'<p class="lead">{escape(recording.description or "Integration of turned RGB-D views.")}</p>'
     yield _facts(
         [
             (
                 "Session",
-                f"started {_day(history.created)}, flatcloth {history.versions.get('flatcloth', 'unknown')}",
+                f"started {_day(header.created)}, flatcloth {header.versions.get('flatcloth', 'unknown')}",
             ),
             (
                 "Recording",
-                f"{history.n_views} views, {camera.width} \u00d7 {camera.height} px",
+                f"{header.recording.views} views, {camera.width} \u00d7 {camera.height} px",
             ),
-            ("Method", history.method),
+            ("Method", header.method),
             ("Shape", f"{1e4 * growth.area_m2:.0f} cm\u00b2 from {len(growth.steps)} views"),
             *_floating(growth.sheet),
             ("Views, in order", views),

@@ -223,25 +223,26 @@ def open_session(
     from flatcloth.engine.segmenting import prepare
 
     history = read_history(folder)
-    place = history.recording_location if recording is None else str(recording)
+    header, about = history.header, history.header.recording
+    place = about.location if recording is None else str(recording)
     if options in (None, SourceOptions()):
-        options = SourceOptions.from_dict(history.recording_options, f"{folder / HEADER}").again()
+        options = SourceOptions.from_dict(about.options, f"{folder / HEADER}").again()
     try:
         opened = open_recording(place, options)
     except RecordingError as error:
         if recording is not None:
             raise
         raise RecordingError(
-            f"{folder}: its recording {history.recording_name!r} cannot be opened ({error})"
+            f"{folder}: its recording {about.name!r} cannot be opened ({error})"
             " Give its present location with --recording."
         ) from error
-    if fingerprint(opened) != history.recording_fingerprint:
+    if fingerprint(opened) != about.fingerprint:
         raise JournalError(
-            f"{folder}: the session belongs to another recording ({history.recording_name!r}) than {place}."
+            f"{folder}: the session belongs to another recording ({about.name!r}) than {place}."
             " Give the right one with --recording."
         )
     try:
-        integration = Integration(opened, history.config, history.method, prepare)
+        integration = Integration(opened, header.effective_config, header.method, prepare)
     except ConfigError as error:
         raise ConfigError(f"{folder / 'session.json'}: {error}") from error
     axis = read_axis(folder)

@@ -14,12 +14,12 @@ from exported_sessions import cylinder_session, write_cylinder
 from scenes import Cylinder, sheet
 
 from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
-from flatcloth.core.types import FlattenedView, Rigid2
+from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.result import at_step
 from flatcloth.engine.sheet import lay_out
 from flatcloth.export.figures import picture_before
-from flatcloth.export.growth import grow, motion_between
+from flatcloth.export.growth import grow
 from flatcloth.export.kept import Kept, key_of
 from flatcloth.export.report import _floating
 from flatcloth.export.session import OpenedSession, of_page, open_session
@@ -149,17 +149,6 @@ def test_a_piece_placed_by_the_garment_counts_as_shape(session: OpenedSession) -
     assert (last.area_m2, last.floating_m2) == pytest.approx((1400 * pixel_m2, 0.0))
     told = dict(_floating(growth.sheet))["Piece B"]
     assert told.startswith("part of the shape")
-
-
-def test_shapes_that_share_too_little_have_no_motion() -> None:
-    one, other = sheet(1, 0, 40, 0.0), sheet(2, 0, 40, 0.0)
-    assert motion_between(one, other) is None
-    nothing = FlattenedView(**{**one.__dict__, "valid": np.zeros_like(one.valid)})
-    assert motion_between(nothing, one) is None
-    moved = replace(one, origin_uv_m=(0.5, -0.1))
-    motion = motion_between(one, moved)
-    assert motion is not None
-    np.testing.assert_allclose(motion.apply(np.zeros(2)), [0.5, -0.1], atol=1e-9)
 
 
 def test_a_session_without_a_start_view_has_nothing_to_export(session: OpenedSession) -> None:

@@ -101,7 +101,12 @@ def test_the_decisions_are_told_in_their_order(place: Path) -> None:
     assert third.before.pending.view_index == 2
     assert [a.view_index for a in third.before.accepted] == [1]
     assert [a.view_index for a in history.document.accepted] == [1, 2]
-    assert (history.recording_name, history.n_views, history.method) == ("a <b>", len(RECORDING), "paper")
+    header = history.header
+    assert (header.recording.name, header.recording.views, header.method) == (
+        "a <b>",
+        len(RECORDING),
+        "paper",
+    )
 
 
 def test_what_was_taken_back_does_not_stand_until_it_is_done_again(place: Path) -> None:

@@ -8,6 +8,7 @@ from html import unescape
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from exported_sessions import NAME, PICKS, cylinder_session
@@ -21,6 +22,7 @@ from flatcloth.export.files import write_text
 from flatcloth.export.report import differences, report
 from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.points import Camera, camera_around, paint_points
+from flatcloth.session.header import Header
 from flatcloth.session.machine import Document
 
 
@@ -88,17 +90,22 @@ def test_it_is_laid_out_for_paper_and_the_same_each_time(session: OpenedSession,
     assert report(OpenedSession(session.history, session.integration)) == text
 
 
+def with_config(session: OpenedSession, config: Config) -> Header:
+    return msgspec.structs.replace(session.history.header, config=config.to_dict())
+
+
 def test_settings_that_differ_are_listed_with_their_defaults(session: OpenedSession) -> None:
     assert differences(Config()) == []
     changed = Config(planning=PlanningConfig(overlap_area_m2=0.05))
     assert differences(changed) == [("planning.overlap_area_m2", 0.05, 0.0)]
-    history = replace(session.history, config=changed)
+    history = replace(session.history, header=with_config(session, changed))
     assert "planning.overlap_area_m2 0.05 0.0" in words(report(OpenedSession(history, session.integration)))
 
 
 def test_a_session_of_one_view_has_a_report_too(session: OpenedSession) -> None:
     document = Document(start_view=0, finished="One view <only>.")
-    history = replace(session.history, document=document, decisions=(), picks=(), config=Config())
+    header = with_config(session, Config())
+    history = replace(session.history, document=document, decisions=(), picks=(), header=header)
     seen = words(report(OpenedSession(history, session.integration)))
     assert "There are no decisions" in seen
     assert "There are no picks" in seen

@@ -311,7 +311,7 @@ def test_a_read_only_folder_is_one_clear_line(place: Path) -> None:
         with pytest.raises(JournalError, match="Read-only file system") as caught:
             opened(place)
         assert "\n" not in str(caught.value)
-        assert read_history(place).n_views == len(RECORDING)
+        assert read_history(place).header.recording.views == len(RECORDING)
     finally:
         subprocess.run(["umount", str(place)], check=True)
     opened(place).close()

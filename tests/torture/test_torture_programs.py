@@ -149,7 +149,7 @@ def test_what_the_page_has_shown_survives_kills_while_recordings_are_switched(tm
         # A page that is killed before it has written a line has shown nothing.
         for journal in state.glob("flatcloth/sessions/*/journal.jsonl"):
             history = read_history(journal.parent)
-            on_disk[history.recording_name] |= {pick.id for pick in history.picks}
+            on_disk[history.header.recording.name] |= {pick.id for pick in history.picks}
         counts["lost"] += sum(len(shown[name] - on_disk[name]) for name in "ab")
     counts["picks"] = sum(map(len, shown.values()))
     print(f"\npage killed at a switch: {dict(counts)}")

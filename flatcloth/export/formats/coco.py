@@ -23,10 +23,10 @@ from flatcloth.core.types import Bool, Float64, RgbdFrame, RotationAxis
 from flatcloth.export.data import GARMENT, GRASPS
 from flatcloth.export.files import write_text
 from flatcloth.export.formats.documents import GarmentDocument, GraspsDocument, PointEntry
-from flatcloth.export.formats.moments import jpeg
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.grasping.visibility import Visibility, project, visibility_in
 from flatcloth.recordings import SourceOptions, open_recording
+from flatcloth.rendering.thumbnails import jpeg
 from flatcloth.session.header import HEADER, read_header
 
 ANNOTATIONS = "annotations.json"

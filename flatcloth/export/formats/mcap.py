@@ -14,9 +14,11 @@ import numpy as np
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Intrinsics
-from flatcloth.export.formats.moments import Moment, flat_image, jpeg, moments, points_of
+from flatcloth.export.data import png_bytes
+from flatcloth.export.formats.moments import Moment, moments, points_of
 from flatcloth.export.session import OpenedSession
 from flatcloth.grasping.grasps import grasp_pose, quaternion_wxyz
+from flatcloth.rendering.thumbnails import jpeg
 from flatcloth.session.journal import Pick
 
 VIEW_NS = 1_000_000_000
@@ -34,7 +36,7 @@ def write_mcap(session: OpenedSession, path: Path) -> None:
     import foxglove
     from foxglove import channels
 
-    begun = datetime.fromisoformat(session.history.created)
+    begun = datetime.fromisoformat(session.history.header.created)
     begun_ns = int(begun.timestamp()) * 1_000_000_000
     context, poses = foxglove.Context(), _poses(session, points_of(session))
     with foxglove.open_mcap(path, allow_overwrite=True, context=context) as writer:
@@ -51,7 +53,8 @@ def write_mcap(session: OpenedSession, path: Path) -> None:
             for topic, make in messages.items():
                 log[topic].log(make, log_time=begun_ns + VIEW_NS * moment.order)
         writer.write_metadata(
-            "flatcloth", {"recording": session.history.recording_name, "method": session.history.method}
+            "flatcloth",
+            {"recording": session.history.header.recording.name, "method": session.history.header.method},
         )
 
 
@@ -86,7 +89,7 @@ def _messages(session: OpenedSession, moment: Moment, poses: dict[str, Rigid3]) 
         types.Pose(position=_vector(types.Vector3, pose), orientation=_quaternion(types, pose))
         for pose in poses.values()
     ]
-    flat = flat_image(session.growth.view.rgb, moment.shown)
+    flat = png_bytes(session.growth.view.rgb, moment.shown)
     return {
         "tf": types.FrameTransforms(transforms=transforms),
         "calibration": _calibration(types, session.integration.recording.intrinsics),

@@ -6,9 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-import cv2
-import numpy as np
-
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3, camera_from_held
 from flatcloth.core.types import Bool, Float32, RgbdFrame, Uint8
@@ -18,8 +15,6 @@ from flatcloth.session.journal import Pick
 
 _EVERY = 2
 """Before the last view the cloud has every second row and column of the shape. Chosen for size."""
-_JPEG_QUALITY = 90
-"""Of the images in exports that are played. Chosen: no block is visible at full size."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,17 +65,6 @@ def moments(session: OpenedSession) -> Iterator[Moment]:
 def points_of(session: OpenedSession) -> list[Pick]:
     """Return the picks of a session, and the named points that were seen."""
     return [*session.history.picks, *garment_points(session.garment)]
-
-
-def flat_image(rgb: Uint8, shown: Bool) -> bytes:
-    """Return the flat image (H, W, 3), transparent off the shown pixels, as PNG."""
-    alpha = np.where(shown, 255, 0).astype(np.uint8)
-    return bytes(cv2.imencode(".png", np.concatenate([rgb[..., ::-1], alpha[..., None]], axis=-1))[1])
-
-
-def jpeg(rgb: Uint8) -> bytes:
-    """Return an image (H, W, 3) as JPEG."""
-    return bytes(cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1])
 
 
 def check_library(module: str, package: str, extra: str) -> None:

@@ -13,8 +13,10 @@ import cv2
 import numpy as np
 
 from flatcloth.core.geometry import Rigid3
-from flatcloth.export.formats.moments import Moment, flat_image, jpeg, moments, points_of
+from flatcloth.export.data import png_bytes
+from flatcloth.export.formats.moments import Moment, moments, points_of
 from flatcloth.export.session import OpenedSession
+from flatcloth.rendering.thumbnails import jpeg
 
 OBJECT = "camera/object"
 DEPTH_PER_M = 10_000.0
@@ -66,7 +68,7 @@ def _log(
     encoded = rr.EncodedDepthImage(depth, media_type="image/png", meter=DEPTH_PER_M)
     stream.log("camera/image/depth", encoded)
     rgb = session.growth.view.rgb
-    flat = flat_image(rgb, moment.shown)
+    flat = png_bytes(rgb, moment.shown)
     stream.log("flat/image", rr.EncodedImage(contents=flat, media_type="image/png"))
     if len(positions_m):
         in_camera = pose.apply(positions_m)

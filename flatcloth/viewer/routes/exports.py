@@ -61,7 +61,7 @@ def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
 
         return outline_text(
             session.view,
-            session.history.recording_name,
+            session.history.header.recording.name,
             suffix,
             upright_rad(session.garment),
             session.other_view,

@@ -117,7 +117,7 @@ def _image(view: FlattenedView) -> dict[str, Any]:
     return {
         "header": _header("flattened"),
         "format": "png",
-        "data": base64.b64encode(png_bytes(view)).decode(),
+        "data": base64.b64encode(png_bytes(view.rgb, view.valid)).decode(),
     }
 
 

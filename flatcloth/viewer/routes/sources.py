@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable
 from typing import Any
 
@@ -12,14 +11,15 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Floats, RgbdFrame, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.pixel_states import pixel_states
 from flatcloth.flattening.surface import item_mask
 from flatcloth.grasping.visibility import Visibility, visibility_in
 from flatcloth.rendering import layers
+from flatcloth.rendering.drawing import data_url
 from flatcloth.rendering.pixel_states import state_legend, state_rgba
+from flatcloth.rendering.thumbnails import jpeg
 from flatcloth.viewer import http
 from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.protocol.answers import SeenView, SeenViews
@@ -28,9 +28,7 @@ from flatcloth.viewer.protocol.picture import place_in_view
 THUMB_PX = 72
 """Height of a thumbnail in the list of views. Chosen."""
 IMAGES_KEPT = 16
-"""Images that are kept, and their quality. Chosen."""
-_JPEG_QUALITY = 88
-"""See ``IMAGES_KEPT``."""
+"""Images that are kept. Chosen."""
 _SHADE = 150
 """Opacity of the shade on pixels off the item, of 255."""
 _EDGE = (255, 210, 60, 255)
@@ -130,13 +128,12 @@ def views_that_saw(integration: Integration, position_held_m: Floats, normal_hel
             frame = integration.views.frame(view)
             visibility = visibility_in(frame, place)
         if visibility is Visibility.SEEN:
-            thumb = base64.b64encode(jpeg(crop(frame.color, place.row, place.col))).decode()
             seen.append(
                 SeenView(
                     view_index=view,
                     angle_deg=angle_deg,
                     rc=(round(float(place.row), 1), round(float(place.col), 1)),
-                    thumb=f"data:image/jpeg;base64,{thumb}",
+                    thumb=data_url(jpeg(crop(frame.color, place.row, place.col)), "image/jpeg"),
                 )
             )
         else:
@@ -164,15 +161,3 @@ def mask_rgba(item: Bool) -> Uint8:
     image[~item, 3] = _SHADE
     image[edge > 0] = _EDGE
     return image
-
-
-def jpeg(rgb: Uint8) -> bytes:
-    """Encode an image (H, W, 3) RGB for display."""
-    import cv2
-
-    done, data = cv2.imencode(
-        ".jpg", np.ascontiguousarray(rgb[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-    )
-    if not done:
-        raise FlatclothError("A source image could not be encoded; see the log.")
-    return bytes(data)

@@ -165,13 +165,7 @@ def first_picture(source: str) -> bytes:
     FlatclothError
         If it cannot be read.
     """
-    import cv2
-
     from flatcloth.recordings import open_recording
-    from flatcloth.viewer.routes.sources import jpeg
+    from flatcloth.rendering.thumbnails import fitted, jpeg
 
-    color = open_recording(source)[0].color
-    scale = PICTURE_PX / max(color.shape[:2])
-    size = (max(1, round(scale * color.shape[1])), max(1, round(scale * color.shape[0])))
-    small: Any = cv2.resize(color, size, interpolation=cv2.INTER_AREA)
-    return jpeg(small)
+    return jpeg(fitted(open_recording(source)[0].color, (PICTURE_PX, PICTURE_PX)))
