@@ -23,7 +23,7 @@ from flatcloth.session.machine import (
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
 from flatcloth.viewer.protocol.settings import Settings
-from flatcloth.viewer.protocol.snapshot import Auto
+from flatcloth.viewer.protocol.state import AutoInfo
 
 MUCH_FLOATS = 0.1
 """Share of floating cloth from which an end is no success. Chosen."""
@@ -55,7 +55,7 @@ Step = Command | Foresee | Wait | End | None
 
 def next_step(
     state: SessionState,
-    auto: Auto,
+    auto: AutoInfo,
     settings: Settings,
     picture: Picture | None,
     expected: tuple[Document, float | None] | None,
@@ -66,7 +66,7 @@ def next_step(
     ----------
     state : SessionState
         The session.
-    auto : Auto
+    auto : AutoInfo
         Whether it runs, and waits.
     settings : Settings
         Least score, and how far it runs.
@@ -96,13 +96,13 @@ def next_step(
     return _end(enough, picture, by_choice=enough) if enough and not document.later else Propose()
 
 
-def after(auto: Auto, command: Command) -> Auto:
+def after(auto: AutoInfo, command: Command) -> AutoInfo:
     """Return Auto after a decision by hand: an answer to what it waits for lets it go on."""
     if auto.is_busy or not auto.running:
-        return Auto()
+        return AutoInfo()
     if isinstance(command, Accept | Reject | Skip):
-        return Auto(running=True)
-    return auto if isinstance(command, Nudge | TakePart | LeaveOut) else Auto()
+        return AutoInfo(running=True)
+    return auto if isinstance(command, Nudge | TakePart | LeaveOut) else AutoInfo()
 
 
 def until_text(settings: Settings) -> str:

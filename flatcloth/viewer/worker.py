@@ -9,12 +9,31 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import CancelledError, FlatclothError
 
 _log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 Job = Callable[[], None]
+
+
+def attempt(make: Callable[[], T], doing: str) -> T | str:
+    """Return what is made, or why it cannot be; an unexpected error, while ``doing`` that, is logged, too.
+
+    Raises
+    ------
+    CancelledError
+        If the computation is cancelled.
+    """
+    try:
+        return make()
+    except CancelledError:
+        raise
+    except FlatclothError as error:
+        return str(error)
+    except Exception as error:  # noqa: BLE001 - reported and logged
+        _log.exception("unexpected error while %s", doing)
+        return f"Unexpected error while {doing}: {error!r:.300}. See the terminal."
 
 
 class Worker:

@@ -737,8 +737,8 @@ export interface ReviewInfo {
 export interface SidesInfo {
   revision: number;
   token: string;
-  n_strokes: number;
   text: string;
+  n_strokes: number;
   certainty: number | null;
   undecided_cm2: number | null;
   conflicts: string[];
@@ -874,7 +874,6 @@ export interface ActiveStatus {
   budget: string;
   folder: string;
   views: number;
-  stands_deg: number;
   knows: string;
   angle_deg: number | null;
   turn_deg: number | null;
@@ -1007,7 +1006,6 @@ export interface FrameInfo {
   angle_deg: number;
   reason: string;
   flatten_ms: number | null;
-  server_fps: number;
   playing: boolean;
   forward: boolean;
   layer: string;

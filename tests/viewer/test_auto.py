@@ -11,9 +11,9 @@ from flatcloth.core.types import Rigid2
 from flatcloth.session.machine import Accept, Document, Pending, Propose, Reject, SessionState, Start, Undo
 from flatcloth.viewer import auto
 from flatcloth.viewer.protocol.settings import Settings
-from flatcloth.viewer.protocol.snapshot import Auto
+from flatcloth.viewer.protocol.state import AutoInfo
 
-RUNS = Auto(running=True)
+RUNS = AutoInfo(running=True)
 BEGUN = Document(start_view=0)
 
 
@@ -32,7 +32,7 @@ def test_it_starts_proposes_and_accepts_what_is_sure():
     assert next_step(Document()) == Start()
     assert next_step() == Propose()
     assert next_step(asked(0.9)) == Accept(3)
-    assert next_step(auto_now=Auto()) is None
+    assert next_step(auto_now=AutoInfo()) is None
 
 
 @pytest.mark.parametrize("score", [0.2, float("nan")])
@@ -40,7 +40,7 @@ def test_it_waits_for_the_operator_where_a_score_is_low_and_goes_on_after_a_verd
     step = next_step(asked(score))
     assert isinstance(step, auto.Wait)
     assert "view 3" in step.text
-    waits = Auto(running=True, waits_for=step.text)
+    waits = AutoInfo(running=True, waits_for=step.text)
     assert next_step(asked(0.9), auto_now=waits) is None, "what the operator moves is not accepted meanwhile"
     assert auto.after(waits, Reject(3, "other")) == RUNS
     assert not auto.after(waits, Undo()).running

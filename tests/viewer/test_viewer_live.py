@@ -66,7 +66,7 @@ def test_the_rate_is_that_of_the_last_second():
 
 def test_a_frame_comes_out_as_it_was_packed():
     info = FrameInfo(
-        sequence=3, view_index=1, angle_deg=20.0, reason="zu wenig Stoff ä", flatten_ms=None, server_fps=0.0,
+        sequence=3, view_index=1, angle_deg=20.0, reason="zu wenig Stoff ä", flatten_ms=None,
         playing=True, forward=False, layer="color",
     )  # fmt: skip
     assert unpacked(packed(info, b"\x00PNG")) == (info, b"\x00PNG")

@@ -189,7 +189,6 @@ class ActiveApplication(Application):
             budget=str(loop.budget),
             folder=str(loop.folder),
             views=loop.views,
-            stands_deg=loop.stands_deg,
             knows=loop.knowledge.about(loop.goal),
             angle_deg=None if following is None else following.angle_deg,
             turn_deg=None if following is None else following.turn_deg,

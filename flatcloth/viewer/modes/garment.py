@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -36,12 +35,9 @@ from flatcloth.viewer.protocol.answers import GarmentPreview, ServerMessage
 from flatcloth.viewer.protocol.garment import FoundGarment, GarmentInfo
 from flatcloth.viewer.protocol.picture import OtherSheet
 from flatcloth.viewer.protocol.sent import typed
-from flatcloth.viewer.worker import Worker
-
-_log = logging.getLogger(__name__)
+from flatcloth.viewer.worker import Worker, attempt
 
 NOT_YET = "The garment is recognised once two views are integrated."
-UNEXPECTED = "Unexpected error while recognising the garment. See the terminal."
 
 
 @dataclass(frozen=True)
@@ -121,18 +117,13 @@ class GarmentController:
     def _work(self, document: Document) -> None:
         if self._asked is not document:
             return  # the shape has changed since
-        known: KnownGarment | None = None
-        shown: FoundGarment | None = None
-        text = ""
-        try:
+
+        def find() -> GarmentStatus:
             known = self._service.of(document)
-            shown = _found_garment(known)
-        except FlatclothError as error:
-            text = str(error)
-        except Exception:  # noqa: BLE001 - reported and logged
-            _log.exception("the garment could not be recognised")
-            text = UNEXPECTED
-        status = GarmentStatus(text=text, known=known, shown=shown)
+            return GarmentStatus(text="", known=known, shown=_found_garment(known))
+
+        made = attempt(find, "recognising the garment")
+        status = GarmentStatus(text=made) if isinstance(made, str) else made
         self._put(lambda: self._take(document, status))
 
     def _take(self, document: Document, status: GarmentStatus) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import struct
 import time
 from dataclasses import replace
@@ -26,14 +25,13 @@ from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
 from flatcloth.viewer.protocol.state import LiveInfo, PageState
-from flatcloth.viewer.worker import Worker
+from flatcloth.viewer.worker import Worker, attempt
 
 DEFAULT_FPS = 30.0
 """Rate of a film without a recorded rate: that of a D435."""
 STATE_INTERVAL_S = 0.25
 """Interval of updates of picks and numbers while playing; when paused they are immediate."""
 
-_log = logging.getLogger(__name__)
 _LENGTH = struct.Struct("<I")
 
 
@@ -84,16 +82,11 @@ class LiveApplication(PageController):
         """Find the side of interest in all views, with the session's strokes."""
         look = "Looking for the side of interest in all views; until then, the whole item is shown."
         self._put(None, lambda: self._tell(None, "info", look))
-        try:
-            masks = self._integration.views.segment(self._folder.state.document.strokes)
-        except FlatclothError as error:
-            text = f"{error} All of the item is shown."
+        strokes = self._folder.state.document.strokes
+        masks = attempt(lambda: self._integration.views.segment(strokes), "finding the side of interest")
+        if isinstance(masks, str):
+            text = f"{masks} All of the item is shown."
             self._put(None, lambda: self._tell(None, "warning", text))
-            return
-        except Exception:  # noqa: BLE001 - reported and logged
-            _log.exception("the side of interest could not be found")
-            text = "Unexpected error while finding the side of interest. See the terminal."
-            self._put(None, lambda: self._tell(None, "error", text))
             return
         assert masks is not None
         found = masks.segmentation.text
@@ -204,7 +197,6 @@ class LiveApplication(PageController):
             angle_deg=shown.angle_deg,
             reason=shown.reason,
             flatten_ms=shown.flatten_ms,
-            server_fps=shown.fps,
             playing=head.playing,
             forward=head.forward,
             layer=layer,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import logging
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import structs
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -29,12 +30,9 @@ from flatcloth.viewer.protocol.picture import OtherSheet, Picture
 from flatcloth.viewer.protocol.sent import Legend, Progress, typed
 from flatcloth.viewer.protocol.snapshot import layers_of
 from flatcloth.viewer.protocol.state import OtherSideInfo
-from flatcloth.viewer.worker import Worker
-
-_log = logging.getLogger(__name__)
+from flatcloth.viewer.worker import Worker, attempt
 
 NOT_ASKED = "The other side is not computed yet."
-UNEXPECTED = "Unexpected error while computing the other side. See the terminal."
 _TELL_S = 0.4
 """Interval between messages of progress. Chosen: each is a whole state of the page."""
 _MOST_PLACES = 40
@@ -126,24 +124,18 @@ class OtherSideController:
     # --- the worker -----------------------------------------------------------------------------
 
     def _work(self, key: tuple[Hashable, ...], document: Document, sheet: Sheet) -> None:
-        made: OtherSheet | str
-
         def check() -> None:
             if self._asked != key or self._stopped.is_set():
                 raise CancelledError  # the shape has changed since, or another recording was opened
 
-        try:
+        def make() -> OtherSheet | str:
             with one_at_a_time(check):
                 sides = self.both.of(document, self._report, check=check)
-                made = sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
-        except CancelledError:
-            return
-        except FlatclothError as error:
-            made = str(error)
-        except Exception:  # noqa: BLE001 - reported and logged
-            _log.exception("the other side could not be computed")
-            made = UNEXPECTED
-        self._put(lambda: self._take(key, made))
+                return sides if isinstance(sides, str) else self._laid_out(key, document, sides, sheet)
+
+        with contextlib.suppress(CancelledError):
+            made = attempt(make, "computing the other side")
+            self._put(lambda: self._take(key, made))
 
     def _laid_out(self, key: Hashable, document: Document, sides: JoinedSides, this: Sheet) -> OtherSheet:
         integration = self.both.integration
@@ -217,11 +209,8 @@ class OtherSideController:
         if made is None:
             return info
         about = uncertainty(made.sides.other.view)
-        return OtherSideInfo(
-            revision=made.revision,
-            working=status.working,
-            progress=status.progress,
-            text=status.text,
+        return structs.replace(
+            info,
             layers=layers_of(made),
             is_related=made.sides.is_related,
             seams=tuple(seam_info(made, seam) for seam in made.sides.seams),

@@ -106,8 +106,7 @@ class Player(Protocol):
 class Shown:
     """A shown frame. ``picture`` is None if it could not be flattened; ``reason`` gives the cause.
 
-    ``sequence`` changes with every new display, also when an older frame is shown again. ``fps`` is
-    the number of frames flattened in the last second.
+    ``sequence`` changes with every new display, also when an older frame is shown again.
     """
 
     sequence: int
@@ -116,7 +115,6 @@ class Shown:
     picture: Picture | None
     reason: str = ""
     flatten_ms: float | None = None
-    fps: float = 0.0
 
 
 class LiveLoop:
@@ -159,7 +157,6 @@ class LiveLoop:
         self._waiting: dict[int, str] = {}
         self._taken: dict[int, tuple[int, str]] = {}
         self._kept: deque[Shown] = deque(maxlen=FRAMES_KEPT)
-        self._meter = RateMeter()
         self._sequence = 0
         self._holds = 0
         self._stopped = False
@@ -332,7 +329,6 @@ class LiveLoop:
                     picture=picture,
                     reason=reason,
                     flatten_ms=flatten_ms,
-                    fps=self._meter.count(time.monotonic()),
                 )
             )
 

@@ -6,7 +6,6 @@ on a separate thread, so that nothing else waits for it.
 
 from __future__ import annotations
 
-import logging
 import math
 import threading
 from collections.abc import Callable
@@ -22,9 +21,7 @@ from flatcloth.session.machine import Document, Nudge, Pending
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import PairsAnswer, PreviewAnswer, ServerMessage
 from flatcloth.viewer.protocol.picture import Overlay
-from flatcloth.viewer.worker import Worker
-
-_log = logging.getLogger(__name__)
+from flatcloth.viewer.worker import Worker, attempt
 
 _STILL_MM = 0.05
 """Smaller motions are reported as none. Chosen: half of the last digit shown."""
@@ -69,13 +66,9 @@ class RepairService:
         """Refine the proposal from its present placement, and call back with the result."""
 
         def work() -> None:
-            try:
-                found = self._integration.refined_score(document)
-            except FlatclothError as error:
-                failed(str(error))
-            except Exception as error:  # noqa: BLE001 - reported and logged
-                _log.exception("a refinement failed")
-                failed(f"Unexpected error while refining: {error!r}. See the terminal.")
+            found = attempt(lambda: self._integration.refined_score(document), "refining")
+            if isinstance(found, str):
+                failed(found)
             else:
                 done(found)
 
@@ -84,16 +77,11 @@ class RepairService:
     def _answer(self, client: int) -> None:
         with self._lock:
             number, document = self._wanted.pop(client)
-        try:
-            found = self._integration.refined_score(document)
-        except FlatclothError as error:
-            answer = PreviewAnswer(id=number, why=str(error))
-        except Exception as error:  # noqa: BLE001 - reported and logged
-            _log.exception("a preview could not be computed")
-            answer = PreviewAnswer(id=number, why=f"Unexpected error: {error!r}. See the terminal.")
+        found = attempt(lambda: self._integration.refined_score(document), "scoring the placement")
+        if isinstance(found, str):
+            self._tell(client, PreviewAnswer(id=number, why=found))
         else:
-            answer = preview_answer(number, found)
-        self._tell(client, answer)
+            self._tell(client, preview_answer(number, found))
 
 
 def meant(document: Document, view_index: int) -> Pending:

@@ -51,8 +51,7 @@ from flatcloth.viewer.protocol.actions import NOT_LIVE
 from flatcloth.viewer.protocol.allowed import command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
-from flatcloth.viewer.protocol.snapshot import Auto
-from flatcloth.viewer.protocol.state import PageState
+from flatcloth.viewer.protocol.state import AutoInfo, PageState
 
 _log = logging.getLogger(__name__)
 
@@ -155,7 +154,7 @@ class Application(PageController):
     def _restart(self) -> None:
         self._work.cancel()
         self._work.forget_picture()
-        self._page_status = replace(self._page_status, auto=Auto())
+        self._page_status = replace(self._page_status, auto=AutoInfo())
         self._settle()
 
     def _take(self, client: int, message: messages.Message) -> None:
@@ -215,7 +214,7 @@ class Application(PageController):
                 for command in session_work.way_to(self._state, message):
                     self._by_hand(command)
             case messages.SetAuto(running=running):
-                self._page_status = replace(self._page_status, auto=Auto(running=running))
+                self._page_status = replace(self._page_status, auto=AutoInfo(running=running))
                 self._settle()
             case _:
                 raise FlatclothError(NOT_LIVE)
@@ -290,7 +289,7 @@ class Application(PageController):
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
         session_work.keep_axis(axis, self._folder)
-        self._page_status = replace(self._page_status, auto=Auto())
+        self._page_status = replace(self._page_status, auto=AutoInfo())
 
         def work() -> None:
             text = session_work.turned_about(
@@ -355,7 +354,7 @@ class Application(PageController):
             case auto.Foresee():
                 self._review.foresee(self._state.document, self._foreseen)
             case auto.Wait(text):
-                self._page_status = replace(self._page_status, auto=Auto(running=True, waits_for=text))
+                self._page_status = replace(self._page_status, auto=AutoInfo(running=True, waits_for=text))
                 self._follow_garment()
                 self._tell(None, "warning", text)
             case auto.End():
@@ -385,7 +384,7 @@ class Application(PageController):
         self._settle()
 
     def _end_auto(self, level: NoteLevel, text: str, ended: str = "") -> None:
-        self._page_status = replace(self._page_status, auto=Auto(ended=ended))
+        self._page_status = replace(self._page_status, auto=AutoInfo(ended=ended))
         self._follow_garment()
         self.other.follow(self._picture, busy=False)
         self._tell(None, level, text)
@@ -404,7 +403,7 @@ class Application(PageController):
     def _answered(self, answer: Answer) -> None:
         before, event = self._state, answer.event
         if event is None:
-            self._page_status = replace(self._page_status, auto=Auto())
+            self._page_status = replace(self._page_status, auto=AutoInfo())
             self._do(Failed(answer.state.request.token if answer.state.request else 0))
             self._tell(None, "error", answer.trouble)
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
@@ -41,7 +42,7 @@ from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import Progress
 from flatcloth.viewer.protocol.snapshot import center_uv_m, placement_of
 from flatcloth.viewer.protocol.state import GhostInfo, PendingInfo
-from flatcloth.viewer.worker import Worker
+from flatcloth.viewer.worker import Worker, attempt
 
 _log = logging.getLogger(__name__)
 
@@ -183,25 +184,24 @@ class SessionWork:
                 raise CancelledError
             self._put(lambda: self._note_progress(request, Progress(share=share, text=text)))
 
-        try:
+        def make() -> Answer:
             progress(0.0, "Starting")
             wait_until_compiled(progress, first=request.kind == "start" and self._is_first(state.document))
             event = self._integration.answer(state.document, request, progress)
             after = apply(state, event)
-            answer = Answer(state, event)
             if after.request is None and not cancelled.is_set():
                 picture = self._drawn(after.document)
                 if not isinstance(picture, str):  # otherwise it is reported when drawn again
-                    answer = replace(answer, picture=picture)
-        except CancelledError:
-            return
-        except FlatclothError as error:
-            _log.warning("%s", error)
-            answer = Answer(state, trouble=str(error))
-        except Exception as error:  # noqa: BLE001 - reported and logged
-            _log.exception("the work on %s failed", request)
-            answer = Answer(state, trouble=f"Unexpected error while computing: {error!r}. See the terminal.")
-        self._put(lambda: self._took(answer))
+                    return Answer(state, event, picture)
+            return Answer(state, event)
+
+        with contextlib.suppress(CancelledError):
+            made = attempt(make, "computing")
+            if isinstance(made, str):
+                _log.warning("%s", made)
+                made = Answer(state, trouble=made)
+            answer = made
+            self._put(lambda: self._took(answer))
 
     def _draw(self, document: Document) -> None:
         if self._asked is document:  # otherwise a decision has changed it
@@ -215,14 +215,11 @@ class SessionWork:
 
     def _drawn(self, document: Document) -> Picture | str:
         """Return the picture of a document, or the reason if it cannot be drawn."""
-        try:
-            self._made = make_picture(self._integration, document, self._made, self._laid(document))
-            return self._made
-        except FlatclothError as error:
-            return str(error)
-        except Exception as error:  # noqa: BLE001 - reported and logged
-            _log.exception("a picture could not be computed")
-            return f"Unexpected error while drawing: {error!r}. See the terminal."
+        laid = self._laid(document)
+        picture = attempt(lambda: make_picture(self._integration, document, self._made, laid), "drawing")
+        if not isinstance(picture, str):
+            self._made = picture
+        return picture
 
 
 def turned_about(integration: Integration, axis: RotationAxis) -> str:

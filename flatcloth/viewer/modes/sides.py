@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 import secrets
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from msgspec import structs
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -29,27 +30,12 @@ from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import ItemBox, StrokeAdvice
 from flatcloth.viewer.protocol.picture import Picture, place_in_view
 from flatcloth.viewer.protocol.state import SidesInfo
-from flatcloth.viewer.worker import Worker
+from flatcloth.viewer.worker import Worker, attempt
 
 _log = logging.getLogger(__name__)
 
 Point3 = tuple[float, float, float]
 Endpoint = Callable[[Request], Awaitable[Response]]
-LEAST_STEP_RC = 0.5
-"""Spacing of the points of a stroke: closer ones are redundant."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SideStatus:
-    """The status of the sides for the page; ``revision`` grows with every change of the labels."""
-
-    revision: int = 0
-    n_strokes: int = 0
-    text: str = "Looking for the side of interest in all views."
-    changed: str = ""
-    certainty: float | None = None
-    undecided_cm2: float | None = None
-    conflicts: tuple[str, ...] = ()
 
 
 class SideController:
@@ -76,8 +62,11 @@ class SideController:
         self._strokes: tuple[Decision, ...] | None = None
         self._found: Segmentation | None = None
         self._touched: Int64 = np.empty(0, dtype=np.int64)
-        self._token = secrets.token_hex(4)  # another recording at this address has other pictures
-        self.status = SideStatus()
+        self._status = SidesInfo(
+            revision=0,
+            token=secrets.token_hex(4),  # another recording at this address has other pictures
+            text="Looking for the side of interest in all views.",
+        )
         self.brush: messages.Brush | None = None
 
     @property
@@ -93,18 +82,9 @@ class SideController:
         """Return the status for the page, None if the recording has masks of its own."""
         if not self.available:
             return None
-        status, recording = self.status, self._integration.recording
-        return SidesInfo(
-            revision=status.revision,
-            token=self._token,
-            n_strokes=status.n_strokes,
-            text=status.text,
-            certainty=status.certainty,
-            undecided_cm2=status.undecided_cm2,
-            conflicts=status.conflicts,
-            # Pixels of an image that a metre of the item covers, at the distance of the axis.
-            pixels_per_m=recording.intrinsics.fx / float(self._integration.axis.point_m[2]),
-        )
+        # Pixels of an image that a metre of the item covers, at the distance of the axis.
+        focal_px, away_m = self._integration.recording.intrinsics.fx, self._integration.axis.point_m[2]
+        return structs.replace(self._status, pixels_per_m=focal_px / float(away_m))
 
     # --- decisions -----------------------------------------------------------------------------
 
@@ -186,36 +166,35 @@ class SideController:
             return  # another stroke came in the meantime
         sides = self._integration.views.sides
         assert sides is not None
-        try:
-            found = sides.solver().solve(strokes)  # the masks take longer and follow with the shape
-            touched = under_strokes(found.observed, strokes)
-        except FlatclothError as error:
-            text = str(error)
-            self._put(lambda: self._failed(text))
-            return
-        except Exception:  # noqa: BLE001 - reported and logged
-            _log.exception("the side of interest could not be found")
-            self._put(lambda: self._failed("Unexpected error while finding the side. See the terminal."))
-            return
-        self._put(lambda: self._take(strokes, found, touched))
 
-    def _take(self, strokes: tuple[Decision, ...], found: Segmentation, touched: Int64) -> None:
-        grown = len(strokes) > self.status.n_strokes
+        def find() -> tuple[Segmentation, Int64]:
+            found = sides.solver().solve(strokes)  # the masks take longer and follow with the shape
+            return found, under_strokes(found.observed, strokes)
+
+        made = attempt(find, "finding the side of interest")
+        self._put(lambda: self._take(strokes, made))
+
+    def _take(self, strokes: tuple[Decision, ...], made: tuple[Segmentation, Int64] | str) -> None:
+        if isinstance(made, str):
+            self._know(made)
+            self._changed("")
+            return
+        found, touched = made
+        grown = len(strokes) > self._status.n_strokes
         changed = found.changed.text if grown and found.changed is not None else ""
         self._found, self._touched = found, touched
-        self.status = SideStatus(
-            revision=self.status.revision + 1,
+        self._know(
+            found.text,
             n_strokes=len(strokes),
-            text=found.text,
             certainty=round(found.mean_certainty, 3),
             undecided_cm2=round(1e4 * found.area_undecided_m2, 1),
             conflicts=tuple(conflict.text for conflict in found.conflicts),
         )
         self._changed(changed)
 
-    def _failed(self, text: str) -> None:
-        self.status = SideStatus(revision=self.status.revision + 1, text=text)
-        self._changed("")
+    def _know(self, text: str, **found: Any) -> None:
+        before = self._status
+        self._status = SidesInfo(revision=before.revision + 1, token=before.token, text=text, **found)
 
     def where_next(
         self, strokes: tuple[Decision, ...], number: int, answer: Callable[[StrokeAdvice], None]

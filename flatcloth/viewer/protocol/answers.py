@@ -307,7 +307,6 @@ class FrameInfo(Sent, tag_field="type", tag="frame", frozen=True):
     angle_deg: float
     reason: str
     flatten_ms: float | None
-    server_fps: float
     playing: bool
     forward: bool
     layer: str

@@ -126,7 +126,6 @@ class ActiveStatus(Sent, frozen=True):
     budget: str
     folder: str
     views: int
-    stands_deg: float
     knows: str
     angle_deg: float | None
     turn_deg: float | None

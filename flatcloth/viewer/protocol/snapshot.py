@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -43,24 +43,10 @@ from flatcloth.viewer.protocol.state import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Auto:
-    """Whether Auto runs; ``waits_for`` is what it asks of the operator, ``ended`` why it ended by choice."""
-
-    running: bool = False
-    waits_for: str = ""
-    ended: str = ""
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether it changes the shape by itself."""
-        return self.running and not self.waits_for
-
-
-@dataclass(frozen=True, kw_only=True)
 class PageStatus:
     """The state of the page outside the session: Auto, progress, messages."""
 
-    auto: Auto = Auto()
+    auto: AutoInfo = field(default_factory=AutoInfo)
     edges: bool = False
     progress: Progress | None = None
     log: tuple[Note, ...] = ()
@@ -93,7 +79,7 @@ def page_state(
             name=recording.name, description=recording.description, n_views=len(recording)
         ),
         notes=tuple(integration.notes),
-        auto=AutoInfo(running=status.auto.running, waits_for=status.auto.waits_for, ended=status.auto.ended),
+        auto=status.auto,
         edges=status.edges,
         layers=None if picture is None else _layers(picture),
         pick=picks.current_info(picture, places),

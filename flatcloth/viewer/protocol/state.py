@@ -328,12 +328,12 @@ class SidesInfo(Sent, frozen=True):
 
     revision: int
     token: str
-    n_strokes: int
     text: str
-    certainty: float | None
-    undecided_cm2: float | None
-    conflicts: tuple[str, ...]
-    pixels_per_m: float
+    n_strokes: int = 0
+    certainty: float | None = None
+    undecided_cm2: float | None = None
+    conflicts: tuple[str, ...] = ()
+    pixels_per_m: float = 0.0
 
 
 class AutoInfo(Sent, frozen=True):
@@ -342,10 +342,15 @@ class AutoInfo(Sent, frozen=True):
     ``until`` says when it ends.
     """
 
-    running: bool
+    running: bool = False
     waits_for: str = ""
     ended: str = ""
     until: str = ""
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it changes the shape by itself."""
+        return self.running and not self.waits_for
 
 
 class LiveInfo(Sent, frozen=True):
