@@ -1,5 +1,6 @@
 // Over the flattened view: the outline of the side behind, and the seams of both sides; in 3D the chosen seam.
 
+import { nearest } from "/static/canvas/geometry.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { mirrored } from "/static/both/seen.js";
 
@@ -29,16 +30,9 @@ export class SidesDrawing {
   }
 
   /** The seam at a place of the pane; null: none is near. */
-  seamAt(/** @type {Point} */ { x, y }) {
-    let best = /** @type {number | null} */ (null);
-    let least = HIT_PX;
-    for (let seam = 0; seam < (this.panel.places?.seams.length ?? 0); seam++)
-      for (const sheet of SHEETS)
-        for (const at of this.inPane(seam, sheet)) {
-          const off = Math.hypot(at.x - x, at.y - y);
-          if (off < least) [best, least] = [seam, off];
-        }
-    return best;
+  seamAt(/** @type {Point} */ at) {
+    const seams = this.panel.places?.seams.keys() ?? [];
+    return nearest(seams, (seam) => this.everywhere(seam), at, HIT_PX);
   }
 
   draw(/** @type {Context} */ context, /** @type {Style} */ style) {

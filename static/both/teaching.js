@@ -55,14 +55,6 @@ function drawMeeting(sheet, rect, { seams: lesson }) {
     );
 }
 
-/** @param {Sheet} sheet @param {PaneMap} map @param {Float32Array} uv @param {string} color */
-function drawLoop(sheet, map, uv, color) {
-  for (let i = 0; i < uv.length; i += 2) {
-    const j = (i + 2) % uv.length;
-    sheet.line(map.at(uv[i], uv[i + 1]), map.at(uv[j], uv[j + 1]), color, 1.6);
-  }
-}
-
 /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts */
 function drawHeld(sheet, rect, { seams: lesson }) {
   const { this_uv: own, mirrored_uv: its } = lesson.array;
@@ -75,7 +67,7 @@ function drawHeld(sheet, rect, { seams: lesson }) {
     inner,
     (map) => {
       for (const [name, uv] of loops)
-        drawLoop(sheet, map, uv, name.startsWith("this") ? sheet.color.kept : sheet.color.new);
+        sheet.loop(map, uv, name.startsWith("this") ? sheet.color.kept : sheet.color.new, 1.6);
       lesson.seams.forEach((seam, n) => {
         if (seam.why) return;
         const [here, there] = [placesOf(lesson, own, n), placesOf(lesson, its, n)];

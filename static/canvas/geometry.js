@@ -168,3 +168,26 @@ export function zoomedBox({ top, left, width, height }, { factor, row, col }) {
 }
 
 export const dot = (/** @type {Numbers} */ a, /** @type {Numbers} */ b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+
+/** @param {number[]} a @param {number[]} b */
+export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+
+export const unit = (/** @type {number[]} */ v) => v.map((x) => x / (Math.hypot(...v) || 1));
+
+/**
+ * The thing nearest to a point, of those with a place within so many pixels; null: none.
+ * @template T
+ * @param {Iterable<T>} things @param {(thing: T) => Iterable<Point>} placesOf @param {Point} point
+ * @param {number} within
+ * @returns {T | null}
+ */
+export function nearest(things, placesOf, { x, y }, within) {
+  let best = /** @type {T | null} */ (null);
+  let least = within;
+  for (const thing of things)
+    for (const at of placesOf(thing)) {
+      const off = Math.hypot(at.x - x, at.y - y);
+      if (off < least) [best, least] = [thing, off];
+    }
+  return best;
+}

@@ -1,5 +1,6 @@
 // The fitted outline and the named points over the flattened view: drawn, dragged, shown in the scene.
 
+import { nearest } from "/static/canvas/geometry.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { Question } from "/static/page/connection.js";
 import { drawGarment, drawName } from "/static/garment/marks.js";
@@ -67,15 +68,9 @@ export class GarmentDrawing {
     else this.page.send({ type: "pick_point", name });
   }
 
-  near(/** @type {Point} */ { x, y }) {
-    let best = /** @type {GarmentPoint | null} */ (null);
-    let least = GRAB_PX;
-    for (const point of this.drawn?.points ?? []) {
-      const at = this.page.canvas.transform.toPane(...point.uv_m);
-      const off = Math.hypot(at.x - x, at.y - y);
-      if (off < least) [best, least] = [point, off];
-    }
-    return best;
+  near(/** @type {Point} */ at) {
+    const { transform } = this.page.canvas;
+    return nearest(this.drawn?.points ?? [], (point) => [transform.toPane(...point.uv_m)], at, GRAB_PX);
   }
 
   // --- how the outline would lie -------------------------------------------------------------------

@@ -1,5 +1,6 @@
 // Where parts of the shape are joined: on the flattened view, in 3D, and in the source image.
 
+import { nearest } from "/static/canvas/geometry.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
 
 const HIT_PX = 10;
@@ -17,20 +18,12 @@ export class JointsDrawing {
 
   /** The joint at a place: one whose seam is near, else the smallest part that has it; null: none. */
   at(/** @type {number} */ u, /** @type {number} */ v) {
+    const { joints } = this.panel;
     const { transform } = this.page.canvas;
-    const { x, y } = transform.toPane(u, v);
-    let best = /** @type {number | null} */ (null);
-    let least = HIT_PX;
-    this.panel.joints.forEach((joint, n) => {
-      for (const uv of joint.seam_uv_m) {
-        const at = transform.toPane(...uv);
-        const off = Math.hypot(at.x - x, at.y - y);
-        if (off < least) [best, least] = [n, off];
-      }
-    });
-    if (best !== null) return best;
-    const holding = this.panel.joints.filter((joint) => holds(joint, u, v)).sort((a, b) => a.area_cm2 - b.area_cm2);
-    return holding.length ? this.panel.joints.indexOf(holding[0]) : null;
+    const seamOf = (/** @type {JointInfo} */ joint) => joint.seam_uv_m.map((uv) => transform.toPane(...uv));
+    const [holding] = joints.filter((joint) => holds(joint, u, v)).sort((a, b) => a.area_cm2 - b.area_cm2);
+    const found = nearest(joints, seamOf, transform.toPane(u, v), HIT_PX) ?? holding;
+    return found ? joints.indexOf(found) : null;
   }
 
   draw(/** @type {Context} */ context, /** @type {Style} */ style) {

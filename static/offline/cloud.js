@@ -1,6 +1,6 @@
 // A small 3D view of points: orbit, zoom, pan and pick, on plain WebGL; marks are drawn over it in 2D.
 
-import { dot } from "/static/canvas/geometry.js";
+import { cross, dot, unit } from "/static/canvas/geometry.js";
 import { drawDot } from "/static/canvas/marks.js";
 import { onWheel, sized, taken, WAYS, within } from "/static/page/dom.js";
 
@@ -391,10 +391,6 @@ class Points {
     gl.bindVertexArray(null);
   }
 }
-
-/** @param {number[]} a @param {number[]} b */
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const unit = (/** @type {number[]} */ v) => v.map((x) => x / (Math.hypot(...v) || 1));
 
 /** @returns {XYZ} */
 function rgbOf(/** @type {string} */ hex) {

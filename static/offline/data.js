@@ -1,6 +1,6 @@
 // The data of the exported page, unpacked from the page itself; nothing is loaded.
 
-import { boxOf, dot, pixelAt } from "/static/canvas/geometry.js";
+import { boxOf, dot, pixelAt, unit } from "/static/canvas/geometry.js";
 import { contextOf } from "/static/page/dom.js";
 import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
 
@@ -173,5 +173,3 @@ function metres(/** @type {Numbers} */ values, /** @type {{ low: Numbers; step: 
   for (let i = 0; i < values.length; i++) out[i] = low[i % 3] + step * values[i];
   return out;
 }
-
-const unit = (/** @type {number[]} */ v) => v.map((x) => x / (Math.hypot(...v) || 1));

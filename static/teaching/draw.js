@@ -145,11 +145,7 @@ export class Sheet {
     if (plate) {
       this.font(size, weight);
       const { fontBoundingBoxAscent: a, fontBoundingBoxDescent: d } = context.measureText(text);
-      context.save();
-      context.globalAlpha = 0.82;
-      context.fillStyle = this.color.panel;
-      context.fillRect(left - 3, y - a - 1, width + 6, a + d + 2);
-      context.restore();
+      this.plate(left - 3, y - a - 1, width + 6, a + d + 2);
     }
     context.fillStyle = color;
     for (const { run, small, width: wide } of runs) {
@@ -157,6 +153,15 @@ export class Sheet {
       context.fillText(run, left, y + (small ? 0.28 * size * this.em : 0));
       left += wide;
     }
+  }
+
+  /** What lies under a text. @param {[x: number, y: number, w: number, h: number]} rect */
+  plate(...rect) {
+    this.context.save();
+    this.context.globalAlpha = 0.82;
+    this.context.fillStyle = this.color.panel;
+    this.context.fillRect(...rect);
+    this.context.restore();
   }
 
   /** What of a text has room in a width, as it is written next. */
@@ -296,14 +301,11 @@ export class Sheet {
     context.beginPath();
     for (let e = 0; e < pairs.length; e += 2) {
       if (pick && !pick(e / 2)) continue;
-      const a = 2 * pairs[e];
-      const b = 2 * pairs[e + 1];
+      const [a, b] = [2 * pairs[e], 2 * pairs[e + 1]];
       context.moveTo(...map.at(points[a], points[a + 1]));
       context.lineTo(...map.at(points[b], points[b + 1]));
     }
-    context.strokeStyle = color;
-    context.lineWidth = width * this.weight;
-    context.stroke();
+    this.stroke(color, width);
   }
 
   /** @param {UV} from @param {UV} to @param {string} color @param {number[]} dash */
@@ -318,6 +320,15 @@ export class Sheet {
     context.lineTo(...to);
     context.stroke();
     context.restore();
+  }
+
+  /**
+   * A closed line through places [u0, v0, u1, v1, ...].
+   * @param {PaneMap} map @param {Numbers} uv @param {string} color @param {number} width @param {number[]} dash
+   */
+  loop(map, uv, color, width, dash = []) {
+    for (let i = 0, j = uv.length - 2; i < uv.length; j = i, i += 2)
+      this.line(map.at(uv[j], uv[j + 1]), map.at(uv[i], uv[i + 1]), color, width, dash);
   }
 
   /** @param {UV} from @param {UV} to @param {string} color */
@@ -363,19 +374,10 @@ export class Sheet {
     const mm = niceLength((1000 * Math.min(120, 0.4 * rect.w)) / map.scaleX);
     const width = (mm / 1000) * map.scaleX;
     const [x, y] = [rect.x + 8, rect.y + rect.h - 7];
-    const context = this.context;
     this.font(0.85);
-    context.save();
-    context.globalAlpha = 0.82;
-    context.fillStyle = this.color.panel;
-    context.fillRect(
-      x - 5,
-      y - 1.7 * this.em,
-      Math.max(width, context.measureText(length(mm)).width) + 12,
-      1.7 * this.em + 5,
-    );
-    context.restore();
-    strokeScale(context, x, y, width, this.color.text);
+    const wide = Math.max(width, this.context.measureText(length(mm)).width);
+    this.plate(x - 5, y - 1.7 * this.em, wide + 12, 1.7 * this.em + 5);
+    strokeScale(this.context, x, y, width, this.color.text);
     this.text(length(mm), x + 4, y - 5, { size: 0.85 });
   }
 

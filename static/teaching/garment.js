@@ -51,17 +51,6 @@ function drawEdges(sheet, map, { array }, radius) {
   sheet.dots(map, less, radius, sheet.color.sample);
 }
 
-/**
- * @param {Sheet} sheet @param {PaneMap} map @param {Numbers} uv @param {string} color @param {number} width
- * @param {number[]} dash
- */
-function drawOutline(sheet, map, uv, color, width, dash = []) {
-  for (let i = 0; i < uv.length; i += 2) {
-    const j = (i + 2) % uv.length;
-    sheet.line(map.at(uv[i], uv[i + 1]), map.at(uv[j], uv[j + 1]), color, width, dash);
-  }
-}
-
 const shapeName = (/** @type {GarmentLesson} */ lesson) => (lesson.flat ? "The shape" : "An example");
 const detailOf = (/** @type {GarmentLesson} */ lesson) => (lesson.flat ? "" : "no shape of two views yet");
 
@@ -114,8 +103,8 @@ function drawFits(sheet, rect, { garment: lesson }, ui) {
   const inner = sheet.titled(left, shapeName(lesson), `starts: ${asWords(lesson.kinds[0].name)}`);
   drawShape(sheet, inner, lesson, lesson.array.states, (map) => {
     drawEdges(sheet, map, lesson, 1.8);
-    outlines.forEach((uv, k) => k !== best && drawOutline(sheet, map, uv, sheet.color.soft, 1.2, [5, 4]));
-    drawOutline(sheet, map, outlines[best], sheet.color.mark, 2.6);
+    outlines.forEach((uv, k) => k !== best && sheet.loop(map, uv, sheet.color.soft, 1.2, [5, 4]));
+    sheet.loop(map, outlines[best], sheet.color.mark, 2.6);
   });
   drawEnergy(sheet, sheet.titled(right, "Energy E", "of each start, step by step"), lesson, ui.time, best);
 }
@@ -169,7 +158,7 @@ function drawEvidence(sheet, rect, { garment: lesson }) {
   drawShape(sheet, inner, lesson, outlines[0] ?? NONE, (map) => {
     drawEdges(sheet, map, lesson, 1.8);
     for (let k = kinds.length - 1; k >= 0; k--)
-      drawOutline(sheet, map, outlines[k], sheet.color[KIND_COLORS[k]], k ? 1.8 : 2.8, k ? [6, 4] : []);
+      sheet.loop(map, outlines[k], sheet.color[KIND_COLORS[k]], k ? 1.8 : 2.8, k ? [6, 4] : []);
   });
   drawBars(sheet, sheet.titled(right, "Probability", "by this shape alone"), lesson);
 }
