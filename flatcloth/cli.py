@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NoReturn
@@ -33,7 +33,6 @@ from flatcloth.commands import (
 from flatcloth.commands.output import add_output, error, speaking
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import sample_recordings
-from flatcloth.core.signals import handled_by
 
 COMMANDS: dict[str, ModuleType] = {
     command.NAME: command
@@ -73,11 +72,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         # SIGTERM has the effect of Ctrl-C, so that child processes are ended and temporary files removed.
-        with handled_by(signal.SIGTERM, signal.default_int_handler), speaking(options):
+        with _terminated_as_interrupted(), speaking(options):
             return _carried_out(options)
     except FlatclothError as failed:  # the log file cannot be written
         error(str(failed))
         return 2
+
+
+@contextlib.contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Let SIGTERM do what Ctrl-C does while the block runs; only the main thread can."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _carried_out(options: argparse.Namespace) -> int:

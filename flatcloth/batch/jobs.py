@@ -24,7 +24,6 @@ from flatcloth import __version__
 from flatcloth.api.integrating import integrate
 from flatcloth.api.shape import Shape
 from flatcloth.batch.evaluate import evaluate_one
-from flatcloth.batch.garments import garment_columns
 from flatcloth.batch.measure import coverage_estimate, write_thumbnail
 from flatcloth.batch.rows import DONE, FAILED, MEMORY, UNFINISHED, next_attempt, read_row, write_row
 from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
@@ -34,6 +33,7 @@ from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.subprocess_worker import memory_limit_bytes
 from flatcloth.core.types import Progress
 from flatcloth.engine.integration import Integration
+from flatcloth.export.garment import garment_document
 from flatcloth.recordings import Recording, open_recording
 
 ERROR_FILE = "error.txt"
@@ -123,12 +123,23 @@ def _integrated(task: Task, folder: Path, stages: _Stages, progress: Progress) -
     with stages.stage("measuring"):
         coverage = coverage_estimate(shape.data.integration, shape.data.canonical)
         write_thumbnail(shape.view, folder)
+    known = shape.data.garment
     columns = _outcome_columns(shape.report, shape.data.integration)
     columns["notes"] = " ".join([columns["notes"], *(finding.line for finding in check.findings)]).strip()
     return {
         **columns,
         "coverage_estimate": round(coverage, 4),
-        **garment_columns(folder),
+        **({} if isinstance(known, str) else garment_columns(garment_document(known))),
+    }
+
+
+def garment_columns(garment: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the columns of a garment, given as in ``garment.json``."""
+    kind, chances = garment["kind"], garment["probabilities"]
+    return {
+        "garment": "none of these" if kind is None else kind,
+        "garment_probability": max(chances.values()) if kind is None else chances.get(kind),
+        "dimensions_mm": json.dumps(garment["dimensions_mm"]),
     }
 
 

@@ -64,9 +64,8 @@ def _opened(
     current: Path | None,
     chosen: Chosen | None = None,
 ) -> Opened | None:
-    from flatcloth.engine.ahead import begin_ahead
     from flatcloth.engine.playing.recording import LivePlayer
-    from flatcloth.engine.warmup import compile_beside
+    from flatcloth.engine.warmup import begin_ahead, compile_beside
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder, kept_config
     from flatcloth.session.store import SessionFolder

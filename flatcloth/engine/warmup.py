@@ -9,8 +9,10 @@ that need the kernels wait for them and report it (:func:`wait_until_compiled`).
 from __future__ import annotations
 
 import atexit
+import contextlib
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -113,6 +115,28 @@ def wait_until_compiled(progress: Progress = no_progress, *, first: bool = False
             break
         progress(done / of, f"compiling, first start only: {done} of {of} functions")
         time.sleep(_LOOK_S)
+
+
+def begin_ahead(integration: Integration, state: SessionState) -> None:
+    """Compute a session's present shape on a thread of its own, while the page and its libraries load.
+
+    Requests for it wait for this thread. A session without a start view gets one chosen. If the side of
+    interest must be found first, nothing is done: that takes longer, and the session reports its progress.
+    """
+
+    def compute() -> None:
+        # An error here occurs again when the session requests the shape, and is reported then.
+        with contextlib.suppress(Exception):
+            wait_until_compiled(first=is_of_one_view(state.document))
+            begun = state
+            if state.document.start_view is None:
+                begun = apply(state, Start())
+                assert begun.request is not None
+                begun = apply(begun, integration.answer(begun.document, begun.request))
+            integration.canonical(begun.document)
+
+    if integration.views.sides is None:
+        threading.Thread(target=compute, name="flatcloth-ahead", daemon=True).start()
 
 
 def is_of_one_view(document: Document) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.subprocess_worker import Message, serve
 from flatcloth.core.types import Float64, Int32, Progress, Uint8
-from flatcloth.recordings.realsense.libusb import load_libusb
+from flatcloth.recordings.realsense.library import load_libusb
 
 MOST_TEXTURE_PIXELS = 8192**2
 """Largest texture. Chosen: 200 MB of memory."""

@@ -1,11 +1,12 @@
-"""A thread for heavy work; its results go back to the application thread."""
+"""Heavy work of the page: a thread for it, whose results go back to the application thread, and turns."""
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import TypeVar
 
@@ -15,6 +16,9 @@ _log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 Job = Callable[[], None]
+_TURN = threading.Lock()
+_LOOK_S = 0.2
+"""Between two calls of ``check`` of what waits for its turn."""
 
 
 def attempt(make: Callable[[], T], doing: str) -> T | str:
@@ -34,6 +38,23 @@ def attempt(make: Callable[[], T], doing: str) -> T | str:
     except Exception as error:  # noqa: BLE001 - reported and logged
         _log.exception("unexpected error while %s", doing)
         return f"Unexpected error while {doing}: {error!r:.300}. See the terminal."
+
+
+@contextlib.contextmanager
+def one_at_a_time(check: Callable[[], None]) -> Iterator[None]:
+    """Wait until no other side and no export is computed, then hold that turn: each takes some 200 MB.
+
+    A recording that was closed may still be computing one, and the next recording waits for it. ``check`` is
+    called while this waits, and raises ``CancelledError`` when the result is no longer wanted: a waiting
+    thread keeps its whole recording in memory.
+    """
+    while not _TURN.acquire(timeout=_LOOK_S):
+        check()
+    try:
+        check()
+        yield
+    finally:
+        _TURN.release()
 
 
 class Worker:

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from flatcloth.core.errors import CancelledError
-from flatcloth.viewer.heavy import one_at_a_time
+from flatcloth.viewer.worker import one_at_a_time
 
 
 def test_what_waits_ends_when_it_is_not_wanted_any_more_and_the_next_has_its_turn() -> None:

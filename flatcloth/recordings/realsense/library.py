@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings.realsense.libusb import load_libusb
 
 
 def load_realsense() -> Any:
@@ -33,3 +33,21 @@ def load_realsense() -> Any:
             "Run: pip install pyrealsense2 libusb-package"
         ) from error
     return pyrealsense2
+
+
+def load_libusb() -> None:
+    """Load ``libusb-1.0.so.0``, to which RealSense's and Open3D's modules link: the system's, or a package's.
+
+    The symbols are visible to the extension modules that are loaded next.
+
+    Raises
+    ------
+    ImportError, OSError
+        If there is neither.
+    """
+    try:
+        ctypes.CDLL("libusb-1.0.so.0", mode=ctypes.RTLD_GLOBAL)
+    except OSError:
+        import libusb_package
+
+        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)

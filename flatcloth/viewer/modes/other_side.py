@@ -24,13 +24,12 @@ from flatcloth.rendering import layers
 from flatcloth.session.garment import DecidedSeam, DecideSeam
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
-from flatcloth.viewer.heavy import one_at_a_time
 from flatcloth.viewer.protocol.garment import SeamInfo, SeamPlaces, SidePlaces
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture
 from flatcloth.viewer.protocol.sent import Legend, Progress, typed
 from flatcloth.viewer.protocol.snapshot import layers_of
 from flatcloth.viewer.protocol.state import OtherSideInfo
-from flatcloth.viewer.worker import Worker, attempt
+from flatcloth.viewer.worker import Worker, attempt, one_at_a_time
 
 NOT_ASKED = "The other side is not computed yet."
 _TELL_S = 0.4

@@ -8,7 +8,7 @@ arrays and pictures are parts of its body, or an ``error``.
 from __future__ import annotations
 
 import asyncio
-import logging
+import contextlib
 import math
 import threading
 from collections.abc import Callable
@@ -40,9 +40,7 @@ from flatcloth.viewer.modes.lessons import (
     start_parcel,
 )
 from flatcloth.viewer.protocol.picture import OtherSheet
-from flatcloth.viewer.worker import Worker
-
-_log = logging.getLogger(__name__)
+from flatcloth.viewer.worker import Worker, attempt
 
 PARTS = ("flattening", "start", "planning", "alignment", "sides", "garment", "seams", "check")
 """The parts: Fig. 2, the start view, Fig. 4a, the rest of Fig. 4, the side of interest, the garment, both
@@ -107,19 +105,14 @@ class TeachingRoutes:
                 raise CancelledError
             tell(record({"kind": "progress", "share": share, "text": text}), False)
 
+        def make() -> bytes:
+            progress(0.0, "Starting")
+            return self._lesson(part, asked, progress)
+
         def job() -> None:
-            try:
-                progress(0.0, "Starting")
-                answer = self._lesson(part, asked, progress)
-            except CancelledError:
-                return
-            except FlatclothError as error:
-                answer = record({"kind": "error", "text": str(error)})
-            except Exception as error:  # noqa: BLE001 - reported and logged
-                _log.exception("the lesson %s failed", part)
-                text = f"Unexpected error while computing: {error!r}. See the terminal."
-                answer = record({"kind": "error", "text": text})
-            tell(answer, True)
+            with contextlib.suppress(CancelledError):
+                made = attempt(make, "computing")
+                tell(record({"kind": "error", "text": made}) if isinstance(made, str) else made, True)
 
         self._worker.put(job)
 

@@ -24,7 +24,7 @@ from flatcloth.export.kept import Kept
 from flatcloth.export.session import OpenedSession, of_page
 from flatcloth.export.session_data import is_floating_file
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.heavy import one_at_a_time
+from flatcloth.viewer.worker import one_at_a_time
 
 _log = logging.getLogger(__name__)
 
