@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from benchmarks.inputs import sources
 from benchmarks.output import Options, save, save_page, say
-from benchmarks.unattended import unattended
+from benchmarks.unattended import both_sides
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.evaluation import look_up, trimmed_fit
@@ -61,13 +61,13 @@ def run(options: Options) -> None:
 
 def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[str, Any]]:
     """Return a recording's name, its comparison, the seconds of the steps and what is learned from it."""
-    integration, document, truth = unattended(source)
+    service, both, document, truth = both_sides(source)
+    integration, sides = service.integration, both.of(document)
     canonical = integration.canonical(document)
     points = read_true_points(Path(integration.recording.location))
     assert points is not None, f"{source}: no truth/points.json"
-    views = seen_from(integration, document)
     times = [time.perf_counter()]
-    evidence = evidence_of_shape(canonical, views)
+    evidence = service.evidence(document)
     times.append(time.perf_counter())
     found = recognition.recognise(canonical.view, evidence)
     times.append(time.perf_counter())
@@ -75,7 +75,7 @@ def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[
     recognition.held_fit(found.fit, evidence[0], (Pull(name=name, uv_m=point.uv_m + 0.02),))
     times.append(time.perf_counter())
     steps = dict(zip(("evidence_s", "recognition_s", "drag_s"), np.diff(times).tolist(), strict=True))
-    compared = compare_garment(found, canonical.view, canonical.floating, truth, points)
+    compared = compare_garment(found, canonical.view, canonical.floating, truth, points, sides)
     learned = {
         **_links_of(integration, document, truth, points.kind),
         "garment": integration.recording.name.split("-")[0],

@@ -17,11 +17,10 @@ from scipy.spatial import cKDTree
 from benchmarks.output import Options
 from benchmarks.unattended import measure_each, unattended
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import FlattenedView, Float64
+from flatcloth.core.types import MIRROR, FlattenedView, Float64
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.evaluation import Truth, look_up
 from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
-from flatcloth.methods.answers import MIRROR
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
 

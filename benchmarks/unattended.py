@@ -10,6 +10,7 @@ from typing import Any
 
 from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, recordings_of, save, save_page, say
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
@@ -25,12 +26,28 @@ def unattended(source: str) -> tuple[Integration, Document, Remembered]:
 
 
 def integrated(recording: Any, method: str | None = None) -> tuple[Integration, Document]:
-    """Integrate an open recording without an operator, by default by ``robust``."""
+    """Integrate one side of an open recording without an operator, by default by ``robust``."""
     integration = Integration(recording, method=method)
-    session = MemorySession(SessionState(len(recording)))
-    Run(integration, session).finish()
-    place_sure_pieces(GarmentService(integration), session)  # as ``flatcloth run`` does
-    return integration, session.state.document
+    service = GarmentService(integration)
+    return integration, _placed(service, Run(integration, MemorySession(SessionState(len(recording)))))
+
+
+def both_sides(source: str) -> tuple[GarmentService, BothSides, Document, Remembered]:
+    """Integrate both sides of a recording by ``robust`` without an operator; return also its truth."""
+    recording = Remembered(open_recording(source))
+    integration = Integration(recording)
+    both = BothSides(integration)
+    service = GarmentService(integration, both)
+    run = Run(integration, MemorySession(SessionState(len(recording))))
+    both.of(run.finish().document)
+    return service, both, _placed(service, run), Remembered(read_truth(recording.location))
+
+
+def _placed(service: GarmentService, run: Run) -> Document:
+    """Return the decisions of a run, with the pieces whose place is sure, as ``flatcloth run`` makes them."""
+    run.finish()
+    place_sure_pieces(service, run.session)
+    return run.session.state.document
 
 
 Row = dict[str, Any]

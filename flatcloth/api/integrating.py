@@ -159,20 +159,20 @@ def integrate(
                 stack.callback(keeper.close)
                 settle_axis(folder, integration.views)
             take_strokes(integration.views, keeper, strokes)
-        service = GarmentService(integration)
+        both = BothSides(integration) if sides == "both" and integration.algorithm.joins_sides else None
+        service = GarmentService(integration, both)
         run = Run(integration, keeper)
         if (show := on_view) is not None:
             run.on_view = lambda decision: show(decision, Shape(_data(service, keeper, {})))
         with _timed(seconds, "integrating"):
             document = run.finish(watched, cores or len(os.sched_getaffinity(0))).document
             integration.canonical(document)
+        if both is not None:  # whose edges say which garment it is
+            with _timed(seconds, "other side"):
+                both.of(document, watched, cores or len(os.sched_getaffinity(0)))
         with _timed(seconds, "garment"):
             watched(1.0, "recognising the garment")
             _recognise(service, keeper)
-        both = BothSides(integration) if sides == "both" and integration.algorithm.joins_sides else None
-        if both is not None:
-            with _timed(seconds, "other side"):
-                both.of(keeper.state.document, watched, cores or len(os.sched_getaffinity(0)))
         scores = {**(earlier_scores(folder) if folder else {}), **_scores_of(run)}
         data = replace(_data(service, keeper, scores), both=None if both is None else both.of)
     return Shape(data, tuple(run.decisions), seconds)

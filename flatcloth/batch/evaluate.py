@@ -11,9 +11,9 @@ from flatcloth.api.shape import Shape
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.evaluation import Comparison, compare, picture
-from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.garment.truth import compare_garment, read_true_points
 from flatcloth.engine.results.sides_truth import compare_sides
+from flatcloth.export.session_data import SessionData
 from flatcloth.recordings import Recording, open_recording
 from flatcloth.recordings.truth import Truth, read_truth
 
@@ -58,7 +58,7 @@ def evaluate_one(
         "views": list(shape.views),
         "seconds": round(shape.seconds["integrating"], 2),
         **_sides(shape, recording, truth),
-        **_garment(shape.data.garment, recording, truth),
+        **_garment(shape.data, recording, truth),
     }
 
 
@@ -72,15 +72,16 @@ def _sides(shape: Shape, recording: Recording, truth: Truth) -> dict[str, Any]:
     return {"sides": dataclasses.asdict(compare_sides(shape.view, sides, truth, recording))}
 
 
-def _garment(known: KnownGarment | str, recording: Recording, truth: Truth) -> dict[str, Any]:
+def _garment(data: SessionData, recording: Recording, truth: Truth) -> dict[str, Any]:
     """Return the garment compared with ``truth/points.json``; nothing where there is none."""
     points = read_true_points(Path(recording.location))
     if points is None:
         return {}
+    known = data.garment
     if isinstance(known, str):
         return {"garment": {"kind": None, "true_kind": points.kind, "reason": known}}
     canonical = known.canonical
-    compared = compare_garment(known.found, canonical.view, canonical.floating, truth, points)
+    compared = compare_garment(known.found, canonical.view, canonical.floating, truth, points, data.sides)
     return {"garment": dataclasses.asdict(compared)}
 
 

@@ -34,6 +34,10 @@ def no_progress(_share: float, _text: str) -> None:
     """Ignore the progress; the default of headless calls."""
 
 
+MIRROR = np.array([-1.0, 1.0])
+"""From (u, v) of the other side, seen from its own outside, to the plane of this side. By definition."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Intrinsics:
     """Pinhole camera, in pixels; pixel centres have integer coordinates."""

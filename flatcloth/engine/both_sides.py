@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 
 import cv2
@@ -22,6 +22,7 @@ from flatcloth.methods.answers import JoinedSides
 from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.segmentation.other_side import other_side
 from flatcloth.session.document import Document
+from flatcloth.session.garment import without_doubts
 from flatcloth.session.machine import MemorySession, SessionState
 
 
@@ -59,10 +60,35 @@ class BothSides:
         """
         try:
             with self._lock:
-                key = document.shape_key, document.garment.pieces, document.garment.seams
-                return self._joined.get(key, lambda: self._made(document, progress, cores, check))
+                for each in (_as_seen(document), document):
+                    joined = self._join(each, progress, cores, check)
+                return joined
         except FlatclothError as error:
             return f"Only one side is in the shape: {error}"
+
+    def known(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
+        """Return what :meth:`of` joined; with the other side's integration and decisions.
+
+        None if it was not called, or there is no other side. Floating pieces are where seams lay them, not
+        where a garment does, so that a garment may be recognised by it.
+        """
+        sides = self._joined.kept(self._key(_as_seen(document)))
+        other = self._others.kept(self._of(document))
+        return None if sides is None or other is None else (sides, *other)
+
+    def _join(
+        self, document: Document, progress: Progress, cores: int, check: Callable[[], None]
+    ) -> JoinedSides:
+        return self._joined.get(self._key(document), lambda: self._made(document, progress, cores, check))
+
+    @staticmethod
+    def _key(document: Document) -> tuple[Hashable, ...]:
+        return document.shape_key, document.garment.pieces, document.garment.seams
+
+    def _of(self, document: Document) -> tuple[Hashable, ...]:
+        """Return what the other side depends on."""
+        axis = self.integration.axis
+        return (*document.strokes, tuple(axis.point_m), tuple(axis.direction))
 
     def _made(
         self, document: Document, progress: Progress, cores: int, check: Callable[[], None]
@@ -70,8 +96,7 @@ class BothSides:
         this = self.integration
         if not this.algorithm.joins_sides:
             raise FlatclothError(f"the method {this.method} integrates one.")
-        key = (*document.strokes, tuple(this.axis.point_m), tuple(this.axis.direction))
-        other, its = self._others.get(key, lambda: self.integrated(document, progress, cores))
+        other, its = self._others.get(self._of(document), lambda: self.integrated(document, progress, cores))
         check()
         parts = this.parts_taken_off(document)
         canonical = this.canonical(document)
@@ -128,6 +153,11 @@ class BothSides:
             return _cleared(_or_empty(mask, frame), frame, noisy)
 
         return mask_of
+
+
+def _as_seen(document: Document) -> Document:
+    """Return a document without what a garment says of floating pieces and links."""
+    return replace(document, garment=without_doubts(replace(document.garment, pieces=())))
 
 
 def _or_empty(mask: Bool | None, frame: RgbdFrame) -> Bool:

@@ -22,11 +22,11 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import open_plain, replacing
-from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, RotationAxis, Uint8
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Floats, RotationAxis, Uint8
 from flatcloth.engine.sheet import OTHER_FILE, floating_file, other_floating_file
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel, quaternion_wxyz
 from flatcloth.grasping.hand_eye import KEY as BASE_FROM_CAMERA
-from flatcloth.methods.answers import MIRROR, JoinedSides
+from flatcloth.methods.answers import JoinedSides
 from flatcloth.recordings.files.text import shortened
 from flatcloth.session.journal import Pick
 

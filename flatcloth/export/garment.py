@@ -36,7 +36,7 @@ def other_points(known: KnownGarment | str, sides: JoinedSides | str | None) -> 
     """Return the named points that only the other side shows, as :func:`garment_points`."""
     if isinstance(known, str) or not isinstance(sides, JoinedSides):
         return []
-    found = points_on_other_side(known, sides)
+    found = points_on_other_side(known.found, sides)
     first = len(garment_points(known)) + 1
     points = [_pick(n, name, sides.other.view, pixel) for n, (name, pixel) in enumerate(found.items(), first)]
     return [replace(point, side="other") for point in points]
@@ -59,7 +59,7 @@ def garment_document(garment: KnownGarment, sides: JoinedSides | str | None = No
 
     A point that only the other side shows is seen there.
     """
-    beyond = points_on_other_side(garment, sides) if isinstance(sides, JoinedSides) else {}
+    beyond = points_on_other_side(garment.found, sides) if isinstance(sides, JoinedSides) else {}
     other = sides.other.view if isinstance(sides, JoinedSides) else None
     found, shape = garment.found, garment.shape
     known = found.kind != NONE

@@ -85,11 +85,13 @@ class OpenedSession:
     @cached_property
     def garments(self) -> GarmentService:
         """Recognises the garment, once for all files."""
-        return self.kept.garments or GarmentService(self.integration)
+        return self.kept.garments or GarmentService(self.integration, self.both)
 
     @cached_property
     def garment(self) -> KnownGarment | str:
         """What is known of the garment, or why nothing can be said of it."""
+        if self.both is not None:
+            self._joined(self.both, self.history.begun)  # it is recognised by both sides once they are joined
         return self.garments.known(self.history.begun)
 
     @cached_property

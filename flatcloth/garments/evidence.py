@@ -21,7 +21,7 @@ from scipy.special import ndtr
 
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import Rigid3, project
-from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsics
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float32, Float64, Intrinsics
 from flatcloth.flattening.borders import SPACING_M, border_of, solid_cloth
 from flatcloth.flattening.sampling import CORRELATED_M, MAX_CHORD_SLOPE
 from flatcloth.flattening.surface import LEAST_ITEM_M2
@@ -64,6 +64,7 @@ class PieceEvidence:
     ``hole_edge_m`` the length of true edges round holes in it; ``depth_m`` (R, C) how far each pixel of
     cloth is inside of the border, its grid given by ``depth_origin_uv_m`` (2,) and ``depth_pixel_m``.
     ``edge_weight`` and ``inside_weight`` say for how many independent measurements each place counts.
+    With that of the other side, ``alone`` is that of this side.
     """
 
     edge_uv_m: Float64
@@ -81,6 +82,12 @@ class PieceEvidence:
     depth_pixel_m: float
     edge_weight: float = SPACING_M / CORRELATED_M
     inside_weight: float = (INSIDE_M / CORRELATED_M) * (INSIDE_M / CORRELATED_M)
+    alone: PieceEvidence | None = None
+
+    @property
+    def this_side(self) -> PieceEvidence:
+        """The evidence of this side alone."""
+        return self if self.alone is None else self.alone
 
     def depth_at(self, uv_m: Float64) -> Float64:
         """Return how far inside of the border places (N, 2) of the plane are, 0 off the cloth."""
@@ -96,6 +103,63 @@ class PieceEvidence:
         solid = np.zeros(self.depth_m.shape, dtype=np.bool_)
         solid[tuple(pixels_rc.T)] = True
         return replace(
+            self._chosen(edges, insides),
+            area_m2=len(pixels_rc) * self.depth_pixel_m**2,
+            depth_m=_depth_m(solid, self.depth_pixel_m),
+        )
+
+    def with_other_side(self, other: PieceEvidence) -> PieceEvidence:
+        """Return the evidence of both sheets about the outline of the garment as it lies flat.
+
+        On the plane of this sheet, on which seams of both coincide; ``other`` is on its own plane, as seen
+        from its own outside. Where one sheet ends on the other, as a neckline does, the garment goes on.
+        Area, holes and the unseen border stay those of this sheet.
+        """
+        its = other._mirrored()
+        own, its = self._without_edges_on(its), its._without_edges_on(self)
+        pixel_m = self.depth_pixel_m
+        at = np.rint((its.depth_origin_uv_m - self.depth_origin_uv_m) / pixel_m).astype(int)[::-1]
+        first = np.minimum(at, 0)
+        size = np.maximum(self.depth_m.shape, np.add(at, its.depth_m.shape)) - first
+        depth_m = np.zeros(size, dtype=np.float32)
+        for (row, col), sheet in ((-first, self), (at - first, its)):
+            box = depth_m[row : row + sheet.depth_m.shape[0], col : col + sheet.depth_m.shape[1]]
+            np.maximum(box, sheet.depth_m, out=box)
+        return replace(
+            own,
+            edge_uv_m=np.concatenate([own.edge_uv_m, its.edge_uv_m]),
+            edge_normal=np.concatenate([own.edge_normal, its.edge_normal]),
+            edge_std_m=np.concatenate([own.edge_std_m, its.edge_std_m]),
+            edge_trust=np.concatenate([own.edge_trust, its.edge_trust]),
+            inside_uv_m=np.concatenate([own.inside_uv_m, its.inside_uv_m]),
+            inside_std_m=np.concatenate([own.inside_std_m, its.inside_std_m]),
+            inside_xyz_m=np.concatenate([own.inside_xyz_m, its.inside_xyz_m]),
+            depth_m=depth_m,
+            depth_origin_uv_m=self.depth_origin_uv_m + first[::-1] * pixel_m,
+            alone=self,
+        )
+
+    def _mirrored(self) -> PieceEvidence:
+        """Return the evidence as seen through the cloth."""
+        last = np.array([(self.depth_m.shape[1] - 1) * self.depth_pixel_m, 0.0])
+        return replace(
+            self,
+            edge_uv_m=self.edge_uv_m * MIRROR,
+            edge_normal=self.edge_normal * MIRROR,
+            unseen_uv_m=self.unseen_uv_m * MIRROR,
+            inside_uv_m=self.inside_uv_m * MIRROR,
+            depth_m=self.depth_m[:, ::-1],
+            depth_origin_uv_m=(self.depth_origin_uv_m + last) * MIRROR,
+        )
+
+    def _without_edges_on(self, sheet: PieceEvidence) -> PieceEvidence:
+        """Return the evidence without the true edges that lie on another sheet, far inside of its border."""
+        kept = sheet.depth_at(self.edge_uv_m) <= FARTHEST_M
+        return self._chosen(kept, np.s_[:])
+
+    def _chosen(self, edges: Bool | slice, insides: Bool | slice) -> PieceEvidence:
+        """Return the evidence with some true edges (E,) and places with cloth (I,) only."""
+        return replace(
             self,
             edge_uv_m=self.edge_uv_m[edges],
             edge_normal=self.edge_normal[edges],
@@ -104,22 +168,12 @@ class PieceEvidence:
             inside_uv_m=self.inside_uv_m[insides],
             inside_std_m=self.inside_std_m[insides],
             inside_xyz_m=self.inside_xyz_m[insides],
-            area_m2=len(pixels_rc) * self.depth_pixel_m**2,
-            depth_m=_depth_m(solid, self.depth_pixel_m),
         )
 
     def thinned(self, step: int) -> PieceEvidence:
         """Return every ``step``-th true edge and place with cloth only."""
-        e, i = np.s_[::step], np.s_[::step]
         return replace(
-            self,
-            edge_uv_m=self.edge_uv_m[e],
-            edge_normal=self.edge_normal[e],
-            edge_std_m=self.edge_std_m[e],
-            edge_trust=self.edge_trust[e],
-            inside_uv_m=self.inside_uv_m[i],
-            inside_std_m=self.inside_std_m[i],
-            inside_xyz_m=self.inside_xyz_m[i],
+            self._chosen(np.s_[::step], np.s_[::step]),
             edge_weight=self.edge_weight * step,
             inside_weight=self.inside_weight * step,
         )

@@ -20,9 +20,6 @@ from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.sampling import BENT_DEG, LEAST_INTERVAL_M
 from flatcloth.session.document import PlacedPart, Side
 
-MIRROR = np.array([-1.0, 1.0])
-"""From (u, v) of the other side, seen from its own outside, to the plane of this side. By definition."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnCurves:
@@ -265,7 +262,7 @@ class JoinedSides:
 
     ``other`` is its canonical view with its floating pieces, as seen from its own outside; its standard
     deviations are relative to this side's shape, and None if it is not related to that. Where
-    ``is_related``, a place (u, v) of its plane times :data:`MIRROR` lies on the plane of this side.
+    ``is_related``, a place (u, v) of its plane times ``MIRROR`` lies on the plane of this side.
     ``laid`` are floating pieces of this side that seams join to the shape, over cloth of the other side.
     """
 

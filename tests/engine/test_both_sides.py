@@ -13,9 +13,11 @@ import flatcloth
 from flatcloth.api.integrating import integrate
 from flatcloth.core.resources import sample_recordings
 from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
 from flatcloth.export.garment import garment_document, other_points
+from flatcloth.garments.distance import to_edges
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import altered, images_of
 from flatcloth.recordings.truth import read_truth
@@ -68,6 +70,20 @@ def test_what_run_writes_is_read_back(shape, tmp_path: Path):
     assert report["is_related"]
     assert any(seam["joins"] and seam["length_mm"] > 150 for seam in report["seams"])
     assert any("Other side" in line for line in shape.lines())
+
+
+def test_one_outline_fits_the_edges_of_both_sides(shape):
+    known = shape.data.garment
+    main, alone = known.evidence[0], known.evidence[0].this_side
+    assert known.kind == "trousers"
+    assert known.sides is not None
+    assert len(main.edge_uv_m) > 1.3 * len(alone.edge_uv_m)
+    one = GarmentService(shape.data.integration).of(shape.data.document)
+    assert one.sides is None
+    assert np.array_equal(one.evidence[0].edge_uv_m, alone.edge_uv_m)
+    outline = known.found.outline_uv_m
+    off_m = np.abs(to_edges(main.edge_uv_m, main.edge_normal, outline).distance)
+    assert np.median(off_m) < 0.012
 
 
 def test_with_one_side_nothing_of_the_other_is_left(shape, tmp_path: Path):

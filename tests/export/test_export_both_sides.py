@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from exported_sessions import cylinder_session
 
+from flatcloth.core.types import MIRROR
 from flatcloth.export.animation import frames
 from flatcloth.export.figures import both_sides
 from flatcloth.export.outline import drawing, outline_text, signed_area
 from flatcloth.export.page import page
 from flatcloth.export.report import report
 from flatcloth.export.session import OpenedSession
-from flatcloth.methods.answers import MIRROR, Canonical, JoinedSides, Seam
+from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 from flatcloth.rendering.pictures import BESIDE_M, side_by_side
 
 
@@ -53,6 +54,9 @@ class Both:
 
     def of(self, _document, _progress=None, _cores=1) -> JoinedSides:
         return self.sides
+
+    def known(self, _document) -> None:
+        """The garment is recognised by this side: the other has no views."""
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,8 @@ from functools import cached_property
 from flatcloth.checking.result import WRONG
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
-from flatcloth.core.types import FlattenedView, RgbdFrame
+from flatcloth.core.types import MIRROR, FlattenedView, RgbdFrame
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.following import scale_std_of
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
@@ -40,7 +41,7 @@ from flatcloth.garments.recognition import (
     pixel_near,
     recognise,
 )
-from flatcloth.methods.answers import MIRROR, Canonical, JoinedSides
+from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
     DecideLink,
@@ -100,7 +101,8 @@ class KnownGarment:
 
     ``by_evidence`` is the result without the operator's decisions, ``found`` the result with them; ``pieces``
     are the decisions about the floating pieces of ``canonical``. ``links`` are the undecided links of
-    ``cloth`` that no garment allows, the least probable first. ``is_wrong``: the recording is.
+    ``cloth`` that no garment allows, the least probable first. ``is_wrong``: the recording is. ``sides`` are
+    the joined sides whose edges are in the evidence, None if those of this side are alone.
     """
 
     canonical: Canonical
@@ -111,6 +113,7 @@ class KnownGarment:
     cloth: Cloth | None = None
     links: tuple[DoubtedLink, ...] = ()
     is_wrong: bool = False
+    sides: JoinedSides | None = None
 
     @property
     def kind(self) -> str:
@@ -130,11 +133,14 @@ class KnownGarment:
 class GarmentService:
     """Recognises the garments of an integration's shapes; keeps the last result. Safe for several threads.
 
-    ``doubts_links``: links that no garment allows are looked for, which takes seconds.
+    ``doubts_links``: links that no garment allows are looked for, which takes seconds. Once ``both`` has
+    joined the other side to a shape, one outline is fitted to the edges of both.
     """
 
-    def __init__(self, integration: Integration, *, doubts_links: bool = True) -> None:
-        self.integration, self._doubts_links = integration, doubts_links
+    def __init__(
+        self, integration: Integration, both: BothSides | None = None, *, doubts_links: bool = True
+    ) -> None:
+        self.integration, self._both, self._doubts_links = integration, both, doubts_links
         self._lock = threading.Lock()
         self._shape: KnownGarment | None = None
         self._last: tuple[GarmentDecisions, KnownGarment] | None = None
@@ -158,13 +164,17 @@ class GarmentService:
         document = replace(document, garment=without_doubts(document.garment))
         with self._lock:
             canonical = self.integration.canonical(document)
-            if self._shape is None or self._shape.canonical is not canonical:
+            other = self._other(document)
+            sides = None if other is None else other[0]
+            shape = self._shape
+            if shape is None or shape.canonical is not canonical or shape.sides is not sides:
                 if integration.algorithm.is_unattended and integration.wrong(document):
                     # No garment fits what was laid out, and to try them all takes long.
                     raise GarmentError(f"{WRONG}. No garment is recognised.")
-                self._shape, self._last = self._recognised(canonical, document), None
+                shape = self._shape = self._recognised(canonical, document)
+                self._last = None
             if self._last is None or self._last[0] != document.garment:
-                known = self._decided(self._shape, document.garment)
+                known = self._decided(shape, document.garment)
                 no_kind = 0.0 if known.found.by_hand else known.found.probabilities[NONE]
                 self.integration.trust.recognised(canonical, no_kind)
                 if self.integration.wrong(document):  # then no length is reliable
@@ -183,20 +193,41 @@ class GarmentService:
         except GarmentError as error:
             return str(error)
 
-    def _recognised(self, canonical: Canonical, document: Document) -> KnownGarment:
-        """Return the garment recognised without any decision."""
+    def evidence(self, document: Document) -> tuple[PieceEvidence, ...]:
+        """Return the evidence of a document's shape, with that of the other side, and of each floating piece.
+
+        Raises
+        ------
+        GarmentError
+            If the shape was seen in one view only.
+        """
         views = seen_from(self.integration, document)
         if len(views) < 2:
             raise GarmentError(
                 "The shape was made of one view; a garment cannot be recognised from one. Add views."
             )
-        evidence = evidence_of_shape(canonical, views)
+        main, *floating = evidence_of_shape(self.integration.canonical(document), views)
+        if (other := self._other(document)) is not None:
+            sides, integration, its = other
+            seen = seen_from(integration, its)
+            main = main.with_other_side(evidence_of(sides.other.view, seen, sides.other.floating))
+        return (main, *floating)
+
+    def _other(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
+        """Return the other side with its integration and decisions, if it is joined to this one."""
+        known = None if self._both is None else self._both.known(document)
+        return known if known is not None and known[0].is_related else None
+
+    def _recognised(self, canonical: Canonical, document: Document) -> KnownGarment:
+        """Return the garment recognised without any decision."""
+        evidence, other = self.evidence(document), self._other(document)
         found = recognise(canonical.view, evidence)
         cloth, links = None, []
         if self._doubts_links and is_suspect(found.fit, evidence[0]) and not self.integration.wrong(document):
             cloth = self.integration.cloth(document)
         if cloth is not None:
-            links = doubted_links(fits_of(evidence[0]), evidence[0], cloth)
+            alone = evidence[0].this_side
+            links = doubted_links(fits_of(alone), alone, cloth)
         return KnownGarment(
             canonical=canonical,
             evidence=evidence,
@@ -205,6 +236,7 @@ class GarmentService:
             pieces=DecidedPieces(shape_from_piece={}, refused=frozenset()),
             cloth=cloth,
             links=tuple(link for link in links if is_offered(link)),
+            sides=None if other is None else other[0],
         )
 
     def _decided(self, shape: KnownGarment, decisions: GarmentDecisions) -> KnownGarment:
@@ -234,19 +266,19 @@ def _as_unsure_as(scale_std: float, found: Recognition) -> Recognition:
     return replace(found, dimensions=lengths)
 
 
-def points_on_other_side(known: KnownGarment, sides: JoinedSides) -> dict[str, tuple[int, int]]:
+def points_on_other_side(found: Recognition, sides: JoinedSides) -> dict[str, tuple[int, int]]:
     """Return the pixels (row, col) of the other side's shape at the named points that only it shows.
 
     Seams coincide on the plane of both, so a point of the outline has one place there.
     """
-    if known.found.kind == NONE or not sides.is_related:
+    if found.kind == NONE or not sides.is_related:
         return {}
-    found = {}
-    for name, point in known.found.points.items():
+    pixels = {}
+    for name, point in found.points.items():
         pixel = pixel_near(point.uv_m * MIRROR, sides.other.view)
         if point.pixel is None and point.std_m <= KNOWN_STD_M and pixel is not None:
-            found[name] = pixel
-    return found
+            pixels[name] = pixel
+    return pixels
 
 
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:

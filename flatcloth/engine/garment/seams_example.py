@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatcloth.core.types import Bool, FlattenedView
+from flatcloth.core.types import MIRROR, Bool, FlattenedView
 from flatcloth.flattening.borders import SPACING_M
-from flatcloth.methods.answers import MIRROR, Canonical, JoinedSides, Seam
+from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 
 _PIXEL_M = 0.004
 """Pixel size of the example. Chosen."""

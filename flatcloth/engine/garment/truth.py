@@ -15,7 +15,9 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.engine.evaluation import Truth, look_up, trimmed_fit
+from flatcloth.engine.garment.recognition import points_on_other_side
 from flatcloth.garments.recognition import NONE, Recognition, is_sure
+from flatcloth.methods.answers import JoinedSides
 
 FORMAT = "flatcloth-truth-points/1"
 _FAR_M = 0.035
@@ -89,8 +91,12 @@ def compare_garment(
     floating: tuple[FlattenedView, ...],
     truth: Truth,
     points: TruePoints,
+    sides: JoinedSides | str | None = None,
 ) -> GarmentEvaluation:
-    """Compare a recognised garment with the true points, after one rigid fit of the shape to the truth."""
+    """Compare a recognised garment with the true points, after one rigid fit of the shape to the truth.
+
+    A point is seen if the shape shows it, or the other side where that is joined.
+    """
     truth_from_shape = _truth_from(shape, truth)
     seen: dict[str, float] = {}
     unseen: dict[str, float] = {}
@@ -102,11 +108,12 @@ def compare_garment(
         placed = {name: truth_from_shape.apply(p.uv_m) for name, p in found.points.items()}
         if fit.kind.corners is not None:
             true = _corners_in_order(placed, true)
+        beyond = points_on_other_side(found, sides) if isinstance(sides, JoinedSides) else {}
         for name, point in found.points.items():
             if name not in true:
                 continue
             off_m = float(np.linalg.norm(placed[name] - true[name]))
-            (unseen if point.pixel is None else seen)[name] = 1e3 * off_m
+            (unseen if point.pixel is None and name not in beyond else seen)[name] = 1e3 * off_m
             normed[name] = off_m / point.std_m
         for name, (a, b) in fit.kind.dimensions.items():
             if a in true and b in true and name in found.dimensions:

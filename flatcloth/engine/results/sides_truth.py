@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Float64, Rigid2
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Rigid2
 from flatcloth.engine.evaluation import (
     CELL_M,
     FIRM_M,
@@ -20,7 +20,7 @@ from flatcloth.engine.evaluation import (
     look_up,
     of_interest,
 )
-from flatcloth.methods.answers import MIRROR, JoinedSides, Seam
+from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.recordings.base import Recording, altered, images_of
 from flatcloth.recordings.truth import TrueView
 

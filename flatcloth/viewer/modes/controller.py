@@ -123,7 +123,8 @@ class PageController(ABC):
         )
         self._picks = PickStore(folder, integration.axis, self._highlight)
         self._places = PlaceStore()
-        self.garments = GarmentService(integration)
+        self._both = BothSides(integration)
+        self.garments = GarmentService(integration, self._both)
         self._picture: Picture | None = None
         self._note_ids = itertools.count(1)
         self._revision = 0

@@ -106,6 +106,10 @@ class GarmentController:
         if self.status.working != self._is_outdated():
             self.status = replace(self.status, working=not self.status.working)
 
+    def forget(self) -> None:
+        """Recognise the garment of the same shape again at the next :meth:`follow`: more is known of it."""
+        self._asked = None
+
     def _is_outdated(self) -> bool:
         """Return whether a recognition runs, or the known garment belongs to another shape."""
         if self._answered is not self._asked:
@@ -209,7 +213,7 @@ class GarmentController:
         """
         known = self._known()
         point = self._named(known, name)
-        behind = {} if other is None else points_on_other_side(known, other.sides)
+        behind = {} if other is None else points_on_other_side(known.found, other.sides)
         if other is not None and name in behind:
             u_m, v_m = other.sides.other.view.uv_from_rc(np.array(behind[name])).tolist()
             return u_m, v_m, "other"

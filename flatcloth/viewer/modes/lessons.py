@@ -8,7 +8,7 @@ import numpy as np
 
 from flatcloth.checking.lesson import CheckLesson
 from flatcloth.core.parcel import Parcel
-from flatcloth.core.types import Bool, FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
 from flatcloth.engine.garment.lesson import GarmentLesson
 from flatcloth.engine.garment.seams_example import example_of_both_sides
 from flatcloth.engine.segmenting import SidesLesson
@@ -19,7 +19,7 @@ from flatcloth.flattening.flatten import Level
 from flatcloth.flattening.surface import Surface
 from flatcloth.garments.fit import TEMPERATURE
 from flatcloth.garments.recognition import MISFIT, NONE, misfit_of
-from flatcloth.methods.answers import MIRROR, Alignment, ColumnCurves, SidePlan, ZAngleLine
+from flatcloth.methods.answers import Alignment, ColumnCurves, SidePlan, ZAngleLine
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.pictures import grid_of

@@ -80,7 +80,7 @@ class Application(PageController):
         self._expected: tuple[Document, float | None] | None = None
         self._placing = session_work.Placing(ghosts=read_ghosts(getattr(folder, "folder", None)))
         on_thread = partial(self._put, None)
-        self.other = OtherSideController(BothSides(integration), on_thread, self._other_made, self._publish)
+        self.other = OtherSideController(self._both, on_thread, self._other_made, self._publish)
         tell = partial(sink.tell, None)
         self._work = SessionWork(integration, on_thread, self._answered, self._drawn, tell, self.other.laid)
         self._repair = repair.RepairService(integration, sink.tell)
@@ -381,6 +381,7 @@ class Application(PageController):
                 self._work.forget_picture()  # seams lay pieces of this side, too
             self._picture = replace(picture, other=made)
             self._scene_view.show(self._picture)
+        self._garment.forget()  # one outline fits the edges of both sides
         self._settle()
 
     def _end_auto(self, level: NoteLevel, text: str, ended: str = "") -> None:

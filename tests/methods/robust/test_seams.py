@@ -10,8 +10,8 @@ from made_up_sheets import STEP_M, grid, observed, shape_of
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import FlattenedView, Float64
-from flatcloth.methods.answers import MIRROR, Seam
+from flatcloth.core.types import MIRROR, FlattenedView, Float64
+from flatcloth.methods.answers import Seam
 from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
 from flatcloth.methods.robust.observations import Nodes

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Float64, Int64, LaidPiece
-from flatcloth.methods.answers import MIRROR, Seam
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int64, LaidPiece
+from flatcloth.methods.answers import Seam
 from flatcloth.methods.robust.connectivity import Links, both_ends, pairs_once
 from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape

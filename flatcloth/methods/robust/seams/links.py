@@ -14,9 +14,8 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.graphs import cut_between
-from flatcloth.core.types import Bool, FlattenedView, Float64, Int16, Int64, Rigid2
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int16, Int64, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
-from flatcloth.methods.answers import MIRROR
 from flatcloth.methods.robust.joint import taken_apart
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, JointShape
 from flatcloth.methods.robust.scoring import PLACE_STD_M

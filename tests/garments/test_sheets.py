@@ -1,0 +1,75 @@
+"""Both sides of a garment: one outline for the edges of both, and what may lie over what."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+from flatcloth.core.types import Rigid2
+from flatcloth.garments.distance import inside_outline, to_edges
+from flatcloth.garments.evidence import PieceEvidence
+from flatcloth.garments.example import seen_outline
+from flatcloth.garments.fit import refine
+from flatcloth.garments.kinds import kind_named
+from flatcloth.garments.placing import contradiction
+
+
+def with_depth(outline: np.ndarray) -> PieceEvidence:
+    """Return the evidence of a whole sheet, with how deep inside of its border its cloth lies."""
+    pixel_m, first = 0.004, outline.min(axis=0)
+    columns, rows = (np.arange(first[k], outline[:, k].max(), pixel_m) for k in (0, 1))
+    at = np.stack(np.meshgrid(columns, rows), axis=-1)
+    solid = inside_outline(at.reshape(-1, 2), outline).reshape(at.shape[:2])
+    return dataclasses.replace(
+        seen_outline([outline]),
+        depth_m=(cv2.distanceTransform(solid.astype(np.uint8), cv2.DIST_L2, 5) * pixel_m).astype(np.float32),
+        depth_origin_uv_m=first,
+        depth_pixel_m=pixel_m,
+    )
+
+
+def test_seams_of_both_sides_are_one_outline_and_the_lower_neckline_is_left_out() -> None:
+    kind = kind_named("tshirt")
+    lower = kind.mean.copy()
+    lower[[p.name for p in kind.parameters].index("neck_depth")] += 0.08
+    front, back = (kind.outline(p[:, None])[:, :, 0] for p in (lower, kind.mean))
+    off_center = np.array([0.1, 0.0])  # so that a mirror shows
+    this, other = with_depth(front + off_center), with_depth((back + off_center)[::-1] * [-1.0, 1.0])
+    both = this.with_other_side(other)
+    assert both.this_side is this
+    assert this.this_side is this
+    off_m = to_edges(both.edge_uv_m, both.edge_normal, back + off_center).distance
+    assert np.abs(off_m).max() < 0.021  # 5 standard deviations of the edges
+    alone_m = to_edges(this.edge_uv_m, this.edge_normal, back + off_center).distance
+    assert alone_m.min() < -0.06
+    assert len(both.edge_uv_m) > 1.8 * (np.abs(alone_m) < 0.021).sum()
+    hem = np.array([[0.1, front[:, 1].max() - 0.05]])
+    assert both.depth_at(hem)[0] == pytest.approx(this.depth_at(hem)[0])
+    neck = np.array([[0.1, back[0, 1] + 0.03]])  # behind the neck is the other side only
+    assert this.depth_at(neck) == 0.0
+    assert both.depth_at(neck)[0] == pytest.approx(other.depth_at(neck * [-1.0, 1.0])[0], abs=0.006)
+    assert both.depth_at(neck)[0] > 0.02
+
+
+def test_a_piece_may_lie_over_cloth_of_the_other_side_but_not_of_its_own() -> None:
+    kind = kind_named("towel")
+    outline = kind.outline(kind.mean[:, None])[:, :, 0]
+    whole = with_depth(outline)
+    left, right = (whole.inside_uv_m[:, 0] < 0.0, whole.inside_uv_m[:, 0] >= 0.0)
+
+    def half(sheet: PieceEvidence, insides: np.ndarray, side: float) -> PieceEvidence:
+        rows, cols = sheet.depth_m.shape
+        shown = (sheet.depth_origin_uv_m[0] + np.arange(cols) * sheet.depth_pixel_m) * side > 0.0
+        edges = sheet.edge_uv_m[:, 0] * side > 0.0
+        return sheet.part(edges, insides, np.argwhere((sheet.depth_m > 0) & shown[None].repeat(rows, 0)))
+
+    this, piece = half(whole, left, -1.0), half(whole, right, 1.0)
+    both = this.with_other_side(with_depth(outline[::-1] * [-1.0, 1.0]))
+    fit = refine(kind, (whole,), kind.mean, (Rigid2(),))
+    there = dataclasses.replace(fit, garment_from_piece=(Rigid2(), Rigid2()))
+    on_itself = dataclasses.replace(fit, garment_from_piece=(Rigid2(), Rigid2(0.0, -0.2, 0.0)))
+    assert contradiction(there, both, piece) == pytest.approx(contradiction(there, this, piece))
+    assert contradiction(on_itself, both, piece) > 10.0 + contradiction(there, both, piece)
