@@ -129,7 +129,7 @@ def _integrated(task: Task, folder: Path, stages: _Stages, progress: Progress) -
     return {
         **columns,
         "coverage_estimate": round(coverage, 4),
-        **({} if isinstance(known, str) else garment_columns(garment_document(known))),
+        **({} if isinstance(known, str) else garment_columns(garment_document(known, shape.data.sides))),
     }
 
 

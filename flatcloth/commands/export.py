@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_source_options, source_options_of
 from flatcloth.commands.output import report
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.plain_files import check_replacing
 
 if TYPE_CHECKING:
@@ -241,8 +241,10 @@ def _garment_text(session: OpenedSession) -> str:
 
     from flatcloth.export.garment import garment_document
 
-    known = session.garments.of(session.history.begun)
-    return json.dumps(garment_document(known), indent=1) + "\n"
+    known = session.garment
+    if isinstance(known, str):
+        raise GarmentError(known)
+    return json.dumps(garment_document(known, session.sides), indent=1) + "\n"
 
 
 def _rotation(text: str) -> float:

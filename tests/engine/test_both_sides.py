@@ -11,6 +11,7 @@ import pytest
 
 import flatcloth
 from flatcloth.api.integrating import integrate
+from flatcloth.cli import main
 from flatcloth.core.resources import sample_recordings
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService
@@ -31,8 +32,13 @@ def place() -> str:
 
 
 @pytest.fixture(scope="module")
-def shape():
-    return integrate(open_recording(place()), sides="both", cores=1)
+def session(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("both") / "session"
+
+
+@pytest.fixture(scope="module")
+def shape(session: Path):
+    return integrate(open_recording(place()), session=session, sides="both", cores=1)
 
 
 def test_the_other_side_lies_where_the_pattern_has_it(shape):
@@ -70,6 +76,13 @@ def test_what_run_writes_is_read_back(shape, tmp_path: Path):
     assert report["is_related"]
     assert any(seam["joins"] and seam["length_mm"] > 150 for seam in report["seams"])
     assert any("Other side" in line for line in shape.lines())
+
+
+def test_the_garment_is_exported_as_run_wrote_it(shape, session: Path, tmp_path: Path):
+    shape.write(session)
+    file = tmp_path / "garment.json"
+    assert main(["export", str(session), "--garment", str(file)]) == 0
+    assert json.loads(file.read_text()) == json.loads((session / "garment.json").read_text())
 
 
 def test_one_outline_fits_the_edges_of_both_sides(shape):
