@@ -104,8 +104,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
     more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _GATHERED_M), 3)
-    ripples = ripples_of(uv, shape.nodes.xyz_m[placed], shape.nodes.normal[placed])
-    more *= math.hypot(1.0, _OF_RIPPLES / _STRAIN * ripples)
+    more *= strain_by_ripples(shape)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True
     sheet = _Sheet(len(uv), edges, along, weight, stars)
@@ -135,6 +134,13 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     std[placed] = np.sqrt(of_largest if outgrown else of_start)
     result: Float64 = np.hypot(std, LEAST_STD_M)
     return result
+
+
+def strain_by_ripples(shape: JointShape) -> float:
+    """Return how many times the strain of smooth cloth that of a shape is for its ripples, at least 1."""
+    placed = np.flatnonzero(shape.placed)
+    ripples = ripples_of(shape.uv_m[placed], shape.nodes.xyz_m[placed], shape.nodes.normal[placed])
+    return math.hypot(1.0, _OF_RIPPLES / _STRAIN * ripples)
 
 
 def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> float:
@@ -208,11 +214,11 @@ def _swing_m2(shape: JointShape, placed: Int32 | NDArray[np.int64], anchor: NDAr
     return variance
 
 
-def undetermined(shape: JointShape, std_m: Float64) -> Bool:
+def undetermined(shape: JointShape, std_m: Float64, most_std_m: float = MOST_STD_M) -> Bool:
     """Return which nodes (N,) of the main piece have an undetermined position.
 
     Each rigid part is judged as a whole: it is undetermined if half of its nodes have a standard
-    deviation ``std_m`` (N,) above the limit. The part with the least median never is, so that
+    deviation ``std_m`` (N,) above ``most_std_m``. The part with the least median never is, so that
     a shape is left.
     """
     placed = np.flatnonzero(shape.placed)
@@ -225,7 +231,7 @@ def undetermined(shape: JointShape, std_m: Float64) -> Bool:
     median_m = [float(np.median(std_m[own])) for own in of_part]
     loose = np.zeros(len(shape.nodes), dtype=np.bool_)
     for own, part_m in zip(of_part, median_m, strict=True):
-        loose[own] = part_m > max(MOST_STD_M, min(median_m))
+        loose[own] = part_m > max(most_std_m, min(median_m))
     return loose
 
 

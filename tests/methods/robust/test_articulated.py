@@ -25,6 +25,7 @@ from flatcloth.methods.robust.uncertainty import (
     MOST_STD_M,
     _layer_rims,
     placement_std_m,
+    strain_by_ripples,
     undetermined,
 )
 
@@ -213,9 +214,21 @@ def test_of_two_parts_that_a_string_joins_the_start_views_is_the_shape_unless_th
 def test_the_part_that_is_least_unsure_is_the_shape_even_where_nothing_is_sure() -> None:
     uv, edges, plate = plates(neck=1, gap=0.12)
     shape = shape_of(uv, edges, plate)
-    floats = undetermined(shape, np.where(plate == 1, 3.0, 2.0) * MOST_STD_M)
+    std = np.where(plate == 1, 3.0, 2.0) * MOST_STD_M
+    floats = undetermined(shape, std)
     assert floats[plate == 1].all()
     assert not floats[plate == 0].any()
+    assert not undetermined(shape, std, 3.1 * MOST_STD_M).any()
+
+
+def test_ripples_make_strain_and_flat_cloth_has_none() -> None:
+    uv, edges, plate = plates(2, STEP_M)
+    shape = shape_of(uv, edges, plate)
+    assert strain_by_ripples(shape) == 1.0
+    column = np.rint(uv[:, 0] / STEP_M)
+    lean = np.where(column % 2 == 0, 0.2, -0.2)
+    shape.nodes.normal = np.stack([np.sin(lean), np.zeros(len(uv)), -np.cos(lean)], axis=1)
+    assert strain_by_ripples(shape) > 2.0
 
 
 def test_cloth_gathered_at_the_held_point_is_the_least_sure_and_none_is_surer_than_the_least() -> None:

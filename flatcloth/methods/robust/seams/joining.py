@@ -30,7 +30,12 @@ from flatcloth.methods.robust.seams.links import (
     matches_of,
     sets_of,
 )
-from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined
+from flatcloth.methods.robust.uncertainty import (
+    MOST_STD_M,
+    placement_std_m,
+    strain_by_ripples,
+    undetermined,
+)
 from flatcloth.session.garment import DecidedSeam
 
 _SEAM_EVIDENCE = 0.1
@@ -326,7 +331,8 @@ def _other_of(
         if seam.size:
             nearest = cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]
             std_m = np.hypot(other_std_m, seam_m[nearest])
-        unreliable = undetermined(made, std_m)
+        # Ripples make lengths unsure; seams hold both sides all the same.
+        unreliable = undetermined(made, std_m, MOST_STD_M * strain_by_ripples(both))
     return JoinedSide(
         shape=made,
         std_m=std_m,
