@@ -167,7 +167,7 @@ def integrate(
         with _timed(seconds, "integrating"):
             document = run.finish(watched, cores or len(os.sched_getaffinity(0))).document
             integration.canonical(document)
-        if both is not None:  # whose edges say which garment it is
+        if both is not None:  # first, as the garment is recognised by the edges of both sides
             with _timed(seconds, "other side"):
                 both.of(document, watched, cores or len(os.sched_getaffinity(0)))
         with _timed(seconds, "garment"):

@@ -67,7 +67,7 @@ class BothSides:
             return f"Only one side is in the shape: {error}"
 
     def known(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
-        """Return what :meth:`of` joined; with the other side's integration and decisions.
+        """Return the sides that :meth:`of` joined, with the integration of the other side and its decisions.
 
         None if it was not called, or there is no other side. Floating pieces are where seams lay them, not
         where a garment does, so that a garment may be recognised by it.

@@ -117,7 +117,7 @@ def contradiction(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> float:
 def _contradiction(
     outline: Float64, main_pose: Rigid2, pose: Rigid2, main: PieceEvidence, piece: PieceEvidence
 ) -> float:
-    main = main.this_side  # over cloth of the other side it may lie
+    main = main.this_side  # a piece may lie over cloth of the other side
     shape_from_piece = main_pose.inverse() @ pose
     there = shape_from_piece.apply(piece.inside_uv_m)
     laid_m = main.depth_at(there) - OUTLINE_STD_M
