@@ -124,7 +124,7 @@ def composite(
     stretches: dict[int, Float32] = {}
     for n, observation in enumerate(shape.observations):
         surface = surfaces[observation.view_index]
-        seen = _samples(observation, uv, interval_px)
+        seen = _samples(observation, uv, interval_px, ~shape.is_cut[shape.links.observation == n])
         if seen is None:
             continue
         samples, own_uv = seen
@@ -169,17 +169,22 @@ def _grid(uv: Float64, pixel_size_m: float, margin: int) -> tuple[Float64, tuple
     return low, (int(size[1]), int(size[0]))
 
 
-def _samples(observation: Observation, uv: Float64, interval_px: int) -> tuple[Samples, Float64] | None:
-    """Return a view's placed nodes as samples of its image, with their positions; None if too few."""
+def _samples(
+    observation: Observation, uv: Float64, interval_px: int, used: Bool
+) -> tuple[Samples, Float64] | None:
+    """Return a view's placed nodes as samples of its image, with their positions; None if too few.
+
+    Their pairs are those ``used`` (M,), which are not cut.
+    """
     own = uv[observation.node]
     kept = np.isfinite(own[:, 0])
     linked = np.zeros(len(kept), dtype=bool)
-    linked[observation.edges[both_ends(kept, observation.edges)]] = True
+    linked[observation.edges[used & both_ends(kept, observation.edges)]] = True
     kept &= linked
     if kept.sum() < 3:
         return None
     number = np.cumsum(kept) - 1
-    inside = both_ends(kept, observation.edges)
+    inside = used & both_ends(kept, observation.edges)
     samples = Samples(
         sampling_interval_px=interval_px,
         points_rc=np.rint(observation.rc[kept]).astype(np.int32),
