@@ -11,19 +11,19 @@ import cv2
 import numpy as np
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, FlatteningError, SurfaceError
 from flatcloth.core.types import Bool, LaidPiece, Progress, RgbdFrame, no_progress
-from flatcloth.engine.following import without_trust
-from flatcloth.engine.headless import Run
-from flatcloth.engine.integration import Integration
+from flatcloth.engine.following import ended, without_trust
+from flatcloth.engine.garment.recognition import GarmentService, place_sure_pieces
+from flatcloth.engine.integration import VIEWS_AHEAD, Integration
 from flatcloth.engine.segmenting import prepare
 from flatcloth.garments.deciding import decided_pieces
-from flatcloth.methods.answers import JoinedSides
+from flatcloth.methods.answers import JoinedSides, OneSide
 from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.segmentation.other_side import other_side
-from flatcloth.session.document import Document
+from flatcloth.session.document import Document, finish, with_view_in_place
 from flatcloth.session.garment import without_doubts
-from flatcloth.session.machine import MemorySession, SessionState
+from flatcloth.session.machine import MemorySession, Request, SessionState, Started
 
 
 class BothSides:
@@ -98,14 +98,13 @@ class BothSides:
             raise FlatclothError(f"the method {this.method} integrates one.")
         other, its = self._others.get(self._of(document), lambda: self.integrated(document, progress, cores))
         check()
-        parts = this.parts_taken_off(document)
-        canonical = this.canonical(document)
-        pieces = decided_pieces(document.garment, canonical.view, canonical.floating)
+        own = _one_side(this, document)
+        pieces = decided_pieces(document.garment, own.canonical.view, own.canonical.floating)
         laid = [
             LaidPiece(index=index, shape_from_piece=motion, std_m=pieces.std_m[index])
             for index, motion in pieces.shape_from_piece.items()
         ]
-        made = this.algorithm.with_other_side(document, parts, canonical, laid, other.algorithm, its, check)
+        made = this.algorithm.with_other_side(own, laid, other.algorithm, _one_side(other, its), check)
         other.views.release(its.used_views)
         other.algorithm.release(surfaces=True)
         return replace(made, other=without_trust(made.other)) if this.wrong(document) else made
@@ -113,7 +112,11 @@ class BothSides:
     def integrated(
         self, document: Document, progress: Progress = no_progress, cores: int = 1
     ) -> tuple[Integration, Document]:
-        """Integrate the other side alone."""
+        """Integrate the other side alone: all views that show it, each where its cloth is in space.
+
+        No placement is searched. Cloth that no view joins to the rest floats, to be joined by seams; what is
+        joined by a link that no garment allows floats, too.
+        """
         this = self.integration
         this.views.release(document.used_views)
         mask_of = self._masks(document, progress)
@@ -126,11 +129,17 @@ class BothSides:
             this.recording, read=read, rotation_axis=this.axis, held_point_m=this.views.held_point_m
         )
         other = Integration(recording, this.config, this.method)
-        session = MemorySession(SessionState(len(recording)))
-        state = Run(other, session).finish(progress, cores, keeps_frames=this.views.keeps_frames)
-        other.views.release(state.document.used_views)
+        other.algorithm.is_unattended = True
+        if this.views.keeps_frames:
+            other.views.keep_frames()
+        session = MemorySession(
+            SessionState(len(other.recording), document=_all_views(other, progress, cores))
+        )
+        place_sure_pieces(GarmentService(other), session)  # links that no garment allows
+        found = session.state.document
+        other.views.release(found.used_views)
         other.algorithm.release()
-        return other, state.document
+        return other, found
 
     def _masks(self, document: Document, progress: Progress) -> Callable[[RgbdFrame], Bool]:
         """Return what gives the mask (H, W) of the other side in a frame with the mask of this one."""
@@ -158,6 +167,38 @@ class BothSides:
 def _as_seen(document: Document) -> Document:
     """Return a document without what a garment says of floating pieces and links."""
     return replace(document, garment=without_doubts(replace(document.garment, pieces=())))
+
+
+def _one_side(side: Integration, document: Document) -> OneSide:
+    return OneSide(
+        document=document, parts=side.parts_taken_off(document), canonical=side.canonical(document)
+    )
+
+
+def _all_views(other: Integration, progress: Progress, cores: int) -> Document:
+    """Return the decisions that integrate all views of a side, the nearest to the start view first.
+
+    A view that the others contradict is left out.
+    """
+    method, angles_deg = other.algorithm, np.asarray(other.recording.angles_deg)
+    start = other.answer(Document(), Request(0, "start"), progress)
+    assert isinstance(start, Started)
+    document = Document(start_view=start.view_index)
+    turn = np.abs((angles_deg - angles_deg[start.view_index] + 180.0) % 360.0 - 180.0)
+    order: list[int] = np.argsort(turn, kind="stable")[1:].tolist()
+    for n, view in enumerate(order):
+        progress((n + 1) / (len(order) + 1), f"other side: view {view}")
+        if cores > 1:
+            other.views.flatten_ahead(order[n + 1 : n + 1 + VIEWS_AHEAD])
+        grown = with_view_in_place(document, view)
+        try:
+            if not method.is_contradicted(grown):
+                document = grown
+        except (SurfaceError, FlatteningError):
+            continue  # it shows too little
+    other.views.flatten_ahead([])
+    end = ended(method, other.canonical, document, 0, "All views were looked at.")
+    return finish(document, end.reason, takes_largest=end.takes_largest)
 
 
 def _or_empty(mask: Bool | None, frame: RgbdFrame) -> Bool:

@@ -62,7 +62,7 @@ from flatcloth.session.machine import (
 
 _LIKELY_ROTATION_DEG = 30.0
 """Views about this far from the present one are decoded ahead. Chosen; not measured."""
-_VIEWS_AHEAD = 6
+VIEWS_AHEAD = 6
 """Number of views decoded or flattened ahead. Chosen: more delay the computation that the user waits for."""
 _NEXT_APART_DEG = 30.0
 """Candidates this far from the planned view are flattened first, as nearer ones show the same cloth: in four
@@ -403,7 +403,7 @@ class Integration:
         turn = self._turns_from(view_index)
         near = np.flatnonzero((turn > 0.0) & (turn <= self.config.planning.rotation_max_deg))
         likeliest = near[np.argsort(np.abs(turn[near] - _LIKELY_ROTATION_DEG), kind="stable")]
-        self.views.read_ahead(likeliest[:_VIEWS_AHEAD].tolist())
+        self.views.read_ahead(likeliest[:VIEWS_AHEAD].tolist())
 
     def _likely_first(self, start: int) -> list[int]:
         """Return the views that will likely be planned after the start view, the likeliest first."""
@@ -423,7 +423,7 @@ class Integration:
         assert planned is not None
         turns, views = self._turns_from(planned), [c.view_index for c in plan.candidates]
         likely = [view for view in views if turns[view] >= _NEXT_APART_DEG]
-        return list(dict.fromkeys([*likely, *(view for view in views if view != planned)]))[:_VIEWS_AHEAD]
+        return list(dict.fromkeys([*likely, *(view for view in views if view != planned)]))[:VIEWS_AHEAD]
 
     def _proposed(self, document: Document, token: int, proposal: Proposal, why: str = "") -> Event:
         self._read_ahead_of(proposal.view_index)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from flatcloth.core.types import (
+    Bool,
     FlattenedView,
     Float64,
     Int16,
@@ -18,7 +20,7 @@ from flatcloth.core.types import (
 )
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.sampling import BENT_DEG, LEAST_INTERVAL_M
-from flatcloth.session.document import PlacedPart, Side
+from flatcloth.session.document import Document, PlacedPart, Side
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -254,6 +256,18 @@ class Seam:
     def length_m(self) -> float:
         """Length of the seam: the distance of its places times their number."""
         return len(self.xyz_m) * SPACING_M
+
+
+@dataclass(frozen=True, kw_only=True)
+class OneSide:
+    """One side of an item by itself: the decisions about it, and its canonical view.
+
+    ``parts`` are the samples (N,) that were taken off its shape, as in ``Method.apart``.
+    """
+
+    document: Document
+    parts: Sequence[Bool]
+    canonical: Canonical
 
 
 @dataclass(frozen=True, kw_only=True)

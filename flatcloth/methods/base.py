@@ -33,6 +33,7 @@ from flatcloth.methods.answers import (
     ClothPairs,
     JoinedPiece,
     JoinedSides,
+    OneSide,
     Placement,
     Plan,
 )
@@ -195,28 +196,22 @@ class Method(Protocol):
 
     def with_other_side(
         self,
-        document: Document,
-        parts: Sequence[Bool],
-        canonical: Canonical,
+        own: OneSide,
         laid: Sequence[LaidPiece],
         other: Method,
-        its: Document,
+        its: OneSide,
         check: Callable[[], None],
     ) -> JoinedSides:
         """Join the other side of the item to the shape along the seams.
 
         Parameters
         ----------
-        document : Document
-            The decisions about this side.
-        parts : sequence of (N,) bool
-            Samples of the shape that were taken off it, as in :meth:`apart`.
-        canonical : Canonical
-            This side without them.
+        own : OneSide
+            This side.
         laid : sequence of LaidPiece
             Its floating pieces that were placed by the garment.
         other, its
-            The same method, made for the masks of the other side, and the decisions about it.
+            The same method, made for the masks of the other side, and that side.
         check : callable
             Called between the steps; it raises ``CancelledError`` if the result is no longer wanted.
         """

@@ -26,6 +26,8 @@ LEAST_MOVE_M = 0.00005
 """Smallest move by hand. Chosen: the page shows less as 0.0 mm."""
 LEAST_TURN_RAD = math.radians(0.05)
 """Smallest turn by hand. Chosen: the page shows less as 0.0 degrees."""
+NO_COMPONENT = -1
+"""The component of a view of which none is placed. By definition."""
 MOST_PLACED_WITH = 1000
 """Most parts that are placed with a view. Chosen: far above the parts of all views of a turn."""
 
@@ -52,9 +54,9 @@ class Accepted:
 
     The current view's frame is that of the view accepted before it (the orientation of a renewed
     view is that of the added one, paper 4.3). ``component`` is the number of the view's component
-    that is placed, 0 for the largest. ``fixed`` marks a placement changed by hand. ``score`` is that
-    of the placement when it was accepted, None if unknown. ``also`` are the components that were
-    placed with it, ``left_out`` those (view, component) that the operator left out.
+    that is placed, 0 for the largest, ``NO_COMPONENT`` for none. ``fixed`` marks a placement changed by
+    hand. ``score`` is that of the placement when it was accepted, None if unknown. ``also`` are the
+    components that were placed with it, ``left_out`` those (view, component) that the operator left out.
     """
 
     view_index: int
@@ -187,7 +189,8 @@ class Document:
     @property
     def placed_components(self) -> dict[int, int]:
         """The component of each accepted view that is placed."""
-        return {a.view_index: a.component for a in self.accepted}
+        placed = (a for a in self.accepted if a.component != NO_COMPONENT)
+        return {a.view_index: a.component for a in placed}
 
     def components_of(self, view_index: int) -> frozenset[int]:
         """Return all components of a view that are placed, with it or with a later view."""
@@ -253,6 +256,12 @@ def leave_out(document: Document, view_index: int, component: int) -> Document:
     part = (view_index, component)
     also = tuple(p for p in pending.also if (p.view_index, p.component) != part)
     return replace(document, pending=replace(pending, also=also, left_out=pending.left_out | {part}))
+
+
+def with_view_in_place(document: Document, view_index: int) -> Document:
+    """Return a document with one more view, of which no component is placed: its cloth is where it hangs."""
+    added = Accepted(view_index, Rigid2(), component=NO_COMPONENT)
+    return replace(document, accepted=(*document.accepted, added))
 
 
 def finish(document: Document, reason: str, *, takes_largest: bool) -> Document:

@@ -53,6 +53,12 @@ def test_the_other_side_lies_where_the_pattern_has_it(shape):
     assert found.other.wrong_side_share < 0.05
 
 
+def test_every_view_of_the_other_side_is_used_where_its_cloth_hangs(shape):
+    ((_, (other, its)),) = shape.data.both.__self__._others.items()
+    assert len(its.used_views) > 0.9 * len(other.recording)
+    assert not its.placed_components  # none was searched
+
+
 def test_a_place_on_a_seam_is_one_place_of_both_planes(shape):
     motion = shape.this_from_other
     assert np.linalg.det(motion[:2, :2]) == pytest.approx(-1.0)  # a mirror

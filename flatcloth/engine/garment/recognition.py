@@ -6,12 +6,12 @@ import math
 import threading
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 from flatcloth.checking.result import WRONG
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import MIRROR, FlattenedView, RgbdFrame
-from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.following import scale_std_of
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
@@ -130,6 +130,14 @@ class KnownGarment:
         return self.canonical.view if point.piece is None else self.canonical.floating[point.piece]
 
 
+class _Joined(Protocol):
+    """What knows the other side: ``BothSides``."""
+
+    def known(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
+        """Return the joined sides of a document's shape; with the other side's integration and decisions."""
+        ...
+
+
 class GarmentService:
     """Recognises the garments of an integration's shapes; keeps the last result. Safe for several threads.
 
@@ -138,7 +146,7 @@ class GarmentService:
     """
 
     def __init__(
-        self, integration: Integration, both: BothSides | None = None, *, doubts_links: bool = True
+        self, integration: Integration, both: _Joined | None = None, *, doubts_links: bool = True
     ) -> None:
         self.integration, self._both, self._doubts_links = integration, both, doubts_links
         self._lock = threading.Lock()

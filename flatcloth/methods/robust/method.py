@@ -23,6 +23,7 @@ from flatcloth.methods.answers import (
     ClothPairs,
     JoinedPiece,
     JoinedSides,
+    OneSide,
     Placement,
     Plan,
 )
@@ -242,31 +243,30 @@ class RobustMethod(Method):
 
     def with_other_side(
         self,
-        document: Document,
-        parts: Sequence[Bool],
-        canonical: Canonical,
+        own: OneSide,
         laid: Sequence[LaidPiece],
         other: Method,
-        its: Document,
+        its: OneSide,
         check: Callable[[], None],
     ) -> JoinedSides:
         """Join the other side, integrated by itself, along the seams (``docs/robust.md``, "Both sides")."""
         assert isinstance(other, RobustMethod)
-        this = self.shapes.settled(document)
-        if parts:
-            this = taken_apart(this, parts)
-        alone = other.canonical(its)
-        pieces = (canonical.view, *canonical.floating), (alone.view, *alone.floating)
-        held_point_m, seams = self._views.held_point_m, document.garment.seams
+        pieces = [(side.canonical.view, *side.canonical.floating) for side in (own, its)]
+        held_point_m, seams = self._views.held_point_m, own.document.garment.seams
         check()
-        joined = join_sides(this, other.shapes.settled(its), pieces, held_point_m, laid, seams, check)
+        shapes = self._without_parts(own), other._without_parts(its)
+        joined = join_sides(*shapes, (pieces[0], pieces[1]), held_point_m, laid, seams, check)
         check()
-        drawn = other._draw(its, joined.shape, (np.nan_to_num(joined.std_m), joined.unreliable))
+        drawn = other._draw(its.document, joined.shape, (np.nan_to_num(joined.std_m), joined.unreliable))
         if not joined.is_related:  # it floats, and has no deviation from this side's shape
             drawn = replace(drawn, view=replace(drawn.view, placement_std_m=None))
         return JoinedSides(
             other=drawn, seams=seams_of(joined), is_related=joined.is_related, laid=joined.laid
         )
+
+    def _without_parts(self, side: OneSide) -> JointShape:
+        settled = self.shapes.settled(side.document)
+        return taken_apart(settled, side.parts) if side.parts else settled
 
     # ------------------------------------------------- 4. acceptance without an operator
 

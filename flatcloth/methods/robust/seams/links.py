@@ -21,10 +21,10 @@ from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, Jo
 from flatcloth.methods.robust.scoring import PLACE_STD_M
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 
-LEAST_MATCHES = 30
-"""Fewest matches of a set that joins pieces, or fewer if they cover as much as 30 on a strip as wide as
+LEAST_MATCHES = 36
+"""Fewest matches of a set that joins pieces, or fewer if they cover as much as that on a strip as wide as
 ``_AGREE_M``. Measured by ``python -m benchmarks seams``: of the sets that no other contradicts, false ones
-have up to 26, or cover less."""
+have up to 31, or cover as much as 35."""
 _DOUBTED_EVIDENCE = 120.0
 """Cloth of the other side that alone joins two pieces of this side is not believed with less evidence.
 Measured by the same command: such joints with up to 70 are false, with 210 and more true."""
