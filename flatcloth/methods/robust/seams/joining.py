@@ -322,15 +322,13 @@ def _other_of(
     )
     std_m, unreliable = np.full(m, np.nan), np.zeros(m, dtype=np.bool_)
     if is_related:
-        # As sure as this side is at the nearest seam, and no surer than the seams are.
-        seam = np.flatnonzero(both.placed[n + m :] & np.isfinite(matches.this_std_m[joining]))
+        # What this side moves at the nearest seam while both are laid out is claimed.
+        seam = np.flatnonzero(both.placed[n + m :] & (matches.pieces[joining, 0] == 0))
         at = both.all_uv_m[n + m :][seam]
         shift_m = np.linalg.norm(at - matches.this_uv_m[joining[seam]], axis=1)
-        seam_m = np.hypot(matches.this_std_m[joining[seam]], shift_m)
         std_m = other_std_m.copy()
         if seam.size:
-            nearest = cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]
-            std_m = np.hypot(other_std_m, seam_m[nearest])
+            std_m = np.hypot(other_std_m, shift_m[cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]])
         # Ripples make lengths unsure; seams hold both sides all the same.
         unreliable = undetermined(made, std_m, MOST_STD_M * strain_by_ripples(both))
     return JoinedSide(

@@ -49,7 +49,7 @@ class Matches:
 
     ``this_uv_m``, ``other_uv_m`` (K, 2) on the plane of this side and on the other's own plane; ``xyz_m``
     (K, 3) object frame; ``views`` (K, 2) the views that show the one and the other rim, ``pieces`` (K, 2) the
-    pieces that they bound. ``this_std_m`` (K,) is the standard deviation of the place on this side.
+    pieces that they bound.
     """
 
     this_uv_m: Float64
@@ -57,7 +57,6 @@ class Matches:
     xyz_m: Float64
     views: Int16
     pieces: Int16
-    this_std_m: Float64
 
     def __len__(self) -> int:
         """Return the number of places."""
@@ -71,7 +70,6 @@ class Matches:
             xyz_m=self.xyz_m[which],
             views=self.views[which],
             pieces=self.pieces[which],
-            this_std_m=self.this_std_m[which],
         )
 
     def motion(self, members: Int64) -> Rigid2:
@@ -117,7 +115,6 @@ def matches_of(this: Sequence[FlattenedView], other: Sequence[FlattenedView]) ->
         xyz_m=0.5 * (own.xyz_m[a] + its.xyz_m[b]),
         views=np.stack([own.view_index[a], its.view_index[b]], axis=1),
         pieces=np.stack([own.piece[a], its.piece[b]], axis=1),
-        this_std_m=own.std_m[a],
     )
 
 

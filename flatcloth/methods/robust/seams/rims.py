@@ -27,8 +27,7 @@ class Rim:
 
     ``uv_m`` (K, 2) on its plane, ``outward`` (K, 2) unit directions off the cloth; ``xyz_m`` (K, 3) object
     frame, ``along`` (K, 3) the direction of the rim there, with the cloth at its left as seen from outside;
-    ``view_index`` (K,) the view that shows the place, ``piece`` (K,) which of the pieces it belongs to;
-    ``std_m`` (K,) standard deviation of the place, NaN on floating pieces.
+    ``view_index`` (K,) the view that shows the place, ``piece`` (K,) which of the pieces it belongs to.
     """
 
     uv_m: Float64
@@ -37,7 +36,6 @@ class Rim:
     along: Float64
     view_index: Int16
     piece: Int16
-    std_m: Float64
 
     def __len__(self) -> int:
         """Return the number of places."""
@@ -99,7 +97,6 @@ def _rim_of_piece(piece: FlattenedView, number: int) -> Rim:
     outward = _unit(outward)
     # Elsewhere a fold or another layer lies between the two points.
     known = (np.abs(length - 1.0) < 0.5) & (_at(count, rc + 0.5 * step_px) > 0) & (normal != 0).any(axis=1)
-    std = np.full(piece.shape, np.nan) if piece.placement_std_m is None else piece.placement_std_m
     return Rim(
         uv_m=piece.uv_from_rc(rc)[known],
         outward=border.outward[known],
@@ -107,7 +104,6 @@ def _rim_of_piece(piece: FlattenedView, number: int) -> Rim:
         along=np.cross(normal, outward)[known],
         view_index=_at(piece.view_index, rc + step_px)[known].astype(np.int16),
         piece=np.full(int(known.sum()), number, dtype=np.int16),
-        std_m=_at(std, rc + step_px)[known],
     )
 
 
