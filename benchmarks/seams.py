@@ -1,7 +1,7 @@
 """Which sets of places where rims meet are seams, and what cloth between two sets that contradict is worth.
 
-For each recording: all sets of at least ``LEAST`` places with their size and strength, and whether they are
-true; then each two sets on one piece of the other side that contradict each other, with the evidence of the
+For each recording: all sets of at least ``LEAST`` places with their size and strength, whether they are
+true, and how many true edges they lay on cloth of the other sheet; then each two sets on one piece of the other side that contradict each other, with the evidence of the
 cloth between them and how far that cloth is truly bent. The limits of ``seams/links.py`` are chosen by these.
 """
 
@@ -18,7 +18,7 @@ from benchmarks.output import Options
 from benchmarks.unattended import measure_each, unattended
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, FlattenedView, Float64
-from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.both_sides import BothSides, one_side
 from flatcloth.engine.evaluation import Truth, look_up
 from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
 from flatcloth.methods.robust.method import RobustMethod
@@ -43,10 +43,8 @@ def row_of(source: str) -> dict[str, Any]:
         method.shapes.settled(seen)
         for method, seen in ((integration.algorithm, document), (other.algorithm, its))
     )
-    drawn = [
-        each.canonical(seen) for each, seen in ((integration.algorithm, document), (other.algorithm, its))
-    ]
-    pieces = [(each.view, *each.floating) for each in drawn]
+    sides = one_side(integration, document), one_side(other, its)
+    pieces = [(each.canonical.view, *each.canonical.floating) for each in sides]
     truths: list[Truth] = [truth, OtherTruth(truth, len(integration.recording))]
     matches = seam_links.matches_of(*pieces)
     true = [
@@ -57,10 +55,13 @@ def row_of(source: str) -> dict[str, Any]:
     sets = [
         each for each in seam_links.sets_of(this_shape, other_shape, matches) if len(each.members) >= LEAST
     ]
+    strongest = {each.other_piece: each for each in reversed(sets)}
     found = [
         {
             "places": len(each.members),
             "strength": round(each.strength, 1),
+            "strongest": strongest[each.other_piece] is each,
+            "contradicted": round(seam_links.contradicted(matches, each, (sides[0].ends, sides[1].ends)), 2),
             "true_share": round(float(np.nanmean(off_m[each.members] < FAR_RELATED_M)), 2),
         }
         for each in sets
@@ -108,7 +109,11 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
 
         def of(kind: bool, sets: Sequence[dict[str, Any]] = sets) -> str:
             own = [s for s in sets if (s["true_share"] >= 0.5) == kind]
-            return ", ".join(f"{s['places']} ({s['strength']:.0f})" for s in own)
+            return ", ".join(
+                f"{'**' * s['strongest']}{s['places']}{'**' * s['strongest']} "
+                f"({s['strength']:.0f}, {s['contradicted']:.2f})"
+                for s in own
+            )
 
         between = ", ".join(
             f"{'bridge ' if c['bridge'] else ''}{c['evidence']:.0f} "
@@ -119,8 +124,10 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
     text = "\n".join(lines)
     return f"""# Seams: sets of places, true and false
 
-Places of each set of at least {LEAST} (in brackets its strength), by the truth, the strongest false one
-first; then the evidence of the other side's cloth between two sets that contradict each other.
+Places of each set of at least {LEAST}, bold where it is the strongest of its piece of the other side; in
+brackets its strength, and the true edges that it lays on cloth of the other sheet for each of its places. Then
+the evidence of the other side's cloth between two sets that contradict each other. The strongest false set
+comes first.
 
 | recording | false sets | true sets | contradictions |
 |---|---|---|---|

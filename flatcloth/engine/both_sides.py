@@ -14,7 +14,12 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError, FlatteningError, SurfaceError
 from flatcloth.core.types import Bool, LaidPiece, Progress, RgbdFrame, no_progress
 from flatcloth.engine.following import ended, without_trust
-from flatcloth.engine.garment.recognition import GarmentService, place_sure_pieces
+from flatcloth.engine.garment.recognition import (
+    GarmentService,
+    evidence_of_shape,
+    place_sure_pieces,
+    seen_from,
+)
 from flatcloth.engine.integration import VIEWS_AHEAD, Integration
 from flatcloth.engine.segmenting import prepare
 from flatcloth.garments.deciding import decided_pieces
@@ -98,13 +103,13 @@ class BothSides:
             raise FlatclothError(f"the method {this.method} integrates one.")
         other, its = self._others.get(self._of(document), lambda: self.integrated(document, progress, cores))
         check()
-        own = _one_side(this, document)
+        own = one_side(this, document)
         pieces = decided_pieces(document.garment, own.canonical.view, own.canonical.floating)
         laid = [
             LaidPiece(index=index, shape_from_piece=motion, std_m=pieces.std_m[index])
             for index, motion in pieces.shape_from_piece.items()
         ]
-        made = this.algorithm.with_other_side(own, laid, other.algorithm, _one_side(other, its), check)
+        made = this.algorithm.with_other_side(own, laid, other.algorithm, one_side(other, its), check)
         other.views.release(its.used_views)
         other.algorithm.release(surfaces=True)
         return replace(made, other=without_trust(made.other)) if this.wrong(document) else made
@@ -169,9 +174,14 @@ def _as_seen(document: Document) -> Document:
     return replace(document, garment=without_doubts(replace(document.garment, pieces=())))
 
 
-def _one_side(side: Integration, document: Document) -> OneSide:
+def one_side(side: Integration, document: Document) -> OneSide:
+    """Return a side by itself as its method joins it to another, by the decisions about it."""
+    canonical = side.canonical(document)
     return OneSide(
-        document=document, parts=side.parts_taken_off(document), canonical=side.canonical(document)
+        document=document,
+        parts=side.parts_taken_off(document),
+        canonical=canonical,
+        ends=evidence_of_shape(canonical, seen_from(side, document)),
     )
 
 

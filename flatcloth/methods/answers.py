@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -258,16 +258,39 @@ class Seam:
         return len(self.xyz_m) * SPACING_M
 
 
+class Ends(Protocol):
+    """Where the cloth of one piece truly ends: places (E, 2) on its plane, metres.
+
+    ``edge_trust`` (E,) is e / (e + 1) for an edge that e views saw, each counted by how well it faced it.
+    """
+
+    @property
+    def edge_uv_m(self) -> Float64:
+        """Places (E, 2) of true edges."""
+        ...
+
+    @property
+    def edge_trust(self) -> Float64:
+        """How well each edge (E,) was seen."""
+        ...
+
+    def depth_at(self, uv_m: Float64) -> Float64:
+        """Return how far inside of the border places (N, 2) of the plane are, 0 off the cloth."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class OneSide:
-    """One side of an item by itself: the decisions about it, and its canonical view.
+    """One side of an item by itself: the decisions about it, its canonical view, and where its cloth ends.
 
-    ``parts`` are the samples (N,) that were taken off its shape, as in ``Method.apart``.
+    ``parts`` are the samples (N,) that were taken off its shape, as in ``Method.apart``; ``ends`` are of the
+    canonical view and of each floating piece.
     """
 
     document: Document
     parts: Sequence[Bool]
     canonical: Canonical
+    ends: Sequence[Ends]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,10 @@
 """The other side of an item, where masks name one side: the segmentation with those masks as given.
 
 What is not of interest is the other side, an inner face seen through an opening, or a rim of the side of
-interest that its masks leave out. Neighbours lie on one side and layers back to back on opposite ones, so the
-outer face of the other side and the inner face behind this side are opposite to this side, and the rest is
-like it. What the thickness shows to be an inner face is left out, as is what disturbed evidence places either
-way.
+interest that its masks leave out. Neighbours lie on one side, but not over the border of a mask, where this
+side ends; layers back to back lie on opposite ones. So the outer face of the other side and the inner face
+behind this side are opposite to this side, and the rest is like it. What the thickness shows to be an inner
+face is left out, as is what most of the disturbed partitions place on this side, or nowhere.
 """
 
 from __future__ import annotations
@@ -22,11 +22,6 @@ from flatcloth.segmentation.result import OF_INTEREST, OTHER, Segmentation
 
 _GIVEN = 1e3
 """Evidence of a mask that is given. By definition: far above any other evidence, at most 10."""
-_LEAST_CERTAINTY = 0.25
-"""Share of the disturbed partitions that must place cloth opposite to this side. Chosen: masks name all of
-this side that is seen from outside, so that what they leave out is the other side unless most evidence says
-that it is an inner face. From 0.6 to 0.2 as much is mixed in (5 %, rims included), and of eight noisy
-recordings 12 % more cloth is found; without it, twice as much is mixed in."""
 
 
 def other_side(observed: Observed, mask_of: Callable[[int], Bool]) -> Segmentation:
@@ -41,7 +36,7 @@ def other_side(observed: Observed, mask_of: Callable[[int], Bool]) -> Segmentati
     """
     given = _share_in_masks(observed, mask_of) > 0.5
     certainty = _opposite_share(observed, given)
-    is_other = ~given & ~observed.inner & (certainty > _LEAST_CERTAINTY) & given.any()
+    is_other = ~given & ~observed.inner & (certainty > 0.5) & given.any()
     return Segmentation(
         observed=observed,
         decisions=(),
@@ -71,11 +66,13 @@ def _opposite_share(observed: Observed, given: Bool) -> Float32:
     """Return how often disturbed evidence places each cluster (M,) opposite to this side."""
     graph, count = observed.graph, observed.clusters.count
     held = np.flatnonzero(given)
+    # Where the masks end, this side ends: neighbours over their border are no evidence of one side.
+    kept = (graph.weight < 0) | (given[graph.first] == given[graph.second])
     clamped = SignedGraph(  # with one more node, that of this side
         count=count + 1,
-        first=np.concatenate([graph.first, np.full(held.size, count)]),
-        second=np.concatenate([graph.second, held]),
-        weight=np.concatenate([graph.weight, np.full(held.size, _GIVEN)]),
+        first=np.concatenate([graph.first[kept], np.full(held.size, count)]),
+        second=np.concatenate([graph.second[kept], held]),
+        weight=np.concatenate([graph.weight[kept], np.full(held.size, _GIVEN)]),
     )
     place_m = np.concatenate([observed.clusters.place_m, observed.clusters.place_m.mean(axis=0)[None]])
     samples = sampled_sides(clamped, place_m, observed.config, threads=THREADS).astype(np.float32)

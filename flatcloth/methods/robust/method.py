@@ -255,7 +255,8 @@ class RobustMethod(Method):
         held_point_m, seams = self._views.held_point_m, own.document.garment.seams
         check()
         shapes = self._without_parts(own), other._without_parts(its)
-        joined = join_sides(*shapes, (pieces[0], pieces[1]), held_point_m, laid, seams, check)
+        ends = own.ends, its.ends
+        joined = join_sides(*shapes, (pieces[0], pieces[1]), ends, held_point_m, laid, seams, check)
         check()
         drawn = other._draw(its.document, joined.shape, (np.nan_to_num(joined.std_m), joined.unreliable))
         if not joined.is_related:  # it floats, and has no deviation from this side's shape

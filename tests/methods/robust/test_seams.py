@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -99,7 +99,9 @@ def test_a_side_without_cloth_meets_nothing() -> None:
     assert a.size == 0
 
 
-def joined(this: JointShape, other: JointShape, this_at: Float64 = UV, other_at: Float64 = UV, decided=()):
+def joined(
+    this: JointShape, other: JointShape, this_at: Float64 = UV, other_at: Float64 = UV, decided=(), ends=None
+):
     pieces = tuple(
         [
             raster(shape, at, n, is_other=is_other)
@@ -108,7 +110,27 @@ def joined(this: JointShape, other: JointShape, this_at: Float64 = UV, other_at:
         ]
         for shape, at, is_other in ((this, this_at, False), (other, other_at, True))
     )
-    return join_sides(this, other, pieces, HELD_M, (), decided)
+    return join_sides(this, other, pieces, ends or endless(pieces), HELD_M, (), decided)
+
+
+@dataclass
+class Known:
+    """True edges and the depth of a square of cloth round the middle, for a piece."""
+
+    edge_uv_m: Float64
+    half_m: float = 0.0
+    edge_trust: Float64 = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.edge_trust = np.full(len(self.edge_uv_m), 0.9)
+
+    def depth_at(self, uv_m: Float64) -> Float64:
+        return np.maximum(self.half_m - np.abs(uv_m - UV.mean(axis=0)).max(axis=1), 0.0)
+
+
+def endless(pieces):
+    """Return pieces whose edges nobody saw."""
+    return tuple([Known(np.zeros((0, 2))) for _ in side] for side in pieces)
 
 
 def test_both_sides_lie_on_each_other_wherever_the_other_one_lay_before() -> None:
@@ -141,7 +163,8 @@ def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say
     to_right = (flat.uv_from_rc(np.argwhere(np.ones(flat.shape, dtype=bool))) * MIRROR)[:, 0] > 10.5 * STEP_M
     xyz_m = flat.xyz_m + to_right.reshape(*flat.shape, 1) * np.float32([8 * STEP_M, 0.0, 0.0])
     flat = replace(flat, xyz_m=xyz_m)
-    found = join_sides(THIS, shape, ([raster(THIS, UV, is_other=False)], [flat]), HELD_M)
+    pieces = [raster(THIS, UV, is_other=False)], [flat]
+    found = join_sides(THIS, shape, pieces, endless(pieces), HELD_M)
     placed = found.shape.placed
     assert placed.mean() > 0.9
     assert np.linalg.norm(found.shape.all_uv_m[placed] * MIRROR - pattern[placed], axis=1).max() < 0.006
@@ -184,6 +207,18 @@ def test_a_seam_of_few_places_joins_once_the_operator_kept_it() -> None:
     kept = joined(THIS, other, other_at=UV[small], decided=(decision(seam, kept=True),))
     assert kept.is_related
     assert np.linalg.norm(kept.shape.all_uv_m * MIRROR - UV[small], axis=1).max() < 0.004
+
+
+def test_a_seam_that_lays_true_edges_on_the_other_sheet_joins_nothing_unless_it_is_kept() -> None:
+    middle = UV.mean(axis=0)
+    hem = middle + np.stack([np.linspace(-0.05, 0.05, 100), np.zeros(100)], axis=1)
+    with_hem = [Known(np.zeros((0, 2)), half_m=0.1)], [Known(hem * MIRROR)]
+    (seam,) = seams_of(joined(THIS, OTHER, ends=with_hem))
+    assert "true edges" in seam.why
+    kept = joined(THIS, OTHER, decided=(decision(seam, kept=True),), ends=with_hem)
+    assert kept.is_related
+    for few in (hem[:10] * MIRROR, UV[COLUMN == 0] * MIRROR):  # a neckline; edges at the rim
+        assert joined(THIS, OTHER, ends=(with_hem[0], [Known(few)])).is_related
 
 
 def test_a_floating_piece_of_this_side_and_its_back_are_one_piece() -> None:

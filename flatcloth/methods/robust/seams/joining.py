@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int64, LaidPiece
-from flatcloth.methods.answers import Seam
+from flatcloth.methods.answers import Ends, Seam
 from flatcloth.methods.robust.connectivity import Links, both_ends, pairs_once
 from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
@@ -69,6 +69,7 @@ def join_sides(
     this: JointShape,
     other: JointShape,
     pieces: tuple[Sequence[FlattenedView], Sequence[FlattenedView]],
+    ends: tuple[Sequence[Ends], Sequence[Ends]],
     held_point_m: Float64,
     laid: Sequence[LaidPiece] = (),
     decided: Sequence[DecidedSeam] = (),
@@ -82,6 +83,8 @@ def join_sides(
         This side and the other one, each on its own plane, seen from its own outside.
     pieces : two sequences of FlattenedView
         All pieces of each side, rasterised where their nodes lie.
+    ends : two sequences of Ends
+        Where the cloth of these pieces truly ends.
     held_point_m : (3,) float64
         Held point, object frame.
     laid : sequence of LaidPiece
@@ -94,7 +97,7 @@ def join_sides(
     matches = matches_of(*pieces)  # 1. where the rims of both sides meet in space (rims.py)
     # 2. Sets that agree on one motion; the other side taken apart where they contradict it (links.py).
     sets = with_decisions(sets_of(this, other, matches), matches, decided)
-    other, matches, links = linked(other, matches, sets)
+    other, matches, links = linked(other, matches, sets, ends)
     joining = np.concatenate(
         [link.members for link in links if not link.why] or [np.zeros(0, dtype=np.int64)]
     )

@@ -16,12 +16,14 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.graphs import cut_between
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int16, Int64, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
+from flatcloth.methods.answers import Ends
 from flatcloth.methods.robust.joint import taken_apart
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, JointShape
+from flatcloth.methods.robust.layout import MOST_DRIFT_M
 from flatcloth.methods.robust.scoring import PLACE_STD_M
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 
-LEAST_MATCHES = 36
+LEAST_MATCHES = 24
 """Fewest matches of a set that joins pieces, or fewer if they cover as much as that on a strip as wide as
 ``_AGREE_M``. Measured by ``python -m benchmarks seams``: of the sets that no other contradicts, false ones
 have up to 31, or cover as much as 35."""
@@ -32,10 +34,14 @@ _BENT = 0.3
 """Cloth is cut between two sets that contradict each other if its evidence is less than this for each match
 of the weaker one, weighted by its width; otherwise the weaker set is false. Measured by the same command:
 where the cloth is bent it is up to 0.2, where the set is false 0.4 and more."""
+_MOST_CONTRADICTED = 0.3
+"""A set is false if it lays more true edges than this for each of its places on cloth of the other sheet.
+Measured by the same command: true sets have up to XX (low necklines), false ones YY and more."""
+_WELL_SEEN = 0.75
+"""Trust of a true edge that counts: more than three views faced it. By definition of the trust; fewer may
+have seen a fold's silhouette."""
 _AGREE_M = LEAST_INTERVAL_M
 """Matches of one set fit its motion to this: four times their median residual."""
-_CONTRADICT_M = 0.030
-"""Two sets whose motions differ by more contradict each other. Chosen: drift of a sheet is 5 to 20 mm."""
 _TRIES = 300
 """Motions tried for a set. Chosen: a set with a seventh of the matches is found in 99 of 100 cases."""
 _SEED_M = (0.03, 0.2)
@@ -119,14 +125,19 @@ def matches_of(this: Sequence[FlattenedView], other: Sequence[FlattenedView]) ->
 
 
 def linked(
-    other: JointShape, matches: Matches, sets: Sequence[SeamLink]
+    other: JointShape,
+    matches: Matches,
+    sets: Sequence[SeamLink],
+    ends: tuple[Sequence[Ends], Sequence[Ends]],
 ) -> tuple[JointShape, Matches, list[SeamLink]]:
     """Decide which sets of matches join the sides; take the other side apart where they contradict it.
 
     Two sets that place one piece of the other side differently on one piece of this side contradict each
     other: either the weaker is contact of other parts, or the cloth between them is bent or joined falsely.
     Cloth of the other side that alone would join two pieces of this side must be strong to be believed.
-    ``sets`` are those of :func:`sets_of`; those that the operator cut have the reason.
+    The strongest set of a piece is false if it lays true edges on the middle of the other sheet's cloth.
+    ``ends`` are where the cloth of the pieces of both sides truly ends. ``sets`` are those of
+    :func:`sets_of`; those that the operator cut have the reason.
 
     Returns
     -------
@@ -148,6 +159,9 @@ def linked(
             if len(against) == len(earlier):
                 links[n] = replace(link, why="too few places meet")
             continue
+        if not earlier and not link.is_kept and contradicted(matches, link, ends) > _MOST_CONTRADICTED:
+            links[n] = replace(link, why="true edges would lie on cloth of the other sheet")
+            continue
         for before in against:
             part, evidence = evidence_between(other, matches, before, link)
             is_bridge = before.this_piece != link.this_piece
@@ -160,6 +174,22 @@ def linked(
     apart, matches = _taken_apart(other, side, matches, at_other)
     # Pieces have other numbers now.
     return apart, matches, [replace(k, other_piece=_piece_of(apart, at_other[k.members])) for k in links]
+
+
+def contradicted(matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], Sequence[Ends]]) -> float:
+    """Return how many true edges would lie on cloth of the other sheet, for each place of a set.
+
+    Both sheets end at the same seams and hems, necklines apart.
+    """
+    pieces = [int(np.bincount(matches.pieces[link.members, side]).argmax()) for side in (0, 1)]
+    own, its = ends[0][pieces[0]], ends[1][pieces[1]]
+    motion = matches.motion(link.members)
+    at_other = motion.inverse().apply(own.edge_uv_m) * MIRROR
+    at_this = motion.apply(its.edge_uv_m * MIRROR)
+    count = 0.0
+    for edges, depth_m in ((own, its.depth_at(at_other)), (its, own.depth_at(at_this))):
+        count += float(edges.edge_trust[(edges.edge_trust > _WELL_SEEN) & (depth_m > MOST_DRIFT_M)].sum())
+    return count / len(link.members)
 
 
 def _piece_of(shape: JointShape, nodes: Int64) -> int:
@@ -222,7 +252,7 @@ def agree(matches: Matches, one: SeamLink, other: SeamLink) -> bool:
         float(np.median(matches.misfit_m(a.members, matches.motion(b.members))))
         for a, b in ((one, other), (other, one))
     )
-    return off_m <= _CONTRADICT_M
+    return off_m <= MOST_DRIFT_M
 
 
 def evidence_between(
