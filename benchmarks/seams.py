@@ -1,8 +1,9 @@
 """Which sets of places where rims meet are seams, and what cloth between two sets that contradict is worth.
 
-For each recording: all sets of at least ``LEAST`` places with their size and strength, whether they are
-true, and how many true edges they lay on cloth of the other sheet; then each two sets on one piece of the other side that contradict each other, with the evidence of the
-cloth between them and how far that cloth is truly bent. The limits of ``seams/links.py`` are chosen by these.
+For each recording: all sets of at least ``LEAST`` places with their size and strength, whether they are true,
+and how many true edges they lay on cloth of the other sheet; then each two sets on one piece of the other
+side that contradict each other, with the evidence of the cloth between them and how far that cloth is truly
+bent. The limits of ``seams/links.py`` are chosen by these.
 """
 
 from __future__ import annotations
@@ -125,8 +126,8 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
     return f"""# Seams: sets of places, true and false
 
 Places of each set of at least {LEAST}, bold where it is the strongest of its piece of the other side; in
-brackets its strength, and the true edges that it lays on cloth of the other sheet for each of its places. Then
-the evidence of the other side's cloth between two sets that contradict each other. The strongest false set
+brackets its strength, and the true edges that it lays on cloth of the other sheet for each of its
+places. Then the evidence of the other side's cloth between two sets that contradict each other. The strongest false set
 comes first.
 
 | recording | false sets | true sets | contradictions |
