@@ -126,9 +126,9 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
     return f"""# Seams: sets of places, true and false
 
 Places of each set of at least {LEAST}, bold where it is the strongest of its piece of the other side; in
-brackets its strength, and the true edges that it lays on cloth of the other sheet for each of its
-places. Then the evidence of the other side's cloth between two sets that contradict each other. The strongest false set
-comes first.
+brackets its strength, and the true edges that it lays on cloth of the other sheet for each of its places.
+Then the evidence of the other side's cloth between two sets that contradict each other. The strongest false
+set comes first.
 
 | recording | false sets | true sets | contradictions |
 |---|---|---|---|

@@ -10,7 +10,6 @@ contradict the rest are switched off in pose graphs (Suenderhauf and Protzel, 20
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numba import njit
@@ -19,23 +18,14 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.graphs import cut_between
 from flatcloth.core.types import Bool, Float32, Float64, Int32
-from flatcloth.methods.robust.articulated import STRIP_NOISE_M
-from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, TWICE_M, Hinge, JointShape
+from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, TWICE_M, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
 
 MOST_CUT_EVIDENCE = 20.0
 """Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
 hand."""
-_MOST_MISFIT = 9.0
-"""A hinge may turn until its pairs fit worse by three standard deviations. By definition."""
-_TURNS_RAD = [math.radians(sign * turn) for turn in range(1, 13) for sign in (1.0, -1.0)]
-"""Least turns that are tried, the smallest first. Chosen: a turn by more is unsure by more than 5 degrees."""
-_EXPECTED_TURN, _TURN_STD = 1.525, 0.446
-"""Mean and standard deviation of a normal distribution beyond one standard deviation. By definition."""
-
 Int64 = NDArray[np.int64]
 
 
@@ -115,162 +105,28 @@ def _farthest(pairs: Int64, nodes: Int64, xyz_m: Float64) -> tuple[Int64, Int64]
     return one, other
 
 
-def swung_apart(
-    uv_m: Float64,
-    part: Bool,
-    edges: Int32,
-    length_m: Float64,
-    std_m: Float64,
-    overlapping: Callable[[Float64], Int64],
-) -> tuple[Float64, Hinge] | None:
-    """Turn a part about the few pairs that join it until it lies on nothing; None if they do not allow it.
-
-    A narrow hinge determines its angle to some degrees only, and a fold there bends it in all views alike.
-    That nothing overlaps leaves the angles beyond the least turn. The expected one of them is taken, for
-    errors of the angle that are normally distributed and as large as the least turn.
-
-    Parameters
-    ----------
-    uv_m : (N, 2) float64
-        Places of the nodes; NaN off the piece.
-    part : (N,) bool
-        The nodes to be turned.
-    edges : (M, 2) int32
-        The pairs between the part and the rest, ...
-    length_m, std_m : (M,) float64
-        ... their lengths and the standard deviations of these.
-    overlapping : callable
-        Returns the pairs (K, 2) of nodes that lie on one another for places (N, 2).
-    """
-    if not edges.size or not np.isfinite(uv_m[edges]).all():
-        return None
-    ends, std = np.unique(edges), np.hypot(std_m, STRIP_NOISE_M)
-
-    def misfit(at: Float64) -> float:
-        apart = np.linalg.norm(at[edges[:, 0]] - at[edges[:, 1]], axis=1)
-        return float(np.square((apart - length_m) / std).sum())
-
-    most = misfit(uv_m) + _MOST_MISFIT
-    for least_rad in _TURNS_RAD:
-        at = _turned(uv_m, part, ends, _EXPECTED_TURN * least_rad)
-        if misfit(at) > most:
-            continue
-        pairs = overlapping(_turned(uv_m, part, ends, least_rad))
-        if not (part[pairs[:, 0]] != part[pairs[:, 1]]).any():
-            nodes = np.flatnonzero(part).astype(np.int32)
-            return at, Hinge(part=nodes, ends=ends, std_rad=_TURN_STD * abs(least_rad))
-    return None
-
-
-def held_hinge(
-    hinge: Hinge, before_uv_m: Float64, uv_m: Float64, edges: Int32, evidence: Float64, most_evidence: float
-) -> tuple[Float64, Hinge] | None:
-    """Turn a part back to where its hinge held it; None if it is more than a hinge by now.
-
-    Minimised again, the few pairs would lead the part to where it overlapped.
-
-    Parameters
-    ----------
-    hinge : Hinge
-        A hinge of the shape as it was.
-    before_uv_m, uv_m : (N, 2) float64
-        Places of the nodes of the piece then and now; NaN for nodes that had or have none.
-    edges : (M, 2) int32
-        Pairs of neighbours within the piece now, ...
-    evidence : (M,) float64
-        ... and how far each shows that its ends are one piece of cloth.
-    most_evidence : float
-        A part that is joined by more is not held by a hinge.
-    """
-    was = np.zeros(len(uv_m), dtype=np.bool_)
-    was[hinge.part] = True
-    known = np.isfinite(before_uv_m[:, 0]) & np.isfinite(uv_m[:, 0])
-    own, rest = np.flatnonzero(known & was), np.flatnonzero(known & ~was)
-    if min(own.size, rest.size) < LEAST_PIECE:
-        return None
-    part = cut_between(len(uv_m), edges, evidence, own, rest)
-    strength = float(evidence[part[edges[:, 0]] != part[edges[:, 1]]].sum())
-    placed = np.isfinite(uv_m[:, 0])
-    part &= placed
-    ends = np.unique(edges[placed[edges].all(axis=1) & (part[edges[:, 0]] != part[edges[:, 1]])])
-    if strength > most_evidence or not ends.size:
-        return None
-    moved = [fit_rigid2(before_uv_m[nodes], uv_m[nodes]).theta_rad for nodes in (rest, own)]
-    turned = _turned(uv_m, part, ends, moved[0] - moved[1])
-    return turned, Hinge(part=np.flatnonzero(part).astype(np.int32), ends=ends, std_rad=hinge.std_rad)
-
-
-def _turned(uv_m: Float64, part: Bool, ends: Int32, angle_rad: float) -> Float64:
-    """Return the places (N, 2) with a part turned about the middle of the ends of the pairs that join it."""
-    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
-    pivot, turned = uv_m[ends].mean(axis=0), uv_m.copy()
-    turned[part] = pivot + (uv_m[part] - pivot) @ np.array([[cos, sin], [-sin, cos]])
-    return turned
-
-
 def without_overlap(
-    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float32, most_cut: float
-) -> tuple[Float64, list[Hinge], Int64]:
-    """Find another layout for a minimised piece that overlaps, or turn a part about its hinge.
+    shape: JointShape, uv_m: Float64, within: Int64, weight: Float32, most_cut: float
+) -> tuple[Float64, Int64]:
+    """Find another layout for a minimised piece that overlaps.
 
     Parts that more evidence than ``most_cut`` joins are not cut off.
 
-    Returns the places (N, 2), the hinges that hold it, and the pairs to be cut if neither helps; changes
-    ``weight`` (M,) with the places.
+    Returns the places (N, 2), and the pairs to be cut if that does not help; changes ``weight`` (M,) with the
+    places.
     """
     links = shape.links
-    uv_m, held = _with_hinges_held(shape, uv_m, members, within, weight)
-    overlapping, minimised = overlaps(shape, uv_m), uv_m
+    overlapping = overlaps(shape, uv_m)
     if overlapping.size:
         uv_m, weight[within], overlapping = _better_layout(shape, within, uv_m, weight[within], overlapping)
-    held = held if uv_m is minimised else []
     if np.unique(overlapping).size < LEAST_PIECE:
-        return uv_m, held, within[:0]
+        return uv_m, within[:0]
     cut, strength, smaller = weakest_cut(
         overlapping, shape.nodes.xyz_m, links.edges[within], (weight * links.evidence)[within]
     )
-    swung = _part_swung_apart(shape, uv_m, smaller, within[cut])
-    if swung is not None:
-        return swung[0], [*held, swung[1]], within[:0]
     if strength <= most_cut and smaller.sum() >= LEAST_PIECE:
-        return uv_m, held, within[cut]
-    return uv_m, held, within[:0]
-
-
-def hinges_within(shape: JointShape, members: Bool) -> list[Hinge]:
-    """Return the hinges that turned a part of a piece, given by its ``members`` (N,)."""
-    return [hinge for hinge in shape.hinges if members[hinge.part].mean() > 0.5]
-
-
-def _with_hinges_held(
-    shape: JointShape, uv_m: Float64, members: Bool, within: Int64, weight: Float32
-) -> tuple[Float64, list[Hinge]]:
-    """Return the places (N, 2) of a piece with its parts turned as before about hinges, and these."""
-    held, links = [], shape.links
-    for hinge in hinges_within(shape, members):
-        own = members & (shape.piece == shape.piece[hinge.part[0]])
-        before = np.where(own[:, None], shape.all_uv_m, np.nan)
-        evidence = (weight * links.evidence)[within]
-        found = held_hinge(hinge, before, uv_m, links.edges[within], evidence, MOST_CUT_EVIDENCE)
-        if found is not None:
-            uv_m = found[0]
-            held.append(found[1])
-    return uv_m, held
-
-
-def _part_swung_apart(
-    shape: JointShape, uv_m: Float64, part: Bool, across: Int64
-) -> tuple[Float64, Hinge] | None:
-    """Turn a part about the pairs ``across`` that join it, until nothing overlaps; None if they forbid it."""
-    links = shape.links
-    return swung_apart(
-        uv_m,
-        part,
-        links.edges[across],
-        links.length_m[across],
-        links.std_m[across],
-        lambda turned: overlaps(shape, turned),
-    )
+        return uv_m, within[cut]
+    return uv_m, within[:0]
 
 
 def _better_layout(

@@ -22,7 +22,6 @@ from flatcloth.methods.robust.connectivity import LEAST_EVIDENCE, connected_piec
 from flatcloth.methods.robust.consistency import (
     MOST_CUT_EVIDENCE,
     contradicted_pairs,
-    hinges_within,
     overlaps,
     without_overlap,
 )
@@ -30,7 +29,6 @@ from flatcloth.methods.robust.joint_shape import (
     LEAST_PIECE,
     OUTGROWN,
     PIECES_APART_M,
-    Hinge,
     JointShape,
     anchored,
     with_cut,
@@ -158,13 +156,11 @@ def flatten_jointly(
         is_whole = len(shape.links.edges) > OUTGROWN * shape.settled_pairs
         number = np.full(len(shape.nodes), -1, dtype=np.int32)
         uv, weight = np.full((len(shape.nodes), 2), np.nan), shape.weight.copy()
-        hinges: list[Hinge] = []
         for n, piece in enumerate(_find_pieces(shape, is_whole)):  # pieces: connectivity.py
-            own_uv, own_hinges, cut = _flattened(shape, piece, weight, is_whole, most_cut, precise)
+            own_uv, cut = _flattened(shape, piece, weight, is_whole, most_cut, precise)
             if cut.size:  # a false link: all pieces are found again without it, and none is cut after that
                 shape, most_cut, precise = with_cut(shape, cut), 0.0, False
                 break
-            hinges += own_hinges
             uv[piece.members] = own_uv[piece.members]
             number[piece.members & np.isfinite(uv[:, 0])] = n
             if not piece.is_main:
@@ -177,7 +173,6 @@ def flatten_jointly(
                     piece=number,
                     all_uv_m=uv,
                     weight=weight,
-                    hinges=tuple(hinges),
                     settled_pairs=settled_pairs,
                 )
             )
@@ -283,15 +278,15 @@ def _known(members: Bool, before: Int32) -> Bool:
 
 def _flattened(
     shape: JointShape, piece: _Piece, weight: Float32, is_whole: bool, most_cut: float | None, precise: bool
-) -> tuple[Float64, list[Hinge], Int64]:
-    """Flatten one piece; return its positions (N, 2), its hinges, and the pairs that are to be cut.
+) -> tuple[Float64, Int64]:
+    """Flatten one piece; return its positions (N, 2), and the pairs that are to be cut.
 
     Changes ``weight`` (M,) of its pairs.
     """
     none = np.zeros(0, dtype=np.int64)
     is_laid_out = piece.known.any() and (piece.known == piece.members).all()
     if is_laid_out and not piece.is_main and not piece.is_changed:
-        return shape.all_uv_m, hinges_within(shape, piece.members), none
+        return shape.all_uv_m, none
     links = shape.links
     within = np.flatnonzero(links.both_ends(piece.members) & ~shape.is_cut)
     # Initialisation: new nodes from their neighbours, joined pieces as they were (layout.py).
@@ -301,14 +296,14 @@ def _flattened(
     nearby = None if is_whole else _relaxed_around(shape, piece, z, inside)
     if nearby is not None:
         uv, weight[inside] = nearby
-        return uv, [], none
+        return uv, none
     # Minimisation: as rigid as possible (Sorkine and Alexa, 2007), then Eq. (2) with robust weights, then
     # strips and necks by lengths and directions (articulated.py).
     uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside], precise=precise)
     if most_cut is None:
-        return uv, [], none
-    # Contradictions: cloth that overlaps is laid out again, turned about a hinge, or cut (consistency.py).
-    return without_overlap(shape, uv, piece.members, within, weight, most_cut)
+        return uv, none
+    # Contradictions: cloth that overlaps is laid out again, or cut (consistency.py).
+    return without_overlap(shape, uv, within, weight, most_cut)
 
 
 def _initialised(shape: JointShape, piece: _Piece, within: Int64) -> Complex128:
@@ -336,11 +331,11 @@ def _relaxed_around(
     """Relax a piece (its pairs ``inside``) around its new nodes only.
 
     Returns positions (N, 2) and weights as :func:`minimise_piece`; None if that is not enough: much of the
-    piece is new or was another piece, many pairs of the last view contradict the positions, a part was turned
-    about a hinge (whose angle depends on all nodes), or cloth overlaps.
+    piece is new or was another piece, many pairs of the last view contradict the positions, or cloth
+    overlaps.
     """
     new = np.isfinite(z.real) & ~piece.known
-    if new.sum() > _MOST_NEW * piece.known.sum() or hinges_within(shape, piece.members):
+    if new.sum() > _MOST_NEW * piece.known.sum():
         return None
     uv, weight = relax_around(z, shape.links, inside, shape.weight[inside], new)
     of_last = weight[shape.links.of_last_view(inside)]

@@ -17,7 +17,7 @@ from flatcloth.methods.robust.connectivity import LEAST_EVIDENCE, Links
 from flatcloth.methods.robust.observations import Nodes, Observation, averaged, no_nodes
 
 LEAST_PIECE = 12
-"""Fewest nodes of a floating piece that is kept, of an overlap that counts, of the two sides of a hinge, and
+"""Fewest nodes of a floating piece that is kept, of an overlap that counts, and
 of a second rigid motion in one component. Set by hand."""
 TWICE_M = 0.015
 """The same cloth at two positions farther apart on the plane (a little more than the distance of nodes) is
@@ -35,34 +35,21 @@ _LEAST_OF_MEDIAN = 0.025
 """A node is not shown that a smaller share of the median node's evidence joins to others. Set by hand."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Hinge:
-    """A few pairs about which a part was turned off the rest, on which it lay.
-
-    ``part`` (P,) int32 are the nodes of the part, ``ends`` (E,) int32 those of the pairs, ``std_rad`` is the
-    standard deviation of its angle.
-    """
-
-    part: Int32
-    ends: Int32
-    std_rad: float
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointShape:
     """All accepted views, flattened together. Two shapes are equal only if they are the same object.
 
     ``observations`` and ``held_from_camera`` are in the order of acceptance, ``links`` are the pairs of all
-    observations. ``piece`` (N,) int32 is the piece of cloth of each node: 0 for the main piece, positive for
-    floating pieces (which no view connects to it), -1 if too small. ``all_uv_m`` (N, 2) are the positions of
-    the nodes; floating pieces lie far from the main one. ``anchor`` (A,) int32 are nodes of the main piece
-    seen by one of the first views, with their positions ``anchor_uv_m`` (A, 2) at that time, which fix the
-    plane. ``weight`` (M,) of the pairs is from 0 to 1 relative to their accuracy: small where a pair
-    contradicts the others. ``is_cut`` (M,) are the pairs that are not used, because they join parts of the
-    cloth that would overlap. ``by_hand`` (N,) are nodes of components that the operator placed where they
-    share no cloth with the shape in space; overlaps of them contradict nothing. ``hinges`` are those whose
-    angle follows from cloth that must not overlap. ``settled_pairs`` is the number of pairs when all pieces
-    were last relaxed as a whole, ``cuts_tried`` the evidence that was cut when other cuts were last tried.
+    observations. ``piece`` (N,) int32 is the piece of cloth of each node: 0 for the main piece, positive
+    for floating pieces (which no view connects to it), -1 if too small. ``all_uv_m`` (N, 2) are the
+    positions of the nodes; floating pieces lie far from the main one. ``anchor`` (A,) int32 are nodes of
+    the main piece seen by one of the first views, with their positions ``anchor_uv_m`` (A, 2) at that time,
+    which fix the plane. ``weight`` (M,) of the pairs is from 0 to 1 relative to their accuracy: small where
+    a pair contradicts the others. ``is_cut`` (M,) are the pairs that are not used, because they join parts
+    of the cloth that would overlap. ``by_hand`` (N,) are nodes of components that the operator placed where
+    they share no cloth with the shape in space; overlaps of them contradict nothing. ``settled_pairs`` is
+    the number of pairs when all pieces were last relaxed as a whole, ``cuts_tried`` the evidence that was
+    cut when other cuts were last tried.
     """
 
     nodes: Nodes
@@ -76,7 +63,6 @@ class JointShape:
     weight: Float32
     is_cut: Bool
     by_hand: Bool
-    hinges: tuple[Hinge, ...] = ()
     settled_pairs: int = 0
     cuts_tried: float = 0.0
 
@@ -178,7 +164,6 @@ def without_layout(shape: JointShape, is_cut: Bool) -> JointShape:
         all_uv_m=np.full_like(shape.all_uv_m, np.nan),
         weight=(~is_cut).astype(np.float32),
         is_cut=is_cut,
-        hinges=(),
         settled_pairs=0,
     )
 

@@ -126,7 +126,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     )
     weak_m2 = np.square(_weakly_joined_m(shape)[placed])
     of_start, of_largest = (
-        _spread_m2(moved, uv, anchor) + _swing_m2(shape, placed, placed[anchor]) + weak_m2
+        _spread_m2(moved, uv, anchor) + weak_m2
         for anchor in (_on_one_part(first_seen, rigid_part), _on_one_part(np.arange(len(uv)), rigid_part))
     )
     outgrown = _determined(of_largest) > OUTGROWN * _determined(of_start)
@@ -196,22 +196,6 @@ def _weakly_joined_m(shape: JointShape) -> Float64:
     """Return the standard deviation (N,) of each node for the little evidence that joins it to others."""
     std: Float64 = np.minimum(_WEAK_STD_M / np.maximum(shape.node_evidence, 1e-9), _OTHER_LAYER_M)
     return std
-
-
-def _swing_m2(shape: JointShape, placed: Int32 | NDArray[np.int64], anchor: NDArray[np.int64]) -> Float64:
-    """Return the variance (K,) of the placed nodes by the angles of hinges, relative to the anchors."""
-    variance = np.zeros(len(placed))
-    for hinge in shape.hinges:
-        part = np.zeros(len(shape.nodes), dtype=np.bool_)
-        part[hinge.part] = True
-        ends = hinge.ends[shape.placed[hinge.ends]]
-        if not ends.size:
-            continue
-        moves = part[placed] != (part[anchor].mean() > 0.5)
-        pivot = shape.all_uv_m[ends].mean(axis=0)
-        arm_m = np.linalg.norm(shape.all_uv_m[placed] - pivot, axis=1)
-        variance += np.square(hinge.std_rad * arm_m) * moves
-    return variance
 
 
 def undetermined(shape: JointShape, std_m: Float64, most_std_m: float = MOST_STD_M) -> Bool:

@@ -159,7 +159,6 @@ def shape_of(uv: np.ndarray, edges: np.ndarray, plate: np.ndarray) -> Any:
             uv_m=uv,
             weight=np.ones(len(edges)),
             observations=[SimpleNamespace(node=np.flatnonzero(plate == 0))],
-            hinges=(),
             node_evidence=np.full(len(uv), 9.0),
         ),
     )

@@ -11,19 +11,16 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, Float64, Int32, Int64
+from flatcloth.core.types import Float64
 from flatcloth.methods.robust.connectivity import links_of
 from flatcloth.methods.robust.consistency import (
     contradicted_pairs,
-    held_hinge,
     overlapping_pairs,
-    swung_apart,
     weakest_cut,
 )
 from flatcloth.methods.robust.joint import flatten_jointly, with_better_cuts
-from flatcloth.methods.robust.joint_shape import Hinge, JointShape
+from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.layout import grown_layout
-from flatcloth.methods.robust.uncertainty import placement_std_m
 
 ROWS, COLS = 16, 30
 SHEET = grid(ROWS, COLS)
@@ -207,87 +204,3 @@ def test_a_pair_that_joins_what_lies_far_apart_is_contradicted() -> None:
     pairs = np.array(edges, dtype=np.int32)
     found = contradicted_pairs(uv, pairs, np.full(len(pairs), STEP_M), np.ones(len(pairs)))
     np.testing.assert_array_equal(found, [False, True, False, False, False, True, False, True])
-
-
-BODY, ARM = grid(4, 30, corner=(0.0, -4 * STEP_M)), grid(6, 30)
-"""A body above a straight edge, and an arm below it; they are joined at the left end only."""
-BOTH = np.concatenate([BODY, ARM])
-ON_ARM = np.arange(len(BOTH)) >= len(BODY)
-
-
-def hinge_pairs(count: int) -> tuple[Int32, Float64]:
-    """Pairs between the first nodes of the body's lower and the arm's upper edge, and their lengths."""
-    lower, upper = 4 * np.arange(count) + 3, len(BODY) + 6 * np.arange(count)
-    edges = np.stack([lower, upper], axis=1).astype(np.int32)
-    return edges, np.linalg.norm(BOTH[edges[:, 0]] - BOTH[edges[:, 1]], axis=1)
-
-
-def turned(uv: Float64, part: Bool, center: Float64, angle_deg: float) -> Float64:
-    cos, sin = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
-    at = uv.copy()
-    at[part] = center + (uv[part] - center) @ np.array([[cos, sin], [-sin, cos]])
-    return at
-
-
-def above_the_edge(uv: Float64) -> Int64:
-    """Pairs of the arm's nodes above the edge with a node of the body."""
-    found = np.flatnonzero(ON_ARM & (uv[:, 1] < -0.5 * STEP_M))
-    return np.stack([found, np.zeros_like(found)], axis=1)
-
-
-def test_a_part_is_turned_about_its_hinge_off_what_it_lies_on() -> None:
-    edges, length = hinge_pairs(2)
-    center = BOTH[np.unique(edges)].mean(axis=0)
-    lying = turned(BOTH, ON_ARM, center, -5.0)
-    found = swung_apart(lying, ON_ARM, edges, length, np.full(2, 0.0005), above_the_edge)
-    assert found is not None
-    uv, hinge = found
-    least_deg = np.degrees(hinge.std_rad) / 0.446
-    assert 3.0 <= least_deg <= 5.0
-    assert least_deg == pytest.approx(round(least_deg))
-    # The mean of a normal distribution beyond one standard deviation is 1.525 of them.
-    about = lying[np.unique(edges)].mean(axis=0)
-    np.testing.assert_allclose(uv, turned(lying, ON_ARM, about, 1.525 * least_deg), atol=1e-12)
-    np.testing.assert_array_equal(hinge.part, np.flatnonzero(ON_ARM))
-    np.testing.assert_array_equal(hinge.ends, np.unique(edges))
-
-
-def test_a_wide_link_does_not_turn() -> None:
-    edges, length = hinge_pairs(12)
-    lying = turned(BOTH, ON_ARM, BOTH[np.unique(edges)].mean(axis=0), -5.0)
-    length = np.linalg.norm(lying[edges[:, 0]] - lying[edges[:, 1]], axis=1)
-    assert swung_apart(lying, ON_ARM, edges, length, np.full(12, 0.0005), above_the_edge) is None
-
-
-def test_a_part_is_held_where_its_hinge_turned_it() -> None:
-    edges, _ = hinge_pairs(2)
-    view = observed(BOTH, ON_ARM, 0), observed(BOTH, ~ON_ARM, 1)
-    every = np.concatenate([*(v.node[v.edges] for v in view), edges]).astype(np.int32)
-    hinge = Hinge(part=np.flatnonzero(ON_ARM)[:-6].astype(np.int32), ends=np.unique(edges), std_rad=0.04)
-    was = np.where((np.arange(len(BOTH)) < len(BOTH) - 6)[:, None], BOTH, np.nan)  # six nodes are new
-    center = BOTH[np.unique(edges)].mean(axis=0)
-    shift = np.array([0.3, -0.2])  # all of the shape was moved, too
-    moved = turned(BOTH, ON_ARM, center, -5.0) + shift
-    found = held_hinge(hinge, was, moved, every, np.ones(len(every)), 3.0)
-    assert found is not None
-    uv, held = found
-    # The middle of the pairs that join it moves by some hundredths of a millimetre when it is turned.
-    np.testing.assert_allclose(uv, BOTH + shift, atol=3e-5)
-    np.testing.assert_array_equal(held.part, np.flatnonzero(ON_ARM))
-    assert held.std_rad == hinge.std_rad
-    assert held_hinge(hinge, was, moved, every, np.ones(len(every)), 1.0) is None  # two pairs join it
-
-
-def test_what_hangs_by_a_hinge_is_unsure_in_proportion_to_its_distance() -> None:
-    edges, _ = hinge_pairs(2)
-    shape = shape_of(BOTH, [observed(BOTH, np.ones(len(BOTH), dtype=bool), 0)], np.ones(len(BOTH), bool))
-    shape = replace(shape, observations=(observed(BOTH, np.ones(len(BOTH), dtype=bool), 0),))
-    plain = placement_std_m(shape, np.zeros(3))
-    hinge = Hinge(part=np.flatnonzero(ON_ARM).astype(np.int32), ends=np.unique(edges), std_rad=0.05)
-    unsure = placement_std_m(replace(shape, hinges=(hinge,)), np.zeros(3))
-    # The body or the arm is the reference; the other turns.
-    turns = np.sqrt(np.square(unsure) - np.square(plain))
-    arm_m = np.linalg.norm(BOTH - BOTH[np.unique(edges)].mean(axis=0), axis=1)
-    moves = turns > 1e-9
-    assert set(moves[ON_ARM]) != set(moves[~ON_ARM])
-    np.testing.assert_allclose(turns[moves], 0.05 * arm_m[moves], rtol=1e-6)

@@ -213,10 +213,6 @@ def _one_shape(
             [_unused(this), _unused(mirrored), np.zeros(len(own.edges) + len(its.edges), dtype=np.bool_)]
         ),
         by_hand=np.concatenate([this.by_hand, mirrored.by_hand, np.zeros(count, dtype=np.bool_)]),
-        hinges=(
-            *this.hinges,
-            *(replace(h, part=h.part + np.int32(n), ends=h.ends + np.int32(n)) for h in mirrored.hinges),
-        ),
     )
 
 
@@ -319,7 +315,6 @@ def _other_of(
         piece=piece,
         all_uv_m=both.all_uv_m[own] * MIRROR,
         weight=both.weight[pairs],
-        hinges=(),
         anchor=np.zeros(0, dtype=np.int32),
         anchor_uv_m=np.zeros((0, 2)),
     )
