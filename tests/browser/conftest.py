@@ -236,10 +236,16 @@ class Tab:
 
     def mark(self) -> tuple[float, float]:
         """Return where the current pick is marked over the scene, in pixels of the page, once it is."""
-        found = "flatcloth.sceneMarks.drawn.find((mark) => mark && mark.id === flatcloth.pick?.id)"
-        self.until(found)
-        frame, mark = self.page.locator("#viser").bounding_box(), self.page.evaluate(found)
-        return frame["x"] + mark["x"], frame["y"] + mark["y"]
+        mark = self.page.wait_for_function(
+            """() => {
+                const { drawn } = flatcloth.sceneMarks;
+                const mark = drawn.find((mark) => mark && mark.id === flatcloth.pick?.id);
+                const { x, y } = document.getElementById('viser').getBoundingClientRect();
+                return mark && [x + mark.x, y + mark.y];
+            }"""
+        )
+        x, y = mark.json_value()
+        return x, y
 
     def overflow(self) -> list[int]:
         """Return by how many pixels the page is wider and higher than its window."""
