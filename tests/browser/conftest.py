@@ -204,6 +204,10 @@ class Tab:
         self.page.wait_for_selector("#viser", state="attached")
         self.scene.wait_for_function(f"window.__viserMutable?.nodeRefFromName[{node!r}]")
 
+    def areas_known(self) -> None:
+        """Wait until what each view really added to the shape is known, which is computed afterwards."""
+        self.until("flatcloth.state.views.every((v) => v.order === null || v.added_cm2 !== null)")
+
     def step(self) -> None:
         """Step, and wait until the proposal is drawn."""
         self.page.keyboard.press("s")
@@ -233,6 +237,21 @@ class Tab:
         self.page.mouse.click(at["x"], at["y"])
         self.until(f"flatcloth.state.picks.length === {count + 1}")
         return self.pick()
+
+    def on_proposal(self, x: float, y: float) -> float:
+        """Return the x of the nearest place left of (x, y) on the page where the proposal can be taken."""
+        return self.page.evaluate(
+            """([x, y]) => {
+                const canvas = document.getElementById("canvas");
+                for (let left = x; left > x - 160; left -= 2) {
+                    const at = { clientX: left, clientY: y };
+                    canvas.dispatchEvent(new PointerEvent("pointermove", at));
+                    if (canvas.style.cursor === "move") return left;
+                }
+                throw new Error("there is no cloth of the proposal");
+            }""",
+            [x, y],
+        )
 
     def mark(self) -> tuple[float, float]:
         """Return where the current pick is marked over the scene, in pixels of the page, once it is."""

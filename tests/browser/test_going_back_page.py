@@ -27,7 +27,7 @@ def test_an_operator_goes_back_asks_why_and_places_by_handles(open_tab, program)
     page.locator("#folder .card", has_text="cloth").click()
     tab.ready()
     first, second = tab.click_shape(0.25, 0.5)["id"], tab.click_shape(0.75, 0.5)["id"]
-    assert re.search(rf"#session/.*pick={second}$", page.url)
+    page.wait_for_url(re.compile(rf"#session/.*pick={second}$"))
     page.go_back()
     tab.until(f"flatcloth.pick.id === {first}")
     sent = page.url

@@ -39,13 +39,10 @@ class ByMouse:
                  return [at(0).x, at(0).y, at(0.1).x - at(0).x]; }"""
         )
         x, y, far = at
-        canvas = self.page.locator("#canvas")
-        for dx in range(0, 160, 6):
-            self.page.mouse.move(x - dx, y)
-            if canvas.evaluate("c => c.style.cursor") == "move":
-                break
+        x = self.tab.on_proposal(x, y)
+        self.page.mouse.move(x, y)
         self.page.mouse.down()
-        self.page.mouse.move(x - dx + far, y + 5, steps=5)
+        self.page.mouse.move(x + far, y + 5, steps=5)
         self.page.mouse.up()
 
     def reopen(self, view):

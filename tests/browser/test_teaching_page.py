@@ -166,6 +166,7 @@ def test_the_sliders_change_what_is_drawn_and_reset_brings_it_back(open_lesson):
 def test_nothing_is_decided_and_leaving_returns_to_where_one_was(open_lesson, tmp_path):
     lesson = open_lesson()
     page = lesson.page
+    lesson.tab.areas_known()
     before = lesson.tab.state()
     journal = (tmp_path / "session" / "journal.jsonl").read_text()
     page.locator('[data-action="teach"]').focus()
