@@ -119,6 +119,7 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
     hands.do("step")
     tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
     hands.drag_away()
+    tab.until("Math.abs(flatcloth.state.pending.nudge.u_mm) > 95 && !flatcloth.state.drawing")
     tab.until("flatcloth.state.pending.score !== null && flatcloth.state.pending.score < 0.75")
     bad = tab.state()["pending"]["view_index"]
     hands.do("accept")

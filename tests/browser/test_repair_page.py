@@ -173,7 +173,7 @@ def test_a_piece_that_floats_is_placed_by_hand(open_tab):
     )
     assert piece.get_attribute("aria-pressed") == "true"
     tab.page.keyboard.press("ArrowRight")
-    tab.until(f"flatcloth.state.undo === 'move view {view}'")
+    tab.until(f"flatcloth.state.undo === 'move view {view}' && !flatcloth.state.drawing")
     tab.shoot("floating-piece")
     # Nothing there speaks for the place: Accept asks for a second press.
     tab.page.keyboard.press("a")
