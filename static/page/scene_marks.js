@@ -121,12 +121,15 @@ export class SceneMarks {
     this.page.canvas.redraw();
   }
 
-  /** viser's camera and the matrix from the object frame to its world; null until there is a scene. */
+  /**
+   * viser's camera and the matrix from the object frame to its world, in which up is +y; null until there is a scene.
+   * A new node has no place yet: viser sets that, and its camera, when it draws the next time.
+   */
   get view() {
     const inside = /** @type {{ __viserMutable?: Viser } | null} */ (this.frame.contentWindow);
     const viser = inside?.__viserMutable;
     const node = viser?.nodeRefFromName?.["/live/cloud"];
-    if (!node || !viser?.camera || !viser.canvas) return null;
+    if (!node || !viser?.camera || !viser.canvas || !isUpright(node.matrixWorld)) return null;
     return { camera: viser.camera, world: node.matrixWorld.elements, canvas: viser.canvas };
   }
 
@@ -237,6 +240,9 @@ function drawNumber(context, { x, y }, number, style, current) {
   const box = [x + 8, y - 18, context.measureText(String(number)).width + 6, 15];
   drawLabel(context, style, String(number), [x + 11, y - 10], box, { color: "--pick", alpha: 0.9 });
 }
+
+/** Whether a matrix from the object frame, in which up is -y, turns up to +y: the identity does not. */
+const isUpright = (/** @type {Matrix4} */ { elements }) => elements[5] < 0;
 
 /**
  * A point moved by a matrix of four columns, divided by its last row.

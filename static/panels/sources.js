@@ -76,7 +76,8 @@ export class SourcePanel {
     this.seen = /** @type {SeenViews | null} */ (null); // the views of the pick
     this.at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
     this.images = /** @type {Map<string, SourcePicture | null>} */ (new Map()); // by address
-    this.itemBoxes = /** @type {Map<string, ItemBox | null>} */ (new Map()); // of recordings without masks
+    /** @type {Map<string, ItemBox | null | undefined>} */
+    this.itemBoxes = new Map(); // by address, of recordings without masks; undefined while they are fetched
     this.canvas = make("canvas#source-canvas", { role: "img" });
     this.stroke = /** @type {UV[] | null} */ (null); // pixels (row, col) of the stroke that is being drawn
     this.drawn = /** @type {Drawn | null} */ (null);
@@ -160,7 +161,7 @@ export class SourcePanel {
   /** Zoom; what was under a pointer comes to be under another, or stays. */
   zoomBy(/** @type {number} */ factor, /** @type {Pointed} */ from, /** @type {Pointed} */ to = from) {
     const [at, then] = [this.pixelAt(from), this.pixelAt(to)];
-    if (!at || !then || !this.drawn) return false;
+    if (!at || !then || this.drawn?.view !== this.view) return false;
     const { box } = this.drawn;
     const before = this.zoom.factor;
     this.zoom.factor = within(before * factor, 1, MOST_ZOOM);
@@ -335,19 +336,18 @@ export class SourcePanel {
     return null;
   }
 
-  /** Without masks the item is wider than the cloth that is known to be of interest. */
+  /** Without masks the item is wider than the cloth that is known to be of interest; undefined while it is fetched. */
   itemBox(/** @type {number} */ view) {
     const { sides } = this.page.state;
     if (!sides || sides.certainty === null) return null;
     const address = `/sides/${view}/box.json?v=${sides.token}`;
-    const kept = this.itemBoxes.get(address);
-    if (kept !== undefined) return kept;
-    this.itemBoxes.set(address, null);
+    if (this.itemBoxes.has(address)) return this.itemBoxes.get(address);
+    this.itemBoxes.set(address, undefined);
     askJson(address).then((found) => {
       this.itemBoxes.set(address, found);
       this.draw();
     });
-    return null;
+    return undefined;
   }
 
   draw() {
@@ -363,8 +363,8 @@ export class SourcePanel {
     const labels = lost ? this.image(lost) : sides && masked ? this.image(sides) : null;
     this.canvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
     this.canvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
-    if (!color || !mask?.box) return;
     const item = this.itemBox(view);
+    if (!color || !mask?.box || item === undefined) return;
     const whole = item ? withMargin(item, color) : mask.box;
     const share = this.large.on ? LARGE_SHARE : MOST_SHARE;
     const [mostWide, mostHigh] = [this.scene.clientWidth, this.scene.clientHeight].map((px) =>

@@ -204,6 +204,10 @@ class Tab:
         self.page.wait_for_selector("#viser", state="attached")
         self.scene.wait_for_function(f"window.__viserMutable?.nodeRefFromName[{node!r}]")
 
+    def areas_known(self) -> None:
+        """Wait until what each view really added to the shape is known, which is computed afterwards."""
+        self.until("flatcloth.state.views.every((v) => v.order === null || v.added_cm2 !== null)")
+
     def step(self) -> None:
         """Step, and wait until the proposal is drawn."""
         self.page.keyboard.press("s")
@@ -234,12 +238,33 @@ class Tab:
         self.until(f"flatcloth.state.picks.length === {count + 1}")
         return self.pick()
 
+    def on_proposal(self, x: float, y: float) -> float:
+        """Return the x of the nearest place left of (x, y) on the page where the proposal can be taken."""
+        return self.page.evaluate(
+            """([x, y]) => {
+                const canvas = document.getElementById("canvas");
+                for (let left = x; left > x - 160; left -= 2) {
+                    const at = { clientX: left, clientY: y };
+                    canvas.dispatchEvent(new PointerEvent("pointermove", at));
+                    if (canvas.style.cursor === "move") return left;
+                }
+                throw new Error("there is no cloth of the proposal");
+            }""",
+            [x, y],
+        )
+
     def mark(self) -> tuple[float, float]:
         """Return where the current pick is marked over the scene, in pixels of the page, once it is."""
-        found = "flatcloth.sceneMarks.drawn.find((mark) => mark && mark.id === flatcloth.pick?.id)"
-        self.until(found)
-        frame, mark = self.page.locator("#viser").bounding_box(), self.page.evaluate(found)
-        return frame["x"] + mark["x"], frame["y"] + mark["y"]
+        mark = self.page.wait_for_function(
+            """() => {
+                const { drawn } = flatcloth.sceneMarks;
+                const mark = drawn.find((mark) => mark && mark.id === flatcloth.pick?.id);
+                const { x, y } = document.getElementById('viser').getBoundingClientRect();
+                return mark && [x + mark.x, y + mark.y];
+            }"""
+        )
+        x, y = mark.json_value()
+        return x, y
 
     def overflow(self) -> list[int]:
         """Return by how many pixels the page is wider and higher than its window."""
@@ -254,8 +279,9 @@ class Tab:
             reason="axe-core is not installed: pip install '.[test]'",
         )
         viser = {"exclude": [["#viser"]]}  # the page in the frame is viser's own
-        rules = {"rules": {"label-content-name-mismatch": {"enabled": True}}}
-        found = axe.Axe().run(self.page, context=viser, options=rules).response["violations"]
+        rules = {"label-content-name-mismatch": {"enabled": True}}
+        options = {"rules": rules, "resultTypes": ["violations"]}  # the nodes of all others are many
+        found = axe.Axe().run(self.page, context=viser, options=options).response["violations"]
         return [
             f"{f['impact']}: {f['id']}: {f['help']}: {[n['html'][:120] for n in f['nodes'][:4]]}"
             for f in found

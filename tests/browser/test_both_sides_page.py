@@ -84,7 +84,7 @@ def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(o
     assert max(map(abs, off)) < 0.01
     for width, height in ((390, 844), (1366, 768)):
         tab.page.set_viewport_size({"width": width, "height": height})
-        tab.page.wait_for_timeout(300)
-        assert max(tab.overflow()) <= 0
+        tab.until("document.documentElement.scrollWidth <= innerWidth")
+        tab.until("document.documentElement.scrollHeight <= innerHeight")
         tab.shoot(f"both-sides-{width}")
     assert tab.findings() == []

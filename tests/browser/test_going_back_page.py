@@ -27,7 +27,7 @@ def test_an_operator_goes_back_asks_why_and_places_by_handles(open_tab, program)
     page.locator("#folder .card", has_text="cloth").click()
     tab.ready()
     first, second = tab.click_shape(0.25, 0.5)["id"], tab.click_shape(0.75, 0.5)["id"]
-    assert re.search(rf"#session/.*pick={second}$", page.url)
+    page.wait_for_url(re.compile(rf"#session/.*pick={second}$"))
     page.go_back()
     tab.until(f"flatcloth.pick.id === {first}")
     sent = page.url
@@ -120,13 +120,13 @@ def why_it_is_joined(tab):
     expect(panel.get_by_role("group", name="Part 1")).to_contain_text("14 pairs of 1 view")
     expect(panel).to_contain_text("right with 10 %")
     panel.get_by_role("button", name="1 · 30°").click()
-    tab.until("flatcloth.sources.view === 1")
+    tab.until("flatcloth.sources.drawn.view === 1")
     # The source image is as large as wanted, and the wheel zooms into it.
     image = page.locator("#source-canvas")
-    small = image.bounding_box()
+    small = image.bounding_box()["height"]
     page.keyboard.press("Shift+Z")
+    tab.until(f"document.getElementById('source-canvas').clientHeight > {1.3 * small}")
     at = image.bounding_box()
-    assert at["height"] > 1.3 * small["height"]
     page.mouse.move(at["x"] + at["width"] / 2, at["y"] + at["height"] / 2)
     whole = page.evaluate("flatcloth.sources.drawn.box")
     page.mouse.wheel(0, -600)

@@ -39,13 +39,10 @@ class ByMouse:
                  return [at(0).x, at(0).y, at(0.1).x - at(0).x]; }"""
         )
         x, y, far = at
-        canvas = self.page.locator("#canvas")
-        for dx in range(0, 160, 6):
-            self.page.mouse.move(x - dx, y)
-            if canvas.evaluate("c => c.style.cursor") == "move":
-                break
+        x = self.tab.on_proposal(x, y)
+        self.page.mouse.move(x, y)
         self.page.mouse.down()
-        self.page.mouse.move(x - dx + far, y + 5, steps=5)
+        self.page.mouse.move(x + far, y + 5, steps=5)
         self.page.mouse.up()
 
     def reopen(self, view):
@@ -122,6 +119,7 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
     hands.do("step")
     tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
     hands.drag_away()
+    tab.until("Math.abs(flatcloth.state.pending.nudge.u_mm) > 95 && !flatcloth.state.drawing")
     tab.until("flatcloth.state.pending.score !== null && flatcloth.state.pending.score < 0.75")
     bad = tab.state()["pending"]["view_index"]
     hands.do("accept")

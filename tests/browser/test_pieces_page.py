@@ -73,10 +73,10 @@ def it_snaps_to_its_ghost(tab, ghost):
     mouse.move(canvas["x"] + middle["x"], canvas["y"] + middle["y"])
     mouse.down()
     mouse.move(canvas["x"] + middle["x"] + scale * u + 6, canvas["y"] + middle["y"] + scale * v - 6, steps=4)
-    assert tab.page.evaluate("flatcloth.handles.snapped") == "garment"
+    tab.until("flatcloth.handles.snapped === 'garment'")
     tab.shoot("ghost-snapped")
-    mouse.up()
     revision = tab.state()["layers"]["overlay"]["revision"]
+    mouse.up()
     tab.until(f"flatcloth.state.layers.overlay.revision > {revision}")
     laid = tab.state()["layers"]["overlay"]["placement"]
     assert laid["u_m"] == pytest.approx(ghost["u_m"], abs=1e-4)

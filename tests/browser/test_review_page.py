@@ -31,7 +31,7 @@ def test_a_session_is_reviewed_and_its_data_are_taken_away(open_tab, tmp_path: P
     page.keyboard.press("e")
     page.get_by_role("menuitem", name="bad depth").click()
     tab.until("flatcloth.phase === 'ready'")
-    tab.until("flatcloth.state.views.every((v) => v.order === null || v.added_cm2 !== null)")
+    tab.areas_known()
     views = tab.state()["views"]
     start, first = (next(v for v in views if v["order"] == n) for n in (0, 1))
     total = tab.state()["layers"]["area_cm2"] + sum(p["area_cm2"] for p in tab.state()["layers"]["pieces"])

@@ -83,6 +83,7 @@ def test_cloth_is_painted_with_keys_alone_and_the_next_place_is_found(open_tab) 
     tab.until(f"JSON.stringify(flatcloth.sources.aim) === {json.dumps(first.replace(' ', ''))}")
     tab.page.keyboard.press("Shift+S")
     tab.until("flatcloth.sides.kind === 'this' && document.getElementById('source-canvas').tabIndex === 0")
+    tab.until("flatcloth.sources.drawn.view === flatcloth.sources.view")
     two_fingers_zoom(tab, "#source-canvas", "flatcloth.sources.drawn.box.width")
     two_fingers_zoom(tab, "#canvas", "1 / flatcloth.handles.scale")
     tab.page.keyboard.press(">")
@@ -95,7 +96,7 @@ def test_cloth_is_painted_with_keys_alone_and_the_next_place_is_found(open_tab) 
 
 def two_fingers_zoom(tab, canvas: str, shown: str) -> None:
     # In one go, as the window's parts may still find their sizes.
-    before = tab.page.evaluate(
+    before, after = tab.page.evaluate(
         """([selector, shown]) => {
             const canvas = document.querySelector(selector), before = eval(shown);
             canvas.setPointerCapture = () => {};
@@ -109,11 +110,11 @@ def two_fingers_zoom(tab, canvas: str, shown: str) -> None:
                 const at = { pointerId, clientX: x + dx, clientY: y };
                 canvas.dispatchEvent(new PointerEvent(type, { ...finger, ...at }));
             }
-            return before;
+            return [before, eval(shown)];
         }""",
         [canvas, shown],
     )
-    assert tab.page.evaluate(shown) == pytest.approx(before / 2, rel=0.02)
+    assert after == pytest.approx(before / 2, rel=0.02)
     assert tab.state()["sides"]["n_strokes"] == 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from conftest import Program  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 
 pytestmark = pytest.mark.browser
 
@@ -69,6 +70,22 @@ class Lesson:
                      || e.scrollWidth > e.clientWidth + 2 && e.id; })
                  .map((e) => e.id || e.textContent)"""
         )
+
+
+@pytest.fixture(scope="module")
+def school(tmp_path_factory):
+    """The program of all lessons, which change nothing: it computes each once."""
+    session = tmp_path_factory.mktemp("school") / "session"
+    running = Program("recordings/shirt-sleeve-clean --as-recorded", session)
+    yield running
+    running.stop()
+
+
+@pytest.fixture
+def program(request, school, program_of, tmp_path):
+    """That of all lessons, or the test's own."""
+    own = getattr(request, "param", None)
+    return school if own is None else program_of(f"{own} --as-recorded", tmp_path / "session")
 
 
 @pytest.fixture
@@ -163,9 +180,11 @@ def test_the_sliders_change_what_is_drawn_and_reset_brings_it_back(open_lesson):
     assert lesson.fact("u_b, A_0") != place
 
 
+@pytest.mark.parametrize("program", ["recordings/shirt-sleeve-clean"], indirect=True, ids=["own"])
 def test_nothing_is_decided_and_leaving_returns_to_where_one_was(open_lesson, tmp_path):
     lesson = open_lesson()
     page = lesson.page
+    lesson.tab.areas_known()
     before = lesson.tab.state()
     journal = (tmp_path / "session" / "journal.jsonl").read_text()
     page.locator('[data-action="teach"]').focus()

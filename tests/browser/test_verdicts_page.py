@@ -101,7 +101,7 @@ def test_jumps_lead_to_what_waits_and_to_the_lowest_score_by_keys_alone(open_tab
     card.wait_for()
     tab.page.keyboard.press("Escape")
     card.wait_for(state="hidden")
-    assert tab.page.evaluate("document.activeElement.dataset.id") == f"view-{skipped}"
+    tab.until(f"document.activeElement.dataset.id === 'view-{skipped}'")
     tab.page.keyboard.press("q")
     (accepted,) = states(tab, "accepted")
     card = tab.page.get_by_role("dialog", name=f"View {accepted}")
