@@ -1,9 +1,10 @@
-"""Recordings of a few pixels, in memory and on disk."""
+"""Recordings of a few pixels, in memory and on disk; and of few views of a bundled one."""
 
 from __future__ import annotations
 
 import copy
 import json
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from flatcloth.core.resources import sample_recordings
 from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
 
 WIDTH, HEIGHT = 16, 12
@@ -110,3 +112,12 @@ class MemoryRecording:
             mask=None,
             intrinsics=self.intrinsics,
         )
+
+
+def few_views(name: str, step: int, folder: Path) -> Path:
+    """Write every so many views of a bundled recording, with their truth, to a folder; return it."""
+    shutil.copytree(sample_recordings()[name], folder)
+    header = json.loads((folder / "recording.json").read_text())
+    header["views"] = header["views"][::step]
+    (folder / "recording.json").write_text(json.dumps(header))
+    return folder

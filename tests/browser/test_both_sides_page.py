@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-
 import pytest
 from playwright.sync_api import expect
-
-from flatcloth.core.resources import sample_recordings
+from tiny_recordings import few_views
 
 pytestmark = pytest.mark.browser
 
@@ -19,15 +15,8 @@ PLACES = "flatcloth.bothSides.places"
 @pytest.fixture
 def program(tmp_path, program_of):
     """Every fourth view of trousers: both sides take some 25 s."""
-    source, folder = sample_recordings()["trousers-waist-d435"], tmp_path / "few"
-    header = json.loads((source / "recording.json").read_text())
-    header["views"] = header["views"][::4]
-    for view in header["views"]:
-        for kind in ("color", "depth", "mask"):
-            (folder / view[kind]).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(source / view[kind], folder / view[kind])
-    (folder / "recording.json").write_text(json.dumps(header))
-    return program_of(str(folder), tmp_path / "session")
+    few = few_views("trousers-waist-d435", 4, tmp_path / "few")
+    return program_of(str(few), tmp_path / "session")
 
 
 def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(open_tab):

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
+from tiny_recordings import few_views
 
 pytestmark = pytest.mark.browser
 
-RECORDING = Path(__file__).parents[2] / "recordings" / "shirt-sleeve-clean"
 KNOWN = "flatcloth.state?.sides && flatcloth.state.sides.certainty !== null"
 IDLE = "flatcloth.state.request === null"
 
@@ -18,10 +17,9 @@ IDLE = "flatcloth.state.request === null"
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Every third view of a bundled recording, without its masks."""
-    folder = tmp_path_factory.mktemp("bare") / "shirt"
-    shutil.copytree(RECORDING, folder)
+    folder = few_views("shirt-sleeve-clean", 3, tmp_path_factory.mktemp("bare") / "shirt")
     header = json.loads((folder / "recording.json").read_text())
-    header["views"] = [{k: v for k, v in view.items() if k != "mask"} for view in header["views"][::3]]
+    header["views"] = [{k: v for k, v in view.items() if k != "mask"} for view in header["views"]]
     (folder / "recording.json").write_text(json.dumps(header))
     return folder
 

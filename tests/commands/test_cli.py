@@ -10,6 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 from exported_sessions import write_cylinder
+from tiny_recordings import few_views
 
 from flatcloth import __version__
 from flatcloth.cli import main
@@ -24,12 +25,7 @@ SAMPLE = ROOT / "recordings" / "shirt-sleeve-clean"
 @pytest.fixture(scope="module")
 def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Every second view of a bundled recording, with its truth."""
-    folder = tmp_path_factory.mktemp("sample") / SAMPLE.name
-    shutil.copytree(SAMPLE, folder)
-    header = json.loads((folder / "recording.json").read_text())
-    header["views"] = header["views"][::2]
-    (folder / "recording.json").write_text(json.dumps(header))
-    return folder
+    return few_views(SAMPLE.name, 2, tmp_path_factory.mktemp("sample") / SAMPLE.name)
 
 
 def test_run_integrates_resumes_and_evaluate_agrees(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tiny_recordings import few_views
 
 import flatcloth
 from flatcloth.api.integrating import integrate
@@ -32,13 +33,8 @@ def place() -> str:
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory) -> Path:
-    return tmp_path_factory.mktemp("both") / "session"
-
-
-@pytest.fixture(scope="module")
-def shape(session: Path):
-    return integrate(open_recording(place()), session=session, sides="both", cores=1)
+def shape():
+    return integrate(open_recording(place()), sides="both", cores=1)
 
 
 def test_the_other_side_lies_where_the_pattern_has_it(shape):
@@ -84,9 +80,12 @@ def test_what_run_writes_is_read_back(shape, tmp_path: Path):
     assert any("Other side" in line for line in shape.lines())
 
 
-def test_the_garment_is_exported_as_run_wrote_it(shape, session: Path, tmp_path: Path):
+def test_the_garment_is_exported_as_run_wrote_it(tmp_path: Path):
+    session, file = tmp_path / "session", tmp_path / "garment.json"
+    recording = open_recording(str(few_views(NAME, 4, tmp_path / "few")))
+    shape = integrate(recording, session=session, sides="both", cores=1)
+    assert shape.data.garment.sides is not None
     shape.write(session)
-    file = tmp_path / "garment.json"
     assert main(["export", str(session), "--garment", str(file)]) == 0
     assert json.loads(file.read_text()) == json.loads((session / "garment.json").read_text())
 
