@@ -243,3 +243,12 @@ def test_a_floating_piece_of_this_side_and_its_back_are_one_piece() -> None:
     off = found.shape.all_uv_m[is_right] * MIRROR - pattern[is_right]
     assert np.ptp(off, axis=0).max() < 0.004  # rigidly beside its half, on the plane of both
     assert off[:, 0].mean() > 0.5 * PIECES_APART_M
+
+
+def test_the_shape_stays_the_main_piece_when_the_other_side_floats_and_is_larger() -> None:
+    left = COLUMN < 12
+    found = joined(side(left, is_other=False), OTHER, UV[left], decided=(), ends=None)
+    (seam, *_) = seams_of(found)
+    apart = joined(side(left, is_other=False), OTHER, UV[left], decided=(decision(seam, kept=False),))
+    assert found.is_related
+    assert not apart.is_related

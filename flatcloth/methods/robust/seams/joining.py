@@ -107,7 +107,7 @@ def join_sides(
     both = _one_shape(own, mirrored, matches.chosen(joining), (places[0][joining], places[1][joining]))
     check()
     # 4. Eq. (2) over both sides (joint.py).
-    both = flatten_jointly(both, most_cut=None, precise=True)
+    both = _with_main_of(this, flatten_jointly(both, most_cut=None, precise=True))
     check()
     # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
     seamed = np.where(both.piece[: len(this.nodes)] == 0, this.piece, 0)
@@ -214,6 +214,22 @@ def _one_shape(
         ),
         by_hand=np.concatenate([this.by_hand, mirrored.by_hand, np.zeros(count, dtype=np.bool_)]),
     )
+
+
+def _with_main_of(this: JointShape, both: JointShape) -> JointShape:
+    """Return both sides with the main piece of this side as theirs, where a floating one is larger."""
+    own = np.flatnonzero((this.piece == 0) & (both.piece[: len(this.nodes)] >= 0))
+    main = int(np.bincount(both.piece[own]).argmax())
+    if main == 0:
+        return both
+    uv, piece = both.all_uv_m.copy(), both.piece.copy()
+    own = own[both.piece[own] == main]
+    motion = fit_rigid2(uv[own], this.all_uv_m[own])
+    larger, is_main = both.piece == 0, both.piece == main
+    uv[larger] += (PIECES_APART_M * main, 0.0) - uv[larger].mean(axis=0)
+    uv[is_main] = motion.apply(uv[is_main])
+    piece[larger], piece[is_main] = main, 0
+    return replace(both, all_uv_m=uv, piece=piece)
 
 
 def _unused(shape: JointShape) -> Bool:

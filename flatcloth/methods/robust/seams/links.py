@@ -42,6 +42,7 @@ _WELL_SEEN = 0.75
 have seen a fold's silhouette."""
 _AGREE_M = LEAST_INTERVAL_M
 """Matches of one set fit its motion to this: four times their median residual."""
+_CONTRADICTS = "it contradicts a stronger seam"
 _TRIES = 300
 """Motions tried for a set. Chosen: a set with a seventh of the matches is found in 99 of 100 cases."""
 _SEED_M = (0.03, 0.2)
@@ -162,6 +163,9 @@ def linked(
         if not earlier and not link.is_kept and contradicted(matches, link, ends) > _MOST_CONTRADICTED:
             links[n] = replace(link, why="true edges would lie on cloth of the other sheet")
             continue
+        if against and not link.is_kept and link.strength < LEAST_MATCHES:
+            links[n] = replace(link, why=_CONTRADICTS)
+            continue
         for before in against:
             part, evidence = evidence_between(other, matches, before, link)
             is_bridge = before.this_piece != link.this_piece
@@ -169,7 +173,7 @@ def linked(
                 part &= other.piece == link.other_piece
                 side = np.unique(2 * side + part, return_inverse=True)[1].ravel()
             elif not is_bridge and not link.is_kept:
-                links[n] = replace(link, why="it contradicts a stronger seam")
+                links[n] = replace(link, why=_CONTRADICTS)
                 break
     apart, matches = _taken_apart(other, side, matches, at_other)
     # Pieces have other numbers now.
