@@ -112,7 +112,8 @@ class Kind:
 
     def outline(self, parameters: Float64) -> Float64:
         """Return the closed outlines (V, 2, n) of parameters (P, n); the first vertex is not repeated."""
-        half = np.einsum("vm,mcn->vcn", self._half, self.nodes(parameters))
+        nodes = self.nodes(parameters)
+        half = (self._half @ nodes.reshape(len(nodes), -1)).reshape(-1, *nodes.shape[1:])
         left = half[-1:0:-1] * np.array([-1.0, 1.0])[None, :, None]
         closed: Float64 = np.concatenate([half[:-1], left])
         return closed
@@ -145,7 +146,7 @@ def with_slope(function: Callable[[Float64], Float64], x: Float64) -> tuple[Floa
 
 def stacked(*points: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]) -> Float64:
     """Return nodes (M, 2, n) given as pairs of coordinates, each a number or (n,)."""
-    flat = [np.asarray(x, dtype=np.float64) for point in points for x in point]
-    columns = np.broadcast_arrays(*flat)
-    result: Float64 = np.stack(columns).reshape(len(points), 2, -1)
-    return result
+    nodes = np.empty((len(points), 2, *np.shape(points[0][0])))
+    for node, (x, y) in zip(nodes, points, strict=True):
+        node[0], node[1] = x, y
+    return nodes.reshape(len(points), 2, -1)

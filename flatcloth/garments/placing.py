@@ -14,7 +14,7 @@ import numpy as np
 
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M
-from flatcloth.garments.distance import straight_inside
+from flatcloth.garments.distance import shortened
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
 from flatcloth.garments.fit import (
     OUTLINE_STD_M,
@@ -123,13 +123,11 @@ def _contradiction(
     laid_m = main.depth_at(there) - OUTLINE_STD_M
     energy = piece.inside_weight * float(bounded_cost(laid_m, OUTLINE_STD_M).sum())
     own, others = thinned(len(there)), thinned(len(main.inside_uv_m))
-    flat = np.linalg.norm(there[own][:, None] - main.inside_uv_m[others][None], axis=-1)
-    space = np.linalg.norm(piece.inside_xyz_m[own][:, None] - main.inside_xyz_m[others][None], axis=-1)
     first, last = pose.apply(piece.inside_uv_m[own]), main_pose.apply(main.inside_uv_m[others])
-    joined = straight_inside(first, last, outline)
-    if not joined.any():
+    short_m = shortened(first, last, piece.inside_xyz_m[own], main.inside_xyz_m[others], outline)
+    if not len(short_m):
         return energy
-    nearer = bounded_cost((space - flat)[joined] - CORRELATED_M, CORRELATED_M)
+    nearer = bounded_cost(short_m - CORRELATED_M, CORRELATED_M)
     return energy + piece.inside_weight * len(there) * float(nearer.mean())
 
 
