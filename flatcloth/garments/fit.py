@@ -278,9 +278,11 @@ def _descended(problem: _Problem, x: Float64, widened: float, steps: int) -> Flo
     damping, growth = _TOLERANCE, 2.0
     energy, gradient, matrix, _ = problem.normal_equations(x, widened)
     for _ in range(steps):
-        damped = matrix + damping * np.diag(np.diag(matrix)) + 1e-9 * np.eye(len(x))
+        damped = matrix.copy()
+        damped.flat[:: len(x) + 1] *= 1.0 + damping
+        damped.flat[:: len(x) + 1] += 1e-9
         tried = x - np.linalg.solve(damped, gradient)
-        tried[:count] = np.clip(tried[:count], kind.low, kind.high)
+        tried[:count] = np.minimum(np.maximum(tried[:count], kind.low), kind.high)
         answer = problem.normal_equations(tried, widened)
         gain = energy - answer[0]
         if gain > 0.0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,11 +137,17 @@ def with_slope(function: Callable[[Float64], Float64], x: Float64) -> tuple[Floa
 
     The function takes n arguments at once, (D, n), and returns (..., n).
     """
-    step = 1e-5  # far above rounding, far below any curvature
-    moved = step * np.eye(len(x))
-    values = function(x[:, None] + np.concatenate([np.zeros((len(x), 1)), moved, -moved], axis=1))
-    slope: Float64 = (values[..., 1 : len(x) + 1] - values[..., len(x) + 1 :]) / (2.0 * step)
+    step, size = 1e-5, len(x)  # far above rounding, far below any curvature
+    values = function(x[:, None] + _moved(size, step))
+    slope: Float64 = (values[..., 1 : size + 1] - values[..., size + 1 :]) / (2.0 * step)
     return values[..., 0], slope
+
+
+@cache
+def _moved(size: int, step: float) -> Float64:
+    """Return no motion and a step of each argument in either direction, (D, 1 + 2 D)."""
+    moved = step * np.eye(size)
+    return np.concatenate([np.zeros((size, 1)), moved, -moved], axis=1)
 
 
 def stacked(*points: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]) -> Float64:

@@ -7,6 +7,7 @@ points that cloth joins straight on the plane cannot be nearer there than they h
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -89,17 +90,22 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
 
 
 def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
+    """Return the best poses far from one another. A contradiction only adds to the cost: few are rated."""
     own = float(piece.edge_weight * piece.edge_trust.sum())
-    rated = [
-        (own * cost + _contradiction(fit.outline, fit.garment_from_piece[0], pose, main, piece), pose)
-        for cost, pose in coarse_poses(fit.outline, piece, 8 * STARTS)
-    ]
-    rated.sort(key=lambda each: each[0])
+    poses = coarse_poses(fit.outline, piece, 8 * STARTS)
+    waiting = [(own * cost, False, n) for n, (cost, _) in enumerate(poses)]
     kept: list[Rigid2] = []
-    for _, pose in rated:
-        if all(are_apart(pose, other, piece) for other in kept):
+    while waiting and len(kept) < STARTS:
+        cost, is_rated, n = heapq.heappop(waiting)
+        pose = poses[n][1]
+        if not all(are_apart(pose, other, piece) for other in kept):
+            continue
+        if is_rated:
             kept.append(pose)
-    return kept[:STARTS]
+        else:
+            more = _contradiction(fit.outline, fit.garment_from_piece[0], pose, main, piece)
+            heapq.heappush(waiting, (cost + more, True, n))
+    return kept
 
 
 def _tried(fit: Fit, main: PieceEvidence, piece: PieceEvidence, pose: Rigid2) -> tuple[float, Fit]:

@@ -183,13 +183,22 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
 def _with_witnesses(fits: list[Fit], others: Sequence[PieceEvidence]) -> list[Fit]:
     """Return the fits with the evidence of the other large pieces added, the most probable first.
 
-    A piece that is large enough to be recognised by itself says of which kind it is, wherever it lies.
+    A piece that is large enough to be recognised by itself says of which kind it is, wherever it lies. A kind
+    that is hardly likely without it is taken to fit it as badly as the worst of the others does.
     """
-    for piece in others:
+    for piece in sorted(others, key=lambda piece: -piece.area_m2):
         if piece.area_m2 >= LEAST_AREA_M2 and has_enough_edges(piece):
-            own = {kind.name: _rough_evidence(kind, piece) for kind in known_kinds()}
-            fits = [replace(fit, log_evidence=fit.log_evidence + own[fit.kind.name]) for fit in fits]
-    return sorted(fits, key=lambda f: -f.log_evidence)
+            likely = [fit.kind for fit in fits if _is_likely(fit, fits[0])]
+            own = {kind.name: _rough_evidence(kind, piece) for kind in likely}
+            worst = min(own.values())
+            added = (replace(f, log_evidence=f.log_evidence + own.get(f.kind.name, worst)) for f in fits)
+            fits = sorted(added, key=lambda f: -f.log_evidence)
+    return fits
+
+
+def _is_likely(fit: Fit, best: Fit) -> bool:
+    """Return whether a kind is not e^8, 3000 times, less probable: then what takes long is asked about it."""
+    return fit.log_evidence >= best.log_evidence - 8 * TEMPERATURE
 
 
 def has_enough_edges(piece: PieceEvidence) -> bool:
@@ -198,8 +207,14 @@ def has_enough_edges(piece: PieceEvidence) -> bool:
 
 
 def fits_of(main: PieceEvidence) -> list[Fit]:
-    """Return the best fit of every kind to one piece, the most probable first."""
-    return sorted((best_fit(kind, main) for kind in known_kinds()), key=lambda f: -f.log_evidence)
+    """Return the best fit of every kind to one piece, the most probable first.
+
+    Those of kinds that are hardly likely are by some of the edges and places only.
+    """
+    rough = [_rough_fit(kind, main) for kind in known_kinds()]
+    best = max(rough, key=lambda fit: fit.log_evidence)
+    fits = [_refined(fit, main) if _is_likely(fit, best) else fit for fit in rough]
+    return sorted(fits, key=lambda f: -f.log_evidence)
 
 
 def probabilities_by(fits: list[Fit], main: PieceEvidence) -> dict[str, float]:
@@ -229,16 +244,25 @@ def _rough_evidence(kind: Kind, piece: PieceEvidence) -> float:
     )
 
 
-def best_fit(kind: Kind, main: PieceEvidence) -> Fit:
-    """Return the best fit of one kind to the main piece, from many starts."""
+def _rough_fit(kind: Kind, main: PieceEvidence) -> Fit:
+    """Return the best fit of one kind to some of the main piece, from many starts, with the others."""
     coarse = main.thinned(THINNED)
     first = [
         refine(kind, (coarse,), parameters, (pose,), annealed=(4.0, 2.0))
         for parameters, pose in starts(kind, main, STARTS)
     ]
     first.sort(key=lambda f: -f.log_evidence)
-    best = refine(kind, (main,), first[0].parameters, first[0].garment_from_piece, annealed=(1.0,))
-    return replace(best, others=tuple((f.log_evidence - first[0].log_evidence, f) for f in first))
+    return replace(first[0], others=tuple((f.log_evidence - first[0].log_evidence, f) for f in first))
+
+
+def _refined(rough: Fit, main: PieceEvidence) -> Fit:
+    best = refine(rough.kind, (main,), rough.parameters, rough.garment_from_piece, annealed=(1.0,))
+    return replace(best, others=rough.others)
+
+
+def best_fit(kind: Kind, main: PieceEvidence) -> Fit:
+    """Return the best fit of one kind to the main piece, from many starts."""
+    return _refined(_rough_fit(kind, main), main)
 
 
 def held_fit(fit: Fit, main: PieceEvidence, pulls: tuple[Pull, ...]) -> Fit:
