@@ -32,78 +32,90 @@ class Distances(NamedTuple):
 @njit(cache=True, nogil=True)
 def to_edges(q: Float64, normal: Float64, outline: Float64) -> Distances:
     """Return the distances of true edges (N, 2), with their outward normals (N, 2), to their sides."""
-    count = len(q)
-    side, share = np.empty(count, np.int64), np.empty(count)
-    away, distance = np.empty((count, 2)), np.empty(count)
+    count, sides = len(q), _sides(outline)
+    rated, side = _nearest(q, normal, CORRELATED_M, sides)
+    share, away, distance = np.empty(count), np.empty((count, 2)), np.empty(count)
     for i in range(count):
-        rated, squared, a, t, _ = _nearest(
-            q[i, 0], q[i, 1], normal[i, 0], normal[i, 1], CORRELATED_M, outline
-        )
-        b = a + 1 if a + 1 < len(outline) else 0
-        ex, ey = outline[b, 0] - outline[a, 0], outline[b, 1] - outline[a, 1]
-        length = math.sqrt(ex * ex + ey * ey)
+        a = side[i]
+        ex, ey, length = sides[a, 2], sides[a, 3], 2.0 * sides[a, 4]
+        t, dx, dy = _along(q[i, 0], q[i, 1], sides[a])
         nx, ny = ey / length, -ex / length
-        dx, dy = q[i, 0] - outline[a, 0] - t * ex, q[i, 1] - outline[a, 1] - t * ey
-        outward = dx * nx + dy * ny
-        side[i], share[i], away[i, 0], away[i, 1] = a, t, nx, ny
+        squared, outward = dx * dx + dy * dy, dx * nx + dy * ny
+        share[i], away[i, 0], away[i, 1] = t, nx, ny
         if 0.0 < t < 1.0:
             distance[i] = outward
         else:
             distance[i] = math.sqrt(squared) if outward >= 0 else -math.sqrt(squared)
             if squared > 0.0:
                 away[i, 0], away[i, 1] = dx / distance[i], dy / distance[i]
-        if rated > squared:
-            distance[i] = math.copysign(math.sqrt(rated), distance[i])
+        if ey * normal[i, 0] - ex * normal[i, 1] < sides[a, 4]:
+            distance[i] = math.copysign(math.sqrt(rated[i]), distance[i])
     return Distances(side, share, away, distance)
 
 
 @njit(cache=True, nogil=True)
 def outside(q: Float64, outline: Float64) -> Distances:
     """Return how far places with cloth (N, 2) lie outside of the outline, 0 inside."""
-    count = len(q)
-    side, share = np.empty(count, np.int64), np.empty(count)
-    away, distance = np.zeros((count, 2)), np.zeros(count)
-    for i in range(count):
-        squared, _, a, t, inside = _nearest(q[i, 0], q[i, 1], 0.0, 0.0, 0.0, outline)
-        side[i], share[i] = a, t
-        if not inside and squared > 0.0:
-            b = a + 1 if a + 1 < len(outline) else 0
-            distance[i] = math.sqrt(squared)
-            for k in range(2):
-                along = outline[b, k] - outline[a, k]
-                away[i, k] = (q[i, k] - outline[a, k] - t * along) / distance[i]
+    sides, is_outside = _sides(outline), np.flatnonzero(~inside_outline(q, outline))
+    side, share = np.zeros(len(q), np.int64), np.zeros(len(q))
+    away, distance = np.zeros((len(q), 2)), np.zeros(len(q))
+    at = q[is_outside]
+    squared, nearest = _nearest(at, np.zeros_like(at), 0.0, sides)
+    for n in range(len(at)):
+        i = is_outside[n]
+        side[i], distance[i] = nearest[n], math.sqrt(squared[n])
+        share[i], dx, dy = _along(at[n, 0], at[n, 1], sides[nearest[n]])
+        if distance[i] > 0.0:
+            away[i, 0], away[i, 1] = dx / distance[i], dy / distance[i]
     return Distances(side, share, away, distance)
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _nearest(
-    x: float, y: float, u: float, v: float, against_m: float, outline: Float64
-) -> tuple[float, float, int, float, bool]:
-    """Return the side of an outline that is nearest to a place.
-
-    Sides that do not face along (u, v) within 60 degrees count as farther, by the square of ``against_m``.
-    The result is the squared distance with and without that, the side, the place along it, and whether the
-    place lies inside.
-    """
-    best, nearest, side, share, inside = np.inf, 0.0, 0, 0.0, False
-    count = len(outline)
-    for a in range(count):
-        b = a + 1 if a + 1 < count else 0
-        ax, ay, bx, by = outline[a, 0], outline[a, 1], outline[b, 0], outline[b, 1]
-        ex, ey = bx - ax, by - ay
+@njit(cache=True, nogil=True)
+def _sides(outline: Float64) -> Float64:
+    """Return of each side (V, 6) begin, direction, half its length, and the inverse of its squared length."""
+    sides = np.zeros((len(outline), 6))
+    for a in range(len(outline)):
+        b = a + 1 if a + 1 < len(outline) else 0
+        ex, ey = outline[b, 0] - outline[a, 0], outline[b, 1] - outline[a, 1]
         length2 = ex * ex + ey * ey
-        if length2 == 0.0:
+        sides[a, 0], sides[a, 1], sides[a, 2], sides[a, 3] = outline[a, 0], outline[a, 1], ex, ey
+        if length2 > 0.0:
+            sides[a, 4], sides[a, 5] = 0.5 * math.sqrt(length2), 1.0 / length2
+    return sides
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _along(x: float, y: float, side: Float64) -> tuple[float, float, float]:
+    """Return the place along a side that is nearest to (x, y), and the way (dx, dy) from there."""
+    dx, dy = x - side[0], y - side[1]
+    t = min(1.0, max(0.0, (dx * side[2] + dy * side[3]) * side[5]))
+    return t, dx - t * side[2], dy - t * side[3]
+
+
+@njit(cache=True, nogil=True, fastmath={"nnan", "nsz", "contract"})
+def _nearest(q: Float64, facing: Float64, against_m: float, sides: Float64) -> tuple[Float64, Int64]:
+    """Return the squared distances of places (N, 2) from the nearest sides, and which these are.
+
+    Sides that do not face along (N, 2) within 60 degrees count as farther, by the square of ``against_m``.
+    All places are compared with one side after the other: such loops are vectorised.
+    """
+    count, penalty = len(q), against_m * against_m
+    best, side = np.full(count, np.inf), np.zeros(count, np.int64)
+    x, y, u, v = q[:, 0].copy(), q[:, 1].copy(), facing[:, 0].copy(), facing[:, 1].copy()
+    for a in range(len(sides)):
+        ax, ay, ex, ey = sides[a, 0], sides[a, 1], sides[a, 2], sides[a, 3]
+        half, inverse = sides[a, 4], sides[a, 5]
+        if inverse == 0.0:  # no length
             continue
-        inside ^= _crosses(x, y, ax, ay, bx, by)
-        t = min(1.0, max(0.0, ((x - ax) * ex + (y - ay) * ey) / length2))
-        dx, dy = x - ax - t * ex, y - ay - t * ey
-        squared = dx * dx + dy * dy
-        rated = squared
-        if ey * u - ex * v < 0.5 * math.sqrt(length2):
-            rated += against_m * against_m
-        if rated < best:
-            best, nearest, side, share = rated, squared, a, t
-    return best, nearest, side, share, inside
+        for i in range(count):
+            t = ((x[i] - ax) * ex + (y[i] - ay) * ey) * inverse
+            t = t if t > 0.0 else 0.0
+            t = t if t < 1.0 else 1.0
+            dx, dy = x[i] - ax - t * ex, y[i] - ay - t * ey
+            rated = dx * dx + dy * dy + (penalty if ey * u[i] - ex * v[i] < half else 0.0)
+            side[i] = a if rated < best[i] else side[i]
+            best[i] = rated if rated < best[i] else best[i]
+    return best, side
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -164,11 +176,35 @@ def shortened(
     for k in range(len(one)):
         for n in range(len(other)):
             if joined[k, n]:
-                flat, space = one[k] - other[n], one_xyz[k] - other_xyz[n]
-                flat_m = math.sqrt(flat[0] ** 2 + flat[1] ** 2)
-                found[count] = math.sqrt(space[0] ** 2 + space[1] ** 2 + space[2] ** 2) - flat_m
+                flat, space = 0.0, 0.0
+                for i in range(2):
+                    flat += (one[k, i] - other[n, i]) ** 2
+                for i in range(3):
+                    space += (one_xyz[k, i] - other_xyz[n, i]) ** 2
+                found[count] = math.sqrt(space) - math.sqrt(flat)
                 count += 1
     return found[:count]
+
+
+@njit(cache=True, nogil=True)
+def poses_within(places: Float64, low: Float64, high: Float64, turns: Float64) -> Float64:
+    """Return poses (K, 3) of places (N, 2), turn (rad) and shift (m): for each of the turns a grid of shifts.
+
+    Twice ``CORRELATED_M`` apart, between those with the places at one end of a box and at the other.
+    """
+    found = [(0.0, 0.0, 0.0) for _ in range(0)]
+    for turn in turns:
+        turned = _moved(places, math.cos(turn), math.sin(turn), np.zeros(2))
+        first, width, number = np.empty(2), np.empty(2), np.empty(2, np.int64)
+        for k in range(2):
+            ends = low[k] - turned[:, k].min(), high[k] - turned[:, k].max()
+            first[k], width[k] = min(ends), abs(ends[1] - ends[0])
+            number[k] = max(1, math.ceil(width[k] / (2 * CORRELATED_M)))
+        for i in range(number[0]):
+            u = first[0] + (i + 0.5) / number[0] * width[0]
+            v = [first[1] + (j + 0.5) / number[1] * width[1] for j in range(number[1])]
+            found.extend([(turn, u, each) for each in v])
+    return np.array(found)
 
 
 @njit(cache=True, nogil=True)
@@ -191,14 +227,14 @@ def cost_of_poses(
     for k in range(len(poses)):
         cos, sin = math.cos(poses[k, 0]), math.sin(poses[k, 0])
         places = _moved(insides, cos, sin, poses[k, 1:])
-        squared, inside = _all_nearest(places, none, 0.0, sides), inside_outline(places, outline)
+        (squared, _), inside = _nearest(places, none, 0.0, sides), inside_outline(places, outline)
         total = 0.0
         for i in range(m):
             if not inside[i]:
                 total += _bounded(squared[i]) / m
         if total <= limit:
             facing = _moved(normals, cos, sin, np.zeros(2))
-            squared = _all_nearest(_moved(edges, cos, sin, poses[k, 1:]), facing, CORRELATED_M, sides)
+            squared, _ = _nearest(_moved(edges, cos, sin, poses[k, 1:]), facing, CORRELATED_M, sides)
             for i in range(n):
                 total += _bounded(squared[i]) / n
         result[k] = total
@@ -217,43 +253,6 @@ def _moved(places: Float64, cos: float, sin: float, shift: Float64) -> Float64:
         moved[i, 0] = cos * places[i, 0] - sin * places[i, 1] + shift[0]
         moved[i, 1] = sin * places[i, 0] + cos * places[i, 1] + shift[1]
     return moved
-
-
-@njit(cache=True, nogil=True)
-def _sides(outline: Float64) -> Float64:
-    """Return of each side (V, 6) begin, direction, half its length, and the inverse of its squared length."""
-    sides, count = np.empty((len(outline), 6)), 0
-    for a in range(len(outline)):
-        b = a + 1 if a + 1 < len(outline) else 0
-        ex, ey = outline[b, 0] - outline[a, 0], outline[b, 1] - outline[a, 1]
-        length2 = ex * ex + ey * ey
-        if length2 > 0.0:
-            half, inverse = 0.5 * math.sqrt(length2), 1.0 / length2
-            sides[count] = np.array([outline[a, 0], outline[a, 1], ex, ey, half, inverse])
-            count += 1
-    return sides[:count]
-
-
-@njit(cache=True, nogil=True, fastmath={"nnan", "nsz", "contract"})
-def _all_nearest(q: Float64, facing: Float64, against_m: float, sides: Float64) -> Float64:
-    """Return the first answer of :func:`_nearest` for places (N, 2) that face along (N, 2).
-
-    All are compared with one side after the other: such loops are vectorised.
-    """
-    count, penalty = len(q), against_m * against_m
-    best = np.full(count, np.inf)
-    x, y, u, v = q[:, 0].copy(), q[:, 1].copy(), facing[:, 0].copy(), facing[:, 1].copy()
-    for a in range(len(sides)):
-        ax, ay, ex, ey = sides[a, 0], sides[a, 1], sides[a, 2], sides[a, 3]
-        half, inverse = sides[a, 4], sides[a, 5]
-        for i in range(count):
-            t = ((x[i] - ax) * ex + (y[i] - ay) * ey) * inverse
-            t = t if t > 0.0 else 0.0
-            t = t if t < 1.0 else 1.0
-            dx, dy = x[i] - ax - t * ex, y[i] - ay - t * ey
-            rated = dx * dx + dy * dy + (penalty if ey * u[i] - ex * v[i] < half else 0.0)
-            best[i] = rated if rated < best[i] else best[i]
-    return best
 
 
 @njit(cache=True, nogil=True, inline="always")

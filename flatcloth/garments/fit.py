@@ -16,7 +16,7 @@ from flatcloth.core.types import Float64, Int64, Rigid2
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.minimisation import ROBUST_STDS
 from flatcloth.flattening.sampling import CORRELATED_M
-from flatcloth.garments.distance import add_piece, cost_of_poses
+from flatcloth.garments.distance import add_piece, cost_of_poses, poses_within
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.model import Kind, with_slope
 
@@ -104,17 +104,8 @@ def coarse_poses(outline: Float64, piece: PieceEvidence, count: int) -> list[tup
     edges = thinned(len(piece.edge_uv_m))
     low, high = outline.min(axis=0), outline.max(axis=0)
     farthest_m = float(np.linalg.norm(insides, axis=1).max())
-    rows = []
-    for turn in np.arange(0.0, 2 * np.pi, min(2 * CORRELATED_M / max(farthest_m, CORRELATED_M), np.pi / 2)):
-        turned = insides @ _turn(turn).T
-        ends = np.sort([low - turned.min(axis=0), high - turned.max(axis=0)], axis=0)
-        counts = np.ceil((ends[1] - ends[0]) / (2 * CORRELATED_M)).astype(int)
-        steps = [(np.arange(n) + 0.5) / n if n else np.full(1, 0.5) for n in counts]
-        grid = ends[0] + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2) * (
-            ends[1] - ends[0]
-        )
-        rows.append(np.concatenate([np.full((len(grid), 1), turn), grid], axis=1))
-    poses = np.concatenate(rows)
+    turns = np.arange(0.0, 2 * np.pi, min(2 * CORRELATED_M / max(farthest_m, CORRELATED_M), np.pi / 2))
+    poses = poses_within(insides, low, high, turns)
     places, normals = piece.edge_uv_m[edges] - middle, piece.edge_normal[edges]
     cost = cost_of_poses(places, normals, insides, outline, poses, count)
     back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
