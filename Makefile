@@ -18,7 +18,9 @@ BIN := $(VENV)/bin
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-# Modules are compiled when they are first imported: most never are.
+# Modules are compiled when they are first imported: most never are. What is compiled is kept, also where the
+# environment forbids it, as containers' often does: each of the tests' many processes would compile it anew.
+unexport PYTHONDONTWRITEBYTECODE
 PIP_INSTALL := $(PIP) install --quiet --no-compile --constraint constraints.txt --editable
 
 # The page has no build step; Node comes from a Python package, and only checks it.

@@ -103,10 +103,10 @@ def check_view(view: SeenView, recording: GrowingRecording | None) -> None:
         raise ViewError("all views of a recording have masks, or none has: send them as before.")
 
 
-def doubled(view: SeenView, recording: GrowingRecording) -> int | None:
+def doubled(view: SeenView, views: RecordedViews) -> int | None:
     """Return the number of the recorded view that a view repeats, pixel by pixel; None if it is another."""
-    for number in range(len(recording)):
-        if np.array_equal(recording[number].color, view.color):
+    for number in range(len(views.angles_deg)):
+        if np.array_equal(views.recorded(number).color, view.color):
             return number
     return None
 

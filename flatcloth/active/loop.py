@@ -165,8 +165,8 @@ class ActiveLoop:
         with self._lock:
             check_view(view, self._recording)
             told: list[str] = []
-            if self._recording is not None:
-                again = doubled(view, self._recording)
+            if self._integration is not None:
+                again = doubled(view, self._integration.views)
                 if again is not None:
                     text = f"This picture is view {again} already; it is not taken twice."
                     self._log.add("told", text=text)

@@ -9,11 +9,13 @@ image. Only true edges say where the outline is.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
@@ -332,43 +334,65 @@ def _tangents(
     piece: FlattenedView, border_rc: Float64, outward: Float64
 ) -> tuple[Float64, Float64, Float64, Bool]:
     """Return point, normal and outward direction in space (K, 3) at the border; whether they are known."""
-    count = len(border_rc)
+    count, size = len(border_rc), piece.pixel_size_m
     start, normal, along = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
     fine = np.zeros(count, dtype=np.bool_)
-    size = piece.pixel_size_m
     half_px = max(2, round(FARTHEST_M / size))
-    rows, cols = piece.shape
-    seen_normal = np.nan_to_num(piece.normal)
-    found, grams, rights, means = [], [], [], []
-    for k in range(count):
-        r, c = round(border_rc[k, 0]), round(border_rc[k, 1])
-        top, left = max(r - half_px, 0), max(c - half_px, 0)
-        box = np.s_[top : min(r + half_px + 1, rows), left : min(c + half_px + 1, cols)]
-        valid = piece.valid[box]
-        if valid.sum() < 12:
-            continue
-        rc = np.argwhere(valid) + np.array([top, left])
-        xyz = piece.xyz_m[box][valid].astype(np.float64)
-        ordered = np.sort(xyz, axis=0)
-        middle = 0.5 * (ordered[(len(xyz) - 1) // 2] + ordered[len(xyz) // 2])
-        near = np.linalg.norm(xyz - middle, axis=1) < 2.0 * FARTHEST_M
-        if near.sum() < 12:
-            continue
-        offset = (rc[near] - border_rc[k])[:, ::-1] * size
-        matrix = np.concatenate([np.ones((len(offset), 1)), offset], axis=1)
-        found.append(k)
-        grams.append(matrix.T @ matrix)
-        rights.append(matrix.T @ xyz[near])
-        means.append(seen_normal[box][valid][near].mean(axis=0))
-    at, gram = np.array(found, dtype=int), np.array(grams).reshape(-1, 3, 3)
+    planes = _planes(piece.valid, piece.xyz_m, piece.normal, border_rc, half_px, size)
+    at = np.flatnonzero(planes[0])
+    gram, right, mean = (each[at] for each in planes[1:])
     regular = np.linalg.cond(gram) <= 1e9
-    at, mean = at[regular], np.array(means).reshape(-1, 3)[regular]
-    fitted = np.linalg.solve(gram[regular], np.array(rights).reshape(-1, 3, 3)[regular])
+    at, mean = at[regular], mean[regular]
+    fitted = np.linalg.solve(gram[regular], right[regular])
     direction = (outward[at][:, None] @ fitted[:, 1:])[:, 0]
     length = np.linalg.norm(direction, axis=1)
     start[at], along[at], fine[at] = fitted[:, 0], direction / np.maximum(length, 1e-9)[:, None], True
     normal[at] = mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-9)[:, None]
     return start, normal, along, fine
+
+
+@njit(cache=True, nogil=True)
+def _planes(
+    valid: Bool, xyz_m: Float32, normal: Float32, border_rc: Float64, half_px: int, size_m: float
+) -> tuple[Bool, Float64, Float64, Float64]:
+    """Return the normal equations (K, 3, 3), left and right, of planes through the cloth near the border.
+
+    And whether there is enough of it (K,), and the sum of its normals (K, 3). Cloth far from the median in
+    space is another layer.
+    """
+    count, least, most = len(border_rc), 12, (2 * half_px + 1) ** 2
+    enough, mean = np.zeros(count, dtype=np.bool_), np.zeros((count, 3))
+    gram, right = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
+    points, rc = np.empty((most, 3)), np.empty((most, 2), dtype=np.int64)
+    for k in range(count):
+        r, c = round(border_rc[k, 0]), round(border_rc[k, 1])
+        number = 0
+        for row in range(max(r - half_px, 0), min(r + half_px + 1, valid.shape[0])):
+            for col in range(max(c - half_px, 0), min(c + half_px + 1, valid.shape[1])):
+                if valid[row, col]:
+                    rc[number, 0], rc[number, 1] = row, col
+                    for i in range(3):
+                        points[number, i] = xyz_m[row, col, i]
+                    number += 1
+        if number < least:
+            continue
+        middle = [np.median(points[:number, i]) for i in range(3)]
+        near = 0
+        for n in range(number):
+            off2, row, col = 0.0, rc[n, 0], rc[n, 1]
+            for i in range(3):
+                off2 += (points[n, i] - middle[i]) ** 2
+            if math.sqrt(off2) < 2.0 * FARTHEST_M:
+                near += 1
+                known = 1.0, (col - border_rc[k, 1]) * size_m, (row - border_rc[k, 0]) * size_m
+                for i in range(3):
+                    for j in range(3):
+                        gram[k, i, j] += known[i] * known[j]
+                        right[k, i, j] += known[i] * points[n, j]
+                    if not math.isnan(normal[row, col, i]):
+                        mean[k, i] += normal[row, col, i]
+        enough[k] = near >= least
+    return enough, gram, right, mean
 
 
 def _ends_in(

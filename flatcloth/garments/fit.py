@@ -8,7 +8,7 @@ taken with iteratively reweighted least squares (Holland and Welsch 1977).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from flatcloth.core.types import Float64, Int64, Rigid2
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.minimisation import ROBUST_STDS
 from flatcloth.flattening.sampling import CORRELATED_M
-from flatcloth.garments.distance import accumulate, cost_of_poses, outside, to_edges
+from flatcloth.garments.distance import add_piece, cost_of_poses, poses_within
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.model import Kind, with_slope
 
@@ -104,17 +104,8 @@ def coarse_poses(outline: Float64, piece: PieceEvidence, count: int) -> list[tup
     edges = thinned(len(piece.edge_uv_m))
     low, high = outline.min(axis=0), outline.max(axis=0)
     farthest_m = float(np.linalg.norm(insides, axis=1).max())
-    rows = []
-    for turn in np.arange(0.0, 2 * np.pi, min(2 * CORRELATED_M / max(farthest_m, CORRELATED_M), np.pi / 2)):
-        turned = insides @ _turn(turn).T
-        ends = np.sort([low - turned.min(axis=0), high - turned.max(axis=0)], axis=0)
-        counts = np.ceil((ends[1] - ends[0]) / (2 * CORRELATED_M)).astype(int)
-        steps = [(np.arange(n) + 0.5) / n if n else np.full(1, 0.5) for n in counts]
-        grid = ends[0] + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2) * (
-            ends[1] - ends[0]
-        )
-        rows.append(np.concatenate([np.full((len(grid), 1), turn), grid], axis=1))
-    poses = np.concatenate(rows)
+    turns = np.arange(0.0, 2 * np.pi, min(2 * CORRELATED_M / max(farthest_m, CORRELATED_M), np.pi / 2))
+    poses = poses_within(insides, low, high, turns)
     places, normals = piece.edge_uv_m[edges] - middle, piece.edge_normal[edges]
     cost = cost_of_poses(places, normals, insides, outline, poses, count)
     back = Rigid2(0.0, -float(middle[0]), -float(middle[1]))
@@ -123,8 +114,9 @@ def coarse_poses(outline: Float64, piece: PieceEvidence, count: int) -> list[tup
 
 def are_apart(one: Rigid2, other: Rigid2, piece: PieceEvidence) -> bool:
     """Return whether two motions of a piece lead to different places."""
-    off = one.apply(piece.inside_uv_m) - other.apply(piece.inside_uv_m)
-    return float(np.linalg.norm(off, axis=1).mean()) > APART_M
+    turned = _turn(one.theta_rad) - _turn(other.theta_rad)
+    u, v = turned @ piece.inside_uv_m.T + np.array([[one.u_m - other.u_m], [one.v_m - other.v_m]])
+    return float(np.hypot(u, v).mean()) > APART_M
 
 
 def thinned(count: int) -> Int64:
@@ -140,6 +132,18 @@ class _Problem:
     pieces: tuple[PieceEvidence, ...]
     pulls: tuple[Pull, ...] = ()
 
+    @cached_property
+    def _terms(self) -> list[tuple[PieceEvidence, tuple[Float64, Float64], tuple[Float64, float]]]:
+        """Each piece, with the standard deviations and the weights of its true edges and places inside."""
+        return [
+            (
+                piece,
+                (np.hypot(OUTLINE_STD_M, piece.edge_std_m), np.hypot(OUTLINE_STD_M, piece.inside_std_m)),
+                (piece.edge_weight * piece.edge_trust, piece.inside_weight),
+            )
+            for piece in self.pieces
+        ]
+
     def normal_equations(self, x: Float64, widened: float) -> tuple[float, Float64, Float64, float]:
         """Return E, its gradient (D,), the matrix (D, D) of a step, and the mean bounded cost of edges."""
         kind, count = self.kind, len(self.kind.parameters)
@@ -150,29 +154,14 @@ class _Problem:
         gradient[:count] = off / kind.std
         matrix[np.arange(count), np.arange(count)] = 1.0 / np.square(kind.std)
         energy, edge_cost, most = 0.5 * float(off @ off), 0.0, 0.0
-        for n, piece in enumerate(self.pieces):
+        for n, (piece, stds, weights) in enumerate(self._terms):
             at = count + 3 * n
-            turn, shift = _turn(x[at]), x[at + 1 : at + 3]
-            q = piece.edge_uv_m @ turn.T + shift
-            edges = to_edges(q, piece.edge_normal @ turn.T, outline)
-            std = widened * np.hypot(OUTLINE_STD_M, piece.edge_std_m)
-            z = edges.distance / std
-            bounded = robust_weight(z)
-            weight = piece.edge_weight * piece.edge_trust
-            edge_cost += float((0.5 * weight * np.square(z) * bounded).sum())
-            most += 0.5 * ROBUST_STDS**2 * float(weight.sum())
-            accumulate(
-                edges, q - shift, slope, at, z / std, weight * np.square(bounded), std, gradient, matrix
-            )
-            q = piece.inside_uv_m @ turn.T + shift
-            cloth = outside(q, outline)
-            std = widened * np.hypot(OUTLINE_STD_M, piece.inside_std_m)
-            z = cloth.distance / std
-            # Huber's cost: cloth far outside keeps its influence.
-            near = np.minimum(z, ROBUST_STDS)
-            energy += float(piece.inside_weight * (near * (z - 0.5 * near)).sum())
-            weight = piece.inside_weight * ROBUST_STDS / np.maximum(z, ROBUST_STDS)
-            accumulate(cloth, q - shift, slope, at, z / std, weight, std, gradient, matrix)
+            of_edges, of_cloth = add_piece(
+                piece.edge_uv_m, piece.edge_normal, piece.inside_uv_m, (widened * stds[0], widened * stds[1]),
+                weights, outline, slope, x[at : at + 3], at, gradient, matrix,
+            )  # fmt: skip
+            edge_cost, energy = edge_cost + of_edges, energy + of_cloth
+            most += 0.5 * ROBUST_STDS**2 * float(weights[0].sum())
         for pull in self.pulls:
             residual, slope_of_pull = with_slope(partial(self._off, pull), x)
             gradient += slope_of_pull.T @ residual
@@ -280,9 +269,11 @@ def _descended(problem: _Problem, x: Float64, widened: float, steps: int) -> Flo
     damping, growth = _TOLERANCE, 2.0
     energy, gradient, matrix, _ = problem.normal_equations(x, widened)
     for _ in range(steps):
-        damped = matrix + damping * np.diag(np.diag(matrix)) + 1e-9 * np.eye(len(x))
+        damped = matrix.copy()
+        damped.flat[:: len(x) + 1] *= 1.0 + damping
+        damped.flat[:: len(x) + 1] += 1e-9
         tried = x - np.linalg.solve(damped, gradient)
-        tried[:count] = np.clip(tried[:count], kind.low, kind.high)
+        tried[:count] = np.minimum(np.maximum(tried[:count], kind.low), kind.high)
         answer = problem.normal_equations(tried, widened)
         gain = energy - answer[0]
         if gain > 0.0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +112,8 @@ class Kind:
 
     def outline(self, parameters: Float64) -> Float64:
         """Return the closed outlines (V, 2, n) of parameters (P, n); the first vertex is not repeated."""
-        half = np.einsum("vm,mcn->vcn", self._half, self.nodes(parameters))
+        nodes = self.nodes(parameters)
+        half = (self._half @ nodes.reshape(len(nodes), -1)).reshape(-1, *nodes.shape[1:])
         left = half[-1:0:-1] * np.array([-1.0, 1.0])[None, :, None]
         closed: Float64 = np.concatenate([half[:-1], left])
         return closed
@@ -136,16 +137,22 @@ def with_slope(function: Callable[[Float64], Float64], x: Float64) -> tuple[Floa
 
     The function takes n arguments at once, (D, n), and returns (..., n).
     """
-    step = 1e-5  # far above rounding, far below any curvature
-    moved = step * np.eye(len(x))
-    values = function(x[:, None] + np.concatenate([np.zeros((len(x), 1)), moved, -moved], axis=1))
-    slope: Float64 = (values[..., 1 : len(x) + 1] - values[..., len(x) + 1 :]) / (2.0 * step)
+    step, size = 1e-5, len(x)  # far above rounding, far below any curvature
+    values = function(x[:, None] + _moved(size, step))
+    slope: Float64 = (values[..., 1 : size + 1] - values[..., size + 1 :]) / (2.0 * step)
     return values[..., 0], slope
+
+
+@cache
+def _moved(size: int, step: float) -> Float64:
+    """Return no motion and a step of each argument in either direction, (D, 1 + 2 D)."""
+    moved = step * np.eye(size)
+    return np.concatenate([np.zeros((size, 1)), moved, -moved], axis=1)
 
 
 def stacked(*points: tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]) -> Float64:
     """Return nodes (M, 2, n) given as pairs of coordinates, each a number or (n,)."""
-    flat = [np.asarray(x, dtype=np.float64) for point in points for x in point]
-    columns = np.broadcast_arrays(*flat)
-    result: Float64 = np.stack(columns).reshape(len(points), 2, -1)
-    return result
+    nodes = np.empty((len(points), 2, *np.shape(points[0][0])))
+    for node, (x, y) in zip(nodes, points, strict=True):
+        node[0], node[1] = x, y
+    return nodes.reshape(len(points), 2, -1)

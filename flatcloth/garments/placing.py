@@ -7,6 +7,7 @@ points that cloth joins straight on the plane cannot be nearer there than they h
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M
-from flatcloth.garments.distance import straight_inside
+from flatcloth.garments.distance import shortened
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
 from flatcloth.garments.fit import (
     OUTLINE_STD_M,
@@ -89,17 +90,22 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
 
 
 def _begin(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> list[Rigid2]:
+    """Return the best poses far from one another. A contradiction only adds to the cost: few are rated."""
     own = float(piece.edge_weight * piece.edge_trust.sum())
-    rated = [
-        (own * cost + _contradiction(fit.outline, fit.garment_from_piece[0], pose, main, piece), pose)
-        for cost, pose in coarse_poses(fit.outline, piece, 8 * STARTS)
-    ]
-    rated.sort(key=lambda each: each[0])
+    poses = coarse_poses(fit.outline, piece, 8 * STARTS)
+    waiting = [(own * cost, False, n) for n, (cost, _) in enumerate(poses)]
     kept: list[Rigid2] = []
-    for _, pose in rated:
-        if all(are_apart(pose, other, piece) for other in kept):
+    while waiting and len(kept) < STARTS:
+        cost, is_rated, n = heapq.heappop(waiting)
+        pose = poses[n][1]
+        if not all(are_apart(pose, other, piece) for other in kept):
+            continue
+        if is_rated:
             kept.append(pose)
-    return kept[:STARTS]
+        else:
+            more = _contradiction(fit.outline, fit.garment_from_piece[0], pose, main, piece)
+            heapq.heappush(waiting, (cost + more, True, n))
+    return kept
 
 
 def _tried(fit: Fit, main: PieceEvidence, piece: PieceEvidence, pose: Rigid2) -> tuple[float, Fit]:
@@ -123,13 +129,11 @@ def _contradiction(
     laid_m = main.depth_at(there) - OUTLINE_STD_M
     energy = piece.inside_weight * float(bounded_cost(laid_m, OUTLINE_STD_M).sum())
     own, others = thinned(len(there)), thinned(len(main.inside_uv_m))
-    flat = np.linalg.norm(there[own][:, None] - main.inside_uv_m[others][None], axis=-1)
-    space = np.linalg.norm(piece.inside_xyz_m[own][:, None] - main.inside_xyz_m[others][None], axis=-1)
     first, last = pose.apply(piece.inside_uv_m[own]), main_pose.apply(main.inside_uv_m[others])
-    joined = straight_inside(first, last, outline)
-    if not joined.any():
+    short_m = shortened(first, last, piece.inside_xyz_m[own], main.inside_xyz_m[others], outline)
+    if not len(short_m):
         return energy
-    nearer = bounded_cost((space - flat)[joined] - CORRELATED_M, CORRELATED_M)
+    nearer = bounded_cost(short_m - CORRELATED_M, CORRELATED_M)
     return energy + piece.inside_weight * len(there) * float(nearer.mean())
 
 

@@ -8,7 +8,7 @@ differences are divided by ``TEMPERATURE``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -183,13 +183,23 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
 def _with_witnesses(fits: list[Fit], others: Sequence[PieceEvidence]) -> list[Fit]:
     """Return the fits with the evidence of the other large pieces added, the most probable first.
 
-    A piece that is large enough to be recognised by itself says of which kind it is, wherever it lies.
+    A piece that is large enough to be recognised by itself says of which kind it is, wherever it lies. A kind
+    that is hardly likely without it is taken to fit it as badly as the worst of the others does.
     """
-    for piece in others:
+    for piece in sorted(others, key=lambda piece: -piece.area_m2):
         if piece.area_m2 >= LEAST_AREA_M2 and has_enough_edges(piece):
-            own = {kind.name: _rough_evidence(kind, piece) for kind in known_kinds()}
-            fits = [replace(fit, log_evidence=fit.log_evidence + own[fit.kind.name]) for fit in fits]
-    return sorted(fits, key=lambda f: -f.log_evidence)
+            likely = [fit.kind for fit in fits if _is_likely(fit, fits[0])]
+            own = {kind.name: _rough_evidence(kind, piece) for kind in likely}
+            worst = min(own.values())
+            fits = _sorted(
+                replace(f, log_evidence=f.log_evidence + own.get(f.kind.name, worst)) for f in fits
+            )
+    return fits
+
+
+def _is_likely(fit: Fit, best: Fit) -> bool:
+    """Return whether a kind is not e^8, 3000 times, less probable: then what takes long is asked about it."""
+    return fit.log_evidence >= best.log_evidence - 8 * TEMPERATURE
 
 
 def has_enough_edges(piece: PieceEvidence) -> bool:
@@ -197,9 +207,38 @@ def has_enough_edges(piece: PieceEvidence) -> bool:
     return len(piece.edge_uv_m) * SPACING_M >= 2.0 * math.sqrt(LEAST_AREA_M2)
 
 
-def fits_of(main: PieceEvidence) -> list[Fit]:
-    """Return the best fit of every kind to one piece, the most probable first."""
-    return sorted((best_fit(kind, main) for kind in known_kinds()), key=lambda f: -f.log_evidence)
+def best_fits(main: PieceEvidence, kinds: Sequence[Kind]) -> list[Fit]:
+    """Return the best fit of each kind to one piece, however likely it is, the most probable first."""
+    return _sorted(fits_of(main, [kind])[0] for kind in kinds)
+
+
+def fits_of(main: PieceEvidence, kinds: Sequence[Kind] = ()) -> list[Fit]:
+    """Return the fit of every kind, or of these, to one piece, the most probable first.
+
+    Half of the starts, with some of the edges, tell which kinds are likely; more is asked about these.
+    """
+    coarse, found = main.thinned(THINNED), []
+    begun = [(kind, starts(kind, main, STARTS)) for kind in kinds or known_kinds()]
+    tried = [_roughly(kind, coarse, some[: STARTS // 2]) for kind, some in begun]
+    best = max((fits[0] for fits in tried), key=lambda f: f.log_evidence)
+    for (kind, some), fits in zip(begun, tried, strict=True):
+        fit = fits[0]
+        if _is_likely(fit, best):
+            fits = _sorted([*fits, *_roughly(kind, coarse, some[STARTS // 2 :])])
+            fit = refine(kind, (main,), fits[0].parameters, fits[0].garment_from_piece, annealed=(1.0,))
+        others = tuple((f.log_evidence - fits[0].log_evidence, f) for f in fits)
+        found.append(replace(fit, others=others))
+    return _sorted(found)
+
+
+def _roughly(kind: Kind, coarse: PieceEvidence, some: Sequence[tuple[Float64, Rigid2]]) -> list[Fit]:
+    """Return the fits of one kind from some starts, the most probable first."""
+    annealed = (4.0, 2.0)
+    return _sorted(refine(kind, (coarse,), begin, (pose,), annealed=annealed) for begin, pose in some)
+
+
+def _sorted(fits: Iterable[Fit]) -> list[Fit]:
+    return sorted(fits, key=lambda fit: -fit.log_evidence)
 
 
 def probabilities_by(fits: list[Fit], main: PieceEvidence) -> dict[str, float]:
@@ -227,18 +266,6 @@ def _rough_evidence(kind: Kind, piece: PieceEvidence) -> float:
         refine(kind, (coarse,), parameters, (pose,), annealed=(4.0, 1.0)).log_evidence
         for parameters, pose in starts(kind, piece, STARTS // 2)
     )
-
-
-def best_fit(kind: Kind, main: PieceEvidence) -> Fit:
-    """Return the best fit of one kind to the main piece, from many starts."""
-    coarse = main.thinned(THINNED)
-    first = [
-        refine(kind, (coarse,), parameters, (pose,), annealed=(4.0, 2.0))
-        for parameters, pose in starts(kind, main, STARTS)
-    ]
-    first.sort(key=lambda f: -f.log_evidence)
-    best = refine(kind, (main,), first[0].parameters, first[0].garment_from_piece, annealed=(1.0,))
-    return replace(best, others=tuple((f.log_evidence - first[0].log_evidence, f) for f in first))
 
 
 def held_fit(fit: Fit, main: PieceEvidence, pulls: tuple[Pull, ...]) -> Fit:

@@ -19,7 +19,6 @@ from flatcloth.garments.deciding import (
     pixels_of_part,
 )
 from flatcloth.garments.evidence import PieceEvidence
-from flatcloth.garments.fit import Fit
 from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.links import (
     DoubtedLink,
@@ -31,8 +30,9 @@ from flatcloth.garments.links import (
     side_of,
     split,
 )
-from flatcloth.garments.recognition import best_fit, is_suspect
+from flatcloth.garments.recognition import best_fits, is_suspect
 
+KINDS = (kind_named("long_sleeved_shirt"), kind_named("sleeveless_dress"))
 WEAK = 0.05
 
 
@@ -108,16 +108,10 @@ def joined_at(motion: Rigid2) -> tuple[PieceEvidence, Cloth, np.ndarray]:
     return shape, cloth_of(uv, whole.inside_xyz_m, pairs, evidence), insides
 
 
-def best_fits(shape: PieceEvidence) -> list[Fit]:
-    """Return the fits of two kinds, the better first."""
-    kinds = (kind_named("long_sleeved_shirt"), kind_named("sleeveless_dress"))
-    return sorted((best_fit(kind, shape) for kind in kinds), key=lambda fit: -fit.log_evidence)
-
-
 def test_a_sleeve_that_grows_from_the_hem_is_doubted() -> None:
     hem = Rigid2(np.pi / 2 - 0.7, 0.12, 0.42)  # down from the bottom hem
     shape, cloth, sleeve = joined_at(hem)
-    fits = best_fits(shape)
+    fits = best_fits(shape, KINDS)
     assert is_suspect(fits[0], shape)
     links = doubted_links(fits, shape, cloth)
     assert is_offered(links[0])
@@ -132,7 +126,7 @@ def test_a_sleeve_that_grows_from_the_hem_is_doubted() -> None:
 
 def test_a_sleeve_where_it_belongs_is_not_doubted_however_weakly_it_is_joined() -> None:
     shape, cloth, _ = joined_at(Rigid2())
-    fits = best_fits(shape)
+    fits = best_fits(shape, KINDS)
     assert not is_suspect(fits[0], shape)
     links = doubted_links(fits, shape, cloth)
     assert links

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -57,7 +58,9 @@ def imports(file: Path) -> Iterator[Import]:
     yield from walk(tree, at_start=True, for_types=False)
 
 
-ALL = [found for file in sources() for found in imports(file)]
+@cache
+def all_imports() -> list[Import]:
+    return [found for file in sources() for found in imports(file)]
 
 
 def test_the_import_contracts_are_kept() -> None:
@@ -67,19 +70,25 @@ def test_the_import_contracts_are_kept() -> None:
 
 
 def test_heavy_libraries_are_imported_only_where_they_are_used() -> None:
-    early = [f for f in ALL if f.target.split(".")[0] in NEVER_AT_START and f.at_start and not f.for_types]
+    early = [
+        f
+        for f in all_imports()
+        if f.target.split(".")[0] in NEVER_AT_START and f.at_start and not f.for_types
+    ]
     assert [str(f) for f in early] == []
 
 
 def test_the_truth_is_read_by_the_evaluation_only() -> None:
-    truth = [f for f in ALL if f.target.startswith("flatcloth.recordings.truth") and not f.for_types]
+    truth = [
+        f for f in all_imports() if f.target.startswith("flatcloth.recordings.truth") and not f.for_types
+    ]
     readers = {unit(f.file) for f in truth if not f.file.match("flatcloth/batch/evaluate.py")}
     assert readers <= {"recordings", "engine", "commands"}
 
 
 def test_nothing_is_pickled() -> None:
     pickling = {"pickle", "marshal", "shelve", "joblib", "dill"}
-    assert [str(f) for f in ALL if f.target.split(".")[0] in pickling] == []
+    assert [str(f) for f in all_imports() if f.target.split(".")[0] in pickling] == []
     loads = [
         f"{file}:{node.lineno}"
         for file in sources()

@@ -28,6 +28,7 @@ from flatcloth.garments.deciding import (
     with_placed_cloth,
 )
 from flatcloth.garments.evidence import FARTHEST_M, PieceEvidence, SeenFrom, evidence_of
+from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.links import DoubtedLink, doubted_links, is_offered, is_wrong
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import (
@@ -35,7 +36,7 @@ from flatcloth.garments.recognition import (
     NONE,
     Point,
     Recognition,
-    fits_of,
+    best_fits,
     is_sure,
     is_suspect,
     pixel_near,
@@ -235,7 +236,7 @@ class GarmentService:
             cloth = self.integration.cloth(document)
         if cloth is not None:
             alone = evidence[0].this_side
-            links = doubted_links(fits_of(alone), alone, cloth)
+            links = doubted_links(best_fits(alone, known_kinds()), alone, cloth)
         return KnownGarment(
             canonical=canonical,
             evidence=evidence,

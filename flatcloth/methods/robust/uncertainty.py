@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix, diags_array, eye_array
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int32
@@ -117,7 +117,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
         change[rows] += own[rows] * random.standard_normal(change[rows].shape)
     equations, sides = _equations(sheet, wanted, own, random)
     del wanted, change  # they take as much memory as the factors
-    displaced = _factored(equations).solve(sides)[: 2 * len(uv)]
+    displaced = _solved(equations, sides)[: 2 * len(uv)]
     moved: Complex128 = np.ascontiguousarray(displaced.T).view(np.complex128)
     # The first view, unless a floating piece that it does not show has become the main one.
     shown = (number[observation.node] for observation in shape.observations)
@@ -370,6 +370,32 @@ def _equations(
     return normal_matrix + held * eye_array(size, format="csc"), weighted.T @ wanted
 
 
-def _factored(matrix: csc_matrix) -> SuperLU:
-    """Factor a sparse symmetric positive definite matrix."""
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+def _solved(matrix: csc_matrix, sides: Float64) -> Float64:
+    """Solve sparse symmetric positive definite equations (S, S) for all right-hand sides (S, draws) at once.
+
+    ``SuperLU.solve`` takes one after the other, eight times as long.
+    """
+    options = {"SymmetricMode": True}
+    factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    found = np.empty_like(sides)
+    found[factors.perm_r] = sides
+    for factor, is_lower in ((factors.L, True), (factors.U, False)):
+        _substitute(factor.indptr, factor.indices, factor.data, is_lower, found)
+    result: Float64 = found[factors.perm_c]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _substitute(begin: Int32, row: Int32, value: Float64, is_lower: bool, found: Float64) -> None:
+    """Solve triangular equations, given by columns, in place of their right-hand sides (S, draws)."""
+    size = len(begin) - 1
+    for n in range(size):
+        j = n if is_lower else size - 1 - n
+        for at in range(begin[j], begin[j + 1]):
+            if row[at] == j:
+                found[j] /= value[at]
+        for at in range(begin[j], begin[j + 1]):
+            i, factor = row[at], value[at]
+            if i != j:
+                for k in range(found.shape[1]):
+                    found[i, k] -= factor * found[j, k]
