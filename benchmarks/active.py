@@ -35,7 +35,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import held_from_camera
 from flatcloth.core.types import finite
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
-from flatcloth.export.garment import garment_points
+from flatcloth.export.garment import garment_points, other_points
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
 from flatcloth.recordings.writer import RecordingWriter
@@ -160,7 +160,8 @@ def _errors_mm(
     back = held_from_camera(cell.axis, start_deg).inverse()  # the object frame begins where the cell starts
     places = {name: back.apply(np.array(place)[None])[0] for name, place in truth["places"].items()}
     errors = {}
-    for pick in garment_points(known):
+    beyond = [] if isinstance(known, str) else other_points(known, known.sides)
+    for pick in (*garment_points(known), *beyond):
         true = (
             list(places.values())
             if truth["kind"] == "towel"

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.garment.recognition import KnownGarment, points_on_other_side
 from flatcloth.garments.fit import APART_M
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.recognition import NONE, Recognition
@@ -160,9 +160,11 @@ def knowledge_of(views: int, area_m2: float, known: KnownGarment | str) -> Knowl
         return Knowledge(
             views=views, area_m2=area_m2, probability=found.probability, reason="It is no known garment."
         )
+    beyond = points_on_other_side(found, known.sides) if known.sides is not None else {}
     points = {
         name: PointKnown(
-            std_m=math.hypot(point.std_m, doubt_of_kind_m(name, found)), seen=point.pixel is not None
+            std_m=math.hypot(point.std_m, doubt_of_kind_m(name, found)),
+            seen=point.pixel is not None or name in beyond,
         )
         for name, point in found.points.items()
     }

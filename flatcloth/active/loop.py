@@ -24,6 +24,7 @@ from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
+from flatcloth.engine.both_sides import BothSides, known_by_both
 from flatcloth.engine.garment.recognition import (
     GarmentService,
     KnownGarment,
@@ -39,7 +40,7 @@ from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
 from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
 from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.manifest import HEADER as MANIFEST
-from flatcloth.recordings.manifest import read_manifest
+from flatcloth.recordings.manifest import has_views, read_manifest
 from flatcloth.recordings.writer import RecordingWriter
 from flatcloth.session.commands import paint
 from flatcloth.session.header import HEADER, kept_config, take_growth
@@ -99,10 +100,10 @@ class ActiveLoop:
         self._run: Run | None = None
         self._garments: GarmentService | None = None
         self._angles: AngleFinder | None = None
+        self._both: BothSides | None = None  # once the other side was asked
         self._known: KnownGarment | str = "No view was taken yet."
-        self.knowledge = Knowledge()
+        self.knowledge, self._expected_m2 = Knowledge(), math.nan
         self.asked: Next | Waiting | End = FIRST
-        self._expected_m2 = math.nan
         try:
             self._open()
         except BaseException:
@@ -204,10 +205,11 @@ class ActiveLoop:
             session, integration = self._session, self._integration
             if session is None or integration is None or self.document.start_view is None:
                 return []
-            garments = GarmentService(integration)
+            garments = GarmentService(integration, self._both)
+            both = None if self._both is None else self._both.of
             self._known = place_sure_pieces(garments, session)
             frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
-            data = SessionData(integration, self.document, session.picks, frames, {}, garments)
+            data = SessionData(integration, self.document, session.picks, frames, {}, garments, both)
             return data.write(self.folder)
 
     def close(self) -> None:
@@ -236,7 +238,7 @@ class ActiveLoop:
         self._stack.callback(self._log.close)
         self._began_s, self._earlier_s = time.monotonic(), self._log.seconds
         self._log.add("begin", goal=str(self.goal), budget=str(self.budget), method=self._method)
-        if (folder / RECORDING / MANIFEST).exists() and _has_views(folder / RECORDING):
+        if (folder / RECORDING / MANIFEST).exists() and has_views(folder / RECORDING):
             manifest = read_manifest(folder / RECORDING)
             self._begin(
                 RecordingWriter(
@@ -288,9 +290,8 @@ class ActiveLoop:
                 )
                 view = replace(view, angle_deg=found.angle_deg)
         if any(apart_deg(view.angle_deg, taken) < SAME_VIEW_DEG for taken in recording.angles_deg):
-            raise ViewError(
-                " ".join([*told, f"There is a view at {view.angle_deg:g} degrees already: turn the item on."])
-            )
+            told.append(f"There is a view at {view.angle_deg:g} degrees already: turn the item on.")
+            raise ViewError(" ".join(told))
         return view, told
 
     def _written(self, view: SeenView) -> int:
@@ -314,7 +315,6 @@ class ActiveLoop:
         if self._integration is None:
             self._open_session()
             return number
-        assert self._session is not None
         self._integration.views.grow()
         self._grow_session()
         return number
@@ -329,8 +329,7 @@ class ActiveLoop:
         refused = self._integrated(number)
         if refused:
             told.append(f"View {number} is not part of the shape yet: {refused}")
-        got = self._learn(number, told, joined=not refused)
-        return Taken(number=number, told=tuple(told), got=got)
+        return Taken(number=number, told=tuple(told), got=self._learn(number, told, joined=not refused))
 
     def _learn(self, number: int, told: list[str], *, joined: bool) -> str:
         """Learn from a view that was decided, choose the next angle, and return what was got."""
@@ -375,15 +374,14 @@ class ActiveLoop:
     def _learnt(self, before: Knowledge) -> str:
         """Update what is known, and return what was got, in one line."""
         document, integration = self.document, self._integration
-        if integration is None or document.start_view is None or self._garments is None:
+        if integration is None or self._run is None or self._garments is None or document.start_view is None:
             return "no shape yet"
-        assert self._run is not None
         try:
             integration.canonical(document)
         except FlatclothError:  # other masks or another axis left the start view no cloth
             document = self._run.begin_again().document
         area_m2 = integration.canonical(document).view.area_m2
-        self._known = known_with_pieces(self._garments, document)
+        self._known, self._both = known_with_pieces(self._garments, document), None
         self.knowledge = knowledge_of(self.views, area_m2, self._known)
         parts = []
         for name in self.goal.points:
@@ -399,7 +397,7 @@ class ActiveLoop:
     # ---------------------------------------------------------------- the next angle, or the end
 
     def _choose(self) -> None:
-        asked = self.asked = self._decided()
+        asked = self.asked = self._ended(self._decided())
         if isinstance(asked, End):
             self._log.add("end", reached=asked.reached, reason=asked.reason)
             return
@@ -414,14 +412,26 @@ class ActiveLoop:
             },
         )
 
+    def _ended(self, asked: Next | End) -> Next | End:
+        """Ask the other side of the item, too, before a loop ends without its goal."""
+        is_missed = isinstance(asked, End) and not asked.reached and self.goal.about != "shape"
+        if not is_missed or self._integration is None or self.document.start_view is None:
+            return asked
+        both, known = known_by_both(self._integration, self.document)
+        knowledge = knowledge_of(self.views, self.knowledge.area_m2, known)
+        if knowledge.is_reached(self.goal):
+            self._both, self._known, self.knowledge = both, known, knowledge
+            reason = f"Known by both sides after {self.views} views: {knowledge.about(self.goal)}."
+            asked = End(reached=True, reason=reason)
+        return asked
+
     def _decided(self) -> Next | End:
         goal, knowledge, document = self.goal, self.knowledge, self.document
         if knowledge.is_reached(goal):
             return End(reached=True, reason=f"Known after {self.views} views: {knowledge.about(goal)}.")
         if self.views >= self.budget.views or self.elapsed_s >= self.budget.seconds:
-            return End(
-                reached=False, reason=f"The budget of {self.budget} is spent: {knowledge.about(goal)}."
-            )
+            spent = f"The budget of {self.budget} is spent: {knowledge.about(goal)}."
+            return End(reached=False, reason=spent)
         if document.start_view is None or self._integration is None:
             return elsewhere(self._recording.angles_deg if self._recording else (), self.stands_deg)
         taken, least_m2 = self._integration.views.angles_deg, self._integration.config.robust.least_new_m2
@@ -438,10 +448,3 @@ class ActiveLoop:
         exhausted = self._log.is_exhausted(taken, least_m2)
         end = end_of(following, self._known, knowledge, goal, least_m2, is_exhausted=exhausted)
         return end or following or FIRST
-
-
-def _has_views(folder: Path) -> bool:
-    try:
-        return bool(read_manifest(folder).views)
-    except RecordingError:
-        return False

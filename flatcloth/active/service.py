@@ -13,7 +13,8 @@ from flatcloth.active.loop import ActiveLoop, Taken
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
 from flatcloth.export.data import GraspFrames, grasps_document
-from flatcloth.export.garment import garment_points
+from flatcloth.export.garment import garment_points, other_points
+from flatcloth.methods.answers import JoinedSides
 from flatcloth.session.journal import Pick
 
 Eye = Callable[[float, int], SeenView]
@@ -85,7 +86,8 @@ class ActiveService:
     def _known(self, rotation_deg: float | None) -> dict[str, Any]:
         loop, knowledge = self.loop, self.loop.knowledge
         standing = loop.stands_deg if rotation_deg is None else rotation_deg
-        wanted = [point for point in garment_points(loop.known) if point.name in loop.goal.points]
+        named = [*garment_points(loop.known), *other_points(loop.known, self._sides)]
+        wanted = [point for point in named if point.name in loop.goal.points]
         regrasp = loop.asked.regrasp if isinstance(loop.asked, End) else None
         return {
             "goal": str(loop.goal),
@@ -100,6 +102,10 @@ class ActiveService:
             "regrasp": next(iter(self._grasps([regrasp] if regrasp else [], standing)), None),
         }
 
+    @property
+    def _sides(self) -> JoinedSides | None:
+        return None if isinstance(self.loop.known, str) else self.loop.known.sides
+
     def _grasps(self, picks: list[Pick], rotation_deg: float) -> list[dict[str, Any]]:
         """Return picks as in ``grasps.json``, each named point with its standard deviation on the cloth."""
         loop, integration = self.loop, self.loop.integration
@@ -109,7 +115,9 @@ class ActiveService:
             axis=integration.axis, rotation_deg=rotation_deg, base_from_camera=self._base_from_camera
         )
         canonical = integration.canonical(loop.document)
-        document = grasps_document(canonical.view, (), frames, picks, canonical.floating)
+        sides = self._sides
+        other = () if sides is None else (sides.other.view, *sides.other.floating)
+        document = grasps_document(canonical.view, (), frames, picks, canonical.floating, other)
         grasps: list[dict[str, Any]] = document["garment_points"]
         return [{**grasp, "std_m": finite(loop.knowledge.point(grasp["name"]).std_m)} for grasp in grasps]
 

@@ -16,7 +16,9 @@ from flatcloth.core.types import Bool, LaidPiece, Progress, RgbdFrame, no_progre
 from flatcloth.engine.following import ended, without_trust
 from flatcloth.engine.garment.recognition import (
     GarmentService,
+    KnownGarment,
     evidence_of_shape,
+    known_with_pieces,
     place_sure_pieces,
     seen_from,
 )
@@ -225,3 +227,10 @@ def _cleared(mask: Bool, frame: RgbdFrame, noisy: bool) -> Bool:
         shown = (mask | this).astype(np.uint8)
         mask = mask & (cv2.erode(shown, np.ones((3, 3), dtype=np.uint8)) > 0)
     return mask & ~this
+
+
+def known_by_both(integration: Integration, document: Document) -> tuple[BothSides, KnownGarment | str]:
+    """Return the garment as :func:`known_with_pieces`, by both sides, and these, integrated anew."""
+    both = BothSides(integration)
+    both.of(document)
+    return both, known_with_pieces(GarmentService(integration, both, doubts_links=False), document)

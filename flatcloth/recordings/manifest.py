@@ -259,3 +259,11 @@ class _Reader:
         if np.abs(point).max() > 100:
             self._fail(f"{where} lies more than 100 m away", "Give metres, camera frame.")
         return point
+
+
+def has_views(folder: Path) -> bool:
+    """Return whether a folder has a recording with at least one view."""
+    try:
+        return bool(read_manifest(folder).views)
+    except RecordingError:
+        return False

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import SHAPE, led, loop_in, seen, sheet_cell
+from garment_evidence import blank_view
 
 from flatcloth.active.choosing import Next, expected_std_m, free_angles_deg
 from flatcloth.active.ending import End
@@ -19,6 +20,7 @@ from flatcloth.active.goal import (
     Knowledge,
     PointKnown,
     doubt_of_kind_m,
+    knowledge_of,
     parse_budget,
     parse_goal,
 )
@@ -28,13 +30,19 @@ from flatcloth.active.loop import ActiveLoop
 from flatcloth.api.integrating import open_session
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
+from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.engine.integration import Integration
+from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.fit import Fit
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.model import Kind
 from flatcloth.garments.recognition import POINT_STD_M, Point, Recognition
+from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.writer import RecordingWriter
+from flatcloth.session.document import Document
 
 
 def test_a_shape_is_known_when_no_view_adds_enough_and_its_files_lie_in_the_folder(tmp_path: Path) -> None:
@@ -284,6 +292,52 @@ def test_a_point_is_as_unsure_as_the_kinds_that_lay_it_elsewhere() -> None:
     assert doubt_m((0.5, 0.5, 0.0)) == pytest.approx(0.3 * np.sqrt(0.5 / 2))
     assert doubt_m((0.25, 0.25, 0.5)) == pytest.approx(0.3 * np.sqrt(0.5 / 2))  # a towel has no waist
     assert doubt_m((0.95, 0.05, 0.0)) == 0.0
+
+
+def known_by_the_other_side(name: str) -> KnownGarment:
+    """Return a skirt whose named point is not seen on this side, but on the other."""
+    skirt = kind_named("skirt")
+    uv = np.array([-0.01, 0.01])  # mirrored, it is a pixel of the view
+    at = skirt.named(skirt.mean[:, None])[name][:, 0]
+    found = Recognition(
+        probabilities={"skirt": 0.95, "none of these": 0.05},
+        fits=(fit_of(skirt, Rigid2(0.0, *(at - uv).tolist())),),
+        dimensions={},
+        points={name: Point(uv_m=uv, std_m=0.014, pixel=None)},
+    )
+    sheet = Canonical(view=blank_view(np.ones((10, 10), dtype=np.bool_)), current_from_view={})
+    return KnownGarment(
+        canonical=sheet,
+        evidence=(),
+        by_evidence=found,
+        found=found,
+        pieces=DecidedPieces(shape_from_piece={}, refused=frozenset()),
+        sides=JoinedSides(other=sheet, seams=(), is_related=True),
+    )
+
+
+def test_a_point_is_known_if_the_other_side_shows_it() -> None:
+    goal, known = parse_goal("points:waist_left"), known_by_the_other_side("waist_left")
+    assert knowledge_of(5, 0.1, known).is_reached(goal)
+    assert knowledge_of(5, 0.1, replace(known, sides=None)).missing(goal) == ("waist_left",)
+
+
+def test_the_other_side_is_asked_before_a_loop_ends_without_its_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def by_both(integration: Integration, document: Document) -> tuple[BothSides, KnownGarment]:
+        asked.append(len(document.used_views))
+        return BothSides(integration), known_by_the_other_side("waist_left")
+
+    monkeypatch.setattr("flatcloth.active.loop.known_by_both", by_both)
+    goal = parse_goal("points:waist_left")
+    loop = led(loop_in(tmp_path / "out", goal, views=3), sheet_cell(tmp_path / "cell"))
+    loop.close()
+    assert asked == [3]
+    assert isinstance(loop.asked, End)
+    assert loop.asked.reached
 
 
 def kind_named(name: str) -> Kind:
