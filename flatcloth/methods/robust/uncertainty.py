@@ -152,7 +152,7 @@ def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> float:
     one, other = cKDTree(uv).query_pairs(CORRELATED_M, output_type="ndarray").T
     apart_m = np.linalg.norm(uv[one] - uv[other], axis=1)
     is_near = apart_m < TWICE_M
-    unit = normal / np.linalg.norm(normal, axis=1)[:, None]
+    unit = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-9)[:, None]  # 0 where none is known
     cosine = np.clip(np.einsum("ij,ij->i", unit[one], unit[other]), -1.0, 1.0)
     # Nodes far apart in space, or that face away from each other as two sides do, are not neighbours.
     same = np.linalg.norm(xyz_m[one] - xyz_m[other], axis=1) < np.where(is_near, TWICE_M, CORRELATED_M)
