@@ -46,6 +46,7 @@ class BothSides:
         self.integration = integration
         self._lock = threading.Lock()
         self._others: Cache[tuple[Integration, Document]] = Cache(1)
+        self._alone: Cache[OneSide] = Cache(1)  # the other side, not joined
         self._joined: Cache[JoinedSides] = Cache(2)
 
     def of(
@@ -111,7 +112,8 @@ class BothSides:
             LaidPiece(index=index, shape_from_piece=motion, std_m=pieces.std_m[index])
             for index, motion in pieces.shape_from_piece.items()
         ]
-        made = this.algorithm.with_other_side(own, laid, other.algorithm, one_side(other, its), check)
+        alone = self._alone.get(self._of(document), lambda: one_side(other, its))
+        made = this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
         other.views.release(its.used_views)
         other.algorithm.release(surfaces=True)
         return replace(made, other=without_trust(made.other)) if this.wrong(document) else made

@@ -191,14 +191,14 @@ def _with_witnesses(fits: list[Fit], others: Sequence[PieceEvidence]) -> list[Fi
             likely = [fit.kind for fit in fits if _is_likely(fit, fits[0])]
             own = {kind.name: _rough_evidence(kind, piece) for kind in likely}
             worst = min(own.values())
-            fits = _sorted(
+            fits = _most_probable_first(
                 replace(f, log_evidence=f.log_evidence + own.get(f.kind.name, worst)) for f in fits
             )
     return fits
 
 
 def _is_likely(fit: Fit, best: Fit) -> bool:
-    """Return whether a kind is not e^8, 3000 times, less probable: then what takes long is asked about it."""
+    """Return whether a kind is at most e^8 (3000) times less probable: only such kinds get the slow steps."""
     return fit.log_evidence >= best.log_evidence - 8 * TEMPERATURE
 
 
@@ -209,7 +209,7 @@ def has_enough_edges(piece: PieceEvidence) -> bool:
 
 def best_fits(main: PieceEvidence, kinds: Sequence[Kind]) -> list[Fit]:
     """Return the best fit of each kind to one piece, however likely it is, the most probable first."""
-    return _sorted(fits_of(main, [kind])[0] for kind in kinds)
+    return _most_probable_first(fits_of(main, [kind])[0] for kind in kinds)
 
 
 def fits_of(main: PieceEvidence, kinds: Sequence[Kind] = ()) -> list[Fit]:
@@ -224,20 +224,22 @@ def fits_of(main: PieceEvidence, kinds: Sequence[Kind] = ()) -> list[Fit]:
     for (kind, some), fits in zip(begun, tried, strict=True):
         fit = fits[0]
         if _is_likely(fit, best):
-            fits = _sorted([*fits, *_roughly(kind, coarse, some[STARTS // 2 :])])
+            fits = _most_probable_first([*fits, *_roughly(kind, coarse, some[STARTS // 2 :])])
             fit = refine(kind, (main,), fits[0].parameters, fits[0].garment_from_piece, annealed=(1.0,))
         others = tuple((f.log_evidence - fits[0].log_evidence, f) for f in fits)
         found.append(replace(fit, others=others))
-    return _sorted(found)
+    return _most_probable_first(found)
 
 
 def _roughly(kind: Kind, coarse: PieceEvidence, some: Sequence[tuple[Float64, Rigid2]]) -> list[Fit]:
     """Return the fits of one kind from some starts, the most probable first."""
     annealed = (4.0, 2.0)
-    return _sorted(refine(kind, (coarse,), begin, (pose,), annealed=annealed) for begin, pose in some)
+    return _most_probable_first(
+        refine(kind, (coarse,), begin, (pose,), annealed=annealed) for begin, pose in some
+    )
 
 
-def _sorted(fits: Iterable[Fit]) -> list[Fit]:
+def _most_probable_first(fits: Iterable[Fit]) -> list[Fit]:
     return sorted(fits, key=lambda fit: -fit.log_evidence)
 
 

@@ -336,7 +336,7 @@ def _other_of(
     )
     std_m, unreliable = np.full(m, np.nan), np.zeros(m, dtype=np.bool_)
     if is_related:
-        # What this side moves at the nearest seam while both are laid out is claimed.
+        # The joint layout may move this side at a seam: that distance is added at what lies nearest to it.
         seam = np.flatnonzero(both.placed[n + m :] & (matches.pieces[joining, 0] == 0))
         at = both.all_uv_m[n + m :][seam]
         shift_m = np.linalg.norm(at - matches.this_uv_m[joining[seam]], axis=1)

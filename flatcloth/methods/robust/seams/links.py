@@ -35,7 +35,7 @@ _BENT = 0.3
 of the weaker one, weighted by its width; otherwise the weaker set is false. Measured by the same command:
 where the cloth is bent it is up to 0.2, where the set is false 0.4 and more."""
 _MOST_CONTRADICTED = 0.3
-"""A set is false if it lays more true edges than this for each of its places on cloth of the other sheet.
+"""A set is false if, for each of its places, more true edges than this would lie on the other sheet's cloth.
 Measured by the same command: of the strongest sets true ones have up to 0.17 (a low neckline), the false one
 that is large enough to join 0.50."""
 _WELL_SEEN = 0.75
