@@ -1,5 +1,76 @@
 // Made by flatcloth/viewer/protocol/typescript.py; not to be edited.
 
+/** Say which kind the garment is; None: let the evidence say. */
+export interface SetKind {
+  type: "garment_kind";
+  kind?: string | null;
+}
+
+/** Hold a named point of the garment at a place of the plane; the rest refits. */
+export interface HoldPoint {
+  type: "hold_point";
+  name: string;
+  u_m: number;
+  v_m: number;
+}
+
+/** Ask how the outline would lie if a point were held so; ``id`` comes back with the answer. */
+export interface PreviewPoint {
+  type: "preview_point";
+  name: string;
+  u_m: number;
+  v_m: number;
+  id: number;
+}
+
+/** Let a held point go, or all of them. */
+export interface ReleasePoints {
+  type: "release_points";
+  name?: string | null;
+}
+
+/** Lay a floating piece where the garment has a place for it, or refuse that place. */
+export interface DecidePiece {
+  type: "decide_piece";
+  label: string;
+  accepted: boolean;
+}
+
+/** Take a part off, or keep it: ``index`` in the list of doubted links at this ``revision``. */
+export interface DecideLink {
+  type: "decide_link";
+  revision: number;
+  index: number;
+  taken_off: boolean;
+}
+
+/** Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``. */
+export interface DecideJoint {
+  type: "decide_joint";
+  revision: number;
+  index: number;
+  cut: boolean;
+}
+
+/** Pick a named point of the garment as a grasp. */
+export interface PickPoint {
+  type: "pick_point";
+  name: string;
+}
+
+/** Compute the other side of the item, if it is not known yet. */
+export interface ShowOther {
+  type: "other_side";
+}
+
+/** Cut a seam, or keep it: ``index`` in the list of seams at this ``revision`` of the other side. */
+export interface DecideSeam {
+  type: "decide_seam";
+  revision: number;
+  index: number;
+  keep: boolean;
+}
+
 /** Perform a session action; ``view_index`` is the view the user means, if the action has one. */
 export interface Do {
   type: "do";
@@ -17,13 +88,6 @@ export interface Move {
   v_m?: number;
 }
 
-/** Lay the pending view where one of its hypotheses says; ``index`` 0 is the best. */
-export interface Choose {
-  type: "choose";
-  view_index: number;
-  index: number;
-}
-
 /** Ask how the pending view would fit if it were moved so; ``id`` comes back with the answer. */
 export interface Preview {
   type: "preview";
@@ -34,16 +98,11 @@ export interface Preview {
   id: number;
 }
 
-/** Refine the pending view from where it lies. */
-export interface Refine {
-  type: "refine";
+/** Lay the pending view where one of its hypotheses says; ``index`` 0 is the best. */
+export interface Choose {
+  type: "choose";
   view_index: number;
-}
-
-/** Place a floating piece by hand: the view that shows most of it becomes the proposal, where it lies. */
-export interface PlacePiece {
-  type: "place_piece";
-  label: string;
+  index: number;
 }
 
 /** Place another connected part of the pending view, the largest being 0. */
@@ -59,6 +118,18 @@ export interface LeaveOut {
   view_index: number;
   part_view: number;
   component: number;
+}
+
+/** Place a floating piece by hand: the view that shows most of it becomes the proposal, where it lies. */
+export interface PlacePiece {
+  type: "place_piece";
+  label: string;
+}
+
+/** Refine the pending view from where it lies. */
+export interface Refine {
+  type: "refine";
+  view_index: number;
 }
 
 /** Pairs of points: of the pending view, in its own plane, and of the shape; ``fit`` moves it so. */
@@ -196,17 +267,17 @@ export interface Play {
   step?: number | null;
 }
 
-/** Live mode: the tab has drawn what it was sent, and takes the next frame with this layer. */
-export interface Ready {
-  type: "ready";
-  layer: string;
-}
-
 /** Guided capture: begin, keep, repeat, turned, aim (at ``angle_deg``) or finish. */
 export interface Capture {
   type: "capture";
   action: "aim" | "begin" | "finish" | "keep" | "repeat" | "turned";
   angle_deg?: number | null;
+}
+
+/** Live mode: the tab has drawn what it was sent, and takes the next frame with this layer. */
+export interface Ready {
+  type: "ready";
+  layer: string;
 }
 
 /** Say which side the cloth under a stroke on the image of a view is; ``radius_m`` on the cloth. */
@@ -248,87 +319,26 @@ export interface WhereToStroke {
   number?: number;
 }
 
-/** Say which kind the garment is; None: let the evidence say. */
-export interface SetKind {
-  type: "garment_kind";
-  kind?: string | null;
-}
-
-/** Hold a named point of the garment at a place of the plane; the rest refits. */
-export interface HoldPoint {
-  type: "hold_point";
-  name: string;
-  u_m: number;
-  v_m: number;
-}
-
-/** Let a held point go, or all of them. */
-export interface ReleasePoints {
-  type: "release_points";
-  name?: string | null;
-}
-
-/** Lay a floating piece where the garment has a place for it, or refuse that place. */
-export interface DecidePiece {
-  type: "decide_piece";
-  label: string;
-  accepted: boolean;
-}
-
-/** Take a part off, or keep it: ``index`` in the list of doubted links at this ``revision``. */
-export interface DecideLink {
-  type: "decide_link";
-  revision: number;
-  index: number;
-  taken_off: boolean;
-}
-
-/** Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``. */
-export interface DecideJoint {
-  type: "decide_joint";
-  revision: number;
-  index: number;
-  cut: boolean;
-}
-
-/** Ask how the outline would lie if a point were held so; ``id`` comes back with the answer. */
-export interface PreviewPoint {
-  type: "preview_point";
-  name: string;
-  u_m: number;
-  v_m: number;
-  id: number;
-}
-
-/** Pick a named point of the garment as a grasp. */
-export interface PickPoint {
-  type: "pick_point";
-  name: string;
-}
-
-/** Cut a seam, or keep it: ``index`` in the list of seams at this ``revision`` of the other side. */
-export interface DecideSeam {
-  type: "decide_seam";
-  revision: number;
-  index: number;
-  keep: boolean;
-}
-
-/** Compute the other side of the item, if it is not known yet. */
-export interface ShowOther {
-  type: "other_side";
-}
-
 /** Every message that the page sends. */
 export type ClientMessage =
+  | SetKind
+  | HoldPoint
+  | PreviewPoint
+  | ReleasePoints
+  | DecidePiece
+  | DecideLink
+  | DecideJoint
+  | PickPoint
+  | ShowOther
+  | DecideSeam
   | Do
   | Move
-  | Choose
   | Preview
-  | Refine
-  | PlacePiece
+  | Choose
   | TakePart
   | LeaveOut
+  | PlacePiece
+  | Refine
   | Pairs
   | Hover
   | HoverRay
@@ -345,23 +355,13 @@ export type ClientMessage =
   | ShowEdges
   | Look
   | Play
-  | Ready
   | Capture
+  | Ready
   | StrokeImage
   | StrokeShape
   | CutShape
   | Brush
-  | WhereToStroke
-  | SetKind
-  | HoldPoint
-  | ReleasePoints
-  | DecidePiece
-  | DecideLink
-  | DecideJoint
-  | PreviewPoint
-  | PickPoint
-  | DecideSeam
-  | ShowOther;
+  | WhereToStroke;
 
 /** The whole state of the page. What the present mode does not have is None, or the default. */
 export interface PageState {

@@ -5,6 +5,9 @@ Every message is a ``msgspec.Struct`` whose tag is its ``type``; numbers have th
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import reduce
+from operator import or_
 from typing import Annotated, Literal
 
 import msgspec
@@ -36,13 +39,9 @@ from flatcloth.viewer.protocol.garment import (
     DecideJoint,
     DecideLink,
     DecidePiece,
-    DecideSeam,
     HoldPoint,
-    PickPoint,
-    PreviewPoint,
     ReleasePoints,
     SetKind,
-    ShowOther,
 )
 
 SessionAction = Literal[
@@ -310,46 +309,16 @@ class WhereToStroke(Said, tag="where_to_stroke", frozen=True, kw_only=True):
 
 
 GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink | DecideJoint
-Message = (
-    Do
-    | Move
-    | Choose
-    | Preview
-    | Refine
-    | PlacePiece
-    | TakePart
-    | LeaveOut
-    | Pairs
-    | Hover
-    | HoverRay
-    | TurnTo
-    | Measure
-    | PickAt
-    | ShowPick
-    | RenamePick
-    | DeletePick
-    | SetGrip
-    | GoTo
-    | SetAuto
-    | Set
-    | ShowEdges
-    | Look
-    | Play
-    | Ready
-    | Capture
-    | StrokeImage
-    | StrokeShape
-    | CutShape
-    | Brush
-    | WhereToStroke
-    | GarmentDecision
-    | PreviewPoint
-    | PickPoint
-    | DecideSeam
-    | ShowOther
-)
+Message = Said
+"""Any message of the page: each subclass is one."""
 
-KINDS: dict[str, type[Said]] = {str(kind.__struct_config__.tag): kind for kind in Message.__args__}
+
+def _subclasses(kind: type[Said]) -> Iterator[type[Said]]:
+    for each in kind.__subclasses__():
+        yield from (each, *_subclasses(each))
+
+
+KINDS = {str(kind.__struct_config__.tag): kind for kind in _subclasses(Said)}
 
 
 def parse(text: str) -> Message:
@@ -363,7 +332,7 @@ def parse(text: str) -> Message:
     if len(text) > MAX_MESSAGE_CHARS:
         raise MessageError(f"A message of over {MAX_MESSAGE_CHARS} characters is too long; reload the page.")
     try:
-        message: Message = _DECODER.decode(text)
+        message = _DECODER.decode(text)
     except msgspec.ValidationError as error:
         raise _not_understood(text) from error
     except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
@@ -372,7 +341,7 @@ def parse(text: str) -> Message:
     return message
 
 
-_DECODER = msgspec.json.Decoder(Message)
+_DECODER: msgspec.json.Decoder[Message] = msgspec.json.Decoder(reduce(or_, KINDS.values()))
 
 
 def _not_understood(text: str) -> MessageError:
