@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
@@ -44,14 +45,13 @@ def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
         return await answered(lambda: answers.propose(proposed, rotation_deg))
 
     async def events(robot: WebSocket) -> None:
+        await robot.accept()
         try:
             told = Told(rotation_deg=http.rotation_of(robot))
         except FlatclothError as error:
-            await robot.accept()
             await robot.close(1008, str(error))
             return
-        await robot.accept()
-        await _tell(robot, lambda: [encoded(event).decode() for event in answers.events(told)])
+        await push(robot, lambda: [encoded(event).decode() for event in answers.events(told)])
 
     async def protocol(_request: Request) -> Response:
         return http.as_json(schema())
@@ -103,21 +103,25 @@ async def body_of(request: Request, kind: type[T]) -> T:
         raise ValueError(f"The body is not as /robot/schema.json has it: {error}.") from error
 
 
-async def _tell(robot: WebSocket, texts: Callable[[], list[Any]]) -> None:
-    """Send what is new until the client leaves; what it sends is not read."""
-    gone = asyncio.create_task(_disconnected(robot))
+async def push(
+    robot: WebSocket, news: Callable[[], list[str]], hear: Callable[[str], Awaitable[None]] | None = None
+) -> None:
+    """Send what is new until the client leaves; ``hear`` is called with each of its messages."""
+
+    async def listen() -> None:
+        while (said := await robot.receive())["type"] != "websocket.disconnect":
+            if hear is not None:
+                await hear(said.get("text") or "")
+
+    listening = asyncio.create_task(listen())
     try:
-        while not gone.done():
-            for text in await run_in_threadpool(texts):
+        while not listening.done():
+            for text in await run_in_threadpool(news):
                 await robot.send_text(text)
-            await asyncio.wait([gone], timeout=POLL_S)
+            await asyncio.wait([listening], timeout=POLL_S)
     except WebSocketDisconnect:
         pass
     finally:
-        gone.cancel()
-
-
-async def _disconnected(robot: WebSocket) -> None:
-    """Return when a robot has left; its messages are ignored."""
-    while (await robot.receive())["type"] != "websocket.disconnect":
-        pass
+        listening.cancel()
+        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect):
+            await listening

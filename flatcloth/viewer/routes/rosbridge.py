@@ -7,21 +7,19 @@ arrays are base64, as rosbridge sends them.
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import threading
 from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.robot import ProposedPick
 from flatcloth.viewer.protocol.sent import encoded
-from flatcloth.viewer.routes.robot import MAX_BODY_BYTES, POLL_S
+from flatcloth.viewer.routes.robot import MAX_BODY_BYTES, push
 from flatcloth.viewer.routes.robot_answers import Present, RobotAnswers
 from flatcloth.viewer.routes.ros_messages import TOPICS, frame_of
 
@@ -62,24 +60,13 @@ class RosBridge:
         except FlatclothError as error:
             await socket.close(1008, str(error))
             return
-        hearing = asyncio.create_task(self._hear(socket, client))
-        try:
-            while not hearing.done():
-                for text in await run_in_threadpool(self._news, client):
-                    await socket.send_text(text)
-                await asyncio.wait([hearing], timeout=POLL_S)
-        except WebSocketDisconnect:
-            pass
-        finally:
-            hearing.cancel()
-            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect):
-                await hearing
 
-    async def _hear(self, socket: WebSocket, client: _Client) -> None:
-        while (said := await socket.receive())["type"] != "websocket.disconnect":
-            answer = await run_in_threadpool(self._answer, said.get("text") or "", client)
+        async def hear(text: str) -> None:
+            answer = await run_in_threadpool(self._answer, text, client)
             if answer is not None:
                 await socket.send_text(encoded(answer).decode())
+
+        await push(socket, lambda: self._news(client), hear)
 
     def _answer(self, text: str, client: _Client) -> dict[str, Any] | None:
         """Carry out an operation; return what is said to the client, None: nothing."""
