@@ -18,7 +18,7 @@ from flatcloth.batch.rows import CRASHED, DONE, UNFINISHED, next_attempt, read_r
 from flatcloth.batch.runner import Limits
 from flatcloth.batch.table import write_table
 from flatcloth.batch.tasks import Task, quick_signature
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.methods.registry import method_entry
 
 Row = dict[str, Any]
@@ -176,11 +176,9 @@ def owned(out: Path) -> Iterator[None]:
     FlatclothError
         If it cannot be written, or another process has the lock.
     """
-    try:
+    with os_errors_as(FlatclothError, f"{out}: cannot be written", "Choose another --out."):
         out.mkdir(parents=True, exist_ok=True)
         lock = os.open(out / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError as error:
-        raise FlatclothError(f"{out}: cannot be written ({error.strerror}); choose another --out.") from error
     try:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

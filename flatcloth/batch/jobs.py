@@ -28,7 +28,7 @@ from flatcloth.batch.measure import coverage_estimate, write_thumbnail
 from flatcloth.batch.rows import DONE, FAILED, MEMORY, UNFINISHED, next_attempt, read_row, write_row
 from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
 from flatcloth.checking.check import checked
-from flatcloth.core.errors import FlatclothError, JournalError
+from flatcloth.core.errors import FlatclothError, JournalError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.subprocess_worker import memory_limit_bytes
 from flatcloth.core.types import Progress
@@ -220,22 +220,18 @@ def _content_begun(folder: Path) -> str | None:
 def _set_aside(folder: Path) -> None:
     """Move a result away: an operator's decisions are in it."""
     place = folder.parent / SUPERSEDED / f"{folder.name}-{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
-    try:
+    with os_errors_as(FlatclothError, f"{folder}: cannot be moved to {place}", "Move it by hand."):
         place.parent.mkdir(exist_ok=True)
         folder.rename(place)
-    except OSError as error:
-        raise FlatclothError(f"{folder}: cannot be moved to {place} ({error}); move it by hand.") from error
 
 
 def _begin(folder: Path, task: Task, row: Mapping[str, Any]) -> None:
     """Write what is begun, so that it is known if this process is killed."""
-    try:
+    with os_errors_as(FlatclothError, f"{folder}: cannot be written", "Choose another --out."):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         text = json.dumps({**task.to_dict(), "content": row["content"]}, indent=1) + "\n"
         replace_file(folder / TASK_FILE, text.encode())
         (folder / ERROR_FILE).unlink(missing_ok=True)
-    except OSError as error:
-        raise FlatclothError(f"{folder}: cannot be written ({error}); choose another --out.") from error
     write_row({**row, "outcome": UNFINISHED, "reason": "it runs, or its worker was killed."}, folder)
 
 

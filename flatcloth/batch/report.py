@@ -14,7 +14,7 @@ from typing import Any
 from flatcloth.batch.measure import THUMBNAIL_FILE
 from flatcloth.batch.review import read_verdicts, reliability, review_order
 from flatcloth.batch.rows import COLUMNS, DONE, ROW_FILE, Column, counted, rows_in
-from flatcloth.core.errors import FlatclothError, RecordingError
+from flatcloth.core.errors import FlatclothError, RecordingError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.resources import static_folder
 from flatcloth.export.page import common_parts
@@ -41,10 +41,8 @@ def write_report(out: Path) -> Path:
     """
     text = report_html(out, served=False)
     file = out / REPORT_FILE
-    try:
+    with os_errors_as(FlatclothError, f"{file}: cannot be written", "Make room."):
         replace_file(file, text.encode())
-    except OSError as error:
-        raise FlatclothError(f"{file}: cannot be written ({error}); make room.") from error
     return file
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
 
 ROW_FILE = "row.json"
@@ -140,13 +140,9 @@ def write_row(row: Mapping[str, Any], folder: Path) -> None:
     """
     file = folder / ROW_FILE
     text = json.dumps({"format": FORMAT, **row}, indent=1, allow_nan=False) + "\n"
-    try:
+    with os_errors_as(FlatclothError, f"{file}: cannot be written", "Make room, or choose another --out."):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         replace_file(file, text.encode())
-    except OSError as error:
-        raise FlatclothError(
-            f"{file}: cannot be written ({error}); make room, or choose another --out."
-        ) from error
 
 
 def rows_in(out: Path) -> list[dict[str, Any]]:

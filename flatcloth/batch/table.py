@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.batch.rows import COLUMNS, Kind
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import replace_file
 
 CSV, PARQUET = "results.csv", "results.parquet"
@@ -24,12 +24,10 @@ def write_table(rows: Sequence[Mapping[str, Any]], out: Path) -> list[Path]:
         If it cannot be written.
     """
     tables = {CSV: _csv(rows), PARQUET: _parquet(rows)}
-    try:
+    with os_errors_as(FlatclothError, f"{out}: the table cannot be written", "Make room."):
         for name, data in tables.items():
             if data is not None:
                 replace_file(out / name, data)
-    except OSError as error:
-        raise FlatclothError(f"{out}: the table cannot be written ({error}); make room.") from error
     return [out / name for name, data in tables.items() if data is not None]
 
 

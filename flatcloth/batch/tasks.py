@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from flatcloth.core.errors import FlatclothError, RecordingError
+from flatcloth.core.errors import FlatclothError, RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_plain
 from flatcloth.recordings import SourceOptions, place_of
 from flatcloth.recordings.files.text import read_text
@@ -278,12 +278,9 @@ def content_signature(task: Task, settings: Mapping[str, Any]) -> str:
     for file in files_of(task):
         name = file.relative_to(root) if file.is_relative_to(root) else file.name
         digest.update(f"{name}\0".encode("utf-8", "surrogateescape"))
-        try:
-            with open_plain(file) as opened:
-                while piece := opened.read(1 << 20):
-                    digest.update(piece)
-        except OSError as error:
-            raise RecordingError(f"{file}: cannot be read ({error.strerror}). Check it.") from error
+        with os_errors_as(RecordingError, f"{file}: cannot be read", "Check it."), open_plain(file) as opened:
+            while piece := opened.read(1 << 20):
+                digest.update(piece)
         digest.update(b"\n")
     return digest.hexdigest()
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from flatcloth.commands.common import ProgressBar, add_source, source_options_of
 from flatcloth.commands.output import report
-from flatcloth.core.errors import RecordingError
+from flatcloth.core.errors import RecordingError, os_errors_as
 
 if TYPE_CHECKING:
     from flatcloth.checking.findings import Check
@@ -61,7 +61,7 @@ def _write_pictures(recording: Recording, check: Check, folder: Path) -> list[st
     from flatcloth.rendering.evidence import evidence
 
     made = []
-    try:
+    with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise RecordingError(f"{folder}: not empty. Choose a new or an empty folder.")
@@ -70,8 +70,4 @@ def _write_pictures(recording: Recording, check: Check, folder: Path) -> list[st
             if picture is not None:
                 made.append(f"{finding.name}.png")
                 (folder / made[-1]).write_bytes(png_of(picture))
-    except OSError as error:
-        raise RecordingError(
-            f"{folder}: cannot be written ({error.strerror}). Choose a writable folder."
-        ) from error
     return made

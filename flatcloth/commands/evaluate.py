@@ -12,7 +12,7 @@ from typing import Any
 
 from flatcloth.commands.common import ProgressBar, add_engine, add_method, add_sides, limits_of
 from flatcloth.commands.output import report, say
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 
 NAME = "evaluate"
 SUMMARY = "integrate unattended and compare with the truth"
@@ -55,14 +55,10 @@ def run(options: argparse.Namespace) -> None:
     if options.json is True:
         report(options, rows, ())
     elif options.json is not None:
-        try:
+        with os_errors_as(FlatclothError, f"{options.json}: cannot be written", "Choose another file."):
             file = Path(options.json)
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(json.dumps(rows, indent=1) + "\n")
-        except OSError as error:
-            raise FlatclothError(
-                f"{options.json}: cannot be written ({error}); choose another file."
-            ) from error
 
 
 def _sides_line(sides: dict[str, Any]) -> str:

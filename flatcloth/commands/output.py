@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 
 _said = logging.getLogger("flatcloth.said")
 _progress = logging.getLogger("flatcloth.progress")
@@ -132,13 +132,9 @@ def error(text: str) -> None:
 
 
 def _log_file(path: Path) -> logging.Handler:
-    try:
+    with os_errors_as(FlatclothError, f"{path}: the log cannot be written", "Choose another file."):
         path.parent.mkdir(parents=True, exist_ok=True)
         handler = logging.FileHandler(path, encoding="utf-8")
-    except OSError as failed:
-        raise FlatclothError(
-            f"{path}: the log cannot be written ({failed.strerror}); choose another file."
-        ) from failed
     handler.setFormatter(_WithoutSecrets("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     return handler
 

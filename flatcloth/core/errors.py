@@ -5,6 +5,9 @@ Every message names the object (file, view, option), the cause and the remedy in
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 
 class FlatclothError(Exception):
     """Root of all errors that are reported to the user as one line, without a traceback."""
@@ -64,3 +67,12 @@ class ServerError(FlatclothError):
 
 class CancelledError(Exception):
     """The operator cancelled the computation; not a failure."""
+
+
+@contextlib.contextmanager
+def os_errors_as(kind: type[FlatclothError], what: str, remedy: str) -> Iterator[None]:
+    """Raise an ``OSError`` of the context as ``kind``: ``what`` (cause). ``remedy``."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{what} ({error.strerror or error}). {remedy}") from error

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import replacing
 from flatcloth.core.types import Bool, FlattenedView, Float64, Uint8
 from flatcloth.export.growth import Growth, Step
@@ -67,7 +67,7 @@ def write_animation(session: OpenedSession, path: Path) -> None:
     """
     check_suffix(path)
     shown = frames(session)
-    try:
+    with os_errors_as(FlatclothError, f"{path}: cannot be written", "Choose another file."):
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix.lower() == ".gif":
             with replacing(path) as file:
@@ -78,8 +78,6 @@ def write_animation(session: OpenedSession, path: Path) -> None:
                 made = Path(folder) / "growth.mp4"
                 _write_mp4(shown, made)
                 file.write(made.read_bytes())
-    except OSError as error:
-        raise FlatclothError(f"{path}: cannot be written ({error.strerror}); choose another file.") from error
 
 
 def check_suffix(path: Path) -> None:

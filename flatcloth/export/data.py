@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 import cv2
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import open_plain, replacing
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Floats, RotationAxis, Uint8
@@ -130,15 +130,11 @@ def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
             files[name](file)
 
     *names, report = files
-    try:
+    with os_errors_as(FlatclothError, f"{folder}: the export cannot be written", "Choose another folder."):
         folder.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(written, names))
         written(report)
-    except OSError as error:
-        raise FlatclothError(
-            f"{folder}: the export cannot be written ({error}); choose another folder."
-        ) from error
     return [folder / name for name in files]
 
 

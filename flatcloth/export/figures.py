@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Floats
 from flatcloth.engine.outcome import other_side_lines, sides_entry
@@ -83,17 +83,13 @@ def write_figures(
         If the folder cannot be written, or the session has no shape.
     """
     made: list[Path] = []
-    try:
+    with os_errors_as(FlatclothError, f"{folder}: figures cannot be written", "Choose another folder."):
         folder.mkdir(parents=True, exist_ok=True)
         for figure in all_figures(session, next_part):
             for suffix, data in (("png", figure.drawing.png()), ("svg", figure.drawing.svg().encode())):
                 path = folder / f"{figure.name}.{suffix}"
                 replace_file(path, data)
                 made.append(path)
-    except OSError as error:
-        raise FlatclothError(
-            f"{folder}: figures cannot be written ({error.strerror}); choose another folder."
-        ) from error
     return made
 
 

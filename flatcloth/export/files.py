@@ -13,7 +13,7 @@ from pathlib import Path
 
 import cv2
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import replace_file
 
 
@@ -30,11 +30,9 @@ def write_text(path: Path, text: str) -> None:
     FlatclothError
         If it cannot be written; the message names the file.
     """
-    try:
+    with os_errors_as(FlatclothError, f"{path}: cannot be written", "Choose another file."):
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode())
-    except OSError as error:
-        raise FlatclothError(f"{path}: cannot be written ({error.strerror}); choose another file.") from error
 
 
 @contextmanager

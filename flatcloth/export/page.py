@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.geometry import held_from_camera, horizontal_axes, window_of
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.resources import static_folder
@@ -115,12 +115,8 @@ def import_map(folder: Path, entry: str) -> str:
         name = waiting.pop()
         if _bare(name) in found:
             continue
-        try:
+        with os_errors_as(FlatclothError, f"{folder / name}: cannot be read", "Reinstall flatcloth."):
             source = (folder / name).read_text("utf-8")
-        except OSError as error:
-            raise FlatclothError(
-                f"{folder / name}: cannot be read ({error.strerror}). Reinstall flatcloth."
-            ) from error
         waiting += _IMPORTED.findall(source)
         bare = _IMPORTED.sub(lambda path: f'from "{_bare(path[1])}"', source)
         found[_bare(name)] = data_url(bare.encode(), "text/javascript")

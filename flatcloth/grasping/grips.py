@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from flatcloth.core.decoding import Vector3, decoded
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.types import finite
 from flatcloth.grasping.grasps import OPENING_RANGE_M, GraspPose, Grip
@@ -114,12 +114,10 @@ class GripStore:
             }
             path = self._folder / FILE
             content = {"format": FORMAT, "grips": table}
-            try:
+            with os_errors_as(
+                FlatclothError, f"{path}: cannot be written", "The grip is unchanged. Free disk space."
+            ):
                 replace_file(path, json.dumps(content, indent=1).encode() + b"\n")
-            except OSError as error:
-                raise FlatclothError(
-                    f"{path}: cannot be written ({error.strerror}). The grip is unchanged. Free disk space."
-                ) from error
         self._grips = grips
 
 

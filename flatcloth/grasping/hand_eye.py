@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from flatcloth.core.decoding import Finite, MisfitError, fitted, parse_json
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import Float64
@@ -42,10 +42,8 @@ def read_hand_eye(path: Path) -> Rigid3:
     HandEyeError
         If the file cannot be read, has another format, or its matrix is not a rigid motion in metres.
     """
-    try:
+    with os_errors_as(HandEyeError, f"{path}: cannot be read", "Name a hand-eye file."):
         data = read_plain(path)
-    except OSError as error:
-        raise HandEyeError(f"{path}: cannot be read ({error.strerror}). Name a hand-eye file.") from error
     return hand_eye_from(data, path)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.core.errors import RecordingError
+from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.types import Float32, Progress, no_progress
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.writer import RecordingWriter, Uint16
@@ -85,7 +85,7 @@ def write_masks(
     """
     import cv2
 
-    try:
+    with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
             raise RecordingError(f"{folder}: not empty. Choose a new or an empty folder.")
@@ -97,10 +97,6 @@ def write_masks(
             assert done  # an image of one channel can always be encoded
             (folder / f"{n:03d}.png").write_bytes(data.tobytes())
         (folder / _REPORT).write_text(json.dumps(dict(report), indent=1) + "\n")
-    except OSError as error:
-        raise RecordingError(
-            f"{folder}: cannot be written ({error.strerror}). Choose a writable folder."
-        ) from error
     return len(recording)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.decoding import fitted, parse_json
-from flatcloth.core.errors import RecordingError
+from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Bool, Intrinsics, RotationAxis, Uint8
 from flatcloth.recordings.film.angles import MAX_VIEWS, TOLERANCE_DEG, apart_deg
@@ -209,16 +209,15 @@ class RecordingWriter:
         self._check_view(angle_deg, images)
         view: dict[str, Any] = {"angle_deg": round(float(angle_deg), 6) + 0.0}
         stem = self._free_stem()
-        try:
+        with os_errors_as(
+            RecordingError,
+            f"{self._folder}: view {index} cannot be written",
+            "Earlier views are saved; free disk space and repeat it.",
+        ):
             for kind, pixels in images.items():
                 view[kind] = f"{kind}/{stem}.png"
                 self._write_image(self._folder / view[kind], pixels)
             self._write_header([*self._views, view])
-        except OSError as error:
-            raise RecordingError(
-                f"{self._folder}: view {index} cannot be written ({error.strerror}). "
-                "Earlier views are saved; free disk space and repeat it."
-            ) from error
         self._views.append(view)
         return index
 

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from flatcloth.core.decoding import Vector3, decoded
-from flatcloth.core.errors import JournalError
+from flatcloth.core.errors import JournalError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.types import RotationAxis
 
@@ -115,9 +115,5 @@ def write_axis(folder: Path, axis: RotationAxis) -> None:
         "estimated": axis.estimated,
     }
     path = folder / FILE
-    try:
+    with os_errors_as(JournalError, f"{path}: cannot be written", "Free disk space and repeat it."):
         replace_file(path, json.dumps(table, indent=1).encode() + b"\n")
-    except OSError as error:
-        raise JournalError(
-            f"{path}: cannot be written ({error.strerror}). Free disk space and repeat it."
-        ) from error

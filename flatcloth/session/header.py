@@ -18,7 +18,7 @@ import msgspec
 
 from flatcloth.core.config import Config
 from flatcloth.core.decoding import fitted, parse_json
-from flatcloth.core.errors import ConfigError, JournalError
+from flatcloth.core.errors import ConfigError, JournalError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.recordings.base import Recording, fingerprint, source_options
 from flatcloth.recordings.growing import GrowingRecording
@@ -187,12 +187,8 @@ def take_growth(folder: Path, recording: GrowingRecording) -> None:
     header = read_header(folder)
     had = header.recording.views
     if had < len(recording) and header.recording.fingerprint == recording.fingerprint_of(had):
-        try:
+        with os_errors_as(JournalError, f"{folder / HEADER}: cannot be written", "Free disk space."):
             write_header(folder, grown(header, recording))
-        except OSError as error:
-            raise JournalError(
-                f"{folder / HEADER}: cannot be written ({error.strerror}). Free disk space."
-            ) from error
 
 
 def write_header(folder: Path, header: Header) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from flatcloth.core.config import Config
-from flatcloth.core.errors import JournalError
+from flatcloth.core.errors import JournalError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.recordings.base import Recording
@@ -125,12 +125,10 @@ class SessionFolder:
             If it cannot be written; the session then stays unchanged.
         """
         header = grown(self._header, recording)
-        try:
+        with os_errors_as(
+            JournalError, f"{self._folder}: session.json cannot be written", "Free disk space."
+        ):
             write_header(self._folder, header)
-        except OSError as error:
-            raise JournalError(
-                f"{self._folder}: session.json cannot be written ({error.strerror}). Free disk space."
-            ) from error
         self._header = header
         state = replace(self.state, n_views=len(recording))
         self._replay = replace(self._replay, state=state)
@@ -273,15 +271,14 @@ class SessionFolder:
             raise JournalError(
                 f"The decision has numbers that are not finite, or text that is not Unicode ({entry!r:.200})."
             ) from error
-        try:
+        with os_errors_as(
+            JournalError,
+            f"{self._folder / JOURNAL}: cannot be written",
+            "The decision was not made. Free disk space and repeat it.",
+        ):
             if not self._journal.is_in_place():
                 self._move()
             self._journal.append(line)
-        except OSError as error:
-            raise JournalError(
-                f"{self._folder / JOURNAL}: cannot be written ({error.strerror}). "
-                "The decision was not made. Free disk space and repeat it."
-            ) from error
         return link
 
     def _move(self) -> None:

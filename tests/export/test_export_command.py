@@ -142,7 +142,7 @@ def test_what_was_written_before_a_failure_is_told(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
-        raise FlatclothError("report.html: cannot be written (No space left on device); choose another file.")
+        raise FlatclothError("report.html: cannot be written (No space left on device). Choose another file.")
 
     monkeypatch.setattr("flatcloth.export.report.report", full)
     options = ["--html", str(tmp_path / "page.html"), "--report", str(tmp_path / "report.html")]

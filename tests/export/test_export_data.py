@@ -154,7 +154,7 @@ def test_what_is_not_known_is_null_and_the_file_stays_json(tmp_path: Path) -> No
 def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
-    with pytest.raises(FlatclothError, match="choose another folder"):
+    with pytest.raises(FlatclothError, match="Choose another folder"):
         write_files(shape_files(sheet(1, 0, 4, 0.0), [], FRAMES), blocked / "out")
 
 

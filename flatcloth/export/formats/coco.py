@@ -17,7 +17,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import Bool, Float64, RgbdFrame, RotationAxis
 from flatcloth.export.data import GARMENT, GRASPS
@@ -178,10 +178,6 @@ def _polygons(item: Bool) -> list[list[float]]:
 
 
 def _write_image(path: Path, frame: RgbdFrame) -> None:
-    try:
+    with os_errors_as(FlatclothError, f"{path}: cannot be written", "Choose another folder."):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(jpeg(frame.color))
-    except OSError as error:
-        raise FlatclothError(
-            f"{path}: cannot be written ({error.strerror}); choose another folder."
-        ) from error

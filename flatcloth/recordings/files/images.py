@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.core.errors import RecordingError
+from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_plain, read_plain
 from flatcloth.core.types import Intrinsics, Uint8
 
@@ -68,18 +68,18 @@ def read_header(path: Path) -> ImageHeader:
         raise RecordingError(f"{path}: missing. Restore the image, or correct the list that names it.")
     if not path.is_file():
         raise RecordingError(f"{path}: not a file. Name an image file instead.")
-    try:
-        with open_plain(path) as file:
-            start = file.read(33)
-            if start.startswith(_PNG_SIGNATURE):
-                header = _png_header(start)
-            elif start.startswith(b"\xff\xd8"):
-                file.seek(2)
-                header = _jpeg_header(file)
-            else:
-                header = None
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
+    with (
+        os_errors_as(RecordingError, f"{path}: cannot be read", "Check its permissions."),
+        open_plain(path) as file,
+    ):
+        start = file.read(33)
+        if start.startswith(_PNG_SIGNATURE):
+            header = _png_header(start)
+        elif start.startswith(b"\xff\xd8"):
+            file.seek(2)
+            header = _jpeg_header(file)
+        else:
+            header = None
     if header is None:
         raise RecordingError(f"{path}: not a readable PNG or JPEG image. Export it again.")
     return header

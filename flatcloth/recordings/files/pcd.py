@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flatcloth.core.errors import RecordingError
+from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.types import Float32, Intrinsics, Uint8
 from flatcloth.recordings.files.camera import (
     MOST_PIXELS,
@@ -137,11 +137,8 @@ def read_pcd_header(path: Path) -> PcdHeader:
     """
     from flatcloth.core.plain_files import open_plain
 
-    try:
-        with open_plain(path) as file:
-            header = pcd_header(file.read(_HEADER_BYTES))
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}). Restore it.") from error
+    with os_errors_as(RecordingError, f"{path}: cannot be read", "Restore it."), open_plain(path) as file:
+        header = pcd_header(file.read(_HEADER_BYTES))
     if header is None:
         raise RecordingError(f"{path}: damaged, or not a PCD file with x, y and z. Export it again.")
     if header.height == 1:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import msgspec
 
 from flatcloth.core.decoding import MisfitError, fitted, found_at
-from flatcloth.core.errors import RecordingError
+from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_new
 from flatcloth.core.types import Intrinsics
 from flatcloth.recordings.files.camera import Lens, checked_intrinsics, checked_lens
@@ -173,12 +173,10 @@ def write_camera_file(path: Path, intrinsics: Intrinsics, *, rough: bool) -> Non
     table = {name: round(float(getattr(intrinsics, name)), 4) for name in names}
     table |= {"width": intrinsics.width, "height": intrinsics.height}
     draft = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
+    with os_errors_as(RecordingError, f"{path}: cannot be written", "Choose another path."):
         with open_new(draft) as file:
             file.write((json.dumps({**table, "rough": rough}, indent=1) + "\n").encode())
         draft.replace(path)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written ({error.strerror}). Choose another path.") from error
 
 
 def _rough(intrinsics: Intrinsics) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from flatcloth.core.errors import RecordingError
+from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.files.text import inside
 from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
@@ -63,12 +63,8 @@ def _files(folder: Path, images: Path, kinds: tuple[str, ...]) -> list[Path]:
             (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", path.name)
         ]
 
-    try:
+    with os_errors_as(RecordingError, f"{images}: cannot be read", "Check its permissions."):
         names = [file for file in images.iterdir() if file.suffix.lower() in kinds]
-    except OSError as error:
-        raise RecordingError(
-            f"{images}: cannot be read ({error.strerror}). Check its permissions."
-        ) from error
     if not names:
         raise RecordingError(f"{images}: has no images ({', '.join(kinds)}). Export them there.")
     relative = [file.relative_to(folder).as_posix() for file in sorted(names, key=counted)]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flatcloth.core.errors import RecordingError
+from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.types import Uint8
 from flatcloth.recordings.realsense.frames import ALIGNMENTS, FrameFilter, Uint16, apart_s
@@ -238,15 +238,13 @@ def _depth_frames(path: Path) -> int | None:
 
 
 def _check_file(path: Path) -> None:
-    try:
+    with os_errors_as(RecordingError, f"{path}: cannot be read", "Check its permissions."):
         if not path.exists():
             raise RecordingError(f"{path}: no such file. Give a RealSense recording, .db3 or .bag.")
         if not path.is_file():
             raise RecordingError(f"{path}: a folder, not a file. Give the .db3 or .bag file in it.")
         with open_plain(path) as file:
             start = file.read(16)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
     if not start:
         raise RecordingError(f"{path}: empty. Record it again.")
     kind = ".db3" if start.startswith(_SQLITE) else ".bag" if start.startswith(_ROSBAG) else None

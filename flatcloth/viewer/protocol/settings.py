@@ -24,7 +24,7 @@ from starlette.routing import Route
 from flatcloth.core import config as numbers
 from flatcloth.core.config import Config
 from flatcloth.core.decoding import decoded, fitted
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.viewer.protocol.sent import typed
 from flatcloth.viewer.protocol.state import SettingsTable
@@ -185,12 +185,10 @@ class SettingsStore:
     def _keep(self, settings: Settings) -> None:
         if self._path is not None:
             content = {"format": FORMAT, **dataclasses.asdict(settings)}
-            try:
+            with os_errors_as(
+                FlatclothError, f"{self._path}: cannot be written", "Nothing was set. Free disk space."
+            ):
                 replace_file(self._path, json.dumps(content, indent=1).encode() + b"\n")
-            except OSError as error:
-                raise FlatclothError(
-                    f"{self._path}: cannot be written ({error.strerror}). Nothing was set. Free disk space."
-                ) from error
         self.now = settings
 
 

@@ -20,7 +20,7 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
-from flatcloth.core.errors import ServerError
+from flatcloth.core.errors import ServerError, os_errors_as
 from flatcloth.core.memory import free, return_freed_memory
 from flatcloth.core.resources import static_folder
 from flatcloth.recordings.mending import Mends
@@ -316,12 +316,10 @@ def bind(host: str, port: int) -> socket.socket:
     """
     if not 0 <= port <= 65535:
         raise ServerError(f"Port {port} does not exist; use 0 (any free port) to 65535.")
-    try:
+    with os_errors_as(ServerError, f"Host {host!r} is unknown", "Use 127.0.0.1."):
         found = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
         family, kind, protocol, _, address = found[0]
         listener = socket.socket(family, kind, protocol)
-    except OSError as error:
-        raise ServerError(f"Host {host!r} is unknown ({error.strerror}); use 127.0.0.1.") from error
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)

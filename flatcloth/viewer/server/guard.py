@@ -23,7 +23,7 @@ from urllib.parse import SplitResult, parse_qs, urlsplit
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from flatcloth.core.errors import ServerError
+from flatcloth.core.errors import ServerError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.session.header import state_folder
 
@@ -231,14 +231,10 @@ def given_token(file: Path | None) -> str | None:
         If the token is too short to be secret or has other characters, or the file cannot be read or written.
     """
     if file is not None:
-        try:
+        with os_errors_as(ServerError, f"{file}: no token can be kept here", "Name another file."):
             if not file.exists():
                 _keep(file, new_token())
             data, source = read_plain(file, 100), str(file)
-        except OSError as error:
-            raise ServerError(
-                f"{file}: no token can be kept here ({error.strerror}); name another file."
-            ) from error
     elif TOKEN_VARIABLE in os.environ:
         data, source = os.environ[TOKEN_VARIABLE].encode("utf-8", "surrogateescape"), TOKEN_VARIABLE
     else:
