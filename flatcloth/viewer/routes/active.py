@@ -23,7 +23,7 @@ MAX_BODY_BYTES = 32 * 2**20
 
 
 def active_routes(
-    service: ActiveService, on_answer: Callable[[dict[str, Any]], None] = lambda _: None
+    service: ActiveService, on_answer: Callable[[dict[str, Any]], object] = lambda _: None
 ) -> list[BaseRoute]:
     """Return the routes; ``on_answer`` is called with each answer before it is sent."""
 

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
-import logging
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from starlette.applications import Starlette
 
 from flatcloth.active.service import ActiveService
 from flatcloth.viewer.routes.active import active_routes
-from flatcloth.viewer.server.app import bind
-from flatcloth.viewer.server.guard import Guard, given_token, is_loopback, kept_token, new_token, own_names
-from flatcloth.viewer.server.limits import limited_logs, limited_server
-
-_FAREWELL_S = 0.5
-"""Time in which the answer with the end is sent before the server ends. Chosen."""
-_log = logging.getLogger(__name__)
+from flatcloth.viewer.server.app import serve_app
+from flatcloth.viewer.server.guard import given_token, own_token
 
 
 def serve_active(
@@ -42,30 +34,8 @@ def serve_active(
     ServerError
         If the port is busy, or the token cannot be used.
     """
-    token = given_token(token_file) or (kept_token() if is_loopback(host) else new_token())
-    listener = bind(host, port)
-    number = listener.getsockname()[1]
-    loop: list[asyncio.AbstractEventLoop] = []
 
-    def told(answer: dict[str, Any]) -> None:
-        if answer["done"] and loop:
-            loop[0].call_later(_FAREWELL_S, _end)
+    def make(end: Callable[[], object]) -> Starlette:
+        return Starlette(routes=active_routes(service, lambda answer: end() if answer["done"] else None))
 
-    def _end() -> None:
-        server.should_exit = True
-
-    app = Guard(Starlette(routes=active_routes(service, told)), own_names(host), token, number)
-    server = limited_server(app)
-
-    async def serve() -> None:
-        loop.append(asyncio.get_running_loop())
-        await server.serve([listener])
-
-    ready(f"http://{host}:{number}/robot/next", token)
-    try:
-        with limited_logs():
-            asyncio.run(serve())
-    except KeyboardInterrupt:
-        _log.info("stopped by the operator")
-    finally:
-        listener.close()
+    serve_app(make, host, port, given_token(token_file) or own_token(host), "/robot/next", ready)

@@ -18,7 +18,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from flatcloth.core.errors import ServerError, os_errors_as
 from flatcloth.core.memory import free, return_freed_memory
@@ -27,7 +27,7 @@ from flatcloth.recordings.mending import Mends
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.protocol.answers import Switched
 from flatcloth.viewer.routes.start import StartRoutes
-from flatcloth.viewer.server.guard import Guard, is_loopback, kept_token, new_token, own_names
+from flatcloth.viewer.server.guard import Guard, is_loopback, own_names, own_token
 from flatcloth.viewer.server.limits import limited_logs, limited_server
 
 if TYPE_CHECKING:
@@ -57,6 +57,8 @@ _PAGE_HEADERS = {
 }
 
 
+_FAREWELL_S = 0.5
+"""Time in which answers are sent before a server ends itself. Chosen."""
 _REST = """<script>
   const every = setInterval;
   setInterval = (work, ms, ...more) => (ms === 1000 ? 0 : every(work, ms, ...more));
@@ -111,7 +113,7 @@ class PageServer:
             )
         return_freed_memory()
         self._socket = bind(host, port)
-        self.token = (token if isinstance(token, str) else _token(host)) if token else None
+        self.token = (token if isinstance(token, str) else own_token(host)) if token else None
         self._host = host
         self.port: int = self._socket.getsockname()[1]
         self._opener = opener
@@ -259,11 +261,6 @@ class PageServer:
         workspace.start(self._loop)
 
 
-def _token(host: str) -> str:
-    """Return the user's own token for loopback; a new one for networks, where it may be intercepted."""
-    return kept_token() if is_loopback(host) else new_token()
-
-
 class _Headers:
     """ASGI middleware that adds protective headers; viser's page gets fewer of them."""
 
@@ -330,6 +327,48 @@ def bind(host: str, port: int) -> socket.socket:
             f"Cannot serve at {host}:{port} ({error.strerror}); choose another --port, or 0 for any free one."
         ) from error
     return listener
+
+
+def serve_app(
+    make: Callable[[Callable[[], object]], ASGIApp],
+    host: str,
+    port: int,
+    token: str,
+    path: str,
+    ready: Callable[[str, str], None],
+) -> None:
+    """Serve an application other than the page until it ends itself, or Ctrl-C or SIGTERM.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the application, given a function that ends the server once it has sent its answers.
+    host, port : str, int
+        Where to listen; port 0 for any free one.
+    token : str
+        Required of every request.
+    path : str
+        Of the address that ``ready`` is called with, together with the token.
+
+    Raises
+    ------
+    ServerError
+        If the port is busy.
+    """
+    listener = bind(host, port)
+    number = listener.getsockname()[1]
+    app = make(
+        lambda: asyncio.get_running_loop().call_later(_FAREWELL_S, setattr, server, "should_exit", True)
+    )
+    server = limited_server(Guard(app, own_names(host), token, number))
+    ready(f"http://{host}:{number}{path}", token)
+    try:
+        with limited_logs():
+            asyncio.run(server.serve([listener]))
+    except KeyboardInterrupt:
+        _log.info("stopped by the operator")
+    finally:
+        listener.close()
 
 
 def serve(

@@ -202,6 +202,11 @@ def new_token() -> str:
     return secrets.token_urlsafe(24)
 
 
+def own_token(host: str) -> str:
+    """Return the user's own token for loopback; a new one for networks, where it may be intercepted."""
+    return kept_token() if is_loopback(host) else new_token()
+
+
 def kept_token() -> str:
     """Return the user's token for pages on this computer; it is created on first use.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import logging
 import subprocess
 import sys
 import threading
@@ -24,9 +22,8 @@ from flatcloth.batch.review import decide
 from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.http import read_body
-from flatcloth.viewer.server.app import bind
-from flatcloth.viewer.server.guard import Guard, given_token, kept_token, own_names
-from flatcloth.viewer.server.limits import limited_logs, limited_server
+from flatcloth.viewer.server.app import serve_app
+from flatcloth.viewer.server.guard import given_token, kept_token
 
 HOST = "127.0.0.1"
 SESSIONS_OPEN = 2
@@ -36,7 +33,6 @@ _START_S = 90.0
 _MOST_BODY_BYTES = 10_000
 """Largest body of a request. Chosen: far above those of the page."""
 _LAUNCH = "from flatcloth.cli import run_and_exit; run_and_exit()"
-_log = logging.getLogger(__name__)
 
 
 class SessionPages:
@@ -207,19 +203,10 @@ def serve_review(out: Path, port: int, ready: Callable[[str, str], None]) -> Non
     ServerError
         If the port is busy.
     """
-    listener = bind(HOST, port)
-    number = listener.getsockname()[1]
     pages = SessionPages()
     # Without a token, another user of this computer could open a session, and would get its address.
     token = given_token(None) or kept_token()
-    app = Guard(review_app(out, pages), own_names(HOST), token, number)
-    server = limited_server(app)
-    ready(f"http://{HOST}:{number}/?token={token}", token)
     try:
-        with limited_logs():
-            asyncio.run(server.serve([listener]))
-    except KeyboardInterrupt:
-        _log.info("stopped by the operator")
+        serve_app(lambda _end: review_app(out, pages), HOST, port, token, f"/?token={token}", ready)
     finally:
         pages.close()
-        listener.close()
