@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,10 +87,11 @@ class Mends:
         for name, value in values.items():
             if name not in _READ:
                 raise RecordingError(f"{where}: unknown mend {name!r:.60}. Known are {', '.join(_READ)}.")
+            read, give = _READ[name]
             try:
-                made[name] = _READ[name](value)
+                made[name] = read(value)
             except (TypeError, ValueError, OverflowError) as error:
-                raise RecordingError(f"{where}: {name} is {value!r:.60}. {_GIVE[name]}.") from error
+                raise RecordingError(f"{where}: {name} is {value!r:.60}. {give}.") from error
         return cls(**made)
 
     def then(self, more: Mends) -> Mends:
@@ -137,7 +138,8 @@ def _plain(value: Any) -> Any:
     return [_plain(v) for v in value] if isinstance(value, tuple) else value
 
 
-def _flag(value: Any) -> bool:
+def yes_or_no(value: Any) -> bool:
+    """Return what a switch of a table says; raises ``ValueError`` if it says neither."""
     known = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
     return known[str(value).lower()] if str(value).lower() in known else _refuse(value)
 
@@ -176,27 +178,16 @@ def _refuse(value: Any) -> Any:
     raise ValueError(f"{value!r:.60}")
 
 
-_READ: dict[str, Any] = {
-    **dict.fromkeys(("reverse", "estimate_axis", "mirror", "invert_masks", "without_masks"), _flag),
-    **dict.fromkeys(("angle_factor", "color_scale", "depth_factor", "focal_factor"), _factor),
-    "view_angles": _angles,
-    "leave_out": _views,
-    "rotate": _turn,
-    "color_shift": _shift,
+_YES, _FACTOR = (yes_or_no, "Give yes or no"), (_factor, "Give a factor above 0, such as 2")
+_READ: dict[str, tuple[Callable[[Any], Any], str]] = {
+    **dict.fromkeys(("reverse", "estimate_axis", "mirror", "invert_masks", "without_masks"), _YES),
+    **dict.fromkeys(("angle_factor", "color_scale", "depth_factor", "focal_factor"), _FACTOR),
+    "view_angles": (_angles, "Give views and their degrees, such as 7=70"),
+    "leave_out": (_views, "Give the numbers of views"),
+    "rotate": (_turn, "Give 90, 180 or 270"),
+    "color_shift": (_shift, "Give two numbers of pixels, right and down"),
 }
-
-_GIVE = {
-    **dict.fromkeys(
-        ("reverse", "estimate_axis", "mirror", "invert_masks", "without_masks"), "Give yes or no"
-    ),
-    **dict.fromkeys(
-        ("angle_factor", "color_scale", "depth_factor", "focal_factor"), "Give a factor above 0, such as 2"
-    ),
-    "view_angles": "Give views and their degrees, such as 7=70",
-    "leave_out": "Give the numbers of views",
-    "rotate": "Give 90, 180 or 270",
-    "color_shift": "Give two numbers of pixels, right and down",
-}
+"""What reads the value of each mend, and what to give if it cannot."""
 MEND_NAMES = tuple(_READ)
 """The names of all mends."""
 

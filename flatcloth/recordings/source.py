@@ -16,7 +16,7 @@ from typing import Any
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import GivenAngles
-from flatcloth.recordings.mending import MEND_NAMES, Mends
+from flatcloth.recordings.mending import MEND_NAMES, Mends, yes_or_no
 
 SWEEPS = ("forth", "back")
 
@@ -212,10 +212,10 @@ def _sweep(value: Any, where: str) -> str:
 
 
 def _flag(value: Any, where: str) -> bool:
-    said = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-    if str(value).lower() not in said:
-        raise RecordingError(f"{where} is {value!r:.60}. Give yes or no.")
-    return said[str(value).lower()]
+    try:
+        return yes_or_no(value)
+    except ValueError as error:
+        raise RecordingError(f"{where} is {value!r:.60}. Give yes or no.") from error
 
 
 _READ: dict[str, Callable[[Any, str], Any]] = {
