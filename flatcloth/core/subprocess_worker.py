@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.parcel import Arrays, Parcel, unpack
 from flatcloth.core.types import Progress, no_progress
 
@@ -53,14 +54,18 @@ class WorkerHungError(WorkerLostError):
     """The worker did not answer in time."""
 
 
-def failed_to_read(path: Path, error: WorkerLostError, otherwise: str) -> str:
-    """Return a message for the user: that the worker was slow, or ``otherwise``, if it crashed."""
-    if isinstance(error, WorkerHungError):
-        return (
-            f"{path}: its reader {error}. The computer may be busy: try again; if that does not help, the "
-            "file is damaged."
-        )
-    return otherwise
+@contextlib.contextmanager
+def reader_errors_as(kind: type[FlatclothError], path: Path, cause: str, remedy: str) -> Iterator[None]:
+    """Raise the errors of a worker that reads a file as ``kind``; ``cause`` and ``remedy`` if it crashed."""
+    try:
+        yield
+    except WorkerError as error:
+        raise kind(str(error)) from error
+    except WorkerHungError as error:
+        busy = "The computer may be busy: try again; if that does not help, the file is damaged."
+        raise kind(f"{path}: its reader {error}. {busy}") from error
+    except WorkerLostError as error:
+        raise kind(f"{path}: {cause}: its reader {error}. {remedy}") from error
 
 
 @dataclass(frozen=True)

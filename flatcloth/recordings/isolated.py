@@ -14,14 +14,7 @@ from typing import Any
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_plain
-from flatcloth.core.subprocess_worker import (
-    Message,
-    Worker,
-    WorkerError,
-    WorkerLostError,
-    failed_to_read,
-    serve,
-)
+from flatcloth.core.subprocess_worker import Message, Worker, WorkerLostError, reader_errors_as, serve
 from flatcloth.core.types import Intrinsics, Progress, no_progress
 from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
 from flatcloth.recordings.film.angles import GivenAngles
@@ -59,13 +52,10 @@ def open_isolated(
         raise RecordingError(f"{path}: its reader {error}. Check the installation.") from error
 
     def ask(question: Mapping[str, Any], progress: Progress = no_progress) -> Message:
-        try:
+        with reader_errors_as(
+            RecordingError, path, "damaged, or not a recording", "Copy or export it again."
+        ):
             return worker.ask(question, progress)
-        except WorkerError as error:
-            raise RecordingError(str(error)) from error
-        except WorkerLostError as error:
-            damaged = f"{path}: damaged, or not a recording: its reader {error}. Copy or export it again."
-            raise RecordingError(failed_to_read(path, error, damaged)) from error
 
     given = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
     about = ask({"kind": kind, "path": str(path), "options": given}, progress).table

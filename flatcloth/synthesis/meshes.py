@@ -16,7 +16,7 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError, SynthesisError
 from flatcloth.core.plain_files import open_plain, read_plain
-from flatcloth.core.subprocess_worker import Worker, WorkerError, WorkerLostError, failed_to_read
+from flatcloth.core.subprocess_worker import Worker, reader_errors_as
 from flatcloth.core.types import Float64, Int32, Uint8
 from flatcloth.recordings.files.images import decode_color, read_header
 from flatcloth.recordings.files.text import shortened
@@ -267,13 +267,8 @@ def _texture(path: Path) -> Uint8:
 
 
 def _read_in_worker(path: Path) -> GarmentMesh:
-    try:
+    with reader_errors_as(SynthesisError, path, "damaged", "Export the surface again."):
         found = Worker("flatcloth.synthesis.native", path).ask({"path": str(path)}).arrays
-    except WorkerError as error:
-        raise SynthesisError(str(error)) from error
-    except WorkerLostError as error:
-        damaged = f"{path}: damaged: its reader {error}. Export the surface again."
-        raise SynthesisError(failed_to_read(path, error, damaged)) from error
     count = sum(name.startswith("image") for name in found) - 1
     return GarmentMesh(
         vertices=found["vertices"],

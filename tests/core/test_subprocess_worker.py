@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 from flatcloth.core import subprocess_worker as worker_module
+from flatcloth.core.errors import RecordingError
 from flatcloth.core.subprocess_worker import (
     Message,
     Worker,
     WorkerError,
     WorkerHungError,
     WorkerLostError,
-    failed_to_read,
+    reader_errors_as,
     serve,
 )
 from flatcloth.core.types import Progress
@@ -117,11 +118,16 @@ def test_a_worker_that_gets_no_processor_time_is_waited_for(
 
 def test_a_worker_that_computes_without_end_is_ended(monkeypatch: pytest.MonkeyPatch, worker: Worker) -> None:
     monkeypatch.setattr(worker, "_patience_s", 0.3)
-    with pytest.raises(WorkerHungError) as caught:
+    with (
+        pytest.raises(RecordingError, match=r"^a\.bag: its reader did not answer in time\. The computer"),
+        reader_errors_as(RecordingError, Path("a.bag"), "damaged", "Copy it again."),
+    ):
         worker.ask({"do": "spin"})
-    told = failed_to_read(Path("a.bag"), caught.value, "a.bag: damaged.")
-    assert told.startswith("a.bag: its reader did not answer in time. The computer may be busy: try again")
-    assert failed_to_read(Path("a.bag"), WorkerLostError("crashed"), "a.bag: damaged.") == "a.bag: damaged."
+    with (
+        pytest.raises(RecordingError, match=r"^a\.bag: damaged: its reader crashed\. Copy it again\.$"),
+        reader_errors_as(RecordingError, Path("a.bag"), "damaged", "Copy it again."),
+    ):
+        raise WorkerLostError("crashed")
 
 
 def test_a_worker_whose_parent_lets_go_of_it_ends(worker: Worker) -> None:

@@ -12,14 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.subprocess_worker import (
-    Message,
-    Worker,
-    WorkerError,
-    WorkerLostError,
-    failed_to_read,
-    serve,
-)
+from flatcloth.core.subprocess_worker import Message, Worker, WorkerLostError, reader_errors_as, serve
 from flatcloth.core.types import Progress
 from flatcloth.recordings.files.images import ImageHeader
 
@@ -67,17 +60,17 @@ def _asked(question: Mapping[str, Any], path: Path) -> Message:
         raise RecordingError(
             f"{path}: the library that reads OpenEXR files is missing. Run: pip install OpenEXR"
         )
-    with _lock:
+    with (
+        _lock,
+        reader_errors_as(RecordingError, path, "truncated or damaged", "Copy or export the image again."),
+    ):
+        if not _kept:
+            _kept.append(Worker(__name__, path))
         try:
-            if not _kept:
-                _kept.append(Worker(__name__, path))
             return _kept[0].ask(question)
-        except WorkerError as error:
-            raise RecordingError(str(error)) from error
-        except WorkerLostError as error:
+        except WorkerLostError:
             _kept.clear()
-            damaged = f"{path}: truncated or damaged: its reader {error}. Copy or export the image again."
-            raise RecordingError(failed_to_read(path, error, damaged)) from error
+            raise
 
 
 # --- the worker ------------------------------------------------------------------------------
