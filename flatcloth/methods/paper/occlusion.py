@@ -9,9 +9,13 @@ away.
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
-from flatcloth.core.types import Bool, Float64, Floats
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from flatcloth.core.types import Bool, Floats
 from flatcloth.flattening.ramps import RAMP_HALF_WIDTH_PX
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.paper.matching import PLACE_SCALE_M
@@ -42,52 +46,24 @@ def occluding_edge_length_m(surface: Surface, side: Side, part: Bool | None = No
 def occluding_edges(surface: Surface, side: Side, part: Bool | None = None) -> tuple[Bool, Bool]:
     """Return the pixels (H, W) of these edges: where cloth turns away, and where nearer cloth covers it."""
     part = surface.usable if part is None else part
-    depth = surface.depth_m
-    outward = -1.0 if side is Side.LEFT else 1.0
-    turned_away = _ends(part, side, RAMP_HALF_WIDTH_PX) & (
-        _mean_inwards(outward * surface.z_angle_deg, part, side, RAMP_HALF_WIDTH_PX) >= _OCCLUDING_Z_ANGLE_DEG
-    )
-    other = Side.RIGHT if side is Side.LEFT else Side.LEFT
+    other, outward = (Side.RIGHT, -1.0) if side is Side.LEFT else (Side.LEFT, 1.0)
+    shown = np.where(part, outward * surface.z_angle_deg, 0.0)
+    count = np.maximum(_next(part, other, 0).sum(axis=-1), 1)  # pixels of the strip inside an end
+    steep = _next(shown, other, 0).sum(axis=-1) / count >= _OCCLUDING_Z_ANGLE_DEG
+    turned_away = part & ~_next(part, side, 1).any(axis=-1) & steep
     measured = np.where(surface.frame.depth_m > 0, surface.frame.depth_m, np.inf)
-    beyond = _nearest_outwards(measured, other, RAMP_HALF_WIDTH_PX)
+    beyond = _next(measured, other, 1, np.inf).min(axis=-1)
     with np.errstate(invalid="ignore"):
-        covered = _ends(part, other, RAMP_HALF_WIDTH_PX) & (beyond < depth - PLACE_SCALE_M)
-    return turned_away, covered
+        nearer = beyond < surface.depth_m - PLACE_SCALE_M
+    return turned_away, part & ~_next(part, other, 1).any(axis=-1) & nearer
 
 
-def _outwards(values: Floats | Bool, steps: int, side: Side, fill: float) -> Float64:
-    """Shift (H, W) so that each pixel has the value ``steps`` farther out on that side (negative: in)."""
-    shift = steps if side is Side.LEFT else -steps
-    result = np.full(values.shape, fill, dtype=np.float64)
-    if shift > 0:
-        result[:, shift:] = values[:, :-shift]
-    elif shift < 0:
-        result[:, :shift] = values[:, -shift:]
-    else:
-        result[:] = values
-    return result
+def _next(values: Floats | Bool, side: Side, first: int, beyond: float = 0.0) -> NDArray[Any]:
+    """Return the pixels (H, W, RAMP_HALF_WIDTH_PX) of each row next to each, from the ``first`` on.
 
-
-def _ends(part: Bool, side: Side, width: int) -> Bool:
-    """Pixels of the component without another one in the next ``width`` pixels outwards."""
-    ends = part.copy()
-    for n in range(1, width + 1):
-        ends &= _outwards(part, n, side, 0.0) == 0
-    return ends
-
-
-def _mean_inwards(values: Floats, part: Bool, side: Side, width: int) -> Float64:
-    total, count = np.zeros(part.shape), np.zeros(part.shape)
-    shown = np.where(part, values, 0.0)
-    for n in range(width):
-        total += _outwards(shown, -n, side, 0.0)
-        count += _outwards(part, -n, side, 0.0)
-    mean: Float64 = total / np.maximum(count, 1.0)
-    return mean
-
-
-def _nearest_outwards(depth: Float64, side: Side, width: int) -> Float64:
-    nearest = np.full(depth.shape, np.inf)
-    for n in range(1, width + 1):
-        nearest = np.minimum(nearest, _outwards(depth, n, side, np.inf))
-    return nearest
+    ``beyond`` is the value beyond the image.
+    """
+    way = slice(None) if side is Side.RIGHT else slice(None, None, -1)
+    width, cols = RAMP_HALF_WIDTH_PX, values.shape[1]
+    padded = np.pad(values[:, way], ((0, 0), (0, width)), constant_values=beyond)
+    return sliding_window_view(padded, width, axis=1)[:, first : first + cols][:, way]
