@@ -44,7 +44,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Print a row of figures per recording."""
     rows: list[dict[str, Any]] = []
-    say(_table_head())
+    heads = "".join(f"{head:>11}" for _, head, _ in _COLUMNS)
+    say(f"{'recording':<24}{heads}{'views':>7}{'s':>7}")
     for row in _one_by_one(options) if options.jobs == 1 and not options.scheduler else _together(options):
         rows.append(row)
         say(_table_row(row))
@@ -152,10 +153,6 @@ _COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("firm_far_share", ">20mm", "{:.1%}"),
     ("within_3_std_share", "in 3 std", "{:.1%}"),
 )
-
-
-def _table_head() -> str:
-    return f"{'recording':<24}" + "".join(f"{head:>11}" for _, head, _ in _COLUMNS) + f"{'views':>7}{'s':>7}"
 
 
 def _table_row(row: dict[str, Any]) -> str:

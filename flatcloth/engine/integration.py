@@ -348,7 +348,8 @@ class Integration:
             return ended(self.algorithm, self.canonical, document, token, hopeless)
         while True:
             progress(0.05, "choosing the rotation")
-            plan = plan_put_off(self.plan, _with_refused(document, passed))
+            refused = tuple(sorted(passed, key=lambda r: r.view_index))
+            plan = plan_put_off(self.plan, replace(document, rejected=refused))
             if plan.view_index is None:
                 reason = plan.reason + (" Left out: " + " ".join(tried) if tried else "")
                 return ended(self.algorithm, self.canonical, document, token, reason)
@@ -444,7 +445,3 @@ class Integration:
 def _shape_of(document: Document) -> tuple[Hashable, ...]:
     """Return the key of a document's shape: everything that it depends on."""
     return document.start_view, document.accepted, document.largest_after
-
-
-def _with_refused(document: Document, refused: set[Rejected]) -> Document:
-    return replace(document, rejected=tuple(sorted(refused, key=lambda r: r.view_index)))

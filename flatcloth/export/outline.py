@@ -164,7 +164,7 @@ def drawing(
     far = 1e3 * np.max([p.outer.max(axis=0) for p in pieces], axis=0)
     return Drawing(
         name=name,
-        pieces=tuple(_in_mm(p, corner) for p in pieces),
+        pieces=tuple((1e3 * p.outer - corner, tuple(1e3 * h - corner for h in p.holes)) for p in pieces),
         size_mm=(float(far[0] - corner[0]), float(far[1] - corner[1])),
         origin_uv_mm=(float(corner[0]), float(corner[1])),
         area_cm2=1e4 * sum(p.area_m2 for p in pieces),
@@ -185,10 +185,6 @@ def _opened(drawn: Drawing) -> tuple[tuple[float, float], tuple[float, float], t
     own, its = (0.0, max(0.0, -down)), (drawn.size_mm[0] + GAP_MM, max(0.0, down))
     height = max(own[1] + drawn.size_mm[1], its[1] + other.size_mm[1])
     return own, its, (its[0] + other.size_mm[0], height)
-
-
-def _in_mm(piece: Piece, corner: Float64) -> tuple[Float64, tuple[Float64, ...]]:
-    return 1e3 * piece.outer - corner, tuple(1e3 * hole - corner for hole in piece.holes)
 
 
 def svg(drawn: Drawing) -> str:

@@ -73,16 +73,13 @@ def _head(session: OpenedSession) -> Iterable[str]:
     history, growth, recording = session.history, session.growth, session.integration.recording
     header = history.header
     views = ", ".join(f"{step.view_index} ({step.angle_deg:g}\u00b0)" for step in growth.steps)
-    camera = recording.intrinsics
+    camera, day = recording.intrinsics, header.created[:10] or "at an unknown time"
     ended = history.document.finished or "Not finished: more views may be added."
     yield f"<h1>{escape(header.recording.name)}</h1>"
     yield f'<p class="lead">{escape(recording.description or "Integration of turned RGB-D views.")}</p>'
     yield _facts(
         [
-            (
-                "Session",
-                f"started {_day(header.created)}, flatcloth {header.versions.get('flatcloth', 'unknown')}",
-            ),
+            ("Session", f"started {day}, flatcloth {header.versions.get('flatcloth', 'unknown')}"),
             (
                 "Recording",
                 f"{header.recording.views} views, {camera.width} \u00d7 {camera.height} px",
@@ -169,7 +166,8 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
         if plan is not None and plan.view_index == decision.view_index:
             chosen = plan.reason
         curves, of = curves_of_view(session, decision.view_index), f"of view {decision.view_index}"
-    yield f'<p class="lead">{escape(chosen)}; {_clock(decision.time)} UTC</p>'
+    clock = decision.time[11:19] or "at an unknown time"
+    yield f'<p class="lead">{escape(chosen)}; {clock} UTC</p>'
     if curves.u_m.size > 1:
         drawing = Drawing(400, 262, f"h(u) and A_z(u) {of}")
         draw_curves(drawing, curves, config, (28.0, 70.0, 78.0), side)
@@ -305,14 +303,6 @@ def _counted(decisions: Sequence[Decision]) -> str:
     words = [f"{n} {word}" for word, n in count.items() if n or word != SKIPPED]
     gone = sum(not d.stands for d in decisions)
     return ", ".join([*words, *([f"{gone} of them taken back"] if gone else [])])
-
-
-def _day(time: str) -> str:
-    return time[:10] or "at an unknown time"
-
-
-def _clock(time: str) -> str:
-    return time[11:19] or "at an unknown time"
 
 
 def _vector(values: Floats) -> str:

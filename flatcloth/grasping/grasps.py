@@ -255,6 +255,7 @@ def grasp_pose(
         x = _level(axis, approach)
     if direction is None and tangent is not None:
         direction = _on_plane(tangent, x)
+    stds_m = view.placement_std_m  # only some methods compute it
     return GraspPose(
         object_from_grasp=Rigid3(np.stack([x, np.cross(approach, x), approach], axis=1), position),
         opening_m=grip.opening_m,
@@ -265,7 +266,7 @@ def grasp_pose(
             position_m=math.nan if tangent is None else tangent.scatter_m,
             normal_deg=math.nan if tangent is None else tangent.normal_spread_deg,
             axis_deg=outline.spread_deg if source == "outline" and outline is not None else math.nan,
-            placement_m=math.nan if rc is None else _placement_std_m(view, rc),
+            placement_m=math.nan if rc is None or stds_m is None else float(stds_m[rc]),
         ),
     )
 
@@ -334,11 +335,6 @@ def _on_plane(tangent: TangentMap, x: Float64) -> Float64 | None:
     direction: Float64 = np.linalg.pinv(tangent.object_from_plane) @ x
     length = float(np.linalg.norm(direction))
     return direction / length if length > 1e-9 else None
-
-
-def _placement_std_m(view: FlattenedView, rc: tuple[int, int]) -> float:
-    # Only some methods compute it.
-    return math.nan if view.placement_std_m is None else float(view.placement_std_m[rc])
 
 
 def _nearest_valid(view: FlattenedView, asked_rc: Float64) -> tuple[int, int]:

@@ -334,7 +334,8 @@ def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -
     """
     at = np.nonzero(new.valid)
     rc = np.stack(at, axis=1)
-    there = sample(_xyz_and_color(current), current.rc_from_uv(new.uv_from_rc(rc)))
+    shown = np.concatenate([current.xyz_m, current.rgb.astype(np.float32)], axis=-1)  # NaN off the cloth
+    there = sample(shown, current.rc_from_uv(new.uv_from_rc(rc)))
     xyz = new.xyz_m[at]
 
     def spread(values: Float32) -> Float32:
@@ -347,8 +348,3 @@ def difference(current: FlattenedView, new: FlattenedView, axis: RotationAxis) -
         height_m=spread((height_m(xyz, axis) - height_m(there[:, 0:3], axis)).astype(np.float32)),
         distance_m=spread(np.linalg.norm(xyz - there[:, 0:3], axis=1)),
     )
-
-
-def _xyz_and_color(view: FlattenedView) -> Float32:
-    """Return (H, W, 6) float32, NaN off the cloth."""
-    return np.concatenate([view.xyz_m, view.rgb.astype(np.float32)], axis=-1)

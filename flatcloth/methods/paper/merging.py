@@ -167,14 +167,7 @@ def _union_grid(
     current: FlattenedView, plane_from_current: Rigid2, new: FlattenedView, plane_from_new: Rigid2
 ) -> tuple[tuple[float, float], tuple[int, int]]:
     rows, cols = np.nonzero(current.valid)
-    box = np.array(
-        [
-            [rows.min(), cols.min()],
-            [rows.min(), cols.max()],
-            [rows.max(), cols.min()],
-            [rows.max(), cols.max()],
-        ]
-    )
+    box = np.array([[row, col] for row in (rows.min(), rows.max()) for col in (cols.min(), cols.max())])
     old = plane_from_current.apply(current.uv_from_rc(box))
     return bounds([old, plane_from_new.apply(corners(new))], new.pixel_size_m)
 

@@ -95,7 +95,9 @@ class Application(PageController):
             self._work.later,
             lambda: self._put(None, self._publish),
         )
-        self._sides = SideController(integration, on_thread, self._sides_changed)
+        self._sides = SideController(
+            integration, on_thread, lambda text: self._tell(None, "info", text) if text else self._publish()
+        )
         self._joints = JointService(integration, self.garments, lambda: self._picture)
         self._garment = GarmentController(
             self.garments, on_thread, self._publish, sink.tell, self._joints.decision
@@ -271,10 +273,6 @@ class Application(PageController):
         if nudge is not None:
             self._by_hand(nudge)
         self._sink.tell(client, answer)
-
-    def _sides_changed(self, changed: str) -> None:
-        """Report the effect of a stroke; the labels of the cloth have changed."""
-        self._tell(None, "info", changed) if changed else self._publish()
 
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:

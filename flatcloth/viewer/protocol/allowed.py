@@ -110,6 +110,7 @@ def action_table(state: SessionState | None) -> tuple[ActionRow, ...]:
 
     Without a state it is the table of live mode, which has no decisions.
     """
+    live = {"session": IN_LIVE_MODE, "capture": NO_CAMERA}
     return tuple(
         ActionRow(
             name=action.name,
@@ -118,14 +119,10 @@ def action_table(state: SessionState | None) -> tuple[ActionRow, ...]:
             description=_description(action, state),
             group=action.group,
             mode=action.mode,
-            why_not=_why_not_live(action) if state is None else why_not(action.name, state),
+            why_not=live.get(action.mode) if state is None else why_not(action.name, state),
         )
         for action in ACTIONS
     )
-
-
-def _why_not_live(action: Action) -> str | None:
-    return {"session": IN_LIVE_MODE, "capture": NO_CAMERA}.get(action.mode)
 
 
 def nudge_about(center_uv_m: tuple[float, float], theta_rad: float, u_m: float, v_m: float) -> Rigid2:

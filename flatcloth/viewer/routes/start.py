@@ -129,7 +129,9 @@ class StartRoutes:
         return self._pictures.get(source, lambda: first_picture(source))
 
     async def _take(self, request: Request) -> Response:
-        return await self._opened(request, OpenPlace, self._open_place)
+        return await self._opened(
+            request, OpenPlace, lambda said: self._open(self._places.chosen(said.kind, said.name))
+        )
 
     async def _take_mend(self, request: Request) -> Response:
         return await self._opened(
@@ -152,9 +154,6 @@ class StartRoutes:
         finally:
             self._opening.release()
         return JSONResponse({"opened": self._current()})
-
-    def _open_place(self, wanted: OpenPlace) -> None:
-        self._open(self._places.chosen(wanted.kind, wanted.name))
 
 
 def first_picture(source: str) -> bytes:
