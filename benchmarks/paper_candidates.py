@@ -27,7 +27,7 @@ from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.paper.departures import Aligned
 from flatcloth.methods.paper.method import PaperMethod
-from flatcloth.methods.registry import MethodEntry, register, unregister
+from flatcloth.methods.registry import register, unregister
 from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
@@ -154,7 +154,7 @@ def rows_of(source: str) -> dict[str, Any]:
             )
             return found
 
-    register(MethodEntry(name=Traced.name, summary="", load=lambda: Traced))
+    register(Traced.name, lambda: Traced)
     try:
         made = Integration(recording, method=Traced.name)
     finally:

@@ -34,7 +34,7 @@ from flatcloth.methods.paper.departures import Aligned, Aligner
 from flatcloth.methods.paper.matching import FINE_SMOOTHING_M, Z_ANGLE_SMOOTHING_M, Matcher, mean_z_angle_deg
 from flatcloth.methods.paper.method import PaperMethod
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
-from flatcloth.methods.registry import MethodEntry, register, unregister
+from flatcloth.methods.registry import register, unregister
 from flatcloth.methods.starting import start_by_view
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
@@ -181,7 +181,7 @@ def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
     first: dict[bool, Integration] = {}
     for name in variants:
         kind = type("Variant", (Before,), {"kept": VARIANTS[name], "name": f"paper-{name}"})
-        register(MethodEntry(name=kind.name, summary=name, load=lambda kind=kind: kind))
+        register(kind.name, lambda kind=kind: kind)
         try:
             cuts = "necks" in VARIANTS[name]
             whole = Config(flattening=FlatteningConfig(least_core_samples=0))

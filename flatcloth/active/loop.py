@@ -35,7 +35,7 @@ from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.export.session import frames_of
 from flatcloth.export.session_data import SessionData
-from flatcloth.methods.registry import method_entry
+from flatcloth.methods.registry import method_name
 from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
 from flatcloth.recordings.film.angles import SAME_VIEW_DEG, apart_deg
 from flatcloth.recordings.growing import GrowingRecording
@@ -91,7 +91,7 @@ class ActiveLoop:
         name: str | None = None,
     ) -> None:
         self.folder, self.goal, self.budget = folder, goal, budget
-        self._method, self._name = method_entry(method).name, name or folder.resolve().name
+        self._method, self._name = method_name(method), name or folder.resolve().name
         self._lock = threading.RLock()
         self._stack = contextlib.ExitStack()
         self._recording: GrowingRecording | None = None

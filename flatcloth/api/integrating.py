@@ -28,7 +28,7 @@ from flatcloth.export.session import open_session as open_session_folder
 from flatcloth.export.session_data import SessionData
 from flatcloth.flattening.flatten import Flattening
 from flatcloth.grasping.grips import read_grips
-from flatcloth.methods.registry import method_entry
+from flatcloth.methods.registry import method_name
 from flatcloth.recordings.base import Recording, check_index
 from flatcloth.session.axis_file import settle_axis
 from flatcloth.session.header import kept_config
@@ -145,7 +145,7 @@ def integrate(
         If ``cancel`` returned True.
     """
     folder = None if session is None else Path(session)
-    name = method_entry(method).name
+    name = method_name(method)
     if config is None and folder is not None:
         config = kept_config(folder, name)
     watched = _cancelled_by(cancel, progress or no_progress)

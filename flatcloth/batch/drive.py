@@ -19,7 +19,7 @@ from flatcloth.batch.runner import Limits
 from flatcloth.batch.table import write_table
 from flatcloth.batch.tasks import Task, quick_signature
 from flatcloth.core.errors import FlatclothError, os_errors_as
-from flatcloth.methods.registry import method_entry
+from flatcloth.methods.registry import load_method
 
 Row = dict[str, Any]
 _TABLE_EVERY_S = 60.0
@@ -73,7 +73,7 @@ def pending(tasks: Sequence[Task], out: Path, *, again: bool) -> list[Task]:
 @functools.cache
 def settings_of(method: str) -> dict[str, Any]:
     """Return the settings that a result depends on."""
-    return method_entry(method).load().default_config().to_dict()
+    return load_method(method).default_config().to_dict()
 
 
 def run_batch(

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from flatcloth.commands.output import is_quiet, logged, progressed
-from flatcloth.methods.registry import method_entry, method_names
+from flatcloth.methods.registry import method_names
 
 if TYPE_CHECKING:
     from flatcloth.batch.runner import Limits
@@ -28,7 +28,7 @@ def add_method(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--method",
         choices=method_names(),
-        default=method_entry().name,
+        default=method_names()[0],
         help="method of integrating the views (default: %(default)s)",
     )
 

@@ -44,7 +44,7 @@ from flatcloth.flattening.resampling import place_all
 from flatcloth.garments.deciding import parts_taken_off, with_doubts
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method
-from flatcloth.methods.registry import method_entry
+from flatcloth.methods.registry import load_method, method_name
 from flatcloth.methods.sides import fronts, side_of
 from flatcloth.methods.starting import overlap_area_m2
 from flatcloth.recordings.base import Recording
@@ -145,9 +145,8 @@ class Integration:
         segmenter: Segmenter | None = None,
         views: RecordedViews | None = None,
     ) -> None:
-        entry = method_entry(method)
-        self._kind: type[Method] = entry.load()
-        self.method = entry.name
+        self.method = method_name(method)
+        self._kind: type[Method] = load_method(self.method)
         self.views = views or RecordedViews(
             recording, config or self._kind.default_config(), segmenter, is_default=config is None
         )

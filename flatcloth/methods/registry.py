@@ -7,7 +7,8 @@ A method is added by one :func:`register` call below. Its modules are imported o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from flatcloth.core.errors import ConfigError
@@ -15,67 +16,50 @@ from flatcloth.core.errors import ConfigError
 if TYPE_CHECKING:
     from flatcloth.methods.base import Method
 
-
-@dataclass(frozen=True, kw_only=True)
-class MethodEntry:
-    """A method's name, a short summary, and the function that loads its class."""
-
-    name: str
-    summary: str
-    load: Callable[[], type[Method]]
+_LOADERS: dict[str, Callable[[], type[Method]]] = {}
 
 
-_ENTRIES: dict[str, MethodEntry] = {}
-
-
-def register(entry: MethodEntry) -> None:
-    """Register a method; the first registered one is the default.
+def register(name: str, load: Callable[[], type[Method]]) -> None:
+    """Register a method and what loads its class; the first registered one is the default.
 
     Raises
     ------
     ConfigError
         If a method of that name exists.
     """
-    if entry.name in _ENTRIES:
-        raise ConfigError(f"A method {entry.name!r} exists already; choose another name.")
-    _ENTRIES[entry.name] = entry
+    if name in _LOADERS:
+        raise ConfigError(f"A method {name!r} exists already; choose another name.")
+    _LOADERS[name] = load
 
 
 def unregister(name: str) -> None:
     """Remove a method, e.g. after a test."""
-    del _ENTRIES[name]
+    del _LOADERS[name]
 
 
 def method_names() -> tuple[str, ...]:
     """Return the names of all methods, the default first."""
-    return tuple(_ENTRIES)
+    return tuple(_LOADERS)
 
 
-def method_entry(name: str | None = None) -> MethodEntry:
-    """Return a method by its name, by default the default method.
+def method_name(name: str | None = None) -> str:
+    """Return a name, by default that of the default method.
 
     Raises
     ------
     ConfigError
         If the name is unknown.
     """
-    chosen = next(iter(_ENTRIES)) if name is None else name
-    if chosen not in _ENTRIES:
-        raise ConfigError(f"Unknown method {chosen!r}; choose one of: {', '.join(_ENTRIES)}.")
-    return _ENTRIES[chosen]
+    chosen = next(iter(_LOADERS)) if name is None else name
+    if chosen not in _LOADERS:
+        raise ConfigError(f"Unknown method {chosen!r}; choose one of: {', '.join(_LOADERS)}.")
+    return chosen
 
 
-def _load_robust() -> type[Method]:
-    from flatcloth.methods.robust.method import RobustMethod
-
-    return RobustMethod
-
-
-def _load_paper() -> type[Method]:
-    from flatcloth.methods.paper.method import PaperMethod
-
-    return PaperMethod
+def load_method(name: str) -> type[Method]:
+    """Return the class of a method; raises as :func:`method_name`."""
+    return _LOADERS[method_name(name)]()
 
 
-register(MethodEntry(name="robust", summary="joint flattening of all views", load=_load_robust))
-register(MethodEntry(name="paper", summary="the paper's steps, one view after another", load=_load_paper))
+register("robust", partial(resolve_name, "flatcloth.methods.robust.method:RobustMethod"))
+register("paper", partial(resolve_name, "flatcloth.methods.paper.method:PaperMethod"))

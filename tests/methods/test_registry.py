@@ -18,7 +18,7 @@ from flatcloth.flattening.resampling import place
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method, Views
 from flatcloth.methods.edges import edges_of_view
-from flatcloth.methods.registry import MethodEntry, method_entry, method_names, register, unregister
+from flatcloth.methods.registry import load_method, method_name, method_names, register, unregister
 from flatcloth.session.machine import Document, Later, Side
 
 MOST_VIEWS = 3
@@ -76,7 +76,7 @@ class SideBySide(Method):
 
 @pytest.fixture
 def toy() -> Iterator[str]:
-    register(MethodEntry(name=SideBySide.name, summary="a toy", load=lambda: SideBySide))
+    register(SideBySide.name, lambda: SideBySide)
     yield SideBySide.name
     unregister(SideBySide.name)
 
@@ -105,19 +105,19 @@ def test_a_session_of_another_method_is_not_continued(
 
 
 def test_the_default_is_the_method_registered_first() -> None:
-    assert method_entry().name == method_names()[0] == "robust"
+    assert method_name() == method_names()[0] == "robust"
 
 
 @pytest.mark.parametrize("name", method_names())
 def test_every_method_is_loaded_under_its_own_name(name: str) -> None:
-    assert method_entry(name).load().name == name
+    assert load_method(name).name == name
 
 
 def test_an_unknown_name_tells_which_there_are() -> None:
     with pytest.raises(ConfigError, match="Unknown method 'best'; choose one of: robust, paper"):
-        method_entry("best")
+        method_name("best")
 
 
 def test_a_name_is_given_once(toy: str) -> None:
     with pytest.raises(ConfigError, match="'side-by-side' exists already"):
-        register(MethodEntry(name=toy, summary="another", load=lambda: SideBySide))
+        register(toy, lambda: SideBySide)
