@@ -42,14 +42,13 @@ def masked(recording: Recording, segmentation: Segmentation) -> LazyRecording:
     """
     kinds = sorted({cut.kind for cut in segmentation.cut_off})
     cut = (f"Cut off as no part of the item: {', '.join(kinds)}.",) if kinds else ()
-    conflicts = tuple(conflict.text for conflict in segmentation.conflicts)
 
     def read(view_index: int) -> ViewImages:
         images, mask = images_of(recording[view_index]), segmentation.mask(view_index)
         return images._replace(mask=np.zeros(images.depth_m.shape, np.bool_) if mask is None else mask)
 
     own = tuple(getattr(recording, "notes", ()))
-    return altered(recording, read=read, notes=(*own, segmentation.text, *cut, *conflicts))
+    return altered(recording, read=read, notes=(*own, segmentation.text, *cut, *segmentation.conflicts))
 
 
 def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolver:
@@ -131,7 +130,7 @@ def summary(segmentation: Segmentation) -> dict[str, Any]:
         "area_cm2": round(1e4 * segmentation.area_of_interest_m2, 1),
         "undecided_cm2": round(1e4 * segmentation.area_undecided_m2, 1),
         "decisions": len(segmentation.decisions),
-        "conflicts": [conflict.text for conflict in segmentation.conflicts],
+        "conflicts": list(segmentation.conflicts),
         "cut_off": [
             {"view_index": cut.view_index, "kind": cut.kind, "area_cm2": round(1e4 * cut.area_m2, 1)}
             for cut in segmentation.cut_off

@@ -42,8 +42,6 @@ def other_side(observed: Observed, mask_of: Callable[[int], Bool]) -> Segmentati
         decisions=(),
         side=np.where(is_other, OF_INTEREST, OTHER).astype(np.int8),
         certainty=np.where(is_other, certainty, 1.0 - certainty).astype(np.float32),
-        conflicts=(),
-        changed=None,
     )
 
 

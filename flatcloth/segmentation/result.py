@@ -26,30 +26,9 @@ class ViewSegmentation:
     ``OTHER``, ``UNDECIDED``, ``NO_ITEM``; ``certainty`` (h, w) float32, 0.5 to 1 on the item, else 0.
     """
 
-    view_index: int
     offset_rc: tuple[int, int]
     side: Int8
     certainty: Float32
-
-
-@dataclass(frozen=True, kw_only=True)
-class Conflict:
-    """Two contradicting decisions about the same cloth, by number; the ``later`` one counts there."""
-
-    earlier: int
-    later: int
-    area_m2: float
-    text: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Changed:
-    """Changes by the last decision: total area, area that was sure before, and the views that show it."""
-
-    area_m2: float
-    sure_m2: float
-    views: tuple[int, ...]
-    text: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,15 +51,16 @@ class Segmentation:
     """The sides of the cloth.
 
     ``side`` (M,) int8 and ``certainty`` (M,) float32 are those of ``observed.clusters``; the methods
-    give them for pixels and for places.
+    give them for pixels and for places. ``conflicts`` says which decisions contradict each other, ``changed``
+    what the last one changed ("": there is none).
     """
 
     observed: Observed = field(repr=False)
     decisions: tuple[Decision, ...]
     side: Int8 = field(repr=False)
     certainty: Float32 = field(repr=False)
-    conflicts: tuple[Conflict, ...]
-    changed: Changed | None
+    conflicts: tuple[str, ...] = ()
+    changed: str = ""
 
     @property
     def cut_off(self) -> tuple[CutOff, ...]:
@@ -140,9 +120,7 @@ class Segmentation:
         certainty = np.zeros(seen.cluster.shape, dtype=np.float32)
         certainty[seen.item] = 0.5
         certainty[known] = self.certainty[seen.cluster[known]]
-        return ViewSegmentation(
-            view_index=view_index, offset_rc=seen.offset_rc, side=side, certainty=certainty
-        )
+        return ViewSegmentation(offset_rc=seen.offset_rc, side=side, certainty=certainty)
 
     def mask(self, view_index: int) -> Bool | None:
         """Return the mask (H, W) of the side of interest in the recorded image; None as :meth:`view`."""

@@ -21,8 +21,6 @@ from flatcloth.segmentation.result import (
     OF_INTEREST,
     OTHER,
     UNDECIDED,
-    Changed,
-    Conflict,
     Segmentation,
     Suggestion,
     best_view,
@@ -60,7 +58,7 @@ class _State:
     part: Int64
     known: Bool
     excluded: Bool
-    conflicts: tuple[Conflict, ...]
+    conflicts: tuple[str, ...]
     alone: float = 0.0
     against: float = 0.0
 
@@ -373,16 +371,15 @@ class SideSolver:
         one, other = (np.sign((samples[:, at] * side[at]).sum(axis=1)) for at in (clusters, self.start_sheet))
         return bool((one * other > 0).all())
 
-    def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[Conflict]:
+    def _conflicts(self, state: _State, touched: Int64, wanted: float, number: int) -> list[str]:
         against = touched[(state.holder[touched] >= 0) & (state.shown[touched] != wanted)]
         found = []
         for earlier in np.unique(state.holder[against]):
             area = float(self.observed.clusters.area_m2[against[state.holder[against] == earlier]].sum())
-            text = (
+            found.append(
                 f"Decisions {earlier + 1} and {number + 1} contradict each other about {1e4 * area:.1f} cm2 "
                 "of cloth; the later one holds there."
             )
-            found.append(Conflict(earlier=int(earlier), later=number, area_m2=area, text=text))
         return found
 
     # ---------------------------------------------------------------- results
@@ -409,7 +406,6 @@ class SideSolver:
             side=side,
             certainty=certainty,
             conflicts=state.conflicts,
-            changed=None,
         )
         return replace(found, changed=self._changed(found)) if decisions else found
 
@@ -419,7 +415,7 @@ class SideSolver:
         guess = bool(state.known[self.start_sheet].any())
         return agreement(self.observed, state.side, anchors, state.group, guess)
 
-    def _changed(self, now: Segmentation) -> Changed:
+    def _changed(self, now: Segmentation) -> str:
         before, area = self.solve(now.decisions[:-1]), self.observed.clusters.area_m2
         moved = now.side != before.side
         turned = moved & (now.side != UNDECIDED) & (before.side != UNDECIDED)
@@ -436,7 +432,7 @@ class SideSolver:
             )
         if state.guess >= 0:
             text += " It is not clear whether the rest lies on the other side too: draw another stroke on it."
-        return Changed(area_m2=float(area[moved].sum()), sure_m2=sure_m2, views=views, text=text)
+        return text
 
     # ---------------------------------------------------------------- where to go on
 

@@ -77,7 +77,7 @@ def test_a_first_stroke_that_a_new_partition_explains_says_nothing_of_the_guess(
     found = far.solve([on_front(150.0, 119.0)])
     assert (found.side[far.start_sheet] == OF_INTEREST).all()
     assert (found.side[lower] == OTHER).any()
-    assert "draw another stroke" not in found.changed.text
+    assert "draw another stroke" not in found.changed
     dear = solver_with(observed, Priced(cost=100.0, anew=lower, price=90.0))
     most = solver_with(observed, Priced(cost=100.0, anew=observed.clusters.normal[:, 2] < 2.0, price=10.0))
     for otherwise in (dear, most):  # the guess was wrong
@@ -118,9 +118,9 @@ def test_strokes_that_all_contradict_the_first_leave_it_its_mark(observed, front
     assert (found.side[marked] == OTHER).all()
     assert (np.delete(found.side, marked)[np.delete(front, marked)] == OF_INTEREST).all()
     assert found.conflicts == ()
-    assert "Decision 1 had turned over the whole guess; it now holds only under" in found.changed.text
+    assert "Decision 1 had turned over the whole guess; it now holds only under" in found.changed
     further = solver.solve([*strokes, on_back(-0.03, 0.0)])
-    assert "its mark only now" not in further.changed.text
+    assert "its mark only now" not in further.changed
     assert np.array_equal(solver.solve(strokes[:1]).side, flipped.side)  # undo is exact
 
 

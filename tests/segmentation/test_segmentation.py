@@ -130,7 +130,7 @@ def test_a_first_stroke_that_may_mean_that_the_guess_was_wrong_leaves_undecided_
 ):
     found = doubtful.solve((stroke("other", points=((150.0, 119.0),)),))
     assert set(found.side[doubtful.start_sheet]) == {UNDECIDED}
-    assert "draw another stroke on it" in found.changed.text
+    assert "draw another stroke on it" in found.changed
     row, col = np.array((150, 119)) - found.view(0).offset_rc
     assert found.view(0).side[row, col] == OTHER
     assert shares(doubtful.solve((stroke("other"),)))[0] < 0.001  # all samples divide nothing there
@@ -145,7 +145,7 @@ def test_a_further_stroke_tells_whether_the_guess_was_wrong(doubtful, side, righ
     for row, col, at in ((150, 119, OTHER), (119, 119, OF_INTEREST if right else OTHER)):
         assert view.side[row - view.offset_rc[0], col - view.offset_rc[1]] == at
     assert found.conflicts == ()
-    assert "draw another stroke" not in found.changed.text
+    assert "draw another stroke" not in found.changed
     assert doubtful.solve((first,)).side[doubtful.start_sheet[0]] == UNDECIDED  # undo is exact
     back = doubtful.observed.clusters.normal[:, 2] > 0.9
     upper = doubtful.observed.clusters.place_m[:, 1] < 0.0
@@ -165,15 +165,15 @@ def test_a_stroke_that_agrees_changes_nothing(solver):
     once = solver.solve((wanted,))
     twice = solver.solve((wanted, stroke(view=0, points=((100.0, 120.0),))))
     assert np.array_equal(once.side, twice.side)
-    assert twice.changed.area_m2 == 0
+    assert twice.changed.startswith("The last decision changed 0 cm2 in 0 views")
     assert [twice.mask_key(n) for n in range(18)] == [once.mask_key(n) for n in range(18)]
     assert twice.conflicts == ()
 
 
 def test_a_stroke_that_contradicts_an_earlier_one_holds_and_says_so(solver):
     found = solver.solve((stroke("this"), stroke("other")))
-    assert [(c.earlier, c.later) for c in found.conflicts] == [(0, 1)]
-    assert "Decisions 1 and 2 contradict each other" in found.conflicts[0].text
+    (conflict,) = found.conflicts
+    assert "Decisions 1 and 2 contradict each other" in conflict
     row, col = np.array(MIDDLE[0], dtype=int) - found.view(0).offset_rc
     assert found.view(0).side[row, col] == OTHER
 
@@ -185,8 +185,7 @@ def test_a_later_stroke_never_turns_an_earlier_one_over(solver):
     for made, side in ((first, OF_INTEREST), (second, OTHER)):
         row, col = np.array(made.points_rc[0], dtype=int) - view.offset_rc
         assert view.side[row, col] == side
-    assert found.changed.sure_m2 > 0
-    assert "sure before" in found.changed.text
+    assert "sure before" in found.changed
 
 
 def test_cloth_beyond_a_cut_is_not_of_interest(solver):
@@ -344,7 +343,7 @@ def test_some_views_of_a_recording_keep_their_numbers(solver):
     assert right > 0.9 * sum(VIEWS[n].front.sum() for n in chosen)
     back = some.solve((stroke(view=9),))
     assert not (back.mask(0) & VIEWS[0].front).any()
-    assert back.changed.views == tuple(chosen)
+    assert f" in {len(chosen)} views" in back.changed
     with pytest.raises(SegmentationError, match="decision 1: view 1 does not exist; the recording has 9"):
         some.solve((stroke(view=1),))
     with pytest.raises(SegmentationError, match="same view number"):

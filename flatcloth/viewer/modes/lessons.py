@@ -320,7 +320,7 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
             "after": _labels(parcel, "after", stroked, at),
             "certainty": stroked.mean_certainty,
             "undecided_cm2": CM2 * stroked.area_undecided_m2,
-            "changed": "" if stroked.changed is None else stroked.changed.text,
+            "changed": stroked.changed,
         }
     return parcel
 

@@ -181,14 +181,14 @@ class SideController:
             return
         found, touched = made
         grown = len(strokes) > self._status.n_strokes
-        changed = found.changed.text if grown and found.changed is not None else ""
+        changed = found.changed if grown else ""
         self._found, self._touched = found, touched
         self._know(
             found.text,
             n_strokes=len(strokes),
             certainty=round(found.mean_certainty, 3),
             undecided_cm2=round(1e4 * found.area_undecided_m2, 1),
-            conflicts=tuple(conflict.text for conflict in found.conflicts),
+            conflicts=found.conflicts,
         )
         self._changed(changed)
 
