@@ -96,7 +96,7 @@ def write_session(folder: Path, recording: Path) -> Path:
         edge = np.array([rows.mean(), cols[np.abs(rows - rows.mean()) < 1].max()])
         for name, rc in zip(PICKS, (middle, edge, middle), strict=True):
             uv = view.uv_from_rc(rc)
-            grasp = grasp_at(view, (float(uv[0]), float(uv[1])), integration.axis, 0.0)
+            grasp = grasp_at(view, (float(uv[0]), float(uv[1])))
             away = 0.05 * grasp.normal_held if name == "gone" else 0.0
             session.add_pick(
                 name, grasp.position_held_m + away, grasp.normal_held, grasp.view_index, grasp.source_rc

@@ -142,7 +142,6 @@ class CylinderIntegration:
         view = cylinder_view({view_index: self._held_angle(view_index)})
         of_interest = np.arange(view.valid.sum()) % 5 != 0
         return ViewCloud(
-            view_index=view_index,
             xyz_m=view.xyz_m[view.valid],
             rgb=view.rgb[view.valid],
             of_interest=of_interest,
@@ -256,7 +255,6 @@ class CylinderPlayer:
             raise self.errors[view_index]
         made = self._integration
         return LiveFrame(
-            view_index=view_index, angle_deg=made.recording.angles_deg[view_index],
             view=cylinder_view({view_index: made._held_angle(view_index)}), cloud=made.cloud(view_index),
             flatten_ms=12.5,
         )  # fmt: skip

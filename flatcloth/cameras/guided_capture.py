@@ -26,7 +26,6 @@ class TakenView:
     ``warnings`` are those of the checks.
     """
 
-    angle_deg: float
     color: Uint8
     depth_m: Float32
     frames: int
@@ -139,7 +138,6 @@ class GuidedCapture:
         measured = stack[:, np.isfinite(stack).sum(axis=0) >= 2]
         noise = float(np.median(np.nanstd(measured, axis=0))) if measured.size else 0.0
         return TakenView(
-            angle_deg=self.state.target_deg,
             color=color,
             depth_m=depth_m,
             frames=len(frames),

@@ -50,7 +50,7 @@ recordings. If more than the second does, the item does not turn. Measured; chos
 
 @dataclass(frozen=True, kw_only=True)
 class ViewLook:
-    """What one view shows: ``depth_m`` the median of the item, ``height_m`` its extent, upright in the image.
+    """What one view shows: ``height_m`` the extent of the item, upright in the image.
 
     ``mask_share`` of the masked pixels lie on the item; ``masked`` is the share of the image under the mask,
     ``brightness`` the logarithm of the item's mean color.
@@ -58,7 +58,6 @@ class ViewLook:
     """
 
     view_index: int
-    depth_m: float
     height_m: float
     mask_share: float
     masked: float
@@ -80,7 +79,6 @@ def look_at(frame: RgbdFrame, item: Bool, every: int = 4) -> ViewLook:
     taken = near if mask is None else near & mask
     return ViewLook(
         view_index=frame.view_index,
-        depth_m=depth_m,
         height_m=height / frame.intrinsics.fy * depth_m,
         mask_share=both / masked if masked else math.nan,
         masked=masked / near.size,

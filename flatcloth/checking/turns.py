@@ -72,7 +72,6 @@ class Turn:
     seen_deg: float
     std_deg: float
     share: float
-    rms_m: float
     twist: Float64
     center_m: Float64
 
@@ -135,7 +134,7 @@ def _from(
     twist, matrix, tally = _followed(
         one, other, held_from_camera(axis, start_deg), precision, prior.scales_m, _STEPS, 2
     )
-    in_image, agreeing, squares = tally.tolist()
+    in_image, agreeing, _ = tally.tolist()
     if agreeing < LEAST_WEIGHT:
         return None
     covariance = np.linalg.inv(matrix)[:3, :3]
@@ -146,7 +145,6 @@ def _from(
         seen_deg=start_deg - math.degrees(float(twist[:3] @ axis.direction)),
         std_deg=math.degrees(math.sqrt(float(axis.direction @ covariance @ axis.direction))),
         share=agreeing / in_image,
-        rms_m=math.sqrt(squares / agreeing),
         twist=twist,
         center_m=center_m,
     )

@@ -56,7 +56,6 @@ _NEAREST_M = 0.1
 class ViewCloud:
     """Foreground points of a view: ``xyz_m`` (N, 3) object frame, ``rgb`` (N, 3), ``of_interest`` (N,)."""
 
-    view_index: int
     xyz_m: Float32
     rgb: Uint8
     of_interest: Bool
@@ -317,9 +316,7 @@ class RecordedViews:
         held = held_from_camera(self.axis, frame.angle_deg)
         xyz = held.apply(back_project(frame.depth_m, frame.intrinsics)[shown]).astype(np.float32)
         of_interest = shown if frame.mask is None else frame.mask
-        return ViewCloud(
-            view_index=view_index, xyz_m=xyz, rgb=frame.color[shown], of_interest=of_interest[shown]
-        )
+        return ViewCloud(xyz_m=xyz, rgb=frame.color[shown], of_interest=of_interest[shown])
 
 
 def _fitted_to(config: Config, camera: Intrinsics, axis: RotationAxis) -> Config:

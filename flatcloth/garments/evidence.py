@@ -48,7 +48,6 @@ class SeenFrom:
     the side of interest, or None; ``camera_from_held`` its camera.
     """
 
-    view_index: int
     depth_m: Float32
     of_interest: Bool | None
     intrinsics: Intrinsics

@@ -31,9 +31,8 @@ _FINGER_M, _STEM_M, _AXIS_MARK_M = 0.05, 0.04, 0.015
 class GraspPoint:
     """The 3D point behind a flattened pixel.
 
-    ``rc`` (row, col) of the pixel in the flattened view and ``uv_m`` its position on the plane;
-    positions and unit normals (3,) in the object frame and in the camera frame at ``angle_deg``;
-    the normal points out of the cloth, towards the camera that saw it. ``view_index`` and
+    ``rc`` (row, col) of the pixel in the flattened view and ``uv_m`` its position on the plane; position
+    and unit normal (3,) in the object frame: it points out of the cloth. ``view_index`` and
     ``source_rc`` give the image pixel it was measured in; ``miss_m`` is the distance on the plane
     between the requested position and the pixel (0 if that position lies on the cloth).
     """
@@ -41,19 +40,13 @@ class GraspPoint:
     rc: tuple[int, int]
     uv_m: tuple[float, float]
     position_held_m: Float64
-    position_camera_m: Float64
     normal_held: Float64
-    normal_camera: Float64
-    angle_deg: float
-    z_angle_deg: float
     view_index: int
     source_rc: tuple[float, float]
     miss_m: float
 
 
-def grasp_at(
-    view: FlattenedView, uv_m: tuple[float, float], axis: RotationAxis, angle_deg: float
-) -> GraspPoint:
+def grasp_at(view: FlattenedView, uv_m: tuple[float, float]) -> GraspPoint:
     """Return the grasp point at the valid pixel nearest to a position on the plane.
 
     Parameters
@@ -62,10 +55,6 @@ def grasp_at(
         The flattened view, attributes in the object frame.
     uv_m : (float, float)
         Position on the plane, metres; may lie off the cloth or off the grid.
-    axis : RotationAxis
-        Axis of the recording, object frame.
-    angle_deg : float
-        Present rotation, for the camera-frame numbers.
 
     Raises
     ------
@@ -80,18 +69,11 @@ def grasp_at(
     row, col = _nearest_valid(view, asked)
     uv = view.uv_from_rc(np.array([row, col]))
     inside = bool(np.all(np.abs(asked - (row, col)) <= 0.5 + 1e-9))
-    position = view.xyz_m[row, col].astype(np.float64)
-    normal = view.normal[row, col].astype(np.float64)
-    camera_position, camera_normal = camera_from_held(axis, angle_deg).apply_with_normal(position, normal)
     return GraspPoint(
         rc=(row, col),
         uv_m=(float(uv[0]), float(uv[1])),
-        position_held_m=position,
-        position_camera_m=camera_position,
-        normal_held=normal,
-        normal_camera=camera_normal,
-        angle_deg=angle_deg,
-        z_angle_deg=float(view.z_angle_deg[row, col]),
+        position_held_m=view.xyz_m[row, col].astype(np.float64),
+        normal_held=view.normal[row, col].astype(np.float64),
         view_index=int(view.view_index[row, col]),
         source_rc=(float(view.source_rc[row, col, 0]), float(view.source_rc[row, col, 1])),
         miss_m=0.0 if inside else float(np.hypot(*(uv - np.asarray(uv_m)))),

@@ -25,11 +25,10 @@ patch."""
 class NearestOutline:
     """The outline of the cloth nearest to a pixel, on the plane.
 
-    ``uv_m`` its nearest point, ``distance_m`` to it, ``direction`` (2,) its unit direction there with
+    ``distance_m`` to its nearest point, ``direction`` (2,) its unit direction there with
     the cloth on the right as seen from outside, ``spread_deg`` its deviation from a straight line (rms).
     """
 
-    uv_m: tuple[float, float]
     distance_m: float
     direction: Float64
     spread_deg: float
@@ -41,13 +40,12 @@ class TangentMap:
 
     ``object_from_plane`` (3, 2): metres of space, object frame, per metre of the plane;
     ``scatter_m`` rms of the measured points about a smooth patch, along its normal;
-    ``normal_spread_deg`` rms angle of the normals to their mean; ``count`` number of pixels.
+    ``normal_spread_deg`` rms angle of the normals to their mean.
     """
 
     object_from_plane: Float64
     scatter_m: float
     normal_spread_deg: float
-    count: int
 
 
 def nearest_outline(view: FlattenedView, rc: tuple[int, int]) -> NearestOutline | None:
@@ -85,7 +83,6 @@ def nearest_outline(view: FlattenedView, rc: tuple[int, int]) -> NearestOutline 
     if direction[0] * inside[1] - direction[1] * inside[0] < 0:
         direction = -direction
     return NearestOutline(
-        uv_m=(float(nearest[0]), float(nearest[1])),
         distance_m=float(offset.min()),
         direction=direction,
         spread_deg=math.degrees(math.atan(math.sqrt(max(float(spread[0]), 0.0) / float(spread[1])))),
@@ -126,7 +123,6 @@ def tangent_map(view: FlattenedView, rc: tuple[int, int]) -> TangentMap | None:
         object_from_plane=fit[1:3].T / _PATCH_RADIUS_M,
         scatter_m=math.sqrt(float(rest @ rest) / (len(rest) - terms.shape[1])),
         normal_spread_deg=math.degrees(math.sqrt(float(np.mean(tilt**2)))),
-        count=int(same.sum()),
     )
 
 

@@ -171,7 +171,6 @@ class Hypothesis:
     """
 
     source: str
-    component: int
     initial: Rigid2
     current_from_new: Rigid2
     score: AlignmentScore

@@ -23,7 +23,7 @@ _SEARCH_RADII_M = tuple(max(0.005, 0.02 * 0.75**n) for n in range(6))
 by hand."""
 _FINE_ROUNDS = 3
 """Rounds with all points and the last radius. Set by hand."""
-LEAST_POINTS = 60
+_LEAST_POINTS = 60
 """Views with fewer points in common, counted both ways, are not compared. Set by hand."""
 _SHADING_STD = 0.15
 """Relative deviation of the brightness between views, because folds are shaded by the lamp. Set by hand."""
@@ -44,9 +44,8 @@ class PairFit:
 
     ``twist`` (6,) (rotation about ``center_m`` as a rotation vector, then shift; object frame) is the
     motion to be applied to the first view at its known pose, at ``fattening_px``. About both,
-    ``matrix`` (7, 7) and ``gradient`` (7,) are those of the negative log likelihood. ``spread`` (4,)
-    are the typical differences; ``count`` the number of points; ``distance_m`` their typical
-    distance, before and after; ``likeness`` (3,) the correlation of the texture.
+    ``matrix`` (7, 7) and ``gradient`` (7,) are those of the negative log likelihood. ``count`` is the number
+    of compared points.
     """
 
     first: int
@@ -56,10 +55,7 @@ class PairFit:
     fattening_px: float
     matrix: Float64
     gradient: Float64
-    spread: Float64
     count: int
-    distance_m: tuple[float, float]
-    likeness: Float64
 
 
 def fit_pair(
@@ -102,7 +98,6 @@ def fit_pair(
     precision = np.linalg.inv(covariance)
     noise_m = max(seen.noise_m for seen in features)
     plan, spread = _rounds(uncertainty_m)
-    at_first = math.nan
     twist, is_settled = twist.copy(), False
     for n, (search_radius_m, every) in enumerate(plan):
         if is_settled and every > 1:
@@ -111,10 +106,8 @@ def fit_pair(
             features[0], features[1], motion(twist, center_m) @ held[0], held[1], center_m,
             fattening_px, search_radius_m, spread, every,
         )  # fmt: skip
-        if found.count * every < LEAST_POINTS:
+        if found.count * every < _LEAST_POINTS:
             return None
-        if n == 0:
-            at_first = float(found.spread[0])
         matrix, gradient = _weighed(found, spread, noise_m)
         spread = _usual(found.spread)
         step = -np.linalg.solve(matrix[:6, :6] + precision, gradient[:6] + precision @ twist)
@@ -130,10 +123,7 @@ def fit_pair(
         fattening_px=fattening_px,
         matrix=matrix,
         gradient=gradient,
-        spread=spread,
         count=found.count,
-        distance_m=(at_first, float(found.spread[0])),
-        likeness=found.likeness,
     )
 
 

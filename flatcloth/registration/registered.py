@@ -28,26 +28,21 @@ from flatcloth.registration.view_features import UNKNOWNS, ViewFeatures
 
 @dataclass(frozen=True, kw_only=True)
 class Registration:
-    """The pose of a view's camera, the change by registration, and its uncertainty.
+    """The change of the pose of a view's camera by registration, and its uncertainty.
 
-    ``held_from_camera`` is the refined motion. ``turned_deg`` is the rotation of the item in addition to
-    the recorded one, ``swung_deg`` its tilt about the held point, ``moved_m`` the displacement of the
-    centre of the view's surface by all changes, including the axis. ``std_deg`` and ``std_m`` (3,) are
-    standard deviations of rotation and position of that centre (object frame: x, y, z) relative to the
-    views it was compared with, or to the recorded motion if there are none. ``views`` are those views,
-    ``points`` is the number of compared points, ``distance_m`` their typical distance before and after.
+    ``turned_deg`` is the rotation of the item in addition to the recorded one, ``swung_deg`` its tilt about
+    the held point, ``moved_m`` the displacement of the centre of the view's surface by all changes, including
+    the axis. ``std_deg`` and ``std_m`` (3,) are standard deviations of rotation and position of that centre
+    (object frame: x, y, z) relative to the views it was compared with, or to the recorded motion if there are
+    none.
     """
 
     view_index: int
-    held_from_camera: Rigid3
     turned_deg: float
     swung_deg: float
     moved_m: float
     std_deg: Float64
     std_m: Float64
-    views: tuple[int, ...]
-    points: int
-    distance_m: tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,23 +172,13 @@ def describe(registered: Registered) -> str:
 def _report(registered: Registered, n: int) -> Registration:
     seen, known, pose = registered.features[n], registered.known[n], registered.held_from_camera[n]
     own, middle = registered.own[n], known.apply(seen.middle_m)
-    pairs = [p for p in registered.pairs if n in (p.first, p.second)]
-    partners = [p.second if p.first == n else p.first for p in pairs]
-    counts = np.array([float(p.count) for p in pairs])
-    typical = [math.nan, math.nan]
-    if pairs:
-        typical = [float(counts @ [p.distance_m[i] for p in pairs] / counts.sum()) for i in (0, 1)]
     return Registration(
         view_index=seen.view_index,
-        held_from_camera=pose,
         turned_deg=math.degrees(own[0]),
         swung_deg=math.degrees(math.hypot(own[1], own[2])),
         moved_m=float(np.linalg.norm((pose @ known.inverse()).apply(middle) - middle)),
         std_deg=np.degrees(registered.stds[n, :3]),
         std_m=registered.stds[n, 3:],
-        views=tuple(registered.features[i].view_index for i in partners),
-        points=int(counts.sum()),
-        distance_m=(typical[0], typical[1]),
     )
 
 

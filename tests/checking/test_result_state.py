@@ -63,8 +63,7 @@ def _compared(views, off_m):
         PairFit(
             first=one, second=other, center_m=np.zeros(3),
             twist=np.array([0.0, 0.0, 0.0, off_m.get((one, other), 0.0), 0.0, 0.0]), fattening_px=0.0,
-            matrix=precision, gradient=np.zeros(7), spread=np.zeros(4), count=100,
-            distance_m=(0.001, 0.001), likeness=np.ones(3),
+            matrix=precision, gradient=np.zeros(7), count=100,
         )
         for one, other in combinations(range(views), 2)
         if other - one <= 2

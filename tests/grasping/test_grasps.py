@@ -61,7 +61,7 @@ def empty() -> FlattenedView:
 
 def test_a_pixel_gives_the_point_of_the_closed_form() -> None:
     u_m, v_m = 0.10, 0.03
-    grasp = grasp_at(cylinder(), (u_m, v_m), AXIS, 0.0)
+    grasp = grasp_at(cylinder(), (u_m, v_m))
     theta = u_m / RADIUS_M
     np.testing.assert_allclose(
         grasp.position_held_m,
@@ -71,36 +71,24 @@ def test_a_pixel_gives_the_point_of_the_closed_form() -> None:
     np.testing.assert_allclose(grasp.normal_held, [math.sin(theta), 0, -math.cos(theta)], atol=1e-7)
     assert grasp.rc == (13, 30)
     assert grasp.uv_m == pytest.approx((u_m, v_m))
-    assert grasp.z_angle_deg == pytest.approx(math.degrees(theta), rel=1e-6)
     assert (grasp.view_index, grasp.source_rc) == (7, (26.0, 60.0))
     assert grasp.miss_m == 0
 
 
-def test_the_camera_frame_turns_with_the_item() -> None:
-    at_rest = grasp_at(cylinder(), (0.0, 0.05), AXIS, 0.0)
-    np.testing.assert_allclose(at_rest.position_camera_m, at_rest.position_held_m, atol=1e-15)
-    turned = grasp_at(cylinder(), (0.0, 0.05), AXIS, 90.0)
-    np.testing.assert_array_equal(turned.position_held_m, at_rest.position_held_m)
-    # What faced the camera faces the right of the image after a quarter turn.
-    np.testing.assert_allclose(turned.position_camera_m, [RADIUS_M, 0.05, 1.0], atol=1e-7)
-    np.testing.assert_allclose(turned.normal_camera, [1, 0, 0], atol=1e-7)
-    assert turned.angle_deg == 90.0
-
-
 def test_a_place_inside_a_pixel_is_no_miss_and_one_beside_the_cloth_tells_how_far() -> None:
     view = cylinder()
-    assert grasp_at(view, (0.104, 0.026), AXIS, 0.0).rc == (13, 30)
-    assert grasp_at(view, (0.104, 0.026), AXIS, 0.0).miss_m == 0
-    off = grasp_at(view, (0.05, -0.08), AXIS, 0.0)  # above the upper edge, which lies at v = -0.05
+    assert grasp_at(view, (0.104, 0.026)).rc == (13, 30)
+    assert grasp_at(view, (0.104, 0.026)).miss_m == 0
+    off = grasp_at(view, (0.05, -0.08))  # above the upper edge, which lies at v = -0.05
     assert off.rc == (5, 25)
     assert off.miss_m == pytest.approx(0.03)
-    far = grasp_at(view, (9.0, 0.0), AXIS, 0.0)
+    far = grasp_at(view, (9.0, 0.0))
     assert far.rc == (10, 40)
     assert far.miss_m == pytest.approx(8.8)
 
 
 def test_a_click_into_a_hole_takes_the_cloth_beside_it() -> None:
-    grasp = grasp_at(cylinder(), (0.001, 0.0), AXIS, 0.0)
+    grasp = grasp_at(cylinder(), (0.001, 0.0))
     assert grasp.rc == (10, 21)
     assert grasp.miss_m == pytest.approx(0.009)
 
@@ -109,17 +97,17 @@ def test_every_valid_pixel_gives_itself() -> None:
     view = cylinder()
     for row, col in zip(*np.nonzero(view.valid), strict=True):
         u_m, v_m = view.uv_from_rc(np.array([row, col]))
-        assert grasp_at(view, (float(u_m), float(v_m)), AXIS, 0.0).rc == (row, col)
+        assert grasp_at(view, (float(u_m), float(v_m))).rc == (row, col)
 
 
 def test_nothing_flattened_and_places_that_are_no_places_are_refused() -> None:
     with pytest.raises(FlatclothError, match="Nothing is flattened yet"):
-        grasp_at(empty(), (0.0, 0.0), AXIS, 0.0)
+        grasp_at(empty(), (0.0, 0.0))
     with pytest.raises(FlatclothError, match="Nothing is flattened yet"):
         pixel_of_point(empty(), np.zeros(3))
     for place in ((math.nan, 0.0), (0.0, math.inf)):
         with pytest.raises(FlatclothError, match="not a finite point"):
-            grasp_at(cylinder(), place, AXIS, 0.0)
+            grasp_at(cylinder(), place)
 
 
 def test_a_point_in_space_finds_its_pixel() -> None:
@@ -150,7 +138,7 @@ def test_among_points_of_one_layer_the_one_nearest_to_the_ray_is_met() -> None:
 
 
 def picked(view: FlattenedView, u_m: float, v_m: float, grip: Grip | None = None) -> GraspPose:
-    grasp = grasp_at(view, (u_m, v_m), AXIS, 0.0)
+    grasp = grasp_at(view, (u_m, v_m))
     pose = grasp_pose(view, grasp.position_held_m, grasp.normal_held, AXIS, grip)
     assert pose is not None
     return pose

@@ -12,7 +12,6 @@ from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.registration.adjustment import solved
 from flatcloth.registration.cameras import begin_registration, extend_registration
-from flatcloth.registration.pairwise import LEAST_POINTS
 from flatcloth.registration.pose_prior import COMMON, OWN, grades
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
@@ -49,7 +48,6 @@ def test_each_view_says_what_was_changed_and_how_sure_that_is(exact: Integration
     views = registered(exact).views
     assert [v.view_index for v in views] == [0, 1, 2]
     for view in views[1:]:
-        assert view.points > 60
         assert abs(view.turned_deg) < 0.5
         assert view.moved_m < 0.002
         assert (view.std_m > 0).all()
@@ -58,9 +56,9 @@ def test_each_view_says_what_was_changed_and_how_sure_that_is(exact: Integration
 
 def test_a_view_with_nothing_in_common_stays_and_says_so(exact: Integration) -> None:
     made = Integration(Cylinder(angles_deg=(0.0, 120.0), span_deg=(-150.0, 60.0)))
-    alone = registered(made, (0, 1)).views[1]
-    assert alone.points < LEAST_POINTS or not alone.views
-    assert alone.moved_m < 1e-4
+    found = registered(made, (0, 1))
+    assert found.pairs == ()
+    assert found.views[1].moved_m < 1e-4
 
 
 def test_registering_in_steps_is_registering_at_once(exact: Integration) -> None:

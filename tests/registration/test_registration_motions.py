@@ -166,7 +166,10 @@ def test_the_errors_are_as_large_as_is_said() -> None:
             true = SWINGING.camera_from_held(k, found.features[k].angle_deg)
             return (found.held_from_camera[k] @ true).apply(middle) - middle
 
-        against = np.mean([off(p) for p in range(len(found.features)) if p in view.views], axis=0)
+        ends = {
+            end for pair in found.pairs if n in (pair.first, pair.second) for end in (pair.first, pair.second)
+        }
+        against = np.mean([off(p) for p in sorted(ends - {n})], axis=0)
         assert (np.abs(off(n) - against) < 4.0 * view.std_m + 0.0002).all()
         assert (view.std_m < 0.001).all()
         assert (view.std_deg < 0.6).all()
@@ -243,15 +246,13 @@ def test_views_with_too_little_in_common_stay() -> None:
     for pose, known in zip(found.held_from_camera, found.known, strict=True):
         np.testing.assert_allclose(pose.rotation, known.rotation, atol=1e-12)
         np.testing.assert_allclose(pose.translation_m, known.translation_m, atol=1e-12)
-    assert found.views[1].views == ()
-    assert np.isnan(found.views[1].distance_m).all()
     assert describe(found).startswith("No two views")
 
 
 def test_a_lone_view_stands_where_the_axis_that_the_others_found_puts_it() -> None:
     loose = replace(LOOSE, turned_deg=(0.0,) * 5)
     found = registered(features_of_views(loose=loose, angles=(*ANGLES, 180.0)))
-    assert found.views[4].views == ()
+    assert all(4 not in (pair.first, pair.second) for pair in found.pairs)
     assert slips_m(found, loose, known=True)[3] > 0.01
     assert slips_m(found, loose)[3] < 0.001
 
@@ -289,8 +290,6 @@ def test_the_report_says_what_was_changed() -> None:
     assert found.axis_moved_m == pytest.approx(0.0078, abs=0.002)
     assert 0 < found.axis_std_m < 0.002
     np.testing.assert_allclose(moved_axis(found.axis, found.common).point_m, LOOSE.axis.point_m, atol=0.002)
-    worst = max(found.views, key=lambda view: abs(view.turned_deg))
-    assert worst.distance_m[1] < worst.distance_m[0]
 
 
 def test_nothing_is_registered_yet() -> None:

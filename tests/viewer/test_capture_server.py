@@ -360,7 +360,7 @@ def test_pictures_of_views_are_whole_pngs() -> None:
     depth[5:15] = np.linspace(0.7, 0.9, 30)
     for measured in (depth, depth * 0):
         view = TakenView(
-            angle_deg=0.0, color=np.full((20, 30, 3), 7, np.uint8), depth_m=measured, frames=8,
+            color=np.full((20, 30, 3), 7, np.uint8), depth_m=measured, frames=8,
             noise_mm=1.0, warnings=(),
         )  # fmt: skip
         image = cv2.imdecode(np.frombuffer(io.BytesIO(_picture(view)).read(), np.uint8), cv2.IMREAD_UNCHANGED)

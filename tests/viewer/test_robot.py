@@ -299,7 +299,7 @@ def test_a_pick_on_a_floating_piece_has_its_pixel_there_and_the_piece_is_not_in_
         (piece,) = shape.floating
         row, col = (int(n.mean()) for n in np.nonzero(piece.valid))
         u_m, v_m = piece.uv_from_rc(np.array([row, col]))
-        grasp = grasp_at(piece, (float(u_m), float(v_m)), integration.axis, 0.0)
+        grasp = grasp_at(piece, (float(u_m), float(v_m)))
         folder.add_pick("upper", grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc)
         with PageServer(integration, folder, port=0) as running:
             while (answer := ask(running, "/robot/grasps")).status_code != 200:

@@ -70,7 +70,6 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
         pose = held.get(index) or held_from_camera(integration.axis, frame.angle_deg)
         views.append(
             SeenFrom(
-                view_index=index,
                 depth_m=frame.depth_m,
                 of_interest=frame.mask,
                 intrinsics=frame.intrinsics,

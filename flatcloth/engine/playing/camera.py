@@ -72,10 +72,8 @@ class CameraPlayer(LivePlayer):
             # The remedy for recorded views, to use another one, does not apply here.
             raise SurfaceError(str(error).removeprefix("View 0: ").partition(";")[0] + ".") from error
         points, colors = cloud_of(frame)
-        cloud = ViewCloud(
-            view_index=view_index, xyz_m=points, rgb=colors, of_interest=np.ones(len(points), dtype=np.bool_)
-        )
-        return LiveFrame(view_index=view_index, angle_deg=0.0, view=view, cloud=cloud, flatten_ms=took_ms)
+        cloud = ViewCloud(xyz_m=points, rgb=colors, of_interest=np.ones(len(points), dtype=np.bool_))
+        return LiveFrame(view=view, cloud=cloud, flatten_ms=took_ms)
 
     def _without_holder(self, frame: RgbdFrame, item: Bool) -> Bool:
         """Return the item (H, W) without the gripper and other objects, as found last."""

@@ -21,8 +21,6 @@ class LiveFrame:
     ``flatten_ms`` is the time of surface and flattening, without reading.
     """
 
-    view_index: int
-    angle_deg: float
     view: FlattenedView
     cloud: ViewCloud
     flatten_ms: float
@@ -56,10 +54,7 @@ class LivePlayer:
         """
         frame = self._integration.views.frame(view_index)
         view, took_ms = self.flattened(frame)
-        return LiveFrame(
-            view_index=view_index, angle_deg=frame.angle_deg, view=view,
-            cloud=self._integration.views.cloud(view_index), flatten_ms=took_ms,
-        )  # fmt: skip
+        return LiveFrame(view=view, cloud=self._integration.views.cloud(view_index), flatten_ms=took_ms)
 
     def flattened(self, frame: RgbdFrame) -> tuple[FlattenedView, float]:
         """Return the flattened view of a frame, and its computing time in milliseconds."""

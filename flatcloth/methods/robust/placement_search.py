@@ -131,7 +131,6 @@ def coarse_view(reference: ReferenceShape, axis: RotationAxis, angle_deg: float)
 def evaluate(
     reference: ReferenceShape,
     sampled: SampledComponent,
-    component: int,
     estimates: list[tuple[str, Rigid2]],
 ) -> list[Hypothesis]:
     """Refine and score estimates and merge those that converge to one placement; the best is first."""
@@ -142,7 +141,6 @@ def evaluate(
         found.append(
             Hypothesis(
                 source=source,
-                component=component,
                 initial=initial,
                 current_from_new=motion,
                 score=score_placement(reference, sampled, motion),
@@ -262,7 +260,7 @@ class PlacementSearch:
             limit_deg = c.planning.z_angle_limit_deg
             lines = from_z_angle_lines(coarse, view, self._views.axis, angles_deg, limit_deg)
             estimates += [("lines", motion) for motion in lines]
-        return evaluate(reference, sampled, number, estimates)
+        return evaluate(reference, sampled, estimates)
 
     def _sampled(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
         flattening = self._views.flattening(view_index)

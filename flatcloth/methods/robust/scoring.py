@@ -81,13 +81,12 @@ def texture_features(surface: Surface) -> TextureFeatures:
 class SampledComponent:
     """Samples of a component of a view, in the view's own plane.
 
-    ``uv_m`` (K, 2); ``rc`` (K, 2) pixels of the (cropped) image; ``xyz_m``, ``normal`` (K, 3) object
+    ``uv_m`` (K, 2); ``xyz_m``, ``normal`` (K, 3) object
     frame; ``texture`` (K, 3); ``node`` (K,) int32 the node of the shape that the view shows there,
     -1 for none; ``area_m2`` of the whole component.
     """
 
     uv_m: Float64
-    rc: Int32
     xyz_m: Float64
     normal: Float64
     texture: Float64
@@ -386,7 +385,6 @@ def sample_component(
         node[nearest >= 0] = associated_node[nearest[nearest >= 0]]
     return SampledComponent(
         uv_m=uv_m,
-        rc=rc,
         xyz_m=xyz,
         normal=normal,
         texture=own_texture.texture[at].astype(np.float64),

@@ -110,7 +110,7 @@ class PickStore:
     ) -> None:
         """Pick the cloth of a side nearest to a position of its plane, store the pick and show it."""
         picture = _shown(picture)
-        grasp = grasp_at(picture.side(side), (u_m, v_m), self._axis, picture.angle_deg)
+        grasp = grasp_at(picture.side(side), (u_m, v_m))
         number = max((p.id for p in self.picks), default=0) + 1
         pick = self._folder.add_pick(
             name or f"Pick {number}",
@@ -156,7 +156,7 @@ class PickStore:
             (u_m, v_m), distance_m, side = on.uv_m, on.distance_m, on.side
         else:
             u_m, v_m = place
-            distance_m = grasp_at(picture.view, (u_m, v_m), self._axis, picture.angle_deg).miss_m
+            distance_m = grasp_at(picture.view, (u_m, v_m)).miss_m
         if distance_m > TOO_FAR_M:
             raise FlatclothError(f"The nearest cloth is {1000 * distance_m:.0f} mm away; give another point.")
         self.add(picture, u_m, v_m, miss_m=distance_m, name=name.strip(), side=side)

@@ -185,7 +185,6 @@ def test_refinement_says_which_direction_a_strip_leaves_open(
     few = np.arange(len(component.uv_m)) % 4 == 0
     fewer = SampledComponent(
         uv_m=component.uv_m[few],
-        rc=component.rc[few],
         xyz_m=component.xyz_m[few],
         normal=component.normal[few],
         texture=component.texture[few],
@@ -242,9 +241,8 @@ def test_hypotheses_that_come_to_lie_together_are_one_and_the_best_is_first(
         ("place", Rigid2(0.02, 0.0, 0.004)),
         ("correlation", Rigid2(0.0, 0.0, 0.17)),
     ]
-    found = evaluate(reference, component, 3, estimates)
+    found = evaluate(reference, component, estimates)
     assert found[0].score.total > 0.9
-    assert [h.component for h in found] == [3] * len(found)
     scores = [h.score.total for h in found]
     assert scores == sorted(scores, reverse=True)
     near = [h for h in found if np.hypot(h.current_from_new.u_m, h.current_from_new.v_m) < 0.004]
@@ -255,9 +253,7 @@ def test_distinct_hypotheses_are_kept_apart(component: SampledComponent, referen
     def at(u_m: float, total: float) -> Hypothesis:
         motion = Rigid2(0.0, u_m, 0.0)
         score = replace(score_placement(reference, component, motion), total=total)
-        return Hypothesis(
-            source="x", component=0, initial=motion, current_from_new=motion, score=score, std=np.zeros(3)
-        )
+        return Hypothesis(source="x", initial=motion, current_from_new=motion, score=score, std=np.zeros(3))
 
     kept = distinct([at(0.0, 0.4), at(0.006, 0.7), at(0.03, 0.5)], component)
     assert [h.current_from_new.u_m for h in kept] == [0.006, 0.03]
