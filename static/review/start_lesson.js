@@ -4,87 +4,64 @@ import { boxOf } from "/static/canvas/geometry.js";
 import { cm2, degrees, number } from "/static/page/format.js";
 import { imageBox } from "/static/teaching/detail.js";
 import { columns, rows } from "/static/teaching/draw.js";
-import { stagesOf } from "/static/teaching/lesson.js";
-import { equation, sub, words } from "/static/teaching/math.js";
 import { Plot } from "/static/teaching/plot.js";
 import { viewName } from "/static/teaching/rotation.js";
 
-/** @type {StageDrawing} */
-function drawStart(sheet, rect, { start: lesson }) {
-  const { area_cm2: areas } = lesson.array;
-  const { color } = sheet;
-  const [top, bottom] = rows(rect, [1, 1.2]);
-  const order = [...areas.keys()].sort((a, b) => lesson.angles_deg[a] - lesson.angles_deg[b]);
-  const most = areas.reduce((largest, area) => Math.max(largest, area), 1);
-  const inner = sheet.titled(top, "Cloth that each view shows", "in the order of their angles");
-  const plot = new Plot(sheet, inner, { x: [0, areas.length], y: [0, 1.1 * most], yLabel: "cm²", xAxis: false });
-  const edges = [...areas.keys(), areas.length];
-  plot.bars(
-    edges,
-    order.map((view) => areas[view]),
-    () => color.line,
-  );
-  const parts = new Map(lesson.tried.map(({ view, part_cm2 }) => [view, part_cm2]));
-  const isFolded = (/** @type {number} */ view) => parts.get(view) === 0;
-  const colorOf = (/** @type {number} */ view) =>
-    view === lesson.view_index ? color.accent : isFolded(view) ? color.unused : color.soft;
-  plot.bars(
-    edges,
-    order.map((view) => (isFolded(view) ? areas[view] : (parts.get(view) ?? 0))),
-    (at) => colorOf(order[Math.floor(at)]),
-  );
-  const every = Math.ceil(areas.length / Math.max(1, plot.inner.w / (4 * sheet.em)));
-  order.forEach((view, at) => {
-    if (at % every) return;
-    const name = degrees(lesson.angles_deg[view], 0);
-    const below = plot.inner.y + plot.inner.h + 0.3 * sheet.em;
-    sheet.text(name, plot.px(at + 0.5), below, { align: "center", baseline: "top", size: 0.85, color: color.soft });
-  });
-  const { image, color: flat } = lesson.picture;
-  const [left, right] = columns(bottom, [1, 1]);
-  const [whole, box] = [imageBox(image), boxOf(lesson.flat)];
-  sheet.show("image", whole, sheet.titled(left, `Image of ${viewName(lesson, lesson.view_index)}`), (map) =>
-    sheet.picture(map, image, whole),
-  );
-  sheet.show("flat", box, sheet.titled(right, "Flattened view", "the first shape"), (map) =>
-    sheet.picture(map, flat, box),
-  );
-}
-
-/** @returns {Fact[]} */
-function startFacts(/** @type {Lessons} */ { start: lesson }) {
-  const { tried, session_view: session } = lesson;
-  const part = (/** @type {number} */ area) => (area ? number(area, 0) : "folded");
-  return [
-    ["Start view", viewName(lesson, lesson.view_index)],
-    ["It shows", cm2(lesson.array.area_cm2[lesson.view_index])],
-    ["Flattened", tried.map(({ view }) => String(view)).join(", ")],
-    ["Largest part, cm²", tried.map(({ part_cm2 }) => part(part_cm2)).join(", ")],
-    ["The session begins with", session === null ? "–" : viewName(lesson, session)],
-  ];
-}
-
-export const START_STAGES = stagesOf(
-  "start",
-  [],
-  [
-    {
-      name: "Start view",
-      figure: "section 4",
-      text: [
-        "The shape begins with one view. The more connected cloth it shows, the less must be added; so views are " +
-          "flattened in the order of the area that they show, until no other can have a larger connected part.",
-        "Layers that hang close together can be flattened as one, and then lie on themselves: such a view is no " +
-          "start. The robust method begins with the largest area shown that flattens without folds; its parts " +
-          "that are not connected float.",
-      ],
-      math: () => [
-        equation(sub("i", "0"), "=", words("arg max "), sub("C", "i")),
-        equation(sub("C", "i"), words(": largest part without folds")),
-      ],
-      facts: startFacts,
-      legend: { accent: "start view", soft: "largest part", line: "all shown", unused: "folded" },
-      draw: drawStart,
+/** @type {Record<string, StageCode>} */
+export const START_STAGES = {
+  start_view: {
+    facts({ start: lesson }) {
+      const { tried, session_view: session } = lesson;
+      const part = (/** @type {number} */ area) => (area ? number(area, 0) : "folded");
+      return [
+        ["Start view", viewName(lesson, lesson.view_index)],
+        ["It shows", cm2(lesson.array.area_cm2[lesson.view_index])],
+        ["Flattened", tried.map(({ view }) => String(view)).join(", ")],
+        ["Largest part, cm²", tried.map(({ part_cm2 }) => part(part_cm2)).join(", ")],
+        ["The session begins with", session === null ? "–" : viewName(lesson, session)],
+      ];
     },
-  ],
-);
+    /** @type {StageDrawing} */
+    draw(sheet, rect, { start: lesson }) {
+      const { area_cm2: areas } = lesson.array;
+      const { color } = sheet;
+      const [top, bottom] = rows(rect, [1, 1.2]);
+      const order = [...areas.keys()].sort((a, b) => lesson.angles_deg[a] - lesson.angles_deg[b]);
+      const most = areas.reduce((largest, area) => Math.max(largest, area), 1);
+      const inner = sheet.titled(top, "Cloth that each view shows", "in the order of their angles");
+      const plot = new Plot(sheet, inner, { x: [0, areas.length], y: [0, 1.1 * most], yLabel: "cm²", xAxis: false });
+      const edges = [...areas.keys(), areas.length];
+      plot.bars(
+        edges,
+        order.map((view) => areas[view]),
+        () => color.line,
+      );
+      const parts = new Map(lesson.tried.map(({ view, part_cm2 }) => [view, part_cm2]));
+      const isFolded = (/** @type {number} */ view) => parts.get(view) === 0;
+      const colorOf = (/** @type {number} */ view) =>
+        view === lesson.view_index ? color.accent : isFolded(view) ? color.unused : color.soft;
+      plot.bars(
+        edges,
+        order.map((view) => (isFolded(view) ? areas[view] : (parts.get(view) ?? 0))),
+        (at) => colorOf(order[Math.floor(at)]),
+      );
+      const every = Math.ceil(areas.length / Math.max(1, plot.inner.w / (4 * sheet.em)));
+      order.forEach((view, at) => {
+        if (at % every) return;
+        const name = degrees(lesson.angles_deg[view], 0);
+        const below = plot.inner.y + plot.inner.h + 0.3 * sheet.em;
+        sheet.text(name, plot.px(at + 0.5), below, {
+          align: "center",
+          baseline: "top",
+          size: 0.85,
+          color: color.soft,
+        });
+      });
+      const { image, color: flat } = lesson.picture;
+      const [left, right] = columns(bottom, [1, 1]);
+      const [whole, box] = [imageBox(image), boxOf(lesson.flat)];
+      sheet.image("image", image, whole, sheet.titled(left, `Image of ${viewName(lesson, lesson.view_index)}`));
+      sheet.image("flat", flat, box, sheet.titled(right, "Flattened view", "the first shape"));
+    },
+  },
+};

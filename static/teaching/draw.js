@@ -217,10 +217,11 @@ export class Sheet {
 
   /**
    * Draw in a pane, which gets a frame. Returns its map.
-   * @param {string} key @param {Box} box @param {Rect} rect @param {(map: PaneMap) => void} draw
+   * @param {string} key @param {Box} box @param {Rect} rect
    * @param {{ margin?: number; stretch?: boolean; zoom?: boolean; bar?: boolean }} options with a scale bar?
+   * @param {(map: PaneMap) => void} draw
    */
-  show(key, box, rect, draw, options = {}) {
+  show(key, box, rect, options, draw) {
     const map = this.pane(key, box, rect, options);
     this.within(rect, () => {
       draw(map);
@@ -228,6 +229,11 @@ export class Sheet {
     });
     this.frame(rect);
     return map;
+  }
+
+  /** Show a picture in a pane. @param {string} key @param {Drawable} image @param {Box} box @param {Rect} rect */
+  image(key, image, box, rect, options = {}) {
+    return this.show(key, box, rect, options, (map) => this.picture(map, image, box));
   }
 
   within(/** @type {Rect} */ rect, /** @type {() => void} */ draw) {

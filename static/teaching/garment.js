@@ -4,8 +4,7 @@ import { boxOf } from "/static/canvas/geometry.js";
 import { words as asWords } from "/static/garment/marks.js";
 import { cm2, number, percent } from "/static/page/format.js";
 import { boxOfPoints, columns } from "/static/teaching/draw.js";
-import { lastOf, stagesOf } from "/static/teaching/lesson.js";
-import { equation, fraction, row, sum, sup, words } from "/static/teaching/math.js";
+import { lastOf } from "/static/teaching/lesson.js";
 import { Plot } from "/static/teaching/plot.js";
 
 const TRUSTED = 0.6; // an edge that counts this much is drawn as well seen
@@ -26,17 +25,11 @@ const NONE = new Float32Array(0);
 function drawShape(sheet, rect, lesson, more, draw) {
   const { inside_uv: inside, edge_uv: edge } = lesson.array;
   const box = boxOfPoints(Float32Array.from([inside, edge, more].flatMap((uv) => Array.from(uv))));
-  sheet.show(
-    "garment",
-    box,
-    rect,
-    (map) => {
-      if (lesson.flat) sheet.picture(map, lesson.picture.shape, boxOf(lesson.flat), 0.4);
-      else sheet.dots(map, inside, 1.4, sheet.color.line);
-      draw(map);
-    },
-    { margin: 18, bar: true },
-  );
+  sheet.show("garment", box, rect, { margin: 18, bar: true }, (map) => {
+    if (lesson.flat) sheet.picture(map, lesson.picture.shape, boxOf(lesson.flat), 0.4);
+    else sheet.dots(map, inside, 1.4, sheet.color.line);
+    draw(map);
+  });
 }
 
 /**
@@ -55,22 +48,6 @@ const shapeName = (/** @type {GarmentLesson} */ lesson) => (lesson.flat ? "The s
 const detailOf = (/** @type {GarmentLesson} */ lesson) => (lesson.flat ? "" : "no shape of two views yet");
 
 // --- true edges --------------------------------------------------------------------------------------
-
-/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts */
-function drawTrueEdges(sheet, rect, { garment: lesson }) {
-  const inner = sheet.titled(rect, shapeName(lesson), detailOf(lesson));
-  drawShape(sheet, inner, lesson, lesson.array.unseen_uv, (map) => {
-    sheet.dots(map, lesson.array.unseen_uv, 1.8, sheet.color.even);
-    const { edge_uv: uv, edge_normal: normal, edge_trust: trust } = lesson.array;
-    const along = 9 * sheet.weight;
-    for (let i = 0; i < uv.length; i += 8) {
-      const [x, y] = map.at(uv[i], uv[i + 1]);
-      const color = trust[i / 2] >= TRUSTED ? sheet.color.pair : sheet.color.sample;
-      sheet.line([x, y], [x + along * normal[i], y + along * normal[i + 1]], color, 1);
-    }
-    drawEdges(sheet, map, lesson, 2.4);
-  });
-}
 
 // --- starts and fits ---------------------------------------------------------------------------------
 
@@ -94,20 +71,6 @@ function outlinesAt(/** @type {GarmentLesson} */ lesson, /** @type {number} */ t
 }
 
 const bestStart = (/** @type {GarmentLesson} */ { energy }) => lastOf(energy).indexOf(Math.min(...lastOf(energy)));
-
-/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
-function drawFits(sheet, rect, { garment: lesson }, ui) {
-  const [left, right] = columns(rect, [1.7, 1]);
-  const { outlines } = outlinesAt(lesson, ui.time);
-  const best = bestStart(lesson);
-  const inner = sheet.titled(left, shapeName(lesson), `starts: ${asWords(lesson.kinds[0].name)}`);
-  drawShape(sheet, inner, lesson, lesson.array.states, (map) => {
-    drawEdges(sheet, map, lesson, 1.8);
-    outlines.forEach((uv, k) => k !== best && sheet.loop(map, uv, sheet.color.soft, 1.2, [5, 4]));
-    sheet.loop(map, outlines[best], sheet.color.mark, 2.6);
-  });
-  drawEnergy(sheet, sheet.titled(right, "Energy E", "of each start, step by step"), lesson, ui.time, best);
-}
 
 /** @param {Sheet} sheet @param {Rect} rect @param {GarmentLesson} lesson @param {number} time @param {number} best */
 function drawEnergy(sheet, rect, lesson, time, best) {
@@ -134,34 +97,7 @@ function drawEnergy(sheet, rect, lesson, time, best) {
   plot.vertical(time, sheet.color.text, "", 1);
 }
 
-/** @returns {Fact[]} */
-function fitFacts(/** @type {Lessons} */ { garment: lesson }, /** @type {Ui} */ ui) {
-  const best = bestStart(lesson);
-  const step = Math.round(ui.time);
-  const [first, now, last] = [0, step, lesson.energy.length - 1].map((at) => lesson.energy[at][best]);
-  return [
-    ["Starts shown", String(lesson.state_shape[1])],
-    ["Step", `${step} of ${lesson.energy.length - 1}; deviations times ${number(lesson.widened[step], 0)}`],
-    ["E of the best, now", number(now, 1)],
-    ["First to last", `${number(first, 1)} → ${number(last, 1)}`],
-  ];
-}
-
 // --- evidence ----------------------------------------------------------------------------------------
-
-/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts */
-function drawEvidence(sheet, rect, { garment: lesson }) {
-  const [left, right] = columns(rect, [1.4, 1]);
-  const kinds = lesson.kinds.slice(0, SHOWN_KINDS);
-  const outlines = kinds.map(({ name }) => lesson.array[`outline_${name}`]);
-  const inner = sheet.titled(left, shapeName(lesson), "with three kinds");
-  drawShape(sheet, inner, lesson, outlines[0] ?? NONE, (map) => {
-    drawEdges(sheet, map, lesson, 1.8);
-    for (let k = kinds.length - 1; k >= 0; k--)
-      sheet.loop(map, outlines[k], sheet.color[KIND_COLORS[k]], k ? 1.8 : 2.8, k ? [6, 4] : []);
-  });
-  drawBars(sheet, sheet.titled(right, "Probability", "by this shape alone"), lesson);
-}
 
 /**
  * A bar a kind, with its probability and its evidence below the best.
@@ -186,88 +122,75 @@ function drawBars(sheet, rect, lesson) {
 
 // --- the stages ----------------------------------------------------------------------------------------
 
-const EDGE_LEGEND = { pair: "true edge, well seen", sample: "true edge, seen once or twice" };
-
-export const GARMENT_STAGES = stagesOf(
-  "garment",
-  [],
-  [
-    {
-      name: "True edges",
-      figure: "evidence · docs/garments.md",
-      text: [
-        "The border of the shape has two sorts of places. At a true edge some view saw the cloth end while it " +
-          "faced the camera; elsewhere it was only not seen further: hidden, grazing, or outside of the image.",
-        "Only true edges say where the outline is. One that many views saw from the front counts much; the " +
-          "silhouette of a fold passes for an edge in one view or two, so such edges count little.",
-      ],
-      math: () => [
-        equation(
-          "t_i =",
-          fraction("s_i", "1 + s_i"),
-          words(",   "),
-          "s_i =",
-          sum(words("views")),
-          words("frontality"),
-        ),
-      ],
-      facts: ({ garment: lesson }) => [
-        ["True edges", metres(lesson.edges_m)],
-        ["Not seen further", metres(lesson.unseen_m)],
-        ["Mean trust t", lesson.trust === null ? "–" : number(lesson.trust, 2)],
-        ["Cloth", cm2(lesson.area_cm2)],
-      ],
-      legend: { ...EDGE_LEGEND, even: "not seen further" },
-      draw: drawTrueEdges,
+/** @type {Record<string, StageCode>} */
+export const GARMENT_STAGES = {
+  true_edges: {
+    facts: ({ garment: lesson }) => [
+      ["True edges", metres(lesson.edges_m)],
+      ["Not seen further", metres(lesson.unseen_m)],
+      ["Mean trust t", lesson.trust === null ? "–" : number(lesson.trust, 2)],
+      ["Cloth", cm2(lesson.area_cm2)],
+    ],
+    draw(sheet, rect, { garment: lesson }) {
+      const inner = sheet.titled(rect, shapeName(lesson), detailOf(lesson));
+      drawShape(sheet, inner, lesson, lesson.array.unseen_uv, (map) => {
+        sheet.dots(map, lesson.array.unseen_uv, 1.8, sheet.color.even);
+        const { edge_uv: uv, edge_normal: normal, edge_trust: trust } = lesson.array;
+        const along = 9 * sheet.weight;
+        for (let i = 0; i < uv.length; i += 8) {
+          const [x, y] = map.at(uv[i], uv[i + 1]);
+          const color = trust[i / 2] >= TRUSTED ? sheet.color.pair : sheet.color.sample;
+          sheet.line([x, y], [x + along * normal[i], y + along * normal[i + 1]], color, 1);
+        }
+        drawEdges(sheet, map, lesson, 2.4);
+      });
     },
-    {
-      name: "Starts and fits",
-      figure: "fit · docs/garments.md",
-      plays: ({ garment: lesson }) => lesson.energy.length - 1,
-      text: [
-        "An outline of each kind, with lengths in metres and wide priors, is laid on the evidence in many turns, " +
-          "places and sizes. The best starts are refined: lengths and pose together.",
-        "True edges belong on the outline, cloth inside of it; what was not seen costs nothing. The deviations σ " +
-          "are four times as wide at first, so that far edges pull, too; ρ limits what a false edge can do.",
-      ],
-      math: () => [
-        equation(
-          "E =",
-          sum("i"),
-          "t_i ρ(",
-          fraction("d_i", "σ_i"),
-          ") +",
-          sum(words("cloth")),
-          "… +",
-          sum("k"),
-          fraction(sup("(p_k − m_k)", "2"), row("2", sup("s_k", "2"))),
-        ),
-      ],
-      facts: fitFacts,
-      legend: { mark: "the best start", soft: "the others", ...EDGE_LEGEND },
-      draw: drawFits,
+  },
+  starts_and_fits: {
+    plays: ({ garment: lesson }) => lesson.energy.length - 1,
+    facts({ garment: lesson }, ui) {
+      const best = bestStart(lesson);
+      const step = Math.round(ui.time);
+      const [first, now, last] = [0, step, lesson.energy.length - 1].map((at) => lesson.energy[at][best]);
+      return [
+        ["Starts shown", String(lesson.state_shape[1])],
+        ["Step", `${step} of ${lesson.energy.length - 1}; deviations times ${number(lesson.widened[step], 0)}`],
+        ["E of the best, now", number(now, 1)],
+        ["First to last", `${number(first, 1)} → ${number(last, 1)}`],
+      ];
     },
-    {
-      name: "Evidence",
-      figure: "kinds · docs/garments.md",
-      text: [
-        "Kinds are compared by evidence, not by how near they come: a kind with more parameters must explain more, " +
-          "as each of them could have been anything within its prior.",
-        "If even the best fits badly, or a hole has edges all round, it is none of these. Neighbouring edges err " +
-          "alike, so differences are divided by T.",
-      ],
-      math: ({ garment: lesson }) => [
-        equation(words("log "), "Z ≈ − E −", fraction("1", "2"), words("log det "), "H", words(" + prior")),
-        equation("p ∝", sup("e", fraction(row(words("log "), "Z"), "T")), words(",   "), `T = ${lesson.temperature}`),
-      ],
-      facts: ({ garment: lesson }) => [
-        ["Likeliest", `${asWords(lesson.kinds[0].name)}, ${percent(lesson.kinds[0].probability)}`],
-        ["Its parameters", String(lesson.kinds[0].parameters)],
-        ["None of these", percent(lesson.none)],
-        ["E per edge", `${number(lesson.misfit, 3)} (limit ${number(lesson.misfit_limit, 3)})`],
-      ],
-      legend: { mark: "the likeliest kind", kept: "the second", new: "the third", ...EDGE_LEGEND },
-      draw: drawEvidence,
+    draw(sheet, rect, { garment: lesson }, ui) {
+      const [left, right] = columns(rect, [1.7, 1]);
+      const { outlines } = outlinesAt(lesson, ui.time);
+      const best = bestStart(lesson);
+      const inner = sheet.titled(left, shapeName(lesson), `starts: ${asWords(lesson.kinds[0].name)}`);
+      drawShape(sheet, inner, lesson, lesson.array.states, (map) => {
+        drawEdges(sheet, map, lesson, 1.8);
+        outlines.forEach((uv, k) => k !== best && sheet.loop(map, uv, sheet.color.soft, 1.2, [5, 4]));
+        sheet.loop(map, outlines[best], sheet.color.mark, 2.6);
+      });
+      drawEnergy(sheet, sheet.titled(right, "Energy E", "of each start, step by step"), lesson, ui.time, best);
     },
-  ],
-);
+  },
+  evidence: {
+    values: ({ garment: lesson }) => ({ temperature: String(lesson.temperature) }),
+    facts: ({ garment: lesson }) => [
+      ["Likeliest", `${asWords(lesson.kinds[0].name)}, ${percent(lesson.kinds[0].probability)}`],
+      ["Its parameters", String(lesson.kinds[0].parameters)],
+      ["None of these", percent(lesson.none)],
+      ["E per edge", `${number(lesson.misfit, 3)} (limit ${number(lesson.misfit_limit, 3)})`],
+    ],
+    draw(sheet, rect, { garment: lesson }) {
+      const [left, right] = columns(rect, [1.4, 1]);
+      const kinds = lesson.kinds.slice(0, SHOWN_KINDS);
+      const outlines = kinds.map(({ name }) => lesson.array[`outline_${name}`]);
+      const inner = sheet.titled(left, shapeName(lesson), "with three kinds");
+      drawShape(sheet, inner, lesson, outlines[0] ?? NONE, (map) => {
+        drawEdges(sheet, map, lesson, 1.8);
+        for (let k = kinds.length - 1; k >= 0; k--)
+          sheet.loop(map, outlines[k], sheet.color[KIND_COLORS[k]], k ? 1.8 : 2.8, k ? [6, 4] : []);
+      });
+      drawBars(sheet, sheet.titled(right, "Probability", "by this shape alone"), lesson);
+    },
+  },
+};

@@ -76,13 +76,6 @@ async function unpack(
   return { ...values, array: /** @type {Lesson["array"]} */ (arrays), picture };
 }
 
-/**
- * Stages that share a part of the lesson and the parameters that change it, where they do not say otherwise.
- * @param {PartName} part @param {ParameterName[]} parameters @param {StagePart[]} stages
- * @returns {Stage[]}
- */
-export const stagesOf = (part, parameters, stages) => stages.map((stage) => ({ part, parameters, ...stage }));
-
 /** One level's samples as drawn: places in the image, and the largest part's own numbering. */
 function prepared(/** @type {Record<string, NumberArray>} */ array, /** @type {string} */ name) {
   const rc = array[`${name}_points_rc`];

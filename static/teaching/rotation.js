@@ -140,45 +140,6 @@ function probedAngle(/** @type {Lessons} */ { planning: lesson }, /** @type {Ui}
 /** @param {Lessons} parts */
 export const angleStart = ({ planning: p }) => middleOf(p.flat, (i) => p.array.z_angle_deg[i] !== UNKNOWN_ANGLE);
 
-/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} lessons @param {Ui} ui */
-export function drawZAngle(sheet, rect, lessons, ui) {
-  const lesson = lessons.planning;
-  const limit = ui.parameters.z_angle_limit_deg;
-  const box = boxOf(lesson.flat);
-  const share = shareOf(box, rect, 0.35, 0.62);
-  const [left, right] = columns(rect, [1 - share, share]);
-  const angle = probedAngle(lessons, ui);
-  const [dial, ramp] = rows(left, [1, 0.17]);
-  const arrows = angle === null ? [] : [{ deg: angle, label: degrees(angle, 0), color: sheet.color.mark }];
-  fromAbove(sheet, sheet.titled(dial, "Seen from above"), limit, arrows);
-  zRamp(sheet, ramp, lesson, limit);
-  const inner = sheet.titled(right, "Flattened view", viewName(lesson, lesson.view_index));
-  sheet.show("z", box, inner, (map) => {
-    sheet.picture(map, zAnglePicture(lesson, limit, sheet), box);
-    drawEdges(sheet, map, lesson, 2);
-    sheet.scaleBar(map);
-    if (angle !== null) sheet.cross(map.at(...ui.at), sheet.color.mark);
-  });
-}
-
-/** @returns {Fact[]} */
-export function zAngleFacts(/** @type {Lessons} */ lessons, /** @type {Ui} */ ui) {
-  const values = lessons.planning.array.z_angle_deg;
-  const limit = ui.parameters.z_angle_limit_deg;
-  let [low, high, known, within] = [Infinity, -Infinity, 0, 0];
-  for (const a of values) {
-    if (a === UNKNOWN_ANGLE) continue;
-    [low, high] = [Math.min(low, a), Math.max(high, a)];
-    known += 1;
-    if (Math.abs(a) < limit) within += 1;
-  }
-  return [
-    ["Z-angles", `${degrees(low, 0)} to ${degrees(high, 0)}`],
-    ["Within the limit", `${number((100 * within) / Math.max(1, known), 0)} % of the cloth`],
-    ["At the pointer", degrees(probedAngle(lessons, ui), 0)],
-  ];
-}
-
 /**
  * The curves over the columns, and the flattened view drawn as wide below them. Returns the plot.
  * @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui
@@ -225,78 +186,10 @@ function columnAt(/** @type {PlanningLesson} */ lesson, /** @type {Ui} */ ui) {
   return at >= 0 && at < u.length ? at : -1;
 }
 
-/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} lessons @param {Ui} ui */
-export function drawCurvesStage(sheet, rect, lessons, ui) {
-  const { plot, strip } = drawCurves(sheet, rect, lessons, ui);
-  const lesson = lessons.planning;
-  const at = columnAt(lesson, ui);
-  if (at < 0) return;
-  const u = lesson.array.current_u_mm[at];
-  plot.vertical(u, sheet.color.mark, "", 1.5);
-  sheet.line([plot.px(u), strip.y], [plot.px(u), strip.y + strip.h], sheet.color.mark, 1.5);
-  sheet.ring(plot.at(u, lesson.array.current_h[at]), 4, sheet.color.count, 2);
-  if (Number.isFinite(lesson.array.current_a_z_deg[at]))
-    sheet.ring(plot.at(u, lesson.array.current_a_z_deg[at], plot.y2), 4, sheet.color.mean, 2);
-}
-
-/** @returns {Fact[]} */
-export function curvesFacts(/** @type {Lessons} */ { planning: lesson }, /** @type {Ui} */ ui) {
-  const at = columnAt(lesson, ui);
-  const total = lesson.array.current_h.reduce((a, b) => a + b, 0);
-  const finite = lesson.array.current_a_z_deg.filter(Number.isFinite);
-  return [
-    ["Columns", String(lesson.array.current_h.filter((n) => n > 0).length)],
-    ["Area that counts", cm2(1e4 * total * lesson.flat.pixel_size_m ** 2)],
-    ["A_z", finite.length ? `${degrees(Math.min(...finite), 0)} to ${degrees(Math.max(...finite), 0)}` : "–"],
-    ["u at the pointer", at < 0 ? "–" : mm(lesson.array.current_u_mm[at], 0)],
-    ["h, A_z there", at < 0 ? "–" : `${lesson.array.current_h[at]}, ${degrees(lesson.array.current_a_z_deg[at])}`],
-  ];
-}
-
 // --- the rotation ----------------------------------------------------------------------------------
 
 /** @param {PlanningLesson} lesson */
 const chosenSide = (lesson) => lesson.sides.find((s) => s.side === lesson.side) ?? lesson.sides[0];
-
-/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} lessons @param {Ui} ui */
-export function drawRotation(sheet, rect, lessons, ui) {
-  const lesson = lessons.planning;
-  const side = chosenSide(lesson);
-  const [left, right] = columns(rect, [0.38, 0.62]);
-  const [dial, below] = rows(left, [1, 0.42]);
-  const sign = side.side === "left" ? 1 : -1;
-  const { a_0_deg: before, rotation_deg: turn, u_b_mm } = side;
-  const after = before === null || turn === null ? null : before + sign * turn;
-  const color = sheet.color.mark;
-  /** @type {Arrow[]} */
-  const arrows =
-    before === null || after === null
-      ? []
-      : [
-          { deg: before, label: "A_0", color },
-          { deg: after, label: "", color, dash: [4, 4] },
-        ];
-  const way = /** @type {UV | null} */ (arrows.length ? [before, after] : null);
-  fromAbove(sheet, sheet.titled(dial, "Seen from above"), ui.parameters.z_angle_limit_deg, arrows, way);
-  drawViews(sheet, sheet.titled(below, "Recorded views", "beyond this one"), lesson, side, sign);
-  const { plot, strip, map } = drawCurves(sheet, right, lessons, ui);
-  sheet.within(strip, () => drawEdges(sheet, map, lesson, 1.6));
-  if (u_b_mm === null) return;
-  const { current_u_mm: u, current_h: h } = lesson.array;
-  const { color: colors } = sheet;
-  const b = Math.round((u_b_mm - u[0]) / (1000 * lesson.flat.pixel_size_m));
-  const end = sign > 0 ? 0 : u.length - 1;
-  plot.area(u, h, colors.accent, Math.min(b, end), Math.max(b, end), plot.y, 0.35);
-  const x = plot.px(u_b_mm);
-  plot.vertical(u_b_mm, colors.accent, "u_b", 2);
-  sheet.line([x, strip.y], [x, strip.y + strip.h], colors.accent, 2);
-  const low = plot.inner.y + plot.inner.h - 0.8 * sheet.em;
-  sheet.text("S_0", (plot.px(u[end]) + x) / 2, low, { ...NAME, color: colors.accent });
-  if (before === null) return;
-  const y = plot.py(before, plot.y2);
-  sheet.ring([x, y], 7, color, 3);
-  sheet.text("A_0", x + sign * 14, y - 8, { ...NAME, color, align: sign > 0 ? "left" : "right" });
-}
 
 /**
  * The turns to the views on the chosen side, with A and the one that is taken.
@@ -330,25 +223,140 @@ function drawViews(sheet, rect, lesson, side, sign) {
   }
 }
 
-/** @returns {Fact[]} */
-export function rotationFacts(/** @type {Lessons} */ { planning: lesson }, /** @type {Ui} */ ui) {
-  const side = chosenSide(lesson);
-  const edge = (/** @type {string} */ name) =>
-    number(lesson.sides.find((s) => s.side === name)?.occluding_edge_mm, 0);
-  return [
-    ["Edges, left and right", `${edge("left")}, ${edge("right")} mm`],
-    ["Side taken", lesson.side ?? "none left"],
-    ["u_b, A_0", side.u_b_mm === null ? "–" : `${mm(side.u_b_mm, 0)}, ${degrees(side.a_0_deg)}`],
-    [
-      `A_w ${side.side === "right" ? "+" : "−"} A_0`,
-      degrees(
-        side.a_0_deg === null
-          ? null
-          : ui.parameters.z_angle_limit_deg + (side.side === "right" ? 1 : -1) * side.a_0_deg,
-        0,
-      ),
-    ],
-    ["A, held to 10–50°", degrees(side.rotation_deg, 0)],
-    ["Next view", lesson.next_view === null ? lesson.reason : viewName(lesson, lesson.next_view)],
-  ];
-}
+// --- the stages ------------------------------------------------------------------------------------
+
+/** @type {Record<string, StageCode>} */
+export const PLANNING_STAGES = {
+  z_angle: {
+    probe: "z",
+    start: angleStart,
+    facts(lessons, ui) {
+      const values = lessons.planning.array.z_angle_deg;
+      const limit = ui.parameters.z_angle_limit_deg;
+      let [low, high, known, within] = [Infinity, -Infinity, 0, 0];
+      for (const a of values) {
+        if (a === UNKNOWN_ANGLE) continue;
+        [low, high] = [Math.min(low, a), Math.max(high, a)];
+        known += 1;
+        if (Math.abs(a) < limit) within += 1;
+      }
+      return [
+        ["Z-angles", `${degrees(low, 0)} to ${degrees(high, 0)}`],
+        ["Within the limit", `${number((100 * within) / Math.max(1, known), 0)} % of the cloth`],
+        ["At the pointer", degrees(probedAngle(lessons, ui), 0)],
+      ];
+    },
+    draw(sheet, rect, lessons, ui) {
+      const lesson = lessons.planning;
+      const limit = ui.parameters.z_angle_limit_deg;
+      const box = boxOf(lesson.flat);
+      const share = shareOf(box, rect, 0.35, 0.62);
+      const [left, right] = columns(rect, [1 - share, share]);
+      const angle = probedAngle(lessons, ui);
+      const [dial, ramp] = rows(left, [1, 0.17]);
+      const arrows = angle === null ? [] : [{ deg: angle, label: degrees(angle, 0), color: sheet.color.mark }];
+      fromAbove(sheet, sheet.titled(dial, "Seen from above"), limit, arrows);
+      zRamp(sheet, ramp, lesson, limit);
+      const inner = sheet.titled(right, "Flattened view", viewName(lesson, lesson.view_index));
+      sheet.show("z", box, inner, {}, (map) => {
+        sheet.picture(map, zAnglePicture(lesson, limit, sheet), box);
+        drawEdges(sheet, map, lesson, 2);
+        sheet.scaleBar(map);
+        if (angle !== null) sheet.cross(map.at(...ui.at), sheet.color.mark);
+      });
+    },
+  },
+  curves: {
+    probe: "columns",
+    start: angleStart,
+    facts({ planning: lesson }, ui) {
+      const at = columnAt(lesson, ui);
+      const total = lesson.array.current_h.reduce((a, b) => a + b, 0);
+      const finite = lesson.array.current_a_z_deg.filter(Number.isFinite);
+      return [
+        ["Columns", String(lesson.array.current_h.filter((n) => n > 0).length)],
+        ["Area that counts", cm2(1e4 * total * lesson.flat.pixel_size_m ** 2)],
+        ["A_z", finite.length ? `${degrees(Math.min(...finite), 0)} to ${degrees(Math.max(...finite), 0)}` : "–"],
+        ["u at the pointer", at < 0 ? "–" : mm(lesson.array.current_u_mm[at], 0)],
+        [
+          "h, A_z there",
+          at < 0 ? "–" : `${lesson.array.current_h[at]}, ${degrees(lesson.array.current_a_z_deg[at])}`,
+        ],
+      ];
+    },
+    draw(sheet, rect, lessons, ui) {
+      const { plot, strip } = drawCurves(sheet, rect, lessons, ui);
+      const lesson = lessons.planning;
+      const at = columnAt(lesson, ui);
+      if (at < 0) return;
+      const u = lesson.array.current_u_mm[at];
+      plot.vertical(u, sheet.color.mark, "", 1.5);
+      sheet.line([plot.px(u), strip.y], [plot.px(u), strip.y + strip.h], sheet.color.mark, 1.5);
+      sheet.ring(plot.at(u, lesson.array.current_h[at]), 4, sheet.color.count, 2);
+      if (Number.isFinite(lesson.array.current_a_z_deg[at]))
+        sheet.ring(plot.at(u, lesson.array.current_a_z_deg[at], plot.y2), 4, sheet.color.mean, 2);
+    },
+  },
+  rotation: {
+    values: ({ planning: { side } }) => (side === "right" ? { beyond: "≥", sign: "+" } : { beyond: "≤", sign: "−" }),
+    facts({ planning: lesson }, ui) {
+      const side = chosenSide(lesson);
+      const edge = (/** @type {string} */ name) =>
+        number(lesson.sides.find((s) => s.side === name)?.occluding_edge_mm, 0);
+      return [
+        ["Edges, left and right", `${edge("left")}, ${edge("right")} mm`],
+        ["Side taken", lesson.side ?? "none left"],
+        ["u_b, A_0", side.u_b_mm === null ? "–" : `${mm(side.u_b_mm, 0)}, ${degrees(side.a_0_deg)}`],
+        [
+          `A_w ${side.side === "right" ? "+" : "−"} A_0`,
+          degrees(
+            side.a_0_deg === null
+              ? null
+              : ui.parameters.z_angle_limit_deg + (side.side === "right" ? 1 : -1) * side.a_0_deg,
+            0,
+          ),
+        ],
+        ["A, held to 10–50°", degrees(side.rotation_deg, 0)],
+        ["Next view", lesson.next_view === null ? lesson.reason : viewName(lesson, lesson.next_view)],
+      ];
+    },
+    draw(sheet, rect, lessons, ui) {
+      const lesson = lessons.planning;
+      const side = chosenSide(lesson);
+      const [left, right] = columns(rect, [0.38, 0.62]);
+      const [dial, below] = rows(left, [1, 0.42]);
+      const sign = side.side === "left" ? 1 : -1;
+      const { a_0_deg: before, rotation_deg: turn, u_b_mm } = side;
+      const after = before === null || turn === null ? null : before + sign * turn;
+      const color = sheet.color.mark;
+      /** @type {Arrow[]} */
+      const arrows =
+        before === null || after === null
+          ? []
+          : [
+              { deg: before, label: "A_0", color },
+              { deg: after, label: "", color, dash: [4, 4] },
+            ];
+      const way = /** @type {UV | null} */ (arrows.length ? [before, after] : null);
+      fromAbove(sheet, sheet.titled(dial, "Seen from above"), ui.parameters.z_angle_limit_deg, arrows, way);
+      drawViews(sheet, sheet.titled(below, "Recorded views", "beyond this one"), lesson, side, sign);
+      const { plot, strip, map } = drawCurves(sheet, right, lessons, ui);
+      sheet.within(strip, () => drawEdges(sheet, map, lesson, 1.6));
+      if (u_b_mm === null) return;
+      const { current_u_mm: u, current_h: h } = lesson.array;
+      const { color: colors } = sheet;
+      const b = Math.round((u_b_mm - u[0]) / (1000 * lesson.flat.pixel_size_m));
+      const end = sign > 0 ? 0 : u.length - 1;
+      plot.area(u, h, colors.accent, Math.min(b, end), Math.max(b, end), plot.y, 0.35);
+      const x = plot.px(u_b_mm);
+      plot.vertical(u_b_mm, colors.accent, "u_b", 2);
+      sheet.line([x, strip.y], [x, strip.y + strip.h], colors.accent, 2);
+      const low = plot.inner.y + plot.inner.h - 0.8 * sheet.em;
+      sheet.text("S_0", (plot.px(u[end]) + x) / 2, low, { ...NAME, color: colors.accent });
+      if (before === null) return;
+      const y = plot.py(before, plot.y2);
+      sheet.ring([x, y], 7, color, 3);
+      sheet.text("A_0", x + sign * 14, y - 8, { ...NAME, color, align: sign > 0 ? "left" : "right" });
+    },
+  },
+};

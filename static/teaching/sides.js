@@ -1,10 +1,8 @@
 // The stages of the side of interest: the item, the evidence of two layers, the sides, and a stroke.
 
-import { cm2, length, number, percent } from "/static/page/format.js";
+import { cm2, number, percent } from "/static/page/format.js";
 import { imageBox, shareOf } from "/static/teaching/detail.js";
 import { boxOfPoints, columns, painted, rgbOf } from "/static/teaching/draw.js";
-import { stagesOf } from "/static/teaching/lesson.js";
-import { cases, equation, fraction, row, sum, sup, words } from "/static/teaching/math.js";
 
 const UNDECIDED = 0;
 const NO_ITEM = 2;
@@ -43,7 +41,7 @@ const boxOfGrid = (grid) => ({ left: -0.5, top: -0.5, right: grid.cols - 0.5, bo
  */
 function drawLabels(sheet, rect, key, lesson, name, grid, certain) {
   const box = boxOfGrid(grid);
-  return sheet.show(key, box, rect, (map) =>
+  return sheet.show(key, box, rect, {}, (map) =>
     sheet.picture(map, labelPicture(sheet, lesson, name, grid, certain), box),
   );
 }
@@ -87,155 +85,103 @@ function drawSection(sheet, rect, lesson, colored) {
   sheet.frame(rect);
 }
 
-/**
- * The start view beside the slice, which is marked in it.
- * @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts
- */
-function drawEvidence(sheet, rect, { sides: lesson }) {
-  const image = lesson.picture.image;
-  const box = imageBox(image);
-  const share = shareOf(box, rect, 0.2, 0.4);
-  const [left, right] = columns(rect, [share, 1 - share]);
-  const [top, first] = lesson.first.offset_rc;
-  const rc = lesson.array.section_rc;
-  const points = Float32Array.from(rc, (_, i) => (i % 2 ? rc[i - 1] + top : rc[i + 1] + first));
-  sheet.show("image", box, sheet.titled(left, `View ${lesson.view_index}`, "with the slice"), (map) => {
-    sheet.picture(map, image, box, 0.8);
-    sheet.dots(map, points, 0.8, sheet.color.mark);
-  });
-  drawSection(sheet, sheet.titled(right, "The slice", "of all views, seen from above"), lesson, false);
-}
-
-function drawItem(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @type {Lessons} */ { sides: lesson }) {
-  const image = lesson.picture.image;
-  const box = imageBox(image);
-  const inner = sheet.titled(rect, `View ${lesson.view_index}`, "pale: no part of the item");
-  sheet.show("image", box, inner, (map) => sheet.picture(map, image, box));
-}
-
-/** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
-function drawSides(sheet, rect, { sides: lesson }, ui) {
-  const grid = lesson.first;
-  const share = shareOf(boxOfGrid(grid), rect, 0.25, 0.5);
-  const [left, right] = columns(rect, [share, 1 - share]);
-  const certain = ui.layer === "certainty";
-  const title = certain ? "Certainty" : "Sides";
-  drawLabels(sheet, sheet.titled(left, title, `view ${lesson.view_index}`), "labels", lesson, "first", grid, certain);
-  drawSection(sheet, sheet.titled(right, "The slice", "of all views, seen from above"), lesson, true);
-}
-
-function drawStroke(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @type {Lessons} */ { sides: lesson }) {
-  const stroke = lesson.stroke;
-  if (!stroke) {
-    sheet.text("All cloth is certain: no stroke is needed.", rect.x, rect.y + 2 * sheet.em);
-    return;
-  }
-  const [left, right] = columns(rect, [1, 1]);
-  const show = (/** @type {"before" | "after"} */ name, /** @type {Rect} */ part, /** @type {string} */ title) => {
-    const inner = sheet.titled(part, title, `view ${stroke.view_index}`);
-    const map = drawLabels(sheet, inner, name, lesson, name, stroke[name], false);
-    sheet.within(inner, () => sheet.ring(map.at(...stroke.at), 8, sheet.color.mark, 3));
-  };
-  show("before", left, "Before");
-  show("after", right, "After");
-}
-
 // --- the stages ------------------------------------------------------------------------------------
 
-const LEGEND = { kept: "of interest", new: "the other side", even: "undecided (striped)" };
-
-/** @returns {Fact[]} */
-function itemFacts(/** @type {Lessons} */ { sides: lesson }) {
-  const cut = Object.entries(lesson.cut_off_cm2);
-  return [
-    ["Item in this view", `${number(lesson.item_px, 0)} px`],
-    ["Views that show it", String(lesson.n_views)],
-    ["Cut off here", cut.length ? cut.map(([kind, area]) => `${kind} ${cm2(area)}`).join(", ") : "nothing"],
-  ];
-}
-
-export const SIDE_STAGES = stagesOf(
-  "sides",
-  [],
-  [
-    {
-      name: "The item",
-      figure: "no mask · docs/segmentation.md",
-      text: [
-        "The paper cuts the cloth of interest out of each image by hand. Without such masks, what hangs near the " +
-          "axis, in one piece, and turns with it is taken for the item.",
-        "The background is farther away; a stand does not turn; a gripper lies above the held point, or sticks to " +
-          "the top by a narrow neck.",
-      ],
-      math: () => [equation("r = |x − c − ((x − c) · k) k|"), equation("r ≤ r_max +", words(length(30)))],
-      facts: itemFacts,
-      draw: drawItem,
+/** @type {Record<string, StageCode>} */
+export const SIDE_STAGES = {
+  item: {
+    facts({ sides: lesson }) {
+      const cut = Object.entries(lesson.cut_off_cm2);
+      return [
+        ["Item in this view", `${number(lesson.item_px, 0)} px`],
+        ["Views that show it", String(lesson.n_views)],
+        ["Cut off here", cut.length ? cut.map(([kind, area]) => `${kind} ${cm2(area)}`).join(", ") : "nothing"],
+      ];
     },
-    {
-      name: "Two layers",
-      figure: "evidence · docs/segmentation.md",
-      text: [
-        "Surface of all views is gathered by place and normal. What is next to each other in a view lies on one " +
-          "side, less surely across a sharp convex turn s, as at a side seam (weight w > 0).",
-        "Front and back of the item are two layers of cloth, back to back, less than 4 mm apart: they lie on " +
-          "opposite sides (w < 0). This tells most.",
-      ],
-      math: () => [
-        equation("w_ij ∝", cases([sup("e", row("−", "s^2")), words("neighbours")], ["− 1", "n_i · n_j < − 0.85"])),
-      ],
-      facts: ({ sides: lesson }) => [
-        ["Places on the cloth", String(lesson.clusters)],
-        ["Pairs alike", String(lesson.n_alike)],
-        ["Pairs opposite", String(lesson.n_opposite)],
-      ],
-      legend: { pair: "same side", unused: "opposite sides", mark: "the slice" },
-      draw: drawEvidence,
+    draw(sheet, rect, { sides: lesson }) {
+      const image = lesson.picture.image;
+      const box = imageBox(image);
+      const inner = sheet.titled(rect, `View ${lesson.view_index}`, "pale: no part of the item");
+      sheet.image("image", image, box, inner);
     },
-    {
-      name: "Sides",
-      figure: "certainty · docs/segmentation.md",
-      layers: { color: "Sides", certainty: "Certainty" },
-      text: [
-        "Each place gets a side, +1 or −1, so that as much evidence as possible is satisfied: the strongest is " +
-          "joined first. The side that the largest sheet of this view lies on is of interest.",
-        "The same is done again with disturbed evidence. How often a place keeps its side tells how sure it is; " +
-          "what is not sure stays out.",
-      ],
-      math: ({ sides: lesson }) => [
-        equation("max_σ", sum("ij"), "w_ij σ_i σ_j", words(",   "), "σ = ± 1"),
-        equation("p ≈", fraction(words("times it is the same"), String(lesson.samples))),
-      ],
-      facts: ({ sides: lesson }) => [
-        ["Mean certainty", percent(lesson.certainty)],
-        ["Of interest", cm2(lesson.found_cm2)],
-        ["Undecided", cm2(lesson.undecided_cm2)],
-      ],
-      legend: LEGEND,
-      draw: drawSides,
+  },
+  two_layers: {
+    facts: ({ sides: lesson }) => [
+      ["Places on the cloth", String(lesson.clusters)],
+      ["Pairs alike", String(lesson.n_alike)],
+      ["Pairs opposite", String(lesson.n_opposite)],
+    ],
+    /** The start view beside the slice, which is marked in it. / */
+    draw(sheet, rect, { sides: lesson }) {
+      const image = lesson.picture.image;
+      const box = imageBox(image);
+      const share = shareOf(box, rect, 0.2, 0.4);
+      const [left, right] = columns(rect, [share, 1 - share]);
+      const [top, first] = lesson.first.offset_rc;
+      const rc = lesson.array.section_rc;
+      const points = Float32Array.from(rc, (_, i) => (i % 2 ? rc[i - 1] + top : rc[i + 1] + first));
+      sheet.show("image", box, sheet.titled(left, `View ${lesson.view_index}`, "with the slice"), {}, (map) => {
+        sheet.picture(map, image, box, 0.8);
+        sheet.dots(map, points, 0.8, sheet.color.mark);
+      });
+      drawSection(sheet, sheet.titled(right, "The slice", "of all views, seen from above"), lesson, false);
     },
-    {
-      name: "A stroke",
-      figure: "correction · docs/segmentation.md",
-      text: [
-        "Where geometry does not decide, the operator does. A stroke in one view spreads over the cloth to all " +
-          "views: it turns over the region R around it whose border costs least for its size.",
-        "Here the stroke, at the ring, says the contrary of what was found where it would tell most. If no border " +
-          "is cheap, a first stroke turns all over: the start was the other side; where that is not sure, the rest " +
-          "waits for another stroke.",
-      ],
-      math: () => [equation("min_R", fraction(row(sum("i ∈ R, j ∉ R"), "w_ij σ_i σ_j"), sup("|R|", "0.3")))],
-      facts: ({ sides: lesson }) => [
-        ["The stroke says", lesson.stroke ? (lesson.stroke.side === "this" ? "this side" : "not this side") : "–"],
-        ["What it changed", lesson.stroke?.changed || "nothing"],
-        [
-          "Mean certainty",
-          lesson.stroke
-            ? `${percent(lesson.certainty)} → ${percent(lesson.stroke.certainty)}`
-            : percent(lesson.certainty),
-        ],
-      ],
-      legend: { ...LEGEND, mark: "the stroke" },
-      draw: drawStroke,
+  },
+  sides: {
+    values: ({ sides: lesson }) => ({ samples: String(lesson.samples) }),
+    layers: { color: "Sides", certainty: "Certainty" },
+    facts: ({ sides: lesson }) => [
+      ["Mean certainty", percent(lesson.certainty)],
+      ["Of interest", cm2(lesson.found_cm2)],
+      ["Undecided", cm2(lesson.undecided_cm2)],
+    ],
+    draw(sheet, rect, { sides: lesson }, ui) {
+      const grid = lesson.first;
+      const share = shareOf(boxOfGrid(grid), rect, 0.25, 0.5);
+      const [left, right] = columns(rect, [share, 1 - share]);
+      const certain = ui.layer === "certainty";
+      const title = certain ? "Certainty" : "Sides";
+      drawLabels(
+        sheet,
+        sheet.titled(left, title, `view ${lesson.view_index}`),
+        "labels",
+        lesson,
+        "first",
+        grid,
+        certain,
+      );
+      drawSection(sheet, sheet.titled(right, "The slice", "of all views, seen from above"), lesson, true);
     },
-  ],
-);
+  },
+  stroke: {
+    facts: ({ sides: lesson }) => [
+      ["The stroke says", lesson.stroke ? (lesson.stroke.side === "this" ? "this side" : "not this side") : "–"],
+      ["What it changed", lesson.stroke?.changed || "nothing"],
+      [
+        "Mean certainty",
+        lesson.stroke
+          ? `${percent(lesson.certainty)} → ${percent(lesson.stroke.certainty)}`
+          : percent(lesson.certainty),
+      ],
+    ],
+    draw(sheet, rect, { sides: lesson }) {
+      const stroke = lesson.stroke;
+      if (!stroke) {
+        sheet.text("All cloth is certain: no stroke is needed.", rect.x, rect.y + 2 * sheet.em);
+        return;
+      }
+      const [left, right] = columns(rect, [1, 1]);
+      const show = (
+        /** @type {"before" | "after"} */ name,
+        /** @type {Rect} */ part,
+        /** @type {string} */ title,
+      ) => {
+        const inner = sheet.titled(part, title, `view ${stroke.view_index}`);
+        const map = drawLabels(sheet, inner, name, lesson, name, stroke[name], false);
+        sheet.within(inner, () => sheet.ring(map.at(...stroke.at), 8, sheet.color.mark, 3));
+      };
+      show("before", left, "Before");
+      show("after", right, "After");
+    },
+  },
+};

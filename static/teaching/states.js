@@ -83,17 +83,11 @@ export function statePane(sheet, rect, level, time, key) {
   const box = union(boxOfPoints(level.states[0]), boxOfPoints(lastOf(level.states)));
   const points = stateAt(level, time);
   const strain = strains(level, points);
-  sheet.show(
-    key,
-    box,
-    rect,
-    (map) => {
-      drawPairsByStrain(sheet, map, level, points, strain);
-      const radius = within((0.14 * level.interval_px * map.scaleX) / 1000, 0.6, 2.6);
-      sheet.dots(map, points, radius, sheet.color.text);
-    },
-    { margin: 10, bar: true },
-  );
+  sheet.show(key, box, rect, { margin: 10, bar: true }, (map) => {
+    drawPairsByStrain(sheet, map, level, points, strain);
+    const radius = within((0.14 * level.interval_px * map.scaleX) / 1000, 0.6, 2.6);
+    sheet.dots(map, points, radius, sheet.color.text);
+  });
   return { strain, now: energy(level, strain) };
 }
 

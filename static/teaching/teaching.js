@@ -1,9 +1,9 @@
 // The teaching mode: the stages of the method on the current recording. It only asks; it decides nothing.
 
-import { byId, find, findAll, make, setAllowed, setCurrent, setText, swatch } from "/static/page/dom.js";
-import { keyName } from "/static/page/format.js";
+import { byId, find, findAll, make, setAllowed, setCurrent, setText } from "/static/page/dom.js";
+import { keyName, number } from "/static/page/format.js";
 import { Sheet, inset } from "/static/teaching/draw.js";
-import { action, makeFrame, showLayers, showMath, SLIDERS, STAGES, symbols } from "/static/teaching/frame.js";
+import { action, connectFrame, fitMath, FRAME, showLayers, STAGES, symbols } from "/static/teaching/frame.js";
 import { onKey } from "/static/teaching/keys.js";
 import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
 import { onTheme } from "/static/page/theme.js";
@@ -29,7 +29,7 @@ export class Teaching {
     this.ui = { at: [0, 0], layer: "color", time: 0, parameters: /** @type {Ui["parameters"]} */ ({}) };
     this.probe = /** @type {{ at: UV; moved: boolean; lesson?: Lesson } | null} */ (null); // where the learner points
     this.drawn = 0;
-    this.canvas = make("canvas#teaching-canvas", { role: "img" });
+    this.canvas = /** @type {HTMLCanvasElement} */ (find("canvas", FRAME));
     this.sheet = new Sheet(this.canvas, {
       redraw: () => this.redraw(),
       probe: (key, at) => {
@@ -38,19 +38,17 @@ export class Teaching {
         this.update();
       },
     });
-    this.root = /** @type {HTMLElement | null} */ (null); // made when it is opened first
     this.playing = /** @type {number | null} */ (null); // the animation frame of the player, and of the next drawing
     this.waiting = /** @type {number | null} */ (null);
     this.round = 0;
     this.autoplay = false;
-    this.mathKey = "";
     this.shown = /** @type {{ stage: number; key: string | null; parameters: object } | null} */ (null); // for tests
     this.behind = /** @type {HTMLElement[]} */ ([]); // what lies behind it
     this.opener = /** @type {HTMLElement | null} */ (null); // what had the focus
   }
 
   get open() {
-    return this.root !== null && !this.root.hidden;
+    return FRAME.isConnected && !FRAME.hidden;
   }
 
   /** What tests want to know. */
@@ -92,13 +90,13 @@ export class Teaching {
   // --- in and out ------------------------------------------------------------------------------
 
   enter() {
-    const root = (this.root ??= this.build());
+    if (!FRAME.isConnected) this.begin();
     this.opener = /** @type {HTMLElement | null} */ (document.activeElement);
     this.behind = /** @type {HTMLElement[]} */ ([...document.body.children]).filter(
-      (e) => e !== root && !e.inert && e.id !== "notes" && e.tagName !== "DIALOG",
+      (e) => e !== FRAME && !e.inert && e.id !== "notes" && e.tagName !== "DIALOG",
     );
     for (const element of this.behind) element.inert = true;
-    root.hidden = false;
+    FRAME.hidden = false;
     setText(byId("teaching-recording"), this.session.name());
     this.go(this.at);
     byId("teaching-next").focus();
@@ -107,7 +105,7 @@ export class Teaching {
   leave() {
     this.play(false);
     for (const part of PARTS) this.abort(part);
-    if (this.root) this.root.hidden = true;
+    FRAME.hidden = true;
     for (const element of this.behind) element.inert = false;
     this.opener?.focus?.();
   }
@@ -263,36 +261,25 @@ export class Teaching {
 
   // --- the page --------------------------------------------------------------------------------
 
-  build() {
-    const root = makeFrame(this);
-    document.body.append(root);
-    root.addEventListener("keydown", (event) => onKey(this, event));
-    new ResizeObserver(() => this.open && this.draw()).observe(find(".teaching-sheet", root));
+  begin() {
+    connectFrame(this);
+    FRAME.addEventListener("keydown", (event) => onKey(this, event));
+    new ResizeObserver(() => this.open && this.draw()).observe(find(".teaching-sheet", FRAME));
     onTheme(() => this.open && this.redraw());
-    return root;
   }
 
   /** What changes only with the stage. */
   showTexts() {
     const stage = STAGES[this.at];
-    for (const button of findAll(".teaching-stage")) {
-      const here = Number(button.dataset.stage) === this.at;
+    findAll(".teaching-stage").forEach((button, index) => {
+      const here = index === this.at;
       button.tabIndex = here ? 0 : -1; // one stop for Tab; the arrow keys go on from there
       setCurrent(button, here, "step");
       if (here) button.scrollIntoView({ block: "nearest", inline: "nearest" });
-    }
-    setText(byId("teaching-figure"), stage.figure);
-    setText(byId("teaching-name"), `${this.at + 1}. ${stage.name}`);
+    });
+    for (const { about } of STAGES) about.hidden = about !== stage.about;
     setText(byId("teaching-place"), `Stage ${this.at + 1} of ${STAGES.length}: ${stage.name}`);
-    byId("teaching-words").replaceChildren(...stage.text.map((text) => make("p", ...symbols(text))));
-    byId("teaching-legend").replaceChildren(
-      ...Object.entries(stage.legend ?? {}).map(([key, label]) => {
-        const [color, alpha = "1"] = key.split(" ");
-        const mixed = `color-mix(in srgb, var(--${color}) ${100 * Number(alpha)}%, transparent)`;
-        return make("li", swatch(mixed), make("span", ...symbols(label)));
-      }),
-    );
-    byId("teaching-legend").hidden = !stage.legend;
+    fitMath();
     find(".teaching-text").scrollTop = 0;
     const ends = {
       "teaching-back": this.at === 0 ? "This is the first stage." : null,
@@ -321,13 +308,13 @@ export class Teaching {
     setText(byId("teaching-trouble-text"), trouble ?? "");
     byId("teaching-defaults").hidden = !Object.keys(this.changed).length;
     this.canvas.style.visibility = lesson && trouble === null ? "visible" : "hidden";
-    byId("teaching-facts").hidden = byId("teaching-math").hidden = !lesson;
+    byId("teaching-facts").hidden = !lesson;
+    FRAME.classList.toggle("unknown", !lesson);
     if (lesson) {
       this.ui.parameters = /** @type {Ui["parameters"]} */ (this.parameters());
       this.ui.time = Math.min(this.ui.time, this.lastTime());
-      const key = `${this.at} ${lesson.side ?? ""}`;
-      if (this.mathKey !== key) showMath(stage.math(lessons));
-      this.mathKey = key;
+      for (const [name, text] of Object.entries(stage.values?.(lessons) ?? {}))
+        for (const place of findAll(`[data-value="${name}"]`, stage.about)) setText(place, text);
       if (this.autoplay) {
         this.autoplay = false;
         return this.play(true);
@@ -391,8 +378,9 @@ export class Teaching {
       if (Number(input.min) !== min || Number(input.max) !== max || Number(input.step) !== step)
         Object.assign(input, { min, max, step });
       if (Number(input.value) !== value) input.value = String(value);
-      const text = SLIDERS[name][2](value);
-      setText(find("output", label), text);
+      const output = find("output", label);
+      const text = `${number(value, 0)}${output.dataset.unit}`;
+      setText(output, text);
       input.setAttribute("aria-valuetext", text);
     }
     const same = PARAMETERS.every((name) => (this.changed[name] ?? lesson.defaults[name]) === lesson.defaults[name]);
@@ -425,7 +413,7 @@ export class Teaching {
     const entry = this.lessons[STAGES[this.at].part];
     const busy = Boolean(entry?.abort) && performance.now() - (entry?.since ?? 0) >= QUIET_MS - 5;
     byId("teaching-progress").hidden = !busy;
-    this.root?.classList.toggle("busy", busy);
+    FRAME.classList.toggle("busy", busy);
     if (!busy) return;
     const { share, text } = entry?.progress ?? { share: 0, text: "Waiting" };
     setText(byId("teaching-progress-text"), `${text} · ${Math.round(100 * share)} %`);

@@ -44,29 +44,22 @@ declare global {
 
   /** What the learner has chosen: place, layer, time of the animation, parameters. */
   type Ui = { at: UV; layer: string; time: number; parameters: Record<ParameterName, number> };
-  /** A string of terms such as "A_w = 2", or a node of MathML. */
-  type Part = string | Element;
   type Fact = [name: string, value: string];
-  /** What a colour means; the colour may have its opacity behind it, as "kept 0.5". */
-  type Legends = Record<string, string>;
   type StageDrawing = (sheet: Sheet, rect: Rect, lessons: Lessons, ui: Ui) => void;
-  type Stage = {
-    name: string;
-    figure: string;
-    part: PartName;
-    parameters: ParameterName[];
-    text: string[];
-    math: (lessons: Lessons) => Element[];
+  /** What a stage draws and tells of the lesson; what it says is in teaching.html. */
+  type StageCode = {
     facts: (lessons: Lessons, ui: Ui) => Fact[];
     draw: StageDrawing;
-    legend?: Legends;
     layers?: Record<string, string>;
     /** The key of the pane that is probed, and where the probe begins. */
     probe?: string;
     start?: (lessons: Lessons) => UV;
     /** The last time of its animation. */
     plays?: (lessons: Lessons) => number;
+    /** What its formulas take from the lesson, by data-value. */
+    values?: (lessons: Lessons) => Record<string, string>;
   };
+  type Stage = StageCode & { about: HTMLElement; name: string; part: PartName; parameters: ParameterName[] };
   /** What is known of a part: the lesson, or why there is none; `abort` while it is being made. */
   type Entry = {
     /** The parameters it was asked for with. */
@@ -89,8 +82,6 @@ declare global {
     notify: Notify;
     run: (name: string) => void;
   };
-  type StagePart = Omit<Stage, "part" | "parameters"> & Partial<Pick<Stage, "part" | "parameters">>;
-
   type Lessons = {
     flattening: FlatteningLesson;
     start: StartLesson;

@@ -63,11 +63,11 @@ class Lesson:
         """What of this stage a learner cannot see without scrolling."""
         return self.page.evaluate(
             """() => [...document.querySelectorAll(
-                   '#teaching .button, #teaching input, .teaching-stage, #teaching-math, #teaching-facts')]
+                   '#teaching .button, #teaching input, .teaching-stage, .teaching-math, #teaching-facts')]
                  .filter((e) => e.checkVisibility())
                  .filter((e) => { const r = e.getBoundingClientRect();
                    return r.left < 0 || r.top < 0 || r.right > innerWidth || r.bottom > innerHeight
-                     || e.scrollWidth > e.clientWidth + 2 && e.id; })
+                     || e.scrollWidth > e.clientWidth + 2 && (e.id || e.matches('.teaching-math')); })
                  .map((e) => e.id || e.textContent)"""
         )
 
@@ -111,9 +111,9 @@ def test_all_stages_by_keyboard(open_lesson, width, height, scheme):
     for stage in range(1, STAGES + 1):
         lesson.drawn(stage)
         names.append(lesson.status()["name"])
-        assert page.locator("#teaching-name").inner_text() == f"{stage}. {names[-1]}"
-        assert len(page.locator("#teaching-words").inner_text()) > 80
-        assert page.locator("#teaching-math math").count() >= 1
+        assert page.locator(".teaching-text h3:visible").inner_text() == f"{stage}. {names[-1]}"
+        assert len(page.locator(".teaching-text section:visible").inner_text()) > 80
+        assert page.locator(".teaching-math math:visible").count() >= 1
         assert page.locator("#teaching-facts dt").count() >= 3
         assert lesson.ink() > 12, f"stage {stage} is blank"
         assert lesson.cut_off() == [], f"stage {stage}"
