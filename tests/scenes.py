@@ -10,6 +10,9 @@ from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.types import Bool, FlattenedView, Float64, Intrinsics, RgbdFrame, Rigid2, RotationAxis
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.surface import observe_surface
+from flatcloth.methods.answers import Alignment
+from flatcloth.methods.paper.alignment import align_from, correspond, from_lines
+from flatcloth.methods.paper.matching import Matcher
 
 CAMERA = Intrinsics(width=240, height=240, fx=425.0, fy=425.0, cx=119.5, cy=119.5)
 AXIS = RotationAxis(point_m=np.array([0.0, 0.0, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
@@ -119,6 +122,12 @@ def views(*angles_deg: float, **options: object) -> list[FlattenedView]:
         flatten(observe_surface(cylinder[n], AXIS, SurfaceConfig()), AXIS, FlatteningConfig()).view
         for n in range(len(angles_deg))
     ]
+
+
+def aligned_by_z_angle(current: FlattenedView, new: FlattenedView, turn_deg: float) -> Alignment:
+    """Align the view after a turn of the axis as the method ``paper`` does, with A_w = 50 degrees."""
+    lines = correspond(current, new, AXIS, (0.0, turn_deg), Rigid2(), 50.0)
+    return align_from(from_lines(lines), Matcher(current, new, AXIS), correspondence=lines)
 
 
 def placement_error_m(current: FlattenedView, new: FlattenedView, current_from_new: Rigid2) -> float:

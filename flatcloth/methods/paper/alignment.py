@@ -33,67 +33,7 @@ from flatcloth.methods.paper.matching import (
     Matcher,
     mean_z_angle_deg,
 )
-from flatcloth.methods.paper.places import from_places
 from flatcloth.methods.paper.planning import column_curves
-
-
-def align_by_z_angle(
-    current: FlattenedView,
-    new: FlattenedView,
-    axis: RotationAxis,
-    angles_deg: tuple[float, float],
-    frame_from_current: Rigid2,
-    z_angle_limit_deg: float,
-    progress: Progress = no_progress,
-    matcher: Matcher | None = None,
-) -> Alignment:
-    """Align a new flattened view to the current one by the paper's method.
-
-    Parameters
-    ----------
-    current, new : FlattenedView
-        The current canonical view and the view to add, attributes in the object frame.
-    axis : RotationAxis
-        Axis of the recording.
-    angles_deg : (float, float)
-        Rotation of the accepted view that the new one continues, and of the new view; their
-        difference is the paper's A (signed).
-    frame_from_current : Rigid2
-        Motion from the current plane to the plane of the continued view.
-    z_angle_limit_deg : float
-        A_w.
-    matcher : Matcher, optional
-        Compares these two views; by default a new :class:`Matcher`.
-
-    Returns
-    -------
-    Alignment
-
-    Raises
-    ------
-    AlignmentError
-        If the views have no Z-angle in common.
-    """
-    matcher = matcher or Matcher(current, new, axis)
-    # The Z-angle A_m in the middle of the common range; its lines, and a point of equal height on each.
-    correspondence = correspond(
-        current,
-        new,
-        axis,
-        angles_deg,
-        frame_from_current,
-        z_angle_limit_deg,
-        matcher.z_angle_smoothing_m,
-    )
-    initial = from_lines(correspondence)  # both lines and both points coincide (Fig. 4e)
-    return align_from(initial, matcher, progress, correspondence)  # intensity and height
-
-
-def align_by_places(
-    current: FlattenedView, new: FlattenedView, matcher: Matcher, progress: Progress = no_progress
-) -> Alignment:
-    """Align as :func:`align_by_z_angle`, from another initial estimate (:func:`from_places`)."""
-    return align_from(from_places(current, new), matcher, progress)
 
 
 def align_from(
@@ -135,10 +75,30 @@ def correspond(
     z_angle_smoothing_m: float = Z_ANGLE_SMOOTHING_M,
     seen_deg: tuple[Floats, Floats] | None = None,
 ) -> Correspondence:
-    """Find the corresponding lines and points from the Z-angle; see :func:`align_by_z_angle`.
+    """Find the lines of the Z-angle in the middle of the common range, and a point of equal height on each.
 
-    ``seen_deg`` are the Z-angles (K,) of the valid pixels of both views at the first of ``angles_deg``, if
-    they are known.
+    Parameters
+    ----------
+    current, new : FlattenedView
+        The current canonical view and the view to add, attributes in the object frame.
+    axis : RotationAxis
+        Axis of the recording.
+    angles_deg : (float, float)
+        Rotation of the accepted view that the new one continues, and of the new view; their
+        difference is the paper's A (signed).
+    frame_from_current : Rigid2
+        Motion from the current plane to the plane of the continued view.
+    z_angle_limit_deg : float
+        A_w.
+    z_angle_smoothing_m : float
+        Distance over which the Z-angles are averaged.
+    seen_deg : (np.ndarray, np.ndarray), optional
+        Z-angles (K,) of the valid pixels of both views at the first of ``angles_deg``, if they are known.
+
+    Raises
+    ------
+    AlignmentError
+        If the views have no Z-angle in common.
     """
     before_deg, after_deg = angles_deg
     rotation_deg = after_deg - before_deg

@@ -18,7 +18,7 @@ from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import FlattenedView, Progress, Rigid2
 from flatcloth.methods.answers import Alignment
 from flatcloth.methods.base import Method, Views
-from flatcloth.methods.paper.alignment import align_by_places, correspond, from_lines, not_worse_than_start
+from flatcloth.methods.paper.alignment import align_from, correspond, from_lines, not_worse_than_start
 from flatcloth.methods.paper.matching import LEAST_OVERLAP_SHARE, Matcher
 from flatcloth.methods.paper.merging import Renewed, covered_share, without
 from flatcloth.methods.paper.places import from_places
@@ -123,7 +123,7 @@ class Departures(Method):
         matcher = self.matcher_kind(target, new, self._views.axis)
         alignment = self.first_accepted(
             lambda: self.align(document, front, view_index, component, matcher, progress, current),
-            lambda: align_by_places(target, new, matcher, progress),
+            lambda: align_from(from_places(target, new), matcher, progress),
         )
         motion = alignment.current_from_new
         return Aligned(

@@ -17,7 +17,7 @@ from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.methods.answers import Alignment, AlignmentScore, Placement, Plan
 from flatcloth.methods.base import Focus, Views
 from flatcloth.methods.edges import edges_of_view, joined_edges
-from flatcloth.methods.paper.alignment import align_by_z_angle
+from flatcloth.methods.paper.alignment import align_from, correspond, from_lines
 from flatcloth.methods.paper.departures import Departures
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import Renewed, begin, lay_over, renew
@@ -120,16 +120,17 @@ class PaperMethod(Departures):
         """Align a component with the shape, or a part of it, continuing the view ``front``."""
         canonical, angles = self.canonical(document), self.angles_deg
         turn = (angles[view_index] - angles[front] + 180.0) % 360.0 - 180.0
-        return align_by_z_angle(
+        lines = correspond(
             current or canonical.view,
             self._views.part(view_index, component),
             self._views.axis,
             (angles[front], angles[front] + turn),
             canonical.current_from_view[front].inverse(),
             self._config.planning.z_angle_limit_deg,
-            progress,
-            matcher,
+            matcher.z_angle_smoothing_m,
         )
+        initial = from_lines(lines)  # both lines and both points coincide (Fig. 4e)
+        return align_from(initial, matcher, progress, lines)  # intensity and height
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
         """Score a placement by the places that coincide."""

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import AXIS, Cylinder, placement_error_m, views
+from scenes import AXIS, Cylinder, aligned_by_z_angle, placement_error_m, views
 from scipy import ndimage
 
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.methods.paper.alignment import align_by_z_angle, correspond, from_lines
+from flatcloth.methods.paper.alignment import correspond, from_lines
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.places import from_places
 
@@ -19,7 +19,7 @@ from flatcloth.methods.paper.places import from_places
 @pytest.mark.parametrize("turn_deg", [20.0, -20.0, 40.0, 50.0])
 def test_a_known_turn_is_found_to_two_pixels(turn_deg: float) -> None:
     current, new = views(0.0, turn_deg)
-    found = align_by_z_angle(current, new, AXIS, (0.0, turn_deg), Rigid2(), 50.0)
+    found = aligned_by_z_angle(current, new, turn_deg)
     assert placement_error_m(current, new, found.current_from_new) < 0.004
     assert found.score.total > 0.85
     assert found.score.total >= found.initial_score.total - 1e-9
@@ -52,7 +52,7 @@ def wavering(view: FlattenedView, seed: int) -> FlattenedView:
 
 def test_wavering_normals_neither_displace_the_start_nor_refuse_the_right_placement() -> None:
     current, new = (wavering(view, n) for n, view in enumerate(views(0.0, 40.0, square_m=10.0)))
-    found = align_by_z_angle(current, new, AXIS, (0.0, 40.0), Rigid2(), 50.0)
+    found = aligned_by_z_angle(current, new, 40.0)
     assert placement_error_m(current, new, found.initial) < 0.02
     right = Matcher(current, new, AXIS).score(found.current_from_new)
     assert right.parts["z_angle_agreement"] > 0.7
@@ -63,13 +63,13 @@ def test_wavering_normals_neither_displace_the_start_nor_refuse_the_right_placem
 def test_views_without_common_z_angle_are_refused_with_a_remedy() -> None:
     current, new = views(0.0, 140.0)
     with pytest.raises(AlignmentError, match="smaller rotation"):
-        align_by_z_angle(current, new, AXIS, (0.0, 140.0), Rigid2(), 50.0)
+        aligned_by_z_angle(current, new, 140.0)
 
 
 def test_the_score_falls_with_the_displacement_and_names_its_parts() -> None:
     current, new = views(0.0, 20.0)
     matcher = Matcher(current, new, AXIS)
-    right = align_by_z_angle(current, new, AXIS, (0.0, 20.0), Rigid2(), 50.0).current_from_new
+    right = aligned_by_z_angle(current, new, 20.0).current_from_new
     scores = [matcher.score(Rigid2(0.0, shift, shift) @ right) for shift in (0.0, 0.004, 0.012)]
     assert scores[0].total > scores[1].total > scores[2].total
     assert scores[0].parts["height_rms_mm"] < 1.5 < scores[2].parts["height_rms_mm"]
@@ -109,7 +109,7 @@ def test_views_of_different_cloth_have_no_place_in_common() -> None:
 def test_the_search_finds_back_from_a_displaced_start() -> None:
     current, new = views(0.0, 20.0)
     matcher = Matcher(current, new, AXIS)
-    right = align_by_z_angle(current, new, AXIS, (0.0, 20.0), Rigid2(), 50.0).current_from_new
+    right = aligned_by_z_angle(current, new, 20.0).current_from_new
     center = new.uv_from_rc(np.argwhere(new.valid)).mean(axis=0)
     found = matcher.search(right @ Rigid2(math.radians(8), 0.03, -0.025).about(center))
     assert placement_error_m(current, new, found) < 0.004
@@ -117,6 +117,6 @@ def test_the_search_finds_back_from_a_displaced_start() -> None:
 
 def test_plain_cloth_gets_a_score_from_height_alone() -> None:
     current, new = views(0.0, 20.0, square_m=10.0)
-    found = align_by_z_angle(current, new, AXIS, (0.0, 20.0), Rigid2(), 50.0)
+    found = aligned_by_z_angle(current, new, 20.0)
     assert found.score.parts["height_rms_mm"] < 2.0
     assert np.isfinite(found.score.total)

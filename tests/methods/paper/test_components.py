@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cylinder_views import CylinderViews
-from scenes import AXIS, sheet, views
+from scenes import AXIS, aligned_by_z_angle, sheet, views
 
 from flatcloth.core.errors import AlignmentError
 from flatcloth.core.types import Rigid2
 from flatcloth.methods.answers import Alignment, AlignmentScore
-from flatcloth.methods.paper.alignment import align_by_z_angle, not_worse_than_start
+from flatcloth.methods.paper.alignment import not_worse_than_start
 from flatcloth.methods.paper.departures import Aligned
 from flatcloth.methods.paper.matching import Matcher
 from flatcloth.methods.paper.merging import without
@@ -88,7 +88,7 @@ def test_the_places_are_asked_where_the_lines_fail_or_are_refused():
 
 def test_cloth_of_another_z_angle_is_other_cloth_though_texture_height_and_place_agree():
     current, new = views(0.0, 20.0)
-    right = align_by_z_angle(current, new, AXIS, (0.0, 20.0), Rigid2(), 50.0).current_from_new
+    right = aligned_by_z_angle(current, new, 20.0).current_from_new
     score = Matcher(current, new, AXIS).score(right)
     assert score.parts["z_angle_agreement"] > 0.9
     turn = np.radians(40.0)
