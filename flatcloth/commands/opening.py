@@ -138,7 +138,7 @@ def opened_camera(options: argparse.Namespace, serial: str) -> Opened:
         resume=options.resume,
     )
     capture.begin(settings.step_deg, settings.frames)  # invalid values are reported before a camera starts
-    with contextlib.ExitStack() as stack:
+    with contextlib.ExitStack[None]() as stack:
         feed = CameraFeed(open_camera(serial, options.align or "depth"))
         stack.callback(lambda: feed.stop(timeout_s=5.0))
         integration = Integration(camera_recording(feed), method=options.method)
@@ -185,17 +185,18 @@ def opened_looking_camera(options: argparse.Namespace, serial: str) -> Opened:
 
     goal_of(options)
     frames = capture.FRAMES if options.frames is None else options.frames
-    with contextlib.ExitStack() as stack:
+    with contextlib.ExitStack[None]() as stack:
         feed = CameraFeed(open_camera(serial, options.align or "depth"))
         stack.callback(lambda: feed.stop(timeout_s=5.0))
         eye = CameraEye(feed, frames)
         feed.start()
         say(f"{feed.camera.name}: the first view is taken when the item hangs still.")
         return _opened_loop(options, eye, feed.camera.name, stack.pop_all())
-    raise AssertionError("unreachable")
 
 
-def _opened_loop(options: argparse.Namespace, eye: Eye, name: str, stack: contextlib.ExitStack) -> Opened:
+def _opened_loop(
+    options: argparse.Namespace, eye: Eye, name: str, stack: contextlib.ExitStack[None]
+) -> Opened:
     from flatcloth.session.header import state_folder
     from flatcloth.viewer.modes.active import PageLoop, active_controller
     from flatcloth.viewer.server.workspace import Opened
@@ -216,7 +217,6 @@ def _opened_loop(options: argparse.Namespace, eye: Eye, name: str, stack: contex
             base_from_camera=hand_eye_of(options),
             close=stack.pop_all().close,
         )
-    raise AssertionError("unreachable")
 
 
 def page_options(options: argparse.Namespace) -> dict[str, Any]:

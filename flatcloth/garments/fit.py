@@ -48,8 +48,8 @@ class Fit:
 
     ``parameters`` (P,); ``garment_from_piece`` one motion a piece, the main one first; ``energy`` E;
     ``log_evidence`` of this optimum (Laplace); ``covariance`` (P + 3 n,) squared, parameters first, then
-    turn and shift of each piece; ``edge_cost`` the mean bounded cost of a true edge, 0 to 1. ``others`` are
-    further optima of the same kind, with their evidence below that of this one.
+    turn and shift of each piece. ``others`` are further optima of the same kind, with their evidence below
+    that of this one.
     """
 
     kind: Kind
@@ -58,7 +58,6 @@ class Fit:
     energy: float
     log_evidence: float
     covariance: Float64
-    edge_cost: float
     others: tuple[tuple[float, Fit], ...] = ()
 
     @property
@@ -144,8 +143,8 @@ class _Problem:
             for piece in self.pieces
         ]
 
-    def normal_equations(self, x: Float64, widened: float) -> tuple[float, Float64, Float64, float]:
-        """Return E, its gradient (D,), the matrix (D, D) of a step, and the mean bounded cost of edges."""
+    def normal_equations(self, x: Float64, widened: float) -> tuple[float, Float64, Float64]:
+        """Return E, its gradient (D,), and the matrix (D, D) of a step."""
         kind, count = self.kind, len(self.kind.parameters)
         outline, slope = with_slope(kind.outline, x[:count])
         outline = np.ascontiguousarray(outline)
@@ -153,7 +152,7 @@ class _Problem:
         gradient, matrix = np.zeros(len(x)), np.zeros((len(x), len(x)))
         gradient[:count] = off / kind.std
         matrix[np.arange(count), np.arange(count)] = 1.0 / np.square(kind.std)
-        energy, edge_cost, most = 0.5 * float(off @ off), 0.0, 0.0
+        energy, edge_cost = 0.5 * float(off @ off), 0.0
         for n, (piece, stds, weights) in enumerate(self._terms):
             at = count + 3 * n
             of_edges, of_cloth = add_piece(
@@ -161,13 +160,12 @@ class _Problem:
                 weights, outline, slope, x[at : at + 3], at, gradient, matrix,
             )  # fmt: skip
             edge_cost, energy = edge_cost + of_edges, energy + of_cloth
-            most += 0.5 * ROBUST_STDS**2 * float(weights[0].sum())
         for pull in self.pulls:
             residual, slope_of_pull = with_slope(partial(self._off, pull), x)
             gradient += slope_of_pull.T @ residual
             matrix += slope_of_pull.T @ slope_of_pull
             energy += 0.5 * float(residual @ residual)
-        return energy + edge_cost, gradient, matrix, edge_cost / max(most, 1e-9)
+        return energy + edge_cost, gradient, matrix
 
     def _off(self, pull: Pull, x: Float64) -> Float64:
         """Return how far (2, n) a held point is off, for n arguments (D, n), in standard deviations."""
@@ -221,7 +219,7 @@ def refine(
     x = np.concatenate([parameters, *([m.theta_rad, m.u_m, m.v_m] for m in poses)])
     for widened in annealed:
         x = _descended(problem, x, widened, most_steps)
-    energy, _, matrix, edge_cost = problem.normal_equations(x, 1.0)
+    energy, _, matrix = problem.normal_equations(x, 1.0)
     energy += crossing_energy(kind.outline(x[:count, None])[:, :, 0], pieces, x[count:].reshape(-1, 3))
     # The prior of a pose leaves it free: a standard deviation of 1 rad and 1 m.
     known = matrix + np.diag((np.arange(len(x)) >= count).astype(np.float64))
@@ -237,7 +235,6 @@ def refine(
         energy=energy,
         log_evidence=float(evidence),
         covariance=covariance,
-        edge_cost=edge_cost,
     )
 
 
@@ -267,7 +264,7 @@ def _descended(problem: _Problem, x: Float64, widened: float, steps: int) -> Flo
     """Take Levenberg-Marquardt steps, damped as by Nielsen (1999)."""
     kind, count = problem.kind, len(problem.kind.parameters)
     damping, growth = _TOLERANCE, 2.0
-    energy, gradient, matrix, _ = problem.normal_equations(x, widened)
+    energy, gradient, matrix = problem.normal_equations(x, widened)
     for _ in range(steps):
         damped = matrix.copy()
         damped.flat[:: len(x) + 1] *= 1.0 + damping
@@ -278,7 +275,7 @@ def _descended(problem: _Problem, x: Float64, widened: float, steps: int) -> Flo
         gain = energy - answer[0]
         if gain > 0.0:
             promised = float(gradient @ (x - tried)) - 0.5 * float((x - tried) @ matrix @ (x - tried))
-            x, (energy, gradient, matrix, _) = tried, answer
+            x, (energy, gradient, matrix) = tried, answer
             share = gain / max(promised, gain)
             damping *= max(1.0 / 3.0, 1.0 - (2.0 * share - 1.0) ** 3)
             growth = 2.0

@@ -50,7 +50,6 @@ class Truth:
             )
         self.panel_of_interest: int = panel
         self.garment = str(header.get("garment", ""))
-        self.held_at = str(header.get("held_at", ""))
 
     def __len__(self) -> int:
         """Return the number of views."""

@@ -90,11 +90,6 @@ class Registered:
         return float(self.common[4])
 
     @property
-    def fattening_std_px(self) -> float:
-        """Standard deviation of the edge fattening."""
-        return math.sqrt(float(self.covariance[4, 4]))
-
-    @property
     def axis_moved_m(self) -> float:
         """Distance of the estimated axis from the recorded one, at its point."""
         return math.hypot(*self.common[:2])

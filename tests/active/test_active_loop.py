@@ -352,7 +352,6 @@ def fit_of(kind: Kind, pose: Rigid2) -> Fit:
         energy=0.0,
         log_evidence=0.0,
         covariance=np.eye(len(kind.mean) + 3),
-        edge_cost=0.0,
     )
 
 

@@ -259,7 +259,6 @@ def test_a_whole_outline_gives_its_own_parameters_and_pose() -> None:
     there = motion.apply(outline)
     mine = best.garment_from_piece[0].inverse().apply(best.outline)
     assert np.linalg.norm(mine - there, axis=1).max() < 0.006
-    assert best.edge_cost < 0.02
 
 
 def chances_of(main: PieceEvidence) -> dict[str, float]:

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatteningError, SurfaceError
 from flatcloth.core.geometry import back_project, held_from_camera
-from flatcloth.core.types import FlattenedView, Float64, Progress, Uint8, no_progress
+from flatcloth.core.types import FlattenedView, Float64, Uint8
 from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.results.pixel_states import NEAR_M, states_of
 from flatcloth.flattening.pixel_states import TEXTS, PixelState
@@ -162,7 +162,7 @@ def uncertainty(view: FlattenedView) -> dict[str, float]:
     }
 
 
-def result_of(areas: Areas, document: Document, progress: Progress = no_progress) -> Result:
+def result_of(areas: Areas, document: Document) -> Result:
     """Compute the result of a document.
 
     Raises
@@ -175,23 +175,19 @@ def result_of(areas: Areas, document: Document, progress: Progress = no_progress
     return Result(
         uncertainty=uncertainty(canonical.view),
         wrong=tuple(integration.wrong(document)),
-        left_out=tuple(left_out(integration, document, canonical, progress)),
+        left_out=tuple(left_out(integration, document, canonical)),
         more=_more(areas, document),
     )
 
 
-def left_out(
-    integration: Integration, document: Document, canonical: Canonical, progress: Progress = no_progress
-) -> list[LeftOut]:
+def left_out(integration: Integration, document: Document, canonical: Canonical) -> list[LeftOut]:
     """Return the cloth that decided views show but the result lacks, the largest first.
 
     Cloth that several views show is counted once, for the first of them.
     """
     known = [view.xyz_m[view.valid] for view in (canonical.view, *canonical.floating)]
     found: list[LeftOut] = []
-    views = _decided(document)
-    for n, (view_index, why) in enumerate(views):
-        progress(n / len(views), f"looking for cloth left out: view {view_index}")
+    for view_index, why in _decided(document):
         tree = cKDTree(np.concatenate(known))
         states = None if why else states_of(integration, document, view_index)
         for part in _parts(integration, view_index, states):

@@ -72,10 +72,6 @@ class Bag:
         """Return the topics of these message types that have messages, in alphabetical order."""
         return sorted(t for t, (kind, connections) in self._topics.items() if kind in kinds and connections)
 
-    def kind(self, topic: str) -> str:
-        """Return the message type of a topic."""
-        return self._topics[topic][0]
-
     def first(self, topic: str) -> Any:
         """Return the first message of a topic.
 

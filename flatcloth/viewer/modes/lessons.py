@@ -81,7 +81,6 @@ def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis) -> Parcel:
 def _level(parcel: Parcel, name: str, level: Level, unused: Int32) -> dict[str, Any]:
     main = np.zeros(len(level.points_rc), dtype=bool)
     main[level.state_members] = True
-    own = main[level.edges[:, 0]]
     # Without a pair there is nothing to minimise, and no state was recorded.
     states = level.states or (level.initial_uv_m[main],)
     parcel.array(f"{name}_points_rc", level.points_rc, "int32")
@@ -98,7 +97,6 @@ def _level(parcel: Parcel, name: str, level: Level, unused: Int32) -> dict[str, 
         "unused": len(unused),
         "mean_length_mm": 1e3 * float(level.edge_length_m.mean()) if len(level.edges) else None,
         "main_points": int(main.sum()),
-        "main_pairs": int(own.sum()),
         "parts": int(level.component.max()) + 1,
         "energy_mm2": [1e6 * h for h in level.energy],
         "state_iterations": list(range(len(states))),
