@@ -68,10 +68,10 @@ for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page, nudges));
 page.add(new Handles(page, () => repair.picking));
 const liveBar = page.add(new LiveBar(page, drawFrame));
-const verdicts = page.add(new Verdicts(page, decide));
+page.verdicts = page.add(new Verdicts(page, decide));
 page.add(new Timeline(page, chooseView));
-page.add(new ReviewList(page, verdicts));
-page.add(new ResultPanel(page, verdicts));
+page.add(new ReviewList(page));
+page.add(new ResultPanel(page));
 const column = page.add(new Column(page)); // after all that have a part of it
 page.add(new PageAddress(page));
 const keyPointer = new KeyPointer();
@@ -197,7 +197,7 @@ function decide(/** @type {string} */ name, more = {}) {
 function chooseView(/** @type {ViewRow} */ view) {
   if (page.state.capture) return notify("info", view.why_not ?? "");
   if (page.isLive) return send({ type: "play", frame: view.index });
-  verdicts.press(view);
+  page.verdicts.press(view);
 }
 
 function run(/** @type {string} */ name, large = false) {

@@ -1,14 +1,11 @@
 // The active loop: what is to be known, the next angle with what is expected of it, and what the last turns brought.
 
+import { PagePart } from "/static/page/part.js";
 import { button, byId, heading, make, rebuild, setAllowed } from "/static/page/dom.js";
 import { count, degrees } from "/static/page/format.js";
 
-export class ActivePanel {
+export class ActivePanel extends PagePart {
   name = "active";
-
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-  }
 
   /** Take a state of the page; other modes have no loop. */
   update(/** @type {State} */ state) {

@@ -15,8 +15,7 @@ export class SidesDrawing {
   constructor(/** @type {Page} */ page, /** @type {import("/static/both/panel.js").BothSides} */ panel) {
     this.page = page;
     this.panel = panel;
-    page.canvas.drawers.push((_, context, style) => this.draw(context, style));
-    page.sceneMarks.drawers.push((context, style, place) => this.drawInScene(context, style, place));
+    page.draws(this);
   }
 
   /** The places of a seam on a sheet, in the pane; none where that is not shown. */
@@ -35,7 +34,7 @@ export class SidesDrawing {
     return nearest(seams, (seam) => this.everywhere(seam), at, HIT_PX);
   }
 
-  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { places, other, showsSeams, chosen } = this.panel;
     if (!places || !other || this.page.isLive) return;
     if (other.is_related) this.drawBehind(context, style, places);

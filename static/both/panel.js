@@ -1,5 +1,6 @@
 // Both sides of the item: the garment turned over, both beside one another, and the seams that join them.
 
+import { PagePart } from "/static/page/part.js";
 import { SidesDrawing } from "/static/both/drawing.js";
 import { askJson } from "/static/page/connection.js";
 import { closeButton, byId, heading, make, rebuild, smallButton, swatch, values } from "/static/page/dom.js";
@@ -10,29 +11,18 @@ const MOST_VIEWS = 6; // that are named for each rim of a seam
 /** @typedef {import("/static/page/messages").SeamInfo} SeamInfo */
 /** @typedef {import("/static/page/messages").SidePlaces} SidePlaces */
 
-export class BothSides {
+export class BothSides extends PagePart {
   name = "bothSides";
-
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.canvas = page.canvas;
-    this.other = /** @type {NonNullable<State["other"]> | null} */ (null);
-    this.places = /** @type {SidePlaces | null} */ (null);
-    this.wanted = 0; // the revision whose places were asked for
-    this.showsSeams = false;
-    this.chosen = /** @type {number | null} */ (null); // of the seams
-    this.turnsOnceKnown = false;
-    this.actions = {
-      turn_over: () => this.turnOver(),
-      beside: () => this.toggleBeside(),
-      seams: () => this.toggleSeams(),
-    };
-    this.section = make("section#both-sides.both-sides", { label: "Both sides", hidden: true });
-    byId("pick").before(this.section);
-    this.chip = make("p.side-chip", { role: "status", hidden: true });
-    byId("stage").append(this.chip);
-    this.drawing = new SidesDrawing(page, this);
-  }
+  other = /** @type {NonNullable<State["other"]> | null} */ (null);
+  places = /** @type {SidePlaces | null} */ (null);
+  wanted = 0; // the revision whose places were asked for
+  showsSeams = false;
+  chosen = /** @type {number | null} */ (null); // of the seams
+  turnsOnceKnown = false;
+  actions = { turn_over: () => this.turnOver(), beside: () => this.toggleBeside(), seams: () => this.toggleSeams() };
+  section = byId("both-sides");
+  chip = byId("side-chip");
+  drawing = new SidesDrawing(this.page, this);
 
   get pressed() {
     return { turn_over: this.canvas.side === "other", beside: this.canvas.beside.wanted, seams: this.showsSeams };

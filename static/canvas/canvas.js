@@ -260,7 +260,7 @@ export class FlatCanvas {
     const style = getComputedStyle(this.canvas);
     this.scenery.paint(this);
     this.beside.paint();
-    for (const draw of this.drawers) draw(this, context, style);
+    for (const draw of this.drawers) draw(context, style);
     if (!this.layer.shown) return;
     for (const mark of this.marks) drawMark(this, mark, style);
     this.marksDrawn = this.marks;

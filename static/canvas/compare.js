@@ -1,5 +1,6 @@
 // A, the shape, and B, the proposal on it: both, each alone, wiped, blinking, or their difference.
 
+import { PagePart } from "/static/page/part.js";
 import { byId, make, rebuild, setText, swatch, taken, within } from "/static/page/dom.js";
 import { degrees, hex, mm, number, vector } from "/static/page/format.js";
 import { Picture } from "/static/canvas/picture.js";
@@ -20,43 +21,27 @@ const MODES = [
 const KINDS = { color: "Color", height: "Height", position: "3D" };
 
 /** Paints the flattened view. */
-export class Comparison {
+export class Comparison extends PagePart {
   name = "comparison";
+  /** @type {NonNullable<Panel["actions"]>} */
+  actions = Object.fromEntries(MODES.map(([name, mode]) => [name, () => this.choose(mode)]));
+  mode = "both";
+  kind = "color";
+  opacity = 0.7;
+  share = 0.5; // of the pane's width, where the wipe stands
+  showsProposal = true;
+  legends = /** @type {Record<string, Legend> | null} */ (null);
+  timer = 0; // of blinking
+  heat = new Picture(() => this.canvas.redraw());
+  handle = byId("wipe");
+  chip = byId("compare-chip");
 
   constructor(/** @type {Page} */ page) {
-    const { canvas } = page;
-    this.page = page;
-    this.canvas = canvas;
-    /** @type {NonNullable<Panel["actions"]>} */
-    this.actions = Object.fromEntries(MODES.map(([name, mode]) => [name, () => this.choose(mode)]));
-    this.mode = "both";
-    this.kind = "color";
-    this.opacity = 0.7;
-    this.share = 0.5; // of the pane's width, where the wipe stands
-    this.showsProposal = true;
-    this.legends = /** @type {Record<string, Legend> | null} */ (null);
-    this.timer = 0; // of blinking
-    this.heat = new Picture(() => canvas.redraw());
-    this.handle = make(
-      "div.wipe",
-      {
-        role: "separator",
-        tabindex: 0,
-        hidden: true,
-        "aria-orientation": "vertical",
-        label: "Wipe: the shape on the left, the proposal on the right",
-        "aria-valuemin": 0,
-        "aria-valuemax": 100,
-        pointerdown: (e) => this.grab(e),
-        pointermove: (e) => this.drag(e),
-        keydown: (e) => this.key(e),
-      },
-      make("span", "A"),
-      make("span", "B"),
-    );
-    this.chip = make("p.compare-chip", { hidden: true, role: "status" });
-    byId("stage").append(this.handle, this.chip);
-    canvas.scenery = this;
+    super(page);
+    this.canvas.scenery = this;
+    this.handle.addEventListener("pointerdown", (event) => this.grab(event));
+    this.handle.addEventListener("pointermove", (event) => this.drag(event));
+    this.handle.addEventListener("keydown", (event) => this.key(event));
   }
 
   get proposal() {

@@ -24,8 +24,6 @@ export class Handles {
     this.canvas = page.canvas;
     this.held = /** @type {{ kind: "turn" | "move"; from: PointerPlace; by: By; angle: number } | null} */ (null);
     this.snapped = /** @type {Ghost | null} */ (null);
-    this.canvas.tools.push(this);
-    this.canvas.drawers.push((_, context, style) => this.draw(context, style));
     this.canvas.snap = (by) => this.snap(by);
   }
 
@@ -131,7 +129,7 @@ export class Handles {
     this.canvas.handlers.nudge(this.towards(ghost));
   }
 
-  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { places, canvas } = this;
     const shown = canvas.overlay.shown;
     if (!places || !shown) return;

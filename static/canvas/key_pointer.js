@@ -1,7 +1,7 @@
 // A pointer for use without a mouse: arrow keys move it over the flattened view, Enter clicks, Space presses
 // and lets go.
 
-import { byId, isPlain, make, WAYS, within } from "/static/page/dom.js";
+import { byId, isPlain, WAYS, within } from "/static/page/dom.js";
 
 const STEP_PX = 4;
 const FAST = 10;
@@ -14,8 +14,7 @@ export class KeyPointer {
     this.canvas = byId("canvas");
     this.place = { x: 0, y: 0 }; // in the pane; at first in its middle
     this.placed = false;
-    this.mark = make("div.key-pointer", { hidden: true });
-    byId("stage").append(this.mark);
+    this.mark = byId("key-pointer");
     // Before the table of keys: while it is there, these keys are the pointer's.
     document.addEventListener("keydown", (event) => this.key(event), { capture: true });
     // A mouse that is used takes over.

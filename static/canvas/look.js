@@ -1,11 +1,12 @@
 // Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as
 // they are.
 
+import { PagePart } from "/static/page/part.js";
 import { askJson } from "/static/page/connection.js";
 import { LayerList } from "/static/canvas/layer_list.js";
 import { drawLabel, strokeLine } from "/static/canvas/marks.js";
 import { onPinch } from "/static/canvas/pinch.js";
-import { button, byId, choice, find, make, rebuild, setText, slider, smallButton } from "/static/page/dom.js";
+import { button, byId, choice, find, make, rebuild, setText, slider } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 
 const STEP_DEG = 15;
@@ -18,36 +19,30 @@ const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", gri
 const PLAIN = { map: "", low: 0, high: 1, shown: false, opacity: 1, blending: "source-over" };
 
 /** Keeps how each layer is looked at. */
-export class Looking {
+export class Looking extends PagePart {
   name = "looking";
+  actions = {
+    look: () => this.toggle(),
+    turn_left_seen: () => this.turnBy(-1),
+    turn_right_seen: () => this.turnBy(1),
+    flip: () => this.flip(),
+    grid: () => {
+      this.grid = !this.grid;
+      this.canvas.redraw();
+      this.page.changed();
+    },
+  };
+  settings = /** @type {Map<string, LayerLook>} */ (new Map()); // by layer or difference
+  maps = /** @type {Record<string, { title: string; colors: string[] }>} */ ({});
+  open = false;
+  grid = false;
+  list = new LayerList(this.page, this);
+  chip = byId("turned");
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.canvas = page.canvas;
-    this.actions = {
-      look: () => this.toggle(),
-      turn_left_seen: () => this.turnBy(-1),
-      turn_right_seen: () => this.turnBy(1),
-      flip: () => this.flip(),
-      grid: () => {
-        this.grid = !this.grid;
-        this.canvas.redraw();
-        page.changed();
-      },
-    };
-    this.settings = /** @type {Map<string, LayerLook>} */ (new Map()); // by layer or difference
-    this.maps = /** @type {Record<string, { title: string; colors: string[] }>} */ ({});
-    this.open = false;
-    this.grid = false;
-    this.list = new LayerList(page, this);
+    super(page);
     this.canvas.layers = this;
-    this.canvas.drawers.push((_, context, style) => this.grid && this.drawGrid(context, style));
-    this.chip = smallButton("", () => this.turn(0, false), {
-      class: "turned",
-      hidden: true,
-      tip: "The flattened view is turned or flipped for looking only; the data are not.\nClick: as it is",
-    });
-    byId("stage").append(this.chip);
+    this.chip.addEventListener("click", () => this.turn(0, false));
     this.loadMaps();
     onPinch(
       this.canvas.canvas,
@@ -224,6 +219,10 @@ export class Looking {
     return end === "low"
       ? Math.min(value, Math.round(100 * high - 1) / 100)
       : Math.max(value, Math.round(100 * low + 1) / 100);
+  }
+
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+    if (this.grid) this.drawGrid(context, style);
   }
 
   // --- the grid --------------------------------------------------------------------------------

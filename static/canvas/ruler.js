@@ -1,5 +1,6 @@
 // The ruler: drag on the flattened view; the length straight on it, along the cloth, and through the air.
 
+import { PagePart } from "/static/page/part.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { Question } from "/static/page/connection.js";
 import { byId, make } from "/static/page/dom.js";
@@ -9,30 +10,22 @@ const LEAST_PX = 3;
 
 /** @typedef {{ from: { u: number; v: number }; to: { u: number; v: number } }} Line */
 
-export class Ruler {
+export class Ruler extends PagePart {
   name = "ruler";
-
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.canvas = page.canvas;
-    this.actions = { ruler: () => this.toggle() };
-    this.on = false;
-    this.line = /** @type {Line | null} */ (null);
-    this.measured = /** @type {Measured | null} */ (null);
-    this.start = { x: 0, y: 0, u: 0, v: 0 };
-    this.revision = "";
-    /** @type {Question<Line, Measured>} */
-    this.question = new Question(
-      (id, line) => this.send(id, line),
-      (answer) => this.take(answer),
-    );
-    /** @type {Panel["messages"]} */
-    this.messages = { measured: (answer) => this.question.answered(answer), note: () => this.disconnected() };
-    this.label = make("output.ruler-label", { hidden: true });
-    byId("stage").append(this.label);
-    this.canvas.tools.push(this);
-    this.canvas.drawers.push((_, context, style) => this.draw(context, style));
-  }
+  actions = { ruler: () => this.toggle() };
+  on = false;
+  line = /** @type {Line | null} */ (null);
+  measured = /** @type {Measured | null} */ (null);
+  start = { x: 0, y: 0, u: 0, v: 0 };
+  revision = "";
+  /** @type {Question<Line, Measured>} */
+  question = new Question(
+    (id, line) => this.send(id, line),
+    (answer) => this.take(answer),
+  );
+  /** @type {Panel["messages"]} */
+  messages = { measured: (answer) => this.question.answered(answer), note: () => this.disconnected() };
+  label = byId("ruler-label");
 
   toggle() {
     this.on = !this.on;
@@ -116,7 +109,7 @@ export class Ruler {
     this.question.lost();
   }
 
-  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     this.label.hidden = !this.line;
     if (!this.line) return;
     const at = this.canvas.transform;

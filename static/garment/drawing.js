@@ -24,9 +24,7 @@ export class GarmentDrawing {
       (preview) => this.showPreview(preview),
     );
     this.revision = 0;
-    page.canvas.tools.push(this);
-    page.canvas.drawers.push((_, context, style) => this.draw(context, style));
-    page.sceneMarks.drawers.push((context, style, place) => this.drawInScene(context, style, place));
+    page.draws(this);
   }
 
   update(/** @type {number} */ revision) {
@@ -94,7 +92,7 @@ export class GarmentDrawing {
 
   // --- drawn ---------------------------------------------------------------------------------------
 
-  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { drawn } = this;
     this.drawLinks(context, style);
     if (!drawn) return;

@@ -1,5 +1,6 @@
 // The Garment panel: kinds with their probabilities, dimensions, named points; what is decided about them by hand.
 
+import { PagePart } from "/static/page/part.js";
 import { GarmentDrawing } from "/static/garment/drawing.js";
 import { dimensions, percent, pointButton, shares } from "/static/garment/lists.js";
 import { words } from "/static/garment/marks.js";
@@ -18,25 +19,24 @@ import {
 } from "/static/page/dom.js";
 import { cm2 } from "/static/page/format.js";
 
-export class GarmentPanel {
+export class GarmentPanel extends PagePart {
   name = "garment";
+  shown = true; // outline and points on the canvas
+  told = /** @type {State["garment"]} */ (null); // what the server says
+  pointed = /** @type {string | null} */ (null); // the name of the point that is pointed at
+  decided = -1; // the revision of which a link was decided
+  finished = false; // whether the finished shape was turned upright
+  /** @type {{ angle: number; flipped: boolean } | null} */
+  turnedFrom = null; // how the view was turned before it was turned upright, on the shown side
+  moved = /** @type {{ name: string; u: number; v: number } | null} */ (null); // a point that the keys move
+  actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
+  /** @type {Panel["messages"]} */
+  messages = { garment_preview: (answer) => this.drawing.question.answered(answer) };
+  section = byId("garment");
+  drawing = new GarmentDrawing(this.page, this);
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.shown = true; // outline and points on the canvas
-    this.told = /** @type {State["garment"]} */ (null); // what the server says
-    this.pointed = /** @type {string | null} */ (null); // the name of the point that is pointed at
-    this.decided = -1; // the revision of which a link was decided
-    this.finished = false; // whether the finished shape was turned upright
-    /** @type {{ angle: number; flipped: boolean } | null} */
-    this.turnedFrom = null; // how the view was turned before it was turned upright, on the shown side
-    this.moved = /** @type {{ name: string; u: number; v: number } | null} */ (null); // a point that the keys move
-    this.actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
-    /** @type {Panel["messages"]} */
-    this.messages = { garment_preview: (answer) => this.drawing.question.answered(answer) };
-    this.section = make("section#garment.garment", { label: "Garment", hidden: true });
-    byId("pick").before(this.section);
-    this.drawing = new GarmentDrawing(page, this);
+    super(page);
     page.canvas.around = () => this.box;
   }
 
@@ -74,15 +74,6 @@ export class GarmentPanel {
   show() {
     const { told, found } = this;
     if (!told) return;
-    rebuild(this.section, ["garment"], () => [
-      make("h2", "Garment"),
-      make("p#garment-text", { role: "status" }),
-      make("div#garment-tools.group", { role: "group", label: "Garment, shown" }),
-      make("div#garment-kinds"),
-      make("div#garment-links"),
-      make("div#garment-points"),
-      make("div#garment-dimensions"),
-    ]);
     setText(byId("garment-text"), summary(told));
     /** @param {string} part @param {unknown[]} key @param {() => Child} build */
     const show = (part, key, build) => rebuild(byId(`garment-${part}`), key, build);

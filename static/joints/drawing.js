@@ -12,8 +12,7 @@ export class JointsDrawing {
   constructor(/** @type {Page} */ page, /** @type {import("/static/joints/panel.js").JointsPanel} */ panel) {
     this.page = page;
     this.panel = panel;
-    page.canvas.drawers.push((_, context, style) => this.draw(context, style));
-    page.sceneMarks.drawers.push((context, style, place) => this.drawInScene(context, style, place));
+    page.draws(this);
   }
 
   /** The joint at a place: one whose seam is near, else the smallest part that has it; null: none. */
@@ -26,7 +25,7 @@ export class JointsDrawing {
     return found ? joints.indexOf(found) : null;
   }
 
-  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { joints, chosen, shown } = this.panel;
     if (!shown || this.page.isLive || this.page.canvas.side === "other") return;
     const { transform } = this.page.canvas;

@@ -1,5 +1,6 @@
 // Why the parts of the shape are joined: where the least evidence joins them, the views that saw it; cut or keep.
 
+import { PagePart } from "/static/page/part.js";
 import { JointsDrawing } from "/static/joints/drawing.js";
 import { askJson } from "/static/page/connection.js";
 import { byId, closeButton, heading, make, rebuild, smallButton, swatch } from "/static/page/dom.js";
@@ -10,20 +11,19 @@ const MOST_ROWS = 8;
 /** @typedef {import("/static/page/messages").JointInfo} JointInfo */
 /** @typedef {import("/static/page/messages").JointsInfo} JointsInfo */
 
-export class JointsPanel {
+export class JointsPanel extends PagePart {
   name = "joints";
+  shown = false;
+  found = /** @type {JointsInfo | null} */ (null);
+  wanted = 0; // the revision that was asked for
+  chosen = /** @type {number | null} */ (null);
+  told = ""; // about the place that was clicked
+  actions = { joints: () => this.toggle() };
+  section = byId("joints");
+  drawing = new JointsDrawing(this.page, this);
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.shown = false;
-    this.found = /** @type {JointsInfo | null} */ (null);
-    this.wanted = 0; // the revision that was asked for
-    this.chosen = /** @type {number | null} */ (null);
-    this.told = ""; // about the place that was clicked
-    this.actions = { joints: () => this.toggle() };
-    this.section = make("section#joints.joints", { label: "Why joined", hidden: true });
-    byId("pick").before(this.section);
-    this.drawing = new JointsDrawing(page, this);
+    super(page);
     page.sourceMarks.push((view) => this.pixels(view));
   }
 

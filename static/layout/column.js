@@ -1,6 +1,7 @@
 // The right column: the part that the moment needs, the others one press away, the selection always in sight.
 
-import { find, make, rebuild, smallButton, values } from "/static/page/dom.js";
+import { PagePart } from "/static/page/part.js";
+import { byId, make, rebuild, smallButton, values } from "/static/page/dom.js";
 import { degrees, keyName, mm, vector } from "/static/page/format.js";
 import { stdMm } from "/static/panels/pick_text.js";
 
@@ -29,21 +30,14 @@ const PARTS = [
   ["look", "Look", ["look"], ["look"]],
 ];
 
-export class Column {
+export class Column extends PagePart {
   name = "column";
-
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.part = "pick";
-    this.moment = "";
-    this.actions = { column: () => this.next() };
-    const inspector = find(".inspector");
-    inspector.classList.add("column");
-    this.tabs = make("div#column-tabs.column-tabs", { role: "group", label: "Part of the column" });
-    this.body = make("div.column-part", ...inspector.children);
-    this.selection = make("section#selection.selection", { label: "Selection", hidden: true });
-    inspector.append(this.tabs, this.body, this.selection);
-  }
+  part = "pick";
+  moment = "";
+  actions = { column: () => this.next() };
+  tabs = byId("column-tabs");
+  body = byId("column-part");
+  selection = byId("selection");
 
   /** The parts that there are now. */
   get parts() {

@@ -1,6 +1,7 @@
 // How the panes share the window: beside one another, stacked, or one at a time.
 
-import { byId, make, rebuild, smallButton, taken, targetOf, within } from "/static/page/dom.js";
+import { PagePart } from "/static/page/part.js";
+import { byId, rebuild, smallButton, taken, targetOf, within } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 
 const WIDE_PX = 1200; // from here on all panes are beside one another
@@ -45,32 +46,28 @@ export function shareWithin(share, size, [first, second]) {
 
 const readouts = /** @type {HTMLElement} */ (globalThis.document?.querySelector(".readouts"));
 
-export class Layout {
+export class Layout extends PagePart {
   name = "layout";
+  arranged = () => {};
+  actions = { pane: () => this.next(), readout: () => this.fold() };
+  kind = "";
+  panes = /** @type {string[]} */ ([]);
+  pane = /** @type {string | null} */ (null);
+  present = /** @type {number | null} */ (null);
+  listed = false;
+  chosen = localStorage.getItem(CHOSEN);
+  box = byId("panes");
+  menu = byId("menu");
+  foldButton = byId("fold");
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.arranged = () => {};
-    this.actions = { pane: () => this.next(), readout: () => this.fold() };
-    this.kind = "";
-    this.panes = /** @type {string[]} */ ([]);
-    this.pane = /** @type {string | null} */ (null);
-    this.present = /** @type {number | null} */ (null);
-    this.listed = false;
-    this.chosen = localStorage.getItem(CHOSEN);
-    this.box = make("div#panes.segmented", { role: "group", label: "Pane" });
-    byId("recording").before(this.box);
-    this.menu = byId("menu");
+    super(page);
     this.menu.addEventListener("click", () => this.toggleMenu());
     byId("page-actions").addEventListener("click", () => this.toggleMenu(false));
     document.addEventListener("pointerdown", (event) => {
       if (!targetOf(event).closest("#menu, #page-actions")) this.toggleMenu(false);
     });
-    this.foldButton = make("button.close.fold", {
-      label: "All values under the pointer",
-      click: () => page.run("readout"),
-    });
-    readouts.append(this.foldButton);
+    this.foldButton.addEventListener("click", () => page.run("readout"));
     addEventListener("resize", () => {
       this.apply();
       this.showPresent();

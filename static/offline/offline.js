@@ -50,12 +50,12 @@ export class Page {
       mayDrag: () => false,
     });
     // They lie beside the shape as they do in the end.
-    this.flat.drawers.push((_, context, style) =>
+    this.flat.drawers.push((context, style) =>
       drawPieces(this.flat, context, style, this.step === this.last ? floatingOf(this.shownSide).pieces : [], null),
     );
     this.pointed = /** @type {string | null} */ (null); // the named point of the garment that is pointed at
     this.timer = /** @type {number | null} */ (null);
-    this.flat.drawers.push((_, context, style) => {
+    this.flat.drawers.push((context, style) => {
       const { found } = this.garment;
       if (this.step === this.last && found?.kind) drawGarment(this.flat, context, style, found, this.pointed);
     });

@@ -2,6 +2,7 @@
 //
 // It is the part after "#": KIND/NAME, then view and pick as in a query; the server never sees it.
 
+import { PagePart } from "/static/page/part.js";
 import { askJson, post } from "/static/page/connection.js";
 
 /**
@@ -36,15 +37,15 @@ function decoded(/** @type {string} */ text) {
   }
 }
 
-export class PageAddress {
+export class PageAddress extends PagePart {
   name = "address";
+  asked = readAddress(location.hash);
+  place = /** @type {Place | null} */ (null);
+  known = false; // what is open
+  applied = false;
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.asked = readAddress(location.hash);
-    this.place = /** @type {Place | null} */ (null);
-    this.known = false; // what is open
-    this.applied = false;
+    super(page);
     addEventListener("popstate", () => this.go());
     addEventListener("hashchange", () => this.go());
     this.begin();

@@ -30,6 +30,8 @@ export type Child = Node | string | 0 | null | undefined | false | Child[];
 /** The kinds of the elements that byId is asked for, where they are more than an HTMLElement. */
 export interface Ids {
   canvas: HTMLCanvasElement;
+  "scene-marks": HTMLCanvasElement;
+  turned: HTMLButtonElement;
   viser: HTMLIFrameElement;
   menu: HTMLButtonElement;
   "palette-box": HTMLInputElement;
@@ -40,6 +42,7 @@ export interface Ids {
   "teaching-time": HTMLInputElement;
   "progress-bar": HTMLProgressElement;
   "teaching-progress-bar": HTMLProgressElement;
+  "diagnostics-canvas": HTMLCanvasElement;
   "capture-still": HTMLMeterElement;
   find: HTMLInputElement;
   outcome: HTMLSelectElement;

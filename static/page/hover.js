@@ -1,22 +1,19 @@
 // What is under the pointer on the flattened view: one question at a time, always about the latest place.
 
+import { PagePart } from "/static/page/part.js";
 import { Question } from "/static/page/connection.js";
 
-export class Hover {
+export class Hover extends PagePart {
   name = "hover";
-
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.last = /** @type {Place | null} */ (null); // where the pointer is
-    this.about = ""; // what the last state showed there
-    /** @type {Question<Place, HoverAnswer>} */
-    this.question = new Question(
-      (id, place) => this.send(id, place),
-      (answer) => this.show(answer),
-    );
-    /** @type {Panel["messages"]} */
-    this.messages = { hover: (answer) => this.question.answered(answer) };
-  }
+  last = /** @type {Place | null} */ (null); // where the pointer is
+  about = ""; // what the last state showed there
+  /** @type {Question<Place, HoverAnswer>} */
+  question = new Question(
+    (id, place) => this.send(id, place),
+    (answer) => this.show(answer),
+  );
+  /** @type {Panel["messages"]} */
+  messages = { hover: (answer) => this.question.answered(answer) };
 
   /** What lies under a pointer that rests may be something else now. */
   update(/** @type {State} */ { layers, pending, live }) {

@@ -19,6 +19,7 @@ export class Page {
     this.sceneMarks = /** @type {SceneMarks} */ (later); // what is drawn over the 3D scene
     this.lookedAt = /** @type {number | null} */ (null); // a view other than that of the page
     this.sourceMarks = /** @type {((view: number) => UV[])[]} */ ([]); // pixels that panels mark in a source image
+    this.verdicts = /** @type {Verdicts} */ (later);
     this.brush = /** @type {SidesPanel} */ (later); // of the side of interest, for panels that can be painted on
     this.panels = /** @type {Panel[]} */ ([]);
   }
@@ -32,7 +33,15 @@ export class Page {
    */
   add(panel) {
     this.panels.push(/** @type {Panel} */ (panel));
+    this.draws(/** @type {Panel} */ (panel));
     return panel;
+  }
+
+  /** Let a part draw over the flattened view and the scene, and have the pointer, as far as it does. */
+  draws(/** @type {Partial<Overlay>} */ part) {
+    if (part.drawOver) this.canvas.drawers.push((...args) => part.drawOver?.(...args));
+    if (part.drawInScene) this.sceneMarks.drawers.push((...args) => part.drawInScene?.(...args));
+    if (part.drag && part.release) this.canvas.tools.push(/** @type {Tool} */ (part));
   }
 
   send(/** @type {ClientMessage} */ message) {

@@ -4,9 +4,10 @@
 // They are drawn by this page on a canvas over viser's, with the camera that viser has at that moment: so a mark
 // is never hidden, and follows the pointer without waiting for the scene.
 
+import { PagePart } from "/static/page/part.js";
 import { drawDot, drawLabel, drawRing, strokeRimmed } from "/static/canvas/marks.js";
 import { Question } from "/static/page/connection.js";
-import { byId, make, sized } from "/static/page/dom.js";
+import { byId, sized } from "/static/page/dom.js";
 
 const EDGE = 14;
 const NORMAL_M = 0.06; // length of the arrow
@@ -27,36 +28,32 @@ const NORMAL_M = 0.06; // length of the arrow
 /** A vector that is so many times as long. @returns {XYZ} */
 const scaled = (/** @type {XYZ} */ [x, y, z], /** @type {number} */ by) => [by * x, by * y, by * z];
 
-export class SceneMarks {
+export class SceneMarks extends PagePart {
   name = "sceneMarks";
+  frame = byId("viser");
+  overlay = byId("scene-marks");
+  picks = /** @type {MarkedPick[]} */ ([]);
+  current = /** @type {number | null} */ (null);
+  pick = /** @type {CurrentPick | null} */ (null); // its numbers, once they are known
+  cursor = /** @type {XYZ | null} */ (null); // a point in space that the pointer is at, on either side
+  plane = /** @type {UV | null} */ (null); // and where it lies on the plane
+  drawers = /** @type {SceneDrawer[]} */ ([]); // of panels
+  drawn = /** @type {({ id: number; x: number; y: number; inside: boolean } | null)[]} */ ([]); // for tests
+  cursorAt = /** @type {Point | null} */ (null);
+  dirty = true;
+  key = ""; // of what is drawn: the camera
+  width = 0;
+  height = 0;
+  /** @type {Question<Ray, import("/static/page/messages").RayAnswer>} */
+  question = new Question(
+    (id, ray) => this.ask(id, ray),
+    ({ xyz_m, uv_m, sheet }) => this.show(xyz_m, uv_m && this.page.canvas.shownAt(sheet, uv_m)),
+  );
+  /** @type {Panel["messages"]} */
+  messages = { hover_ray: (answer) => this.question.answered(answer), picked: (message) => this.highlight(message) };
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.frame = byId("viser");
-    this.overlay = make("canvas.scene-marks", { "aria-hidden": "true" });
-    this.frame.after(this.overlay);
-    this.picks = /** @type {MarkedPick[]} */ ([]);
-    this.current = /** @type {number | null} */ (null);
-    this.pick = /** @type {CurrentPick | null} */ (null); // its numbers, once they are known
-    this.cursor = /** @type {XYZ | null} */ (null); // a point in space that the pointer is at, on either side
-    this.plane = /** @type {UV | null} */ (null); // and where it lies on the plane
-    this.drawers = /** @type {SceneDrawer[]} */ ([]); // of panels
-    this.drawn = /** @type {({ id: number; x: number; y: number; inside: boolean } | null)[]} */ ([]); // for tests
-    this.cursorAt = /** @type {Point | null} */ (null);
-    this.dirty = true;
-    this.key = ""; // of what is drawn: the camera
-    this.width = this.height = 0;
-    /** @type {Question<Ray, import("/static/page/messages").RayAnswer>} */
-    this.question = new Question(
-      (id, ray) => this.ask(id, ray),
-      ({ xyz_m, uv_m, sheet }) => this.show(xyz_m, uv_m && page.canvas.shownAt(sheet, uv_m)),
-    );
-    /** @type {Panel["messages"]} */
-    this.messages = {
-      hover_ray: (answer) => this.question.answered(answer),
-      picked: (message) => this.highlight(message),
-    };
-    page.canvas.drawers.push((_, context, style) => this.drawOnPlane(context, style));
+    super(page);
     this.frame.addEventListener("load", () => this.listen());
     const tick = () => {
       this.draw();
@@ -213,7 +210,7 @@ export class SceneMarks {
     });
   }
 
-  drawOnPlane(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     if (this.plane) {
       drawRing(context, this.page.canvas.transform.toPane(...this.plane), style.getPropertyValue("--accent"), 7);
     }

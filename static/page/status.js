@@ -1,19 +1,16 @@
 // The lines above the canvas: the shown view, the next step, the progress, and notes about the session.
 
+import { PagePart } from "/static/page/part.js";
 import { byId, closeButton, make, rebuild, setText } from "/static/page/dom.js";
 import { count, endOf, floatingOf, number } from "/static/page/format.js";
 
 const BUSY_AFTER_MS = 250;
 
-export class StatusLines {
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.busyTimer = /** @type {number | null} */ (null);
-    this.busy = make("p.busy", { role: "status", hidden: true }, "Drawing the shape …");
-    byId("stage").append(this.busy);
-    /** @type {Panel["messages"]} */
-    this.messages = { progress: (message) => this.showProgress(message) };
-  }
+export class StatusLines extends PagePart {
+  busyTimer = /** @type {number | null} */ (null);
+  busy = byId("busy");
+  /** @type {Panel["messages"]} */
+  messages = { progress: (message) => this.showProgress(message) };
 
   update(/** @type {State} */ state) {
     const { name, description, n_views } = state.recording;

@@ -74,8 +74,10 @@ declare global {
     /** Draw the page again. */
     show: (state: State) => void;
   };
+  /** What is drawn over the pictures and the scene, and tools of the pointer on the canvas. */
+  type Overlay = { drawOver: Drawer; drawInScene: SceneDrawer } & Tool;
   /** A part of the page; each member may be left out. */
-  interface Panel {
+  interface Panel extends Partial<Omit<Overlay, "press">> {
     /** Under which its `status` stands in `window.flatcloth`. */
     name?: string;
     /** Takes each state of the server. */
@@ -186,7 +188,7 @@ declare global {
     outline?: Pyramid;
   };
   /** Draws over the pictures of the flattened view. */
-  type Drawer = (canvas: FlatCanvas, context: Context, style: Style) => void;
+  type Drawer = (context: Context, style: Style) => void;
   /** Where a point in space is seen on the overlay of the scene; null behind the eye. */
   type PlaceInScene = (point: XYZ) => Point | null;
   type SceneDrawer = (context: Context, style: Style, place: PlaceInScene) => void;

@@ -1,17 +1,7 @@
 // A camera's page: what it sees wrong, and the guided capture: turn, hold still, keep or repeat.
 
-import {
-  button,
-  buttonOf,
-  byId,
-  field,
-  heading,
-  make,
-  numberBox,
-  rebuild,
-  setAllowed,
-  setText,
-} from "/static/page/dom.js";
+import { PagePart } from "/static/page/part.js";
+import { button, buttonOf, byId, field, make, numberBox, rebuild, setAllowed, setText } from "/static/page/dom.js";
 import { count, degrees, number } from "/static/page/format.js";
 
 /** @type {Record<string, "keep" | "repeat" | "turned">} */
@@ -19,18 +9,14 @@ const ACTIONS = { capture_keep: "keep", capture_repeat: "repeat", capture_turned
 /** @type {Record<string, string[]>} */
 const BUTTONS = { turn: ["capture_turned"], review: ["capture_keep", "capture_repeat"] };
 
-export class CapturePanel {
+export class CapturePanel extends PagePart {
   name = "capture";
-
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    /** @type {NonNullable<Panel["actions"]>} */
-    this.actions = Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.do(name)]));
-    /** @type {Panel["messages"]} */
-    this.messages = { capture: (message) => page.state?.capture && this.take(message) };
-    this.table = /** @type {ActionRow[]} */ ([]); // its actions as the server tells them
-    this.status = /** @type {CaptureStatus | null} */ (null);
-  }
+  /** @type {NonNullable<Panel["actions"]>} */
+  actions = Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.do(name)]));
+  /** @type {Panel["messages"]} */
+  messages = { capture: (message) => this.page.state?.capture && this.take(message) };
+  table = /** @type {ActionRow[]} */ ([]); // its actions as the server tells them
+  status = /** @type {CaptureStatus | null} */ (null);
 
   /** Take a state of the page; without a camera there is nothing to show. */
   update(/** @type {State} */ state) {
@@ -48,7 +34,7 @@ export class CapturePanel {
     this.status = status;
     // These overtake the states, in which the table of actions comes.
     for (const action of this.table) action.why_not = status.why_not[action.name];
-    rebuild(byId("capture"), [status.camera], () => this.parts(status));
+    byId("capture-rate").dataset.tip = status.camera;
     setText(byId("capture-rate"), status.ended ? "has ended" : `${number(status.camera_fps, 0)} frames/s`);
     this.showWarnings(status);
     this.showTask(status);
@@ -60,24 +46,6 @@ export class CapturePanel {
   /** Do what a key or a button of the table says. */
   do(/** @type {string} */ name) {
     this.page.send({ type: "capture", action: ACTIONS[name] });
-  }
-
-  parts(/** @type {CaptureStatus} */ status) {
-    return [
-      heading("Capture", make("span#capture-rate.quiet-text", { tip: status.camera })),
-      make("ul#capture-warnings.capture-warnings", { role: "status" }),
-      make("p#capture-task.capture-task", { role: "status" }),
-      make("p#capture-way.quiet-text"),
-      make(
-        "label.capture-still",
-        make("span", "Still"),
-        make("meter#capture-still", { min: 0, max: 1, value: 0, label: "How long the item has hung still" }),
-        make("output#capture-speed"),
-      ),
-      make("div#capture-view"),
-      make("div#capture-buttons.capture-buttons", { role: "group", label: "Capture" }),
-      make("p#capture-kept.quiet-text.capture-kept"),
-    ];
   }
 
   showWarnings(/** @type {CaptureStatus} */ status) {

@@ -1,9 +1,10 @@
 // What placed a proposal: pairs of cloth; the paper's curves, linked to the canvas, and lines; strained edges.
 
+import { PagePart } from "/static/page/part.js";
 import { ask } from "/static/page/connection.js";
 import { applied, unapplied } from "/static/canvas/geometry.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
-import { byId, closeButton, make, rebuild, setText, taken, tickBox, within } from "/static/page/dom.js";
+import { byId, make, rebuild, setText, taken, tickBox, within } from "/static/page/dom.js";
 import { degrees, number } from "/static/page/format.js";
 import { ClothPairs } from "/static/panels/cloth_pairs.js";
 import { columns, inside, rows, Sheet } from "/static/teaching/draw.js";
@@ -17,52 +18,36 @@ const FAR_M = 4;
 const CURVES = "Curves over the columns. The arrow keys move the marked column.";
 const HISTOGRAMS = "How many pairs of cloth lie how far apart, on the plane and in space.";
 
-export class Diagnostics {
+export class Diagnostics extends PagePart {
   name = "diagnostics";
+  actions = { diagnostics: () => this.toggle() };
+  open = false;
+  wantsCurves = false; // though pairs are known
+  showsLines = true;
+  showsEdges = false;
+  known = /** @type {Known | null} */ (null); // what the server told
+  asked = /** @type {string | null} */ (null);
+  marked = /** @type {Partial<Record<Side, number>>} */ ({}); // column (mm) of each plot
+  plots = /** @type {Partial<Record<Side, Plot>>} */ ({});
+  /** @type {UV} */
+  angles = [0, 1];
+  panel = byId("diagnostics");
+  plotCanvas = byId("diagnostics-canvas");
+  sheet = new Sheet(this.plotCanvas, { redraw: () => this.draw(), probe: () => {} });
+  title = byId("diagnostics-title");
+  facts = byId("diagnostics-facts");
+  trouble = byId("diagnostics-trouble");
+  column = byId("diagnostics-column");
+  choices = byId("diagnostics-choices");
+  pairs = new ClothPairs(this.canvas, this.sheet);
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.canvas = page.canvas;
-    this.actions = { diagnostics: () => this.toggle() };
-    this.open = false;
-    this.wantsCurves = false; // though pairs are known
-    this.showsLines = true;
-    this.showsEdges = false;
-    this.known = /** @type {Known | null} */ (null); // what the server told
-    this.asked = /** @type {string | null} */ (null);
-    this.marked = /** @type {Partial<Record<Side, number>>} */ ({}); // column (mm) of each plot
-    this.plots = /** @type {Partial<Record<Side, Plot>>} */ ({});
-    /** @type {UV} */
-    this.angles = [0, 1];
-    this.panel = byId("diagnostics");
-    this.plotCanvas = make("canvas", {
-      tabindex: 0,
-      role: "img",
-      label: CURVES,
-      pointermove: (e) => this.point(e),
-      pointerleave: () => this.mark({}),
-      keydown: (e) => this.key(e),
-    });
-    this.sheet = new Sheet(this.plotCanvas, { redraw: () => this.draw(), probe: () => {} });
-    this.title = make("h2");
-    this.facts = make("p.diagnostics-facts");
-    this.trouble = make("p.diagnostics-trouble", { role: "status" });
-    this.column = make("output.diagnostics-column");
-    this.choices = make("div.diagnostics-choices");
-    this.panel.append(
-      make(
-        "div.heading",
-        this.title,
-        this.choices,
-        closeButton("Close", () => this.toggle()),
-      ),
-      make("div.diagnostics-plots", this.plotCanvas, this.trouble),
-      make("div.diagnostics-foot", this.facts, this.column),
-    );
+    super(page);
+    byId("diagnostics-close").addEventListener("click", () => this.toggle());
+    this.plotCanvas.addEventListener("pointermove", (event) => this.point(event));
+    this.plotCanvas.addEventListener("pointerleave", () => this.mark({}));
+    this.plotCanvas.addEventListener("keydown", (event) => this.key(event));
     new ResizeObserver(() => this.open && this.draw()).observe(this.plotCanvas);
-    this.pairs = new ClothPairs(this.canvas, this.sheet);
-    this.canvas.drawers.push((_, context) => this.paint(context));
-    page.sceneMarks.drawers.push((context, _, place) => this.paintInSpace(context, place));
   }
 
   /** Whether pairs of cloth are shown, or else the paper's curves. */
@@ -70,7 +55,8 @@ export class Diagnostics {
     return Boolean(this.known?.pairs) && !this.wantsCurves;
   }
 
-  paintInSpace(/** @type {Context} */ context, /** @type {PlaceInScene} */ place) {
+  /** @param {Context} context @param {Style} _ @param {PlaceInScene} place */
+  drawInScene(context, _, place) {
     if (this.open && !this.panel.hidden && this.showsPairs) this.pairs.paintInSpace(context, place);
   }
 
@@ -302,7 +288,7 @@ export class Diagnostics {
 
   // --- on the canvas ---------------------------------------------------------------------------
 
-  paint(/** @type {Context} */ context) {
+  drawOver(/** @type {Context} */ context) {
     if (!this.open || this.panel.hidden || !this.known) return;
     const k = this.known;
     /** @type {Record<Side, (u: number, v: number) => UV>} */

@@ -1,5 +1,6 @@
 // The current pick with its grip, and the list of all picks.
 
+import { PagePart } from "/static/page/part.js";
 import {
   byId,
   closeButton,
@@ -14,13 +15,9 @@ import {
 import { degrees, mm, number, vector } from "/static/page/format.js";
 import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "/static/panels/pick_text.js";
 
-export class PicksPanel {
+export class PicksPanel extends PagePart {
   name = "picks";
-
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.actions = { copy: () => this.copy() };
-  }
+  actions = { copy: () => this.copy() };
 
   update(/** @type {State} */ { pick, picks, layers }) {
     rebuild(byId("pick"), [pick, Boolean(layers)], () =>

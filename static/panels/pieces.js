@@ -1,5 +1,6 @@
 // The pieces that float: listed with area and reason, marked on the canvas, placed by hand or by the garment.
 
+import { PagePart } from "/static/page/part.js";
 import { strokeLine } from "/static/canvas/marks.js";
 import { applied, boxOf, cornersOf } from "/static/canvas/geometry.js";
 import { drawPieces } from "/static/canvas/pieces.js";
@@ -7,20 +8,13 @@ import { percent } from "/static/garment/lists.js";
 import { byId, make, rebuild, smallButton, swatch } from "/static/page/dom.js";
 import { cm2, count, floatingOf, mm } from "/static/page/format.js";
 
-export class PiecesPanel {
+export class PiecesPanel extends PagePart {
   name = "pieces";
-
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.canvas = page.canvas;
-    this.pieces = /** @type {Piece[]} */ ([]);
-    /** @type {Map<string, FoundGarment["pieces"][number]>} that the garment has for them, by letter */
-    this.places = new Map();
-    this.chosen = /** @type {string | null} */ (null); // its letter
-    this.section = make("section#floating", { label: "Floating pieces", hidden: true });
-    byId("pick").before(this.section);
-    this.canvas.drawers.push((_, context, style) => this.draw(context, style));
-  }
+  pieces = /** @type {Piece[]} */ ([]);
+  /** @type {Map<string, FoundGarment["pieces"][number]>} that the garment has for them, by letter */
+  places = new Map();
+  chosen = /** @type {string | null} */ (null); // its letter
+  section = byId("floating");
 
   update(/** @type {State} */ state) {
     this.pieces = state.layers?.pieces ?? [];
@@ -115,7 +109,7 @@ export class PiecesPanel {
   }
 
   /** Each floating piece has a rectangle and its letter; one with a place by the garment its outline there. */
-  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     for (const piece of this.pieces) this.drawPlace(context, piece);
     this.drawBrought(context);
     const beside = this.pieces.filter((piece) => !piece.placed);

@@ -1,5 +1,6 @@
 // The proposal that waits for a decision: score, parts of it, other places.
 
+import { PagePart } from "/static/page/part.js";
 import { drawDot } from "/static/canvas/marks.js";
 import { drawName } from "/static/garment/marks.js";
 import { button, buttonOf, byId, make, rebuild, valueRows, values } from "/static/page/dom.js";
@@ -16,15 +17,10 @@ function unitless(/** @type {string} */ name) {
   return [(unit ? words.slice(0, -1) : words).join(" "), unit ? ` ${unit}` : ""];
 }
 
-export class ProposalPanel {
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.armed = /** @type {string | null} */ (null); // where Accept was pressed though the score is low
-    /** @type {{ view: number; area: number; step: number; revision: number; added_cm2: number } | null} */
-    this.before = null;
-    const { canvas } = page;
-    canvas.drawers.push((_, context, style) => drawPlacedWithIt(canvas, context, style, page.state?.pending));
-  }
+export class ProposalPanel extends PagePart {
+  armed = /** @type {string | null} */ (null); // where Accept was pressed though the score is low
+  /** @type {{ view: number; area: number; step: number; revision: number; added_cm2: number } | null} */
+  before = null;
 
   update(/** @type {State} */ state) {
     this.tellAdded(state);
@@ -33,6 +29,18 @@ export class ProposalPanel {
     const waits = Boolean(this.armed) && this.armed === this.placeOf(state);
     if (!waits) this.armed = null;
     buttonOf("accept")?.classList.toggle("caution", waits);
+  }
+
+  /** Name each part that is placed too where it adds cloth: its outline is one with the proposal's. */
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+    const { canvas } = this;
+    const { pending } = this.page.state ?? {};
+    if (!pending || !canvas.overlay.shown || canvas.isMoved) return;
+    for (const part of pending.also) {
+      const at = canvas.transform.toPane(...part.place_uv_m);
+      drawDot(context, at, style.getPropertyValue("--accent"), 4);
+      drawName(context, style, at, nameOf(part));
+    }
   }
 
   /** Where the proposal lies: another place is another question. */
@@ -235,19 +243,6 @@ const PARTS = {
 
 /** @param {Pending["also"][number]} parts */
 const nameOf = ({ view_index, component }) => `view ${view_index}, part ${component + 1}`;
-
-/**
- * Name each part where it adds cloth: its outline is one with the proposal's.
- * @param {FlatCanvas} canvas @param {Context} context @param {Style} style @param {Pending | null} pending
- */
-function drawPlacedWithIt(canvas, context, style, pending) {
-  if (!pending || !canvas.overlay.shown || canvas.isMoved) return;
-  for (const part of pending.also) {
-    const at = canvas.transform.toPane(...part.place_uv_m);
-    drawDot(context, at, style.getPropertyValue("--accent"), 4);
-    drawName(context, style, at, nameOf(part));
-  }
-}
 
 /** @param {Pending} parts @param {Send} send @param {(place: UV) => void} show */
 function placedWithIt({ also, view_index }, send, show) {

@@ -48,7 +48,10 @@ export function showReadout(/** @type {[string, string, string][]} */ rows) {
     list.append(
       ...rows.map(([name, about]) => make("div", make("dt", { tip: `${name}: ${about}` }, name), make("dd"))),
     );
-  list.classList.toggle("idle", rows.every(([, , text]) => text === "–"));
+  list.classList.toggle(
+    "idle",
+    rows.every(([, , text]) => text === "–"),
+  );
   rows.forEach(([, , text], i) => setText(list.children[i].children[1], text));
 }
 

@@ -49,8 +49,6 @@ export class Repair {
     this.fit = /** @type {PairsAnswer | null} */ (null); // residuals as the server tells them
     this.held = /** @type {End | null} */ (null); // the marker that is being dragged
     this.pending = /** @type {Pending | null} */ (null);
-    this.canvas.tools.push(this);
-    this.canvas.drawers.push((_, context, style) => this.draw(context, style));
   }
 
   update(/** @type {State} */ state) {
@@ -317,7 +315,7 @@ export class Repair {
     return { pair, index, end, ...this.canvas.transform.toPane(...place) };
   }
 
-  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const ends = this.ends();
     context.font = "600 11px system-ui, sans-serif";
     context.textAlign = "center";

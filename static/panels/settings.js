@@ -1,5 +1,6 @@
 // The settings: one door, made from the server's table, each with a reset; and the numbers of the method, to read.
 
+import { PagePart } from "/static/page/part.js";
 import { askJson } from "/static/page/connection.js";
 import { byId, choice, make, numberBox, rebuild, smallButton, tickBox } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
@@ -8,13 +9,13 @@ import { chosenTheme, setTheme } from "/static/page/theme.js";
 /** @type {Record<string, string>} */
 const THEMES = { "": "As the system", light: "Light", dark: "Dark" };
 
-export class SettingsSheet {
+export class SettingsSheet extends PagePart {
   name = "settings";
+  settings = /** @type {Partial<State["settings"]>} */ ({});
+  actions = { settings: () => this.open() };
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.settings = /** @type {Partial<State["settings"]>} */ ({});
-    this.actions = { settings: () => this.open() };
+    super(page);
     byId("settings-reset").addEventListener("click", () => {
       page.send({ type: "set", reset: true });
       setTheme("");

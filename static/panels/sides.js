@@ -1,53 +1,56 @@
 // The side of interest: brushes on the source image and the shape, a cut, what is uncertain, where to stroke next.
 
+import { PagePart } from "/static/page/part.js";
 import { askPicture } from "/static/page/connection.js";
 import { strokeLine } from "/static/canvas/marks.js";
-import { byId, make, rebuild, setText, swatch, within } from "/static/page/dom.js";
+import { byId, make, rebuild, setText, within } from "/static/page/dom.js";
 import { mm } from "/static/page/format.js";
 
 const RADII_MM = [4, 6, 8, 10, 15, 20, 30];
 const FIRST_MM = 10;
 const MOST_POINTS = 900; // of a stroke; the server takes a thousand
 const COLORS = { this: "--side-this", other: "--side-other", cut: "--warn" };
+const BRUSHES = ["brush_this", "brush_other", "cut"];
+const SHOWN = ["show_sides", "show_certainty", "where_to_stroke", "where_before"];
 const NAMES = { this: "This side", other: "Not this side", cut: "Cut" };
 
 /** @typedef {"this" | "other" | "cut"} BrushKind */
 
-export class SidesPanel {
+export class SidesPanel extends PagePart {
   name = "sides";
+  actions = {
+    brush_this: () => this.take("this"),
+    brush_other: () => this.take("other"),
+    cut: () => this.take("cut"),
+    brush_smaller: () => this.resize(-1),
+    brush_larger: () => this.resize(1),
+    where_to_stroke: () => this.askWhere(1),
+    where_before: () => this.askWhere(-1),
+    show_sides: () => this.toggle("shown"),
+    show_certainty: () => this.toggle("certain"),
+  };
+  /** @type {Panel["messages"]} */
+  messages = { where_to_stroke: (answer) => this.goTo(answer) };
+  kind = /** @type {BrushKind | null} */ (null); // null: no brush
+  radius_mm = FIRST_MM;
+  shown = true;
+  certain = false;
+  /** @type {UV[] | null} */
+  line = null; // of the stroke that is being drawn on the shape: [[u, v], ...]
+  /** @type {UV[] | null} */
+  cutLine = null; // drawn, and waits for a click beyond it
+  known = /** @type {State["sides"]} */ (null);
+  wanted = /** @type {string | null} */ (null);
+  place = /** @type {{ revision: number | null; number: number } | null} */ (null); // where to stroke
+  image = /** @type {ImageBitmap | null} */ (null); // the uncertainty of the shape
+  panel = byId("sides");
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
+    super(page);
     page.brush = this;
-    this.actions = {
-      brush_this: () => this.take("this"),
-      brush_other: () => this.take("other"),
-      cut: () => this.take("cut"),
-      brush_smaller: () => this.resize(-1),
-      brush_larger: () => this.resize(1),
-      where_to_stroke: () => this.askWhere(1),
-      where_before: () => this.askWhere(-1),
-      show_sides: () => this.toggle("shown"),
-      show_certainty: () => this.toggle("certain"),
-    };
-    /** @type {Panel["messages"]} */
-    this.messages = { where_to_stroke: (answer) => this.goTo(answer) };
-    this.kind = /** @type {BrushKind | null} */ (null); // null: no brush
-    this.radius_mm = FIRST_MM;
-    this.shown = true;
-    this.certain = false;
-    /** @type {UV[] | null} */
-    this.line = null; // of the stroke that is being drawn on the shape: [[u, v], ...]
-    /** @type {UV[] | null} */
-    this.cutLine = null; // drawn, and waits for a click beyond it
-    this.known = /** @type {State["sides"]} */ (null);
-    this.wanted = /** @type {string | null} */ (null);
-    this.place = /** @type {{ revision: number | null; number: number } | null} */ (null); // where to stroke
-    this.image = /** @type {ImageBitmap | null} */ (null); // the uncertainty of the shape
-    this.panel = make("section#sides.sides", { label: "Side of interest", hidden: true });
-    byId("picks").before(this.panel);
-    page.canvas.tools.push(this);
-    page.canvas.drawers.push((_, context, style) => this.draw(context, style));
+    const slider = byId("brush-radius");
+    slider.max = String(RADII_MM.length - 1);
+    slider.addEventListener("input", () => this.setRadius(slider.valueAsNumber));
   }
 
   get pressed() {
@@ -80,28 +83,8 @@ export class SidesPanel {
   }
 
   show(/** @type {NonNullable<State["sides"]>} */ known) {
-    rebuild(this.panel, ["sides"], () => [
-      make("h2", "Side of interest"),
-      make("p#sides-text", { role: "status" }),
-      make("ul#sides-conflicts.conflicts", { hidden: true }),
-      this.page.group("Brush", ["brush_this", "brush_other", "cut"]),
-      make(
-        "label.field",
-        { tip: "Half the width of the brush, measured on the cloth. Keys: < and >" },
-        make("span", "Radius"),
-        make("input#brush-radius", {
-          type: "range",
-          min: 0,
-          max: RADII_MM.length - 1,
-          key: "brush-radius",
-          input: (event) => this.setRadius(event.target.valueAsNumber),
-        }),
-        make("output#brush-size"),
-      ),
-      make("p.note", swatch("var(--side-this)"), " this side ", swatch("var(--side-other)"), " not this side"),
-      make("p.note", "Full color: under strokes, in all views that show the cloth."),
-      this.page.group("Shown", ["show_sides", "show_certainty", "where_to_stroke", "where_before"]),
-    ]);
+    rebuild(byId("sides-brushes"), [], () => this.page.group("Brush", BRUSHES));
+    rebuild(byId("sides-shown"), [], () => this.page.group("Shown", SHOWN));
     setText(byId("sides-text"), known.text);
     const conflicts = byId("sides-conflicts");
     conflicts.hidden = !known.conflicts.length;
@@ -290,7 +273,7 @@ export class SidesPanel {
     this.page.canvas.redraw();
   }
 
-  draw(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const canvas = this.page.canvas;
     const shown = canvas.layer.shown;
     if (this.image && shown && this.image.width === shown.grid.cols) canvas.drawPicture(shown, this.image);

@@ -1,5 +1,6 @@
 // The source image of a view with its mask, beside the flattened view, and every view that saw the current pick.
 
+import { PagePart } from "/static/page/part.js";
 import { zoomedBox } from "/static/canvas/geometry.js";
 import { askJson, askPicture } from "/static/page/connection.js";
 import { strokeLine, strokeRimmed, traceCross } from "/static/canvas/marks.js";
@@ -53,38 +54,38 @@ const HIDDEN = {
  * @property {RC | null} pointer
  */
 
-export class SourcePanel {
+export class SourcePanel extends PagePart {
   name = "sources";
+  states = new PixelStates(() => this.show());
+  actions = {
+    source_image: () => this.toggle(this.folded),
+    source_large: () => this.toggle(this.large),
+    source_mask: () => this.toggle(this.masked),
+    source_states: () => this.toggle(this.states.shown),
+  };
+  panel = byId("sources");
+  folded = new KeptSwitch("source-folded");
+  masked = new KeptSwitch("source-mask", true);
+  large = new KeptSwitch("source-large");
+  zoom = { factor: 1, row: 0, col: 0 }; // and the pixel in the middle
+  present = /** @type {number | null} */ (null); // the view that the page is at
+  pinned = /** @type {number | null} */ (null); // another view that the operator looks at
+  pick = /** @type {CurrentPick | null} */ (null);
+  seen = /** @type {SeenViews | null} */ (null); // the views of the pick
+  at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
+  images = /** @type {Map<string, SourcePicture | null>} */ (new Map()); // by address
+  /** @type {Map<string, ItemBox | null | undefined>} */
+  itemBoxes = new Map(); // by address, of recordings without masks; undefined while they are fetched
+  imageCanvas = make("canvas#source-canvas", { role: "img" });
+  stroke = /** @type {UV[] | null} */ (null); // pixels (row, col) of the stroke that is being drawn
+  drawn = /** @type {Drawn | null} */ (null);
+  angles = /** @type {number[]} */ ([]);
+  revision = 0;
+  aim = /** @type {{ view: number; rc: RC } | null} */ (null); // where a stroke is suggested
+  scene = /** @type {HTMLElement} */ (this.panel.parentElement);
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.states = new PixelStates(() => this.show());
-    this.actions = {
-      source_image: () => this.toggle(this.folded),
-      source_large: () => this.toggle(this.large),
-      source_mask: () => this.toggle(this.masked),
-      source_states: () => this.toggle(this.states.shown),
-    };
-    this.panel = byId("sources");
-    this.folded = new KeptSwitch("source-folded");
-    this.masked = new KeptSwitch("source-mask", true);
-    this.large = new KeptSwitch("source-large");
-    this.zoom = { factor: 1, row: 0, col: 0 }; // and the pixel in the middle
-    this.present = /** @type {number | null} */ (null); // the view that the page is at
-    this.pinned = /** @type {number | null} */ (null); // another view that the operator looks at
-    this.pick = /** @type {CurrentPick | null} */ (null);
-    this.seen = /** @type {SeenViews | null} */ (null); // the views of the pick
-    this.at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
-    this.images = /** @type {Map<string, SourcePicture | null>} */ (new Map()); // by address
-    /** @type {Map<string, ItemBox | null | undefined>} */
-    this.itemBoxes = new Map(); // by address, of recordings without masks; undefined while they are fetched
-    this.canvas = make("canvas#source-canvas", { role: "img" });
-    this.stroke = /** @type {UV[] | null} */ (null); // pixels (row, col) of the stroke that is being drawn
-    this.drawn = /** @type {Drawn | null} */ (null);
-    this.angles = /** @type {number[]} */ ([]);
-    this.revision = 0;
-    this.aim = /** @type {{ view: number; rc: RC } | null} */ (null); // where a stroke is suggested
-    this.scene = /** @type {HTMLElement} */ (this.panel.parentElement);
+    super(page);
     this.listen();
     new ResizeObserver(() => this.draw()).observe(this.scene);
   }
@@ -125,7 +126,7 @@ export class SourcePanel {
   // --- painting --------------------------------------------------------------------------------
 
   listen() {
-    const canvas = this.canvas;
+    const canvas = this.imageCanvas;
     canvas.addEventListener("pointerdown", (event) => {
       const at = this.pixelAt(event);
       if (event.button !== 0 || !this.page.brush?.paintsImages || !at) return;
@@ -175,7 +176,7 @@ export class SourcePanel {
   /** The pixel (row, col) of the recorded image under a pointer. @returns {UV | null} */
   pixelAt(/** @type {Pointed} */ event) {
     if (!this.drawn) return null;
-    const at = this.canvas.getBoundingClientRect();
+    const at = this.imageCanvas.getBoundingClientRect();
     const { box, scale } = this.drawn;
     return [(event.clientY - at.top) / scale + box.top - 0.5, (event.clientX - at.left) / scale + box.left - 0.5];
   }
@@ -212,7 +213,7 @@ export class SourcePanel {
     context.lineCap = context.lineJoin = "round";
     // How wide the brush is on the cloth depends on its distance; here it is drawn as at the middle of the item.
     const width = Math.max(3, 2 * brush.radius_m * (this.page.state.sides?.pixels_per_m ?? 500) * scale);
-    strokeLine(context, [stroke[0], ...stroke].map(at), brush.color(this.canvas), width);
+    strokeLine(context, [stroke[0], ...stroke].map(at), brush.color(this.imageCanvas), width);
     context.restore();
   }
 
@@ -268,7 +269,7 @@ export class SourcePanel {
           this.page.smallButton("source_large"),
           this.page.smallButton("source_image", "Fold"),
         ),
-        make("div.source-body", this.canvas, make("div#source-seen.source-seen")),
+        make("div.source-body", this.imageCanvas, make("div#source-seen.source-seen")),
         make("div#source-states.source-states"),
       ];
     });
@@ -356,13 +357,13 @@ export class SourcePanel {
     const masked = this.masked.on;
     const color = this.image(`/source/${view}/color.jpg`);
     const shaded = masked ? ", what is not the item shaded" : "";
-    this.canvas.setAttribute("aria-label", `Source image of view ${view}${shaded}`);
+    this.imageCanvas.setAttribute("aria-label", `Source image of view ${view}${shaded}`);
     const mask = this.image(`/source/${view}/mask.png`);
     const sides = this.page.brush?.addressOf(view);
     const lost = this.states.addressOf(view, this.revision);
     const labels = lost ? this.image(lost) : sides && masked ? this.image(sides) : null;
-    this.canvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
-    this.canvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
+    this.imageCanvas.classList.toggle("painting", Boolean(this.page.brush?.paintsImages));
+    this.imageCanvas.tabIndex = this.page.brush?.paintsImages ? 0 : -1;
     const item = this.itemBox(view);
     if (!color || !mask?.box || item === undefined) return;
     const whole = item ? withMargin(item, color) : mask.box;
@@ -374,14 +375,14 @@ export class SourcePanel {
     const [width, height] = [Math.round(whole.width * fit), Math.round(whole.height * fit)];
     const box = zoomedBox(whole, this.zoom);
     const scale = fit * this.zoom.factor;
-    const context = sized(this.canvas, width, height);
-    Object.assign(this.canvas.style, { width: `${width}px`, height: `${height}px` });
+    const context = sized(this.imageCanvas, width, height);
+    Object.assign(this.imageCanvas.style, { width: `${width}px`, height: `${height}px` });
     byId("source-seen").style.maxHeight = `${height}px`;
     context.imageSmoothingQuality = "high";
     for (const image of masked || lost ? [color, labels ?? mask] : [color]) {
       context.drawImage(image, box.left, box.top, box.width, box.height, 0, 0, width, height);
     }
-    const style = getComputedStyle(this.canvas);
+    const style = getComputedStyle(this.imageCanvas);
     const [pick, pointer] = [this.pickedPixel(), this.at?.view_index === view ? this.at.rc : null];
     const aim = this.aim?.view === view ? this.aim.rc : null;
     for (const [name, rc] of Object.entries({ "--pick": pick, "--accent": pointer, "--warn": aim })) {

@@ -1,28 +1,24 @@
 // How far Auto runs, as one choice: all views, until a view adds little, or this many; under the button of Auto.
 
+import { PagePart } from "/static/page/part.js";
 import { buttonOf, byId, find, make, numberBox, placeBeside, rebuild, staysIn, taken } from "/static/page/dom.js";
 
-export class AutoUntil {
+export class AutoUntil extends PagePart {
   name = "autoUntil";
+  menu = byId("auto-until");
+  actions = { auto_until: () => (this.menu.hidden ? this.open() : this.close()) };
 
   constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.menu = make("form#auto-until.menu.auto-until", {
-      hidden: true,
-      role: "dialog",
-      label: "How far Auto runs",
-      submit: (event) => {
-        event.preventDefault();
-        this.close();
-        if (!page.state.auto.running) page.run("auto");
-      },
-      keydown: (event) => this.key(event),
+    super(page);
+    this.menu.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.close();
+      if (!page.state.auto.running) page.run("auto");
     });
+    this.menu.addEventListener("keydown", (event) => this.key(event));
     this.menu.addEventListener("focusout", (event) => {
       if (event.relatedTarget && !staysIn(this.menu, event)) this.close();
     });
-    byId("notes").append(this.menu);
-    this.actions = { auto_until: () => (this.menu.hidden ? this.open() : this.close()) };
   }
 
   update(/** @type {State} */ state) {

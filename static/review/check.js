@@ -1,5 +1,6 @@
 // What is wrong with the recording: a card a finding, with the picture that shows why and a button that mends it.
 
+import { PagePart } from "/static/page/part.js";
 import { askJson, post } from "/static/page/connection.js";
 import { byId, closeButton, make } from "/static/page/dom.js";
 
@@ -17,15 +18,10 @@ const SHOWN = "Two views laid on each other, as recorded and as mended";
  * @property {number[] | null} views
  */
 
-export class CheckPanel {
+export class CheckPanel extends PagePart {
   name = "check";
-
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.checked = /** @type {string | null} */ (null);
-    this.panel = make("section#check.check", { label: "Check of the recording", hidden: true });
-    byId("stage").append(this.panel);
-  }
+  checked = /** @type {string | null} */ (null);
+  panel = byId("check");
 
   update(/** @type {State} */ state) {
     const { name, n_views: views } = state.recording;

@@ -1,17 +1,13 @@
 // What was done, the last first; a press goes back there, or forward again.
 
+import { PagePart } from "/static/page/part.js";
 import { byId, closeButton, heading, make, rebuild, setCurrent } from "/static/page/dom.js";
 
-export class DonePanel {
+export class DonePanel extends PagePart {
   name = "done";
-
-  constructor(/** @type {Page} */ page) {
-    this.page = page;
-    this.shown = false;
-    this.actions = { history: () => this.toggle() };
-    this.section = make("section#done.done", { label: "What was done", hidden: true });
-    byId("pick").before(this.section);
-  }
+  shown = false;
+  actions = { history: () => this.toggle() };
+  section = byId("done");
 
   get pressed() {
     return { history: this.shown };

@@ -1,5 +1,6 @@
 // All views as a list: sorted by a column, filtered by what was decided, with the reasons.
 
+import { PagePart } from "/static/page/part.js";
 import {
   byId,
   closeButton,
@@ -39,17 +40,16 @@ const COLUMNS = [
   ["flags", "Flags", (view) => (view.flagged ? -2 : 0) - view.flags.length || null],
 ];
 
-export class ReviewList {
+export class ReviewList extends PagePart {
   name = "review";
+  section = byId("review-list");
+  filter = "all";
+  sort = "order";
+  falling = false;
+  actions = { review: () => this.toggle() };
 
-  constructor(/** @type {Page} */ page, /** @type {Verdicts} */ verdicts) {
-    this.page = page;
-    this.verdicts = verdicts;
-    this.section = byId("review-list");
-    this.filter = "all";
-    this.sort = "order";
-    this.falling = false;
-    this.actions = { review: () => this.toggle() };
+  constructor(/** @type {Page} */ page) {
+    super(page);
     this.section.addEventListener("keydown", (event) => this.key(event));
   }
 
@@ -130,7 +130,7 @@ export class ReviewList {
     const known = isFlattened(view);
     const again = view.why_not_reopen === null;
     const may = again || view.why_not === null;
-    const decide = () => (again ? this.verdicts.reopen(view) : this.verdicts.propose(view));
+    const decide = () => (again ? this.page.verdicts.reopen(view) : this.page.verdicts.propose(view));
     const goTo = () => this.page.send({ type: "turn_to", view_index: view.index });
     const there = { label: `View ${view.index}: turn the item to it`, key: `row-${view.index}` };
     const button = may && smallButton(again ? "Reopen" : "Propose", decide, { key: `again-${view.index}` });

@@ -1,5 +1,6 @@
 // The result: how much cloth, how reliable, what is missing and why, what to review, and the data to take away.
 
+import { PagePart } from "/static/page/part.js";
 import { askJson } from "/static/page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "/static/page/dom.js";
 import { exportButton, showExports } from "/static/page/exports.js";
@@ -8,19 +9,15 @@ import { doubtsOf, flagsOf } from "/static/review/timeline.js";
 
 const MOST = 4; // of each list
 
-export class ResultPanel {
+export class ResultPanel extends PagePart {
   name = "result";
-
-  constructor(/** @type {Page} */ page, /** @type {Verdicts} */ verdicts) {
-    this.page = page;
-    this.verdicts = verdicts;
-    this.section = byId("result");
-    this.asked = this.wanted = false; // open, though the integration has not ended
-    this.closed = /** @type {string | null} */ (null); // the end for which it was closed
-    this.found = /** @type {Found | null} */ (null); // the server's answer
-    this.loading = 0; // the revision that was asked for
-    this.actions = { result: () => this.toggle() };
-  }
+  section = byId("result");
+  asked = false; // open, though the integration has not ended
+  wanted = false;
+  closed = /** @type {string | null} */ (null); // the end for which it was closed
+  found = /** @type {Found | null} */ (null); // the server's answer
+  loading = 0; // the revision that was asked for
+  actions = { result: () => this.toggle() };
 
   get pressed() {
     return { result: !this.section.hidden };
@@ -172,7 +169,7 @@ export class ResultPanel {
         "ul",
         ...best.map(({ view_index, area_cm2 }) =>
           this.link(view_index, `more-${view_index}`, `up to ${likely(area_cm2)}`, "", () =>
-            this.verdicts.propose(this.page.state.views[view_index]),
+            this.page.verdicts.propose(this.page.state.views[view_index]),
           ),
         ),
       ),
@@ -193,7 +190,7 @@ export class ResultPanel {
     const items = weak.map((view) => {
       const flags = flagsOf(view, state).join(", ");
       return this.link(view.index, `weak-${view.index}`, `score ${number(view.score, 2)}`, flags, () =>
-        this.verdicts.goTo(this.page.state.views[view.index]),
+        this.page.verdicts.goTo(this.page.state.views[view.index]),
       );
     });
     return [make("h3", "Weakest views"), make("ul", ...items)];
