@@ -2,7 +2,7 @@
 
 import { PagePart } from "/static/page/part.js";
 import { SidesDrawing } from "/static/both/drawing.js";
-import { askJson } from "/static/page/connection.js";
+import { askJson, Fetched } from "/static/page/connection.js";
 import { closeButton, byId, heading, make, rebuild, smallButton, swatch, values } from "/static/page/dom.js";
 import { cm2, count, floatingOf, mm, number, percent } from "/static/page/format.js";
 
@@ -14,8 +14,8 @@ const MOST_VIEWS = 6; // that are named for each rim of a seam
 export class BothSides extends PagePart {
   name = "bothSides";
   other = /** @type {NonNullable<State["other"]> | null} */ (null);
-  places = /** @type {SidePlaces | null} */ (null);
-  wanted = 0; // the revision whose places were asked for
+  /** @type {Fetched<SidePlaces>} */
+  fetched = new Fetched(askJson, () => this.page.redrawMarks());
   showsSeams = false;
   chosen = /** @type {number | null} */ (null); // of the seams
   turnsOnceKnown = false;
@@ -39,7 +39,8 @@ export class BothSides extends PagePart {
   update(/** @type {State} */ state) {
     this.other = state.other ?? null;
     this.section.hidden = !this.other || !state.layers;
-    this.fetchPlaces();
+    const revision = this.other?.layers && this.other.revision;
+    if (this.fetched.want(revision ? `/other/${revision}/places.json` : null)) this.chosen = null;
     if (!this.other?.layers && this.canvas.side === "other") this.turn("this");
     if (this.other?.layers && this.turnsOnceKnown) {
       this.turnsOnceKnown = false;
@@ -50,18 +51,9 @@ export class BothSides extends PagePart {
     if (this.other && !this.section.hidden) this.show(this.other);
   }
 
-  async fetchPlaces() {
-    const revision = this.other?.layers ? this.other.revision : 0;
-    if (revision === this.wanted) return;
-    this.wanted = revision;
-    this.places = null;
-    this.chosen = null;
-    if (!revision) return;
-    const places = /** @type {SidePlaces | null} */ (await askJson(`/other/${revision}/places.json`));
-    if (this.wanted !== revision) return;
-    this.places = places;
-    if (!places) this.wanted = 0; // the next state asks again
-    this.page.redrawMarks();
+  /** Outlines and seams; null until they are known. */
+  get places() {
+    return this.fetched.value;
   }
 
   // --- turned over -------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 import { PagePart } from "/static/page/part.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
-import { Question } from "/static/page/connection.js";
 import { byId, make } from "/static/page/dom.js";
 import { mm } from "/static/page/format.js";
 
@@ -18,13 +17,12 @@ export class Ruler extends PagePart {
   measured = /** @type {Measured | null} */ (null);
   start = { x: 0, y: 0, u: 0, v: 0 };
   revision = "";
-  /** @type {Question<Line, Measured>} */
-  question = new Question(
-    (id, line) => this.send(id, line),
+  question = this.page.question(
+    "measured",
+    (id, /** @type {Line} */ line) => this.send(id, line),
     (answer) => this.take(answer),
   );
-  /** @type {Panel["messages"]} */
-  messages = { measured: (answer) => this.question.answered(answer), note: () => this.disconnected() };
+  messages = { note: () => this.question.lost() }; // what was asked may have been refused
   label = byId("ruler-label");
 
   toggle() {
@@ -102,11 +100,6 @@ export class Ruler extends PagePart {
   take(/** @type {Measured} */ answer) {
     if (this.line && !this.question.wanted) this.measured = answer;
     this.canvas.redraw();
-  }
-
-  /** The connection was lost, or something was refused: what was asked may never be answered. */
-  disconnected() {
-    this.question.lost();
   }
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {

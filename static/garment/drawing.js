@@ -2,7 +2,6 @@
 
 import { nearest } from "/static/canvas/geometry.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
-import { Question } from "/static/page/connection.js";
 import { drawGarment, drawName } from "/static/garment/marks.js";
 
 const GRAB_PX = 10;
@@ -18,9 +17,9 @@ export class GarmentDrawing {
     /** @type {Outlined | null} */
     this.preview = null; // outline and points while one of them is dragged
     this.grabbed = /** @type {(Point & { name: string; moved: boolean }) | null} */ (null);
-    /** @type {Question<Place & { name: string }, GarmentPreview>} */
-    this.question = new Question(
-      (id, about) => page.send({ type: "preview_point", id, ...about }),
+    this.question = page.question(
+      "garment_preview",
+      (id, /** @type {Place & { name: string }} */ about) => page.send({ type: "preview_point", id, ...about }),
       (preview) => this.showPreview(preview),
     );
     this.revision = 0;

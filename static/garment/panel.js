@@ -30,8 +30,6 @@ export class GarmentPanel extends PagePart {
   turnedFrom = null; // how the view was turned before it was turned upright, on the shown side
   moved = /** @type {{ name: string; u: number; v: number } | null} */ (null); // a point that the keys move
   actions = { garment: () => this.toggle(), upright: () => this.toggleUpright() };
-  /** @type {Panel["messages"]} */
-  messages = { garment_preview: (answer) => this.drawing.question.answered(answer) };
   section = byId("garment");
   drawing = new GarmentDrawing(this.page, this);
 

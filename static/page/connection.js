@@ -75,6 +75,41 @@ export class Connection {
 }
 
 /**
+ * What is known of something that has another address whenever it changes: asked for once, the latest alone counts.
+ * @template T
+ */
+export class Fetched {
+  /**
+   * @param {(address: string) => Promise<T | null>} ask
+   * @param {() => void} changed called when an answer has come
+   */
+  constructor(ask, changed) {
+    this.ask = ask;
+    this.changed = changed;
+    this.address = /** @type {string | null} */ (null);
+    this.value = /** @type {T | null} */ (null); // null until the answer is there
+  }
+
+  /** Whether this is another address than the last; null: nothing is wanted. */
+  want(/** @type {string | null} */ address) {
+    if (address === this.address) return false;
+    this.address = address;
+    this.value = null;
+    if (address !== null) void this.fetch(address);
+    return true;
+  }
+
+  async fetch(/** @type {string} */ address) {
+    const value = await this.ask(address);
+    if (this.address !== address) return;
+    this.value = value;
+    if (value === null)
+      this.address = null; // it is asked for again when it is wanted the next time
+    else this.changed();
+  }
+}
+
+/**
  * One question at a time, always about the latest thing: what is asked meanwhile replaces what waits.
  * @template About @template {{ id: number }} Answer
  */

@@ -1,19 +1,16 @@
 // What is under the pointer on the flattened view: one question at a time, always about the latest place.
 
 import { PagePart } from "/static/page/part.js";
-import { Question } from "/static/page/connection.js";
 
 export class Hover extends PagePart {
   name = "hover";
   last = /** @type {Place | null} */ (null); // where the pointer is
   about = ""; // what the last state showed there
-  /** @type {Question<Place, HoverAnswer>} */
-  question = new Question(
-    (id, place) => this.send(id, place),
+  question = this.page.question(
+    "hover",
+    (id, /** @type {Place} */ place) => this.send(id, place),
     (answer) => this.show(answer),
   );
-  /** @type {Panel["messages"]} */
-  messages = { hover: (answer) => this.question.answered(answer) };
 
   /** What lies under a pointer that rests may be something else now. */
   update(/** @type {State} */ { layers, pending, live }) {
@@ -43,9 +40,5 @@ export class Hover extends PagePart {
     // Once it is decided the proposal is no longer asked about, though it may still be drawn.
     const decided = !this.page.state?.pending && !this.page.isLive;
     this.page.each("hovered", decided ? { ...answer, proposal: null } : answer);
-  }
-
-  disconnected() {
-    this.question.lost();
   }
 }

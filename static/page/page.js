@@ -1,5 +1,6 @@
 // What the parts of the page share: the state, messages to the server, the buttons of actions, the registry of panels.
 
+import { Question } from "/static/page/connection.js";
 import { make } from "/static/page/dom.js";
 
 export class Page {
@@ -109,6 +110,21 @@ export class Page {
       const take = /** @type {((message: ServerMessage) => void) | undefined} */ (messages?.[message.type]);
       take?.(message);
     }
+  }
+
+  /**
+   * One question at a time, whose answers are messages of a type.
+   * @template {"hover" | "hover_ray" | "measured" | "preview" | "garment_preview"} Type
+   * @template About
+   * @param {Type} type
+   * @param {(id: number, about: About) => boolean} send tells whether it was sent
+   * @param {(answer: Extract<ServerMessage, { type: Type }>) => void} take gets the answers about what was asked last
+   */
+  question(type, send, take, pauseMs = 0) {
+    const question = new Question(send, take, pauseMs);
+    const answered = (/** @type {{ id: number }} */ answer) => question.answered(/** @type {never} */ (answer));
+    this.panels.push({ messages: { [type]: answered }, disconnected: () => question.lost() });
+    return question;
   }
 
   /** Call a method of each panel that has it. @type {CallPanels<void>} */

@@ -6,7 +6,6 @@
 
 import { PagePart } from "/static/page/part.js";
 import { drawDot, drawLabel, drawRing, strokeRimmed } from "/static/canvas/marks.js";
-import { Question } from "/static/page/connection.js";
 import { byId, sized } from "/static/page/dom.js";
 
 const EDGE = 14;
@@ -44,13 +43,13 @@ export class SceneMarks extends PagePart {
   key = ""; // of what is drawn: the camera
   width = 0;
   height = 0;
-  /** @type {Question<Ray, import("/static/page/messages").RayAnswer>} */
-  question = new Question(
-    (id, ray) => this.ask(id, ray),
-    ({ xyz_m, uv_m, sheet }) => this.show(xyz_m, uv_m && this.page.canvas.shownAt(sheet, uv_m)),
+  question = this.page.question(
+    "hover_ray",
+    (id, /** @type {Ray} */ ray) => this.ask(id, ray),
+    ({ xyz_m, uv_m, sheet }) => this.show(xyz_m, uv_m && this.canvas.shownAt(sheet, uv_m)),
   );
   /** @type {Panel["messages"]} */
-  messages = { hover_ray: (answer) => this.question.answered(answer), picked: (message) => this.highlight(message) };
+  messages = { picked: (message) => this.highlight(message) };
 
   constructor(/** @type {Page} */ page) {
     super(page);
@@ -105,10 +104,6 @@ export class SceneMarks extends PagePart {
   ask(/** @type {number} */ id, /** @type {Ray} */ ray) {
     const { layers, live } = this.page.state ?? {};
     return Boolean(layers) && !live?.playing && this.page.send({ type: "hover_ray", id, ...ray });
-  }
-
-  disconnected() {
-    this.question.lost();
   }
 
   show(/** @type {XYZ | null} */ xyz, /** @type {UV | null} */ uv) {

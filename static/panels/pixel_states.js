@@ -1,6 +1,6 @@
 // Why pixels of a view are not in the shape: a layer over its source image, and the legend with their shares.
 
-import { askJson } from "/static/page/connection.js";
+import { askJson, Fetched } from "/static/page/connection.js";
 import { make, rebuild, swatch } from "/static/page/dom.js";
 import { number, percent } from "/static/page/format.js";
 import { KeptSwitch } from "/static/page/theme.js";
@@ -10,10 +10,9 @@ import { KeptSwitch } from "/static/page/theme.js";
 export class PixelStates {
   /** @param {() => void} changed called when a legend has come */
   constructor(changed) {
-    this.changed = changed;
     this.shown = new KeptSwitch("source-states");
-    this.asked = ""; // the address of the legend that was asked for
-    this.legend = /** @type {Share[] | null} */ (null); // what the server says, of that address
+    /** @type {Fetched<Share[]>} */
+    this.legend = new Fetched(askJson, changed);
   }
 
   /** The address of the layer of a view for a revision of the shape; null if it is not shown. */
@@ -26,21 +25,11 @@ export class PixelStates {
    * @param {HTMLElement} element @param {number} view @param {number} revision
    */
   show(element, view, revision) {
-    const address = this.addressOf(view, revision)?.replace(".png", ".json") ?? "";
+    const address = this.addressOf(view, revision)?.replace(".png", ".json") ?? null;
     element.hidden = !address;
-    if (!address) return;
-    if (this.asked !== address) this.load(address);
-    rebuild(element, [address, this.legend], () => (this.legend ?? []).map(row));
-  }
-
-  async load(/** @type {string} */ address) {
-    this.asked = address;
-    this.legend = null;
-    const legend = await askJson(address);
-    if (this.asked !== address) return;
-    this.legend = legend;
-    if (legend) this.changed();
-    else this.asked = ""; // the connection was lost; asked again when it is shown again
+    this.legend.want(address);
+    const { value } = this.legend;
+    rebuild(element, [address, value], () => (value ?? []).map(row));
   }
 }
 

@@ -2,7 +2,6 @@
 
 import { applied, unapplied } from "/static/canvas/geometry.js";
 import { strokeRimmed } from "/static/canvas/marks.js";
-import { Question } from "/static/page/connection.js";
 import { buttonOf, byId, closeButton, make, numberBox, rebuild, setPressed, setText } from "/static/page/dom.js";
 import { cm2, number } from "/static/page/format.js";
 
@@ -32,17 +31,14 @@ export class Repair {
       back_to_best: settled(() => this.backToBest()),
       refine: settled(() => this.view !== null && page.send({ type: "refine", view_index: this.view })),
     };
-    /** @type {Question<By, PreviewAnswer>} */
-    this.question = new Question(
-      (id, by) => this.askFit(id, by),
+    this.question = page.question(
+      "preview",
+      (id, /** @type {By} */ by) => this.askFit(id, by),
       (answer) => this.showFit(answer),
       SEEN_EVERY_MS,
     );
     /** @type {Panel["messages"]} */
-    this.messages = {
-      preview: (answer) => this.question.answered(answer),
-      pairs: (message) => this.takePairs(message),
-    };
+    this.messages = { pairs: (message) => this.takePairs(message) };
     this.picking = false;
     this.view = /** @type {number | null} */ (null); // that the pairs are about
     this.pairs = /** @type {Pair[]} */ ([]);
@@ -148,12 +144,6 @@ export class Repair {
         : "Refine would not improve it.";
     setText(byId("fit-here"), message.why || `At this place: score ${here}. ${more}`);
     byId("back-to-best").hidden = !far;
-  }
-
-  /** After a lost connection nobody answers any more. */
-  reconnected() {
-    this.question.wanted = null;
-    this.question.lost();
   }
 
   // --- pairs -----------------------------------------------------------------------------------

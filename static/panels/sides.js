@@ -1,7 +1,7 @@
 // The side of interest: brushes on the source image and the shape, a cut, what is uncertain, where to stroke next.
 
 import { PagePart } from "/static/page/part.js";
-import { askPicture } from "/static/page/connection.js";
+import { askPicture, Fetched } from "/static/page/connection.js";
 import { strokeLine } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText, within } from "/static/page/dom.js";
 import { mm } from "/static/page/format.js";
@@ -40,9 +40,8 @@ export class SidesPanel extends PagePart {
   /** @type {UV[] | null} */
   cutLine = null; // drawn, and waits for a click beyond it
   known = /** @type {State["sides"]} */ (null);
-  wanted = /** @type {string | null} */ (null);
   place = /** @type {{ revision: number | null; number: number } | null} */ (null); // where to stroke
-  image = /** @type {ImageBitmap | null} */ (null); // the uncertainty of the shape
+  image = new Fetched(askPicture, () => this.canvas.redraw()); // the uncertainty of the shape
   panel = byId("sides");
 
   constructor(/** @type {Page} */ page) {
@@ -109,7 +108,7 @@ export class SidesPanel extends PagePart {
     this.line = this.cutLine = null;
     this.tellScene();
     this.page.changed();
-    this.page.canvas.redraw();
+    this.canvas.redraw();
   }
 
   /** Clicks in the 3D scene paint while a brush is taken. */
@@ -129,20 +128,20 @@ export class SidesPanel extends PagePart {
     this.radius_mm = RADII_MM[index];
     if (this.known) this.showRadius();
     this.tellScene();
-    this.page.canvas.redraw();
+    this.canvas.redraw();
   }
 
   toggle(/** @type {"shown" | "certain"} */ what) {
     this[what] = !this[what];
     this.page.changed();
-    this.page.canvas.redraw();
+    this.canvas.redraw();
   }
 
   escape() {
     if (!this.kind) return false;
     if (this.cutLine) {
       this.cutLine = null;
-      this.page.canvas.redraw();
+      this.canvas.redraw();
     } else this.take(this.kind);
     return true;
   }
@@ -150,7 +149,7 @@ export class SidesPanel extends PagePart {
   // --- a tool of the canvas --------------------------------------------------------------------
 
   press(/** @type {PointerPlace} */ at) {
-    if (!this.kind || !this.page.canvas.layer.shown) return false;
+    if (!this.kind || !this.canvas.layer.shown) return false;
     if (this.cutLine) {
       const { sheet, line } = this.onSheet([...this.cutLine, [at.u, at.v]]);
       this.page.send({
@@ -164,14 +163,14 @@ export class SidesPanel extends PagePart {
       return true;
     }
     this.line = [[at.u, at.v]];
-    this.page.canvas.redraw();
+    this.canvas.redraw();
     return true;
   }
 
   drag(/** @type {PointerPlace} */ at) {
     if (!this.line || this.line.length >= MOST_POINTS) return;
     this.line.push([at.u, at.v]);
-    this.page.canvas.redraw();
+    this.canvas.redraw();
   }
 
   release(/** @type {PointerPlace} */ at) {
@@ -188,12 +187,12 @@ export class SidesPanel extends PagePart {
       const on = this.onSheet(line);
       if (side) this.page.send({ type: "stroke_shape", side, points_uv_m: on.line, radius_m, sheet: on.sheet });
     }
-    this.page.canvas.redraw();
+    this.canvas.redraw();
   }
 
   /** A line of the canvas on the side of the item that it begins on. */
   onSheet(/** @type {UV[]} */ line) {
-    const places = line.map(([u, v]) => this.page.canvas.located(u, v));
+    const places = line.map(([u, v]) => this.canvas.located(u, v));
     const [{ sheet }] = places;
     const on = places.filter((place) => place.sheet === sheet);
     return { sheet, line: on.map(({ u_m, v_m }) => /** @type {UV} */ ([u_m, v_m])) };
@@ -259,24 +258,18 @@ export class SidesPanel extends PagePart {
 
   // --- over the shape --------------------------------------------------------------------------
 
-  async fetchImage(/** @type {State} */ state) {
+  fetchImage(/** @type {State} */ state) {
     const layers = state.layers?.revision;
-    const known = this.certain && layers && this.page.canvas.side === "this" ? this.known : null;
+    const known = this.certain && layers && this.canvas.side === "this" ? this.known : null;
     const key = known && known.certainty !== null ? `${layers}-${known.revision}` : null;
-    if (key === this.wanted) return;
-    this.wanted = key;
-    this.image = null;
-    if (!key) return;
-    const image = await askPicture(`/sides/shape.png?revision=${key}`);
-    if (!image || this.wanted !== key) return;
-    this.image = image;
-    this.page.canvas.redraw();
+    this.image.want(key && `/sides/shape.png?revision=${key}`);
   }
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
-    const canvas = this.page.canvas;
+    const canvas = this.canvas;
     const shown = canvas.layer.shown;
-    if (this.image && shown && this.image.width === shown.grid.cols) canvas.drawPicture(shown, this.image);
+    const { value: image } = this.image;
+    if (image && shown && image.width === shown.grid.cols) canvas.drawPicture(shown, image);
     if (!this.kind) return;
     const line = this.line ?? this.cutLine;
     if (!line) return;

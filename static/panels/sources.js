@@ -2,7 +2,7 @@
 
 import { PagePart } from "/static/page/part.js";
 import { zoomedBox } from "/static/canvas/geometry.js";
-import { askJson, askPicture } from "/static/page/connection.js";
+import { askJson, askPicture, Fetched } from "/static/page/connection.js";
 import { strokeLine, strokeRimmed, traceCross } from "/static/canvas/marks.js";
 import { onPinch } from "/static/canvas/pinch.js";
 import {
@@ -71,7 +71,8 @@ export class SourcePanel extends PagePart {
   present = /** @type {number | null} */ (null); // the view that the page is at
   pinned = /** @type {number | null} */ (null); // another view that the operator looks at
   pick = /** @type {CurrentPick | null} */ (null);
-  seen = /** @type {SeenViews | null} */ (null); // the views of the pick
+  /** @type {Fetched<SeenViews>} the views of the pick */
+  seenIn = new Fetched(askJson, () => this.show());
   at = /** @type {HoverAnswer["source"]} */ (null); // what is under the pointer on the flattened view
   images = /** @type {Map<string, SourcePicture | null>} */ (new Map()); // by address
   /** @type {Map<string, ItemBox | null | undefined>} */
@@ -238,17 +239,10 @@ export class SourcePanel extends PagePart {
 
   // --- the pick --------------------------------------------------------------------------------
 
-  async takePick(/** @type {CurrentPick | null} */ pick) {
-    const key = pick && JSON.stringify([pick.id, pick.position_held_m]);
-    const known = this.pick && JSON.stringify([this.pick.id, this.pick.position_held_m]);
+  takePick(/** @type {CurrentPick | null} */ pick) {
     this.pick = pick;
-    if (key === known) return;
-    this.seen = null;
-    if (!pick) return;
-    const seen = await askJson(`/source/seen/${pick.id}.json`);
-    if (!seen || this.pick?.id !== pick.id) return;
-    this.seen = seen;
-    this.show();
+    // A pick that was laid elsewhere has its number still.
+    this.seenIn.want(pick && `/source/seen/${pick.id}.json?at=${pick.position_held_m}`);
   }
 
   // --- what is shown ---------------------------------------------------------------------------
@@ -287,7 +281,8 @@ export class SourcePanel extends PagePart {
   }
 
   showSeen() {
-    const { pick, seen } = this;
+    const { pick } = this;
+    const seen = this.seenIn.value;
     byId("source-seen").hidden = !pick;
     if (!pick) return;
     rebuild(byId("source-seen"), [pick.id, pick.name, seen, this.view], () => {
@@ -403,7 +398,7 @@ export class SourcePanel extends PagePart {
   pickedPixel() {
     if (!this.pick) return null;
     if (this.pick.view_index === this.view) return this.pick.source_rc;
-    return this.seen?.seen.find((one) => one.view_index === this.view)?.rc ?? null;
+    return this.seenIn.value?.seen.find((one) => one.view_index === this.view)?.rc ?? null;
   }
 
   /** For tests: what is drawn. */
@@ -413,7 +408,7 @@ export class SourcePanel extends PagePart {
       aim: this.aim,
       folded: this.folded.on,
       drawn: this.drawn,
-      seen: this.seen?.seen.map((one) => one.view_index) ?? null,
+      seen: this.seenIn.value?.seen.map((one) => one.view_index) ?? null,
     };
   }
 }
