@@ -277,7 +277,7 @@ answerDrops();
 startScene(startKeys({ state: () => page.state, modes: modesNow, run }));
 page.each("hovered", null);
 
-// For tests: the state, what is shown, and each panel's status by its name.
+// For tests: the state, what is shown, and each panel's status, or the panel itself, by its name.
 const shown = {
   state: () => page.state,
   revision: () => page.state?.revision ?? 0,
@@ -298,6 +298,6 @@ const flatcloth = { toScreen: canvas.toScreen.bind(canvas), toPlane: canvas.toPl
 for (const [name, get] of Object.entries(shown)) Object.defineProperty(flatcloth, name, { get });
 for (const panel of page.panels) {
   if (!panel.name || panel.name in flatcloth) continue;
-  Object.defineProperty(flatcloth, panel.name, { get: () => panel.status });
+  Object.defineProperty(flatcloth, panel.name, { get: () => panel.status ?? panel });
 }
 Object.assign(window, { flatcloth });

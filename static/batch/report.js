@@ -19,37 +19,35 @@ const rows = data.rows;
 const number = (/** @type {number} */ digits) => (/** @type {Cell} */ value) =>
   typeof value === "number" ? value.toFixed(digits) : "";
 const percent = (/** @type {Cell} */ value) => (typeof value === "number" ? `${(100 * value).toFixed(0)} %` : "");
-/** @type {Record<string, (value: Cell) => string>} */
-const FORMATS = {
-  area_cm2: number(0),
-  coverage_estimate: percent,
-  reliable_share: percent,
-  reliability: percent,
-  garment_probability: percent,
-  uncertainty_mm: number(1),
-  floating_cm2: number(0),
-  least_score: number(2),
-  angles_off_deg: number(2),
-  seconds: number(1),
-  cpu_seconds: number(1),
-  seconds_opening: number(2),
-  seconds_integrating: number(2),
-  seconds_garment: number(2),
-  seconds_writing: number(2),
-  seconds_measuring: number(2),
-  peak_memory_mb: number(0),
-  memory_after_mb: number(0),
-};
-/** @type {Record<string, string>} */
-const TITLES = {
-  coverage_estimate: "coverage",
-  reliable_share: "reliable",
-  uncertainty_mm: "uncertainty mm",
-  area_cm2: "area cm\u00b2",
-  floating_cm2: "floating cm\u00b2",
-  views_used: "views",
-  seconds: "s",
-  peak_memory_mb: "peak MB",
+/**
+ * How columns look that are not plain text, or have a width (px) in the table: those are its columns, in their order.
+ *
+ * @type {Record<string, { title?: string; format?: (value: Cell) => string; width?: number }>}
+ */
+const LOOKS = {
+  name: { width: 180 },
+  outcome: { width: 170 },
+  reliability: { format: percent, width: 84 },
+  area_cm2: { title: "area cm\u00b2", format: number(0), width: 84 },
+  coverage_estimate: { title: "coverage", format: percent, width: 84 },
+  reliable_share: { title: "reliable", format: percent, width: 84 },
+  uncertainty_mm: { title: "uncertainty mm", format: number(1), width: 116 },
+  floating_cm2: { title: "floating cm\u00b2", format: number(0), width: 96 },
+  views_used: { title: "views", width: 60 },
+  garment: { width: 84 },
+  seconds: { title: "s", format: number(1), width: 60 },
+  peak_memory_mb: { title: "peak MB", format: number(0), width: 80 },
+  review: { width: 84 },
+  garment_probability: { format: percent },
+  least_score: { format: number(2) },
+  angles_off_deg: { format: number(2) },
+  cpu_seconds: { format: number(1) },
+  seconds_opening: { format: number(2) },
+  seconds_integrating: { format: number(2) },
+  seconds_garment: { format: number(2) },
+  seconds_writing: { format: number(2) },
+  seconds_measuring: { format: number(2) },
+  memory_after_mb: { format: number(0) },
 };
 const text = (/** @type {Cell} */ value) => (value === null || value === undefined ? "" : String(value));
 
@@ -57,29 +55,13 @@ const text = (/** @type {Cell} */ value) => (value === null || value === undefin
 const every = data.columns.map(({ name, kind, meaning }) => ({
   name,
   meaning,
-  title: TITLES[name] ?? name.replaceAll("_", " "),
+  title: LOOKS[name]?.title ?? name.replaceAll("_", " "),
   number: kind === "number" || kind === "count",
-  format: FORMATS[name] ?? text,
-  show: (/** @type {Row} */ row) => (FORMATS[name] ?? text)(row[name]),
+  format: LOOKS[name]?.format ?? text,
+  show: (/** @type {Row} */ row) => (LOOKS[name]?.format ?? text)(row[name]),
 }));
 
 const named = new Map(every.map((column) => [column.name, column]));
-/** The columns of the table, and their widths in px. */
-const IN_TABLE = {
-  name: 180,
-  outcome: 170,
-  reliability: 84,
-  area_cm2: 84,
-  coverage_estimate: 84,
-  reliable_share: 84,
-  uncertainty_mm: 116,
-  floating_cm2: 96,
-  views_used: 60,
-  garment: 84,
-  seconds: 60,
-  peak_memory_mb: 80,
-  review: 84,
-};
 const HISTOGRAMS = [
   "reliability",
   "coverage_estimate",
@@ -110,9 +92,9 @@ const verdict = (/** @type {Row} */ row) => make("span", { class: row.review }, 
 /** @type {Record<string, Column["node"]>} */
 const NODES = { name: link, outcome, review: verdict };
 const anyGarment = rows.some((row) => row.garment);
-const shownColumns = Object.entries(IN_TABLE)
-  .filter(([name]) => name !== "garment" || anyGarment)
-  .map(([name, width]) => ({ .../** @type {Column} */ (named.get(name)), node: NODES[name], width }));
+const shownColumns = Object.entries(LOOKS)
+  .filter(([name, { width }]) => width && (name !== "garment" || anyGarment))
+  .map(([name, { width }]) => ({ .../** @type {Column} */ (named.get(name)), node: NODES[name], width }));
 
 let sort = { name: "reliability", descending: false };
 const table = makeTable({

@@ -1,7 +1,7 @@
 // Over the flattened view: the outline of the side behind, and the seams of both sides; in 3D the chosen seam.
 
 import { nearest } from "/static/canvas/geometry.js";
-import { drawDot, strokeLine } from "/static/canvas/marks.js";
+import { drawDot, strokeLoop } from "/static/canvas/marks.js";
 import { mirrored } from "/static/both/seen.js";
 
 const HIT_PX = 8;
@@ -37,7 +37,7 @@ export class SidesDrawing {
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { places, other, showsSeams, chosen } = this.panel;
     if (!places || !other || this.page.isLive) return;
-    if (other.is_related) this.drawBehind(context, style, places);
+    if (other.is_related) this.drawBehind(style, places);
     if (!showsSeams) return;
     other.seams.forEach((seam, n) => {
       if (n === chosen) return;
@@ -55,19 +55,16 @@ export class SidesDrawing {
 
   /**
    * The outline of each side, through the other one.
-   * @param {Context} context @param {Style} style @param {SidePlaces} places
+   * @param {Style} style @param {SidePlaces} places
    */
-  drawBehind(context, style, places) {
+  drawBehind(style, places) {
     const { canvas } = this.page;
     const color = style.getPropertyValue("--seam");
     for (const sheet of SHEETS) {
       const behind = sheet === "this" ? places.other_outline_uv_m : places.this_outline_uv_m;
       for (const loop of behind) {
-        const line = [...loop, loop[0]].map((uv) => canvas.shownAt(sheet, mirrored(uv)));
-        if (line.some((at) => at === null)) continue;
-        const inPane = line.map((at) => canvas.transform.toPane(.../** @type {UV} */ (at)));
-        strokeLine(context, inPane, "#fff", 2.5, [6, 5]);
-        strokeLine(context, inPane, color, 1.5, [6, 5]);
+        const seen = loop.map((uv) => canvas.shownAt(sheet, mirrored(uv))).filter((at) => at !== null);
+        strokeLoop(canvas, seen, color, 1.5, { rim: 1, dash: [6, 5] });
       }
     }
   }

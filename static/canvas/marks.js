@@ -130,6 +130,23 @@ export function strokeScale(context, x, y, width, color) {
 }
 
 /**
+ * A closed line around places of the plane; a white rim, so much wider, lets it be seen on any cloth.
+ * @param {FlatCanvas} canvas @param {UV[]} loop @param {string} color @param {number} width
+ */
+export function strokeLoop(
+  { context, transform },
+  loop,
+  color,
+  width,
+  { rim = 0, dash = /** @type {number[]} */ ([]) },
+) {
+  if (!loop.length) return;
+  const line = [...loop, loop[0]].map(([u, v]) => transform.toPane(u, v));
+  if (rim) strokeLine(context, line, "#fff", width + rim, dash);
+  strokeLine(context, line, color, width, dash);
+}
+
+/**
  * A line through points of the pane.
  * @param {Context} context @param {Point[]} points @param {string} color @param {number} width
  * @param {number[]} dash

@@ -1,7 +1,7 @@
 // The fitted outline and the named points over the flattened view: drawn, dragged, shown in the scene.
 
 import { nearest } from "/static/canvas/geometry.js";
-import { drawDot, strokeLine } from "/static/canvas/marks.js";
+import { drawDot, strokeLoop } from "/static/canvas/marks.js";
 import { drawGarment, drawName } from "/static/garment/marks.js";
 
 const GRAB_PX = 10;
@@ -93,20 +93,17 @@ export class GarmentDrawing {
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { drawn } = this;
-    this.drawLinks(context, style);
+    this.drawLinks(style);
     if (!drawn) return;
     drawGarment(this.page.canvas, context, style, drawn, this.grabbed?.name ?? this.panel.pointed);
   }
 
   /** The outlines of the parts whose links are doubted. */
-  drawLinks(/** @type {Context} */ context, /** @type {Style} */ style) {
+  drawLinks(/** @type {Style} */ style) {
     if (!this.panel.shown || this.page.isLive) return;
     const color = style.getPropertyValue("--warn");
     for (const { outline_uv_m } of this.panel.found?.links ?? [])
-      for (const loop of outline_uv_m) {
-        const line = [...loop, loop[0]].map(([u, v]) => this.page.canvas.transform.toPane(u, v));
-        strokeLine(context, line, color, 2, [6, 4]);
-      }
+      for (const loop of outline_uv_m) strokeLoop(this.page.canvas, loop, color, 2, { dash: [6, 4] });
   }
 
   /** @param {Context} context @param {Style} style @param {PlaceInScene} place */

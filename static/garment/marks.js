@@ -1,6 +1,6 @@
 // The outline of a garment and its named points on a flattened view.
 
-import { drawDot, drawLabel, drawRing, strokeLine } from "/static/canvas/marks.js";
+import { drawDot, drawLabel, drawRing, strokeLoop } from "/static/canvas/marks.js";
 
 /** A name of the files as words. */
 export const words = (/** @type {string} */ name) => name.replaceAll("_", " ");
@@ -13,11 +13,8 @@ export const words = (/** @type {string} */ name) => name.replaceAll("_", " ");
  */
 export function drawGarment(canvas, context, style, found, pointed) {
   const { transform } = canvas;
-  const line = found.outline_uv_m.map((uv) => transform.toPane(...uv));
-  if (line.length) line.push(line[0]);
   const color = style.getPropertyValue("--garment");
-  strokeLine(context, line, "#fff", 4);
-  strokeLine(context, line, color, 2);
+  strokeLoop(canvas, found.outline_uv_m, color, 2, { rim: 2 });
   for (const point of found.points) {
     const at = transform.toPane(...point.uv_m);
     const on = point.name === pointed;

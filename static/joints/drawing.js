@@ -1,7 +1,7 @@
 // Where parts of the shape are joined: on the flattened view, in 3D, and in the source image.
 
 import { nearest } from "/static/canvas/geometry.js";
-import { drawDot, strokeLine } from "/static/canvas/marks.js";
+import { drawDot, strokeLoop } from "/static/canvas/marks.js";
 
 const HIT_PX = 10;
 
@@ -38,11 +38,8 @@ export class JointsDrawing {
       }
     });
     if (chosen === null) return;
-    for (const loop of joints[chosen].outline_uv_m) {
-      const line = [...loop, loop[0]].map((uv) => transform.toPane(...uv));
-      strokeLine(context, line, "#fff", 3.5, [6, 4]);
-      strokeLine(context, line, style.getPropertyValue("--accent"), 2, [6, 4]);
-    }
+    for (const loop of joints[chosen].outline_uv_m)
+      strokeLoop(this.page.canvas, loop, style.getPropertyValue("--accent"), 2, { rim: 1.5, dash: [6, 4] });
     for (const uv of joints[chosen].seam_uv_m)
       drawDot(context, transform.toPane(...uv), style.getPropertyValue("--accent"), 3.5);
   }

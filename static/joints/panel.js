@@ -35,11 +35,6 @@ export class JointsPanel extends PagePart {
     return { joints: this.shown };
   }
 
-  get status() {
-    const { shown, chosen, found, told } = this;
-    return { shown, chosen, found, told };
-  }
-
   toggle() {
     this.shown = !this.shown;
     this.chosen = null;

@@ -161,10 +161,6 @@ export class Layout extends PagePart {
     localStorage.setItem(FOLDED, folded ? "no" : "yes");
     this.apply();
   }
-
-  get status() {
-    return { kind: this.kind, pane: this.pane, panes: this.panes };
-  }
 }
 
 /** The divider between scene and flattened view: upright where they are beside one another, else level. */

@@ -105,10 +105,6 @@ export class PageAddress extends PagePart {
     if (state.picks.some(({ id }) => id === pick)) this.page.send({ type: "show_pick", id: pick });
     else this.page.notify("info", `The pick ${pick} of this address is not there any more.`);
   }
-
-  get status() {
-    return { known: this.known, place: this.place };
-  }
 }
 
 const same = (/** @type {Place} */ a, /** @type {Place | null} */ b) =>

@@ -43,6 +43,7 @@ export interface Ids {
   "progress-bar": HTMLProgressElement;
   "teaching-progress-bar": HTMLProgressElement;
   "diagnostics-canvas": HTMLCanvasElement;
+  "hand-eye": HTMLInputElement;
   "capture-still": HTMLMeterElement;
   find: HTMLInputElement;
   outcome: HTMLSelectElement;

@@ -134,8 +134,9 @@ export class SceneMarks extends PagePart {
     const [px, py, pz] = applied(projectionMatrixInverse.elements, [a, b, 0.5]);
     const [ex, ey, ez] = matrixWorld.elements.slice(12, 15);
     const through = applied(matrixWorld.elements, [px, py, pz]);
-    const origin = unapplied(view.world, [ex, ey, ez]);
-    const end = unapplied(view.world, through);
+    const back = [...new DOMMatrix(view.world).inverse().toFloat64Array()];
+    const origin = applied(back, [ex, ey, ez]);
+    const end = applied(back, through);
     /** @type {XYZ} */
     const direction = [end[0] - origin[0], end[1] - origin[1], end[2] - origin[2]];
     return { origin_m: origin, direction: scaled(direction, 1 / Math.hypot(...direction)) };
@@ -236,25 +237,8 @@ function drawNumber(context, { x, y }, number, style, current) {
 /** Whether a matrix from the object frame, in which up is -y, turns up to +y: the identity does not. */
 const isUpright = (/** @type {Matrix4} */ { elements }) => elements[5] < 0;
 
-/**
- * A point moved by a matrix of four columns, divided by its last row.
- *
- * @param {Numbers} m @param {XYZ} point
- * @returns {XYZ}
- */
-function applied(m, [x, y, z]) {
-  const [a, b, c, w] = [0, 1, 2, 3].map((i) => m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]);
-  return [a / w, b / w, c / w];
-}
-
-/**
- * A point moved back by a rigid motion.
- *
- * @param {Numbers} m @param {XYZ} point
- * @returns {XYZ}
- */
-function unapplied(m, point) {
-  const [x, y, z] = point.map((value, i) => value - m[12 + i]);
-  const [a, b, c] = [0, 4, 8].map((i) => m[i] * x + m[i + 1] * y + m[i + 2] * z);
-  return [a, b, c];
+/** A point moved by a matrix of four columns, divided by its last row. @returns {XYZ} */
+function applied(/** @type {number[]} */ matrix, /** @type {XYZ} */ [x, y, z]) {
+  const at = new DOMMatrix(matrix).transformPoint({ x, y, z });
+  return [at.x / at.w, at.y / at.w, at.z / at.w];
 }

@@ -1,7 +1,7 @@
 // The pieces that float: listed with area and reason, marked on the canvas, placed by hand or by the garment.
 
 import { PagePart } from "/static/page/part.js";
-import { strokeLine } from "/static/canvas/marks.js";
+import { strokeLoop } from "/static/canvas/marks.js";
 import { applied, boxOf, cornersOf } from "/static/canvas/geometry.js";
 import { drawPieces } from "/static/canvas/pieces.js";
 import { percent } from "/static/garment/lists.js";
@@ -104,38 +104,30 @@ export class PiecesPanel extends PagePart {
     this.canvas.redraw();
   }
 
-  get status() {
-    return { pieces: this.pieces, chosen: this.chosen };
-  }
-
   /** Each floating piece has a rectangle and its letter; one with a place by the garment its outline there. */
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
-    for (const piece of this.pieces) this.drawPlace(context, piece);
-    this.drawBrought(context);
+    for (const piece of this.pieces) this.drawPlace(piece);
+    this.drawBrought();
     const beside = this.pieces.filter((piece) => !piece.placed);
     drawPieces(this.canvas, context, style, beside, this.chosen);
   }
 
   /** Where a piece comes to lie that goes along with the proposal. */
-  drawBrought(/** @type {Context} */ context) {
+  drawBrought() {
     const { brings } = this.page.state?.pending ?? {};
     const piece = brings && this.pieces.find(({ label }) => label === brings.label);
     if (!piece) return;
     const { theta_rad: turn, u_m, v_m } = brings.placement;
-    const line = cornersOf(boxOf(piece.grid)).map(([u, v]) =>
-      this.canvas.transform.toPane(...applied([turn, u_m, v_m], u, v)),
-    );
-    strokeLine(context, [...line, line[0]], piece.color, 2.5, [2, 3]);
+    const corners = cornersOf(boxOf(piece.grid)).map(([u, v]) => applied([turn, u_m, v_m], u, v));
+    strokeLoop(this.canvas, corners, piece.color, 2.5, { dash: [2, 3] });
   }
 
   /** The outline of a piece where the garment has a place for it. */
-  drawPlace(/** @type {Context} */ context, /** @type {Piece} */ piece) {
+  drawPlace(/** @type {Piece} */ piece) {
     const place = this.places.get(piece.label);
     if (!place || place.state === "refused") return;
     const chosen = piece.label === this.chosen;
-    for (const loop of place.outline_uv_m) {
-      const line = [...loop, loop[0]].map(([u, v]) => this.canvas.transform.toPane(u, v));
-      strokeLine(context, line, piece.color, chosen ? 3 : 1.5, piece.placed ? [] : [5, 4]);
-    }
+    const dash = piece.placed ? [] : [5, 4];
+    for (const loop of place.outline_uv_m) strokeLoop(this.canvas, loop, piece.color, chosen ? 3 : 1.5, { dash });
   }
 }

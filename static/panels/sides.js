@@ -62,10 +62,6 @@ export class SidesPanel extends PagePart {
     };
   }
 
-  get status() {
-    return { kind: this.kind, radius_mm: this.radius_mm, known: this.known, cutLine: this.cutLine };
-  }
-
   get radius_m() {
     return this.radius_mm / 1000;
   }

@@ -131,10 +131,6 @@ export class Timeline {
     this.scrubbed = index;
     this.page.send({ type: "turn_to", view_index: index });
   }
-
-  get status() {
-    return { scrubbed: this.scrubbed };
-  }
 }
 
 /** A sign that is drawn by the style sheet: the name of its button has it in words. */
