@@ -70,6 +70,7 @@ export class FlatCanvas {
     this.center = [0, 0];
     this.around = () => /** @type {Box | null} */ (null); // what a panel draws beyond the cloth
     this.snap = (/** @type {By} */ by) => by; // to places that a panel knows
+    this.gripAt = (/** @type {Point} */ _) => /** @type {"turn" | "drag" | null} */ (null); // a handle of the proposal
     this.dirty = false;
     new ResizeObserver(() => this.resize()).observe(byId("stage"));
     new ResizeObserver(() => this.fitted && this.fit()).observe(byId("legend"));
@@ -364,10 +365,11 @@ export class FlatCanvas {
     if (event.isTrusted) this.canvas.setPointerCapture(event.pointerId);
     const main = event.button === 0;
     const tool = main ? this.tools.find((t) => t.press(this.at(x, y, event))) : undefined;
+    const grip = main && !tool && !event.shiftKey ? this.gripAt({ x, y }) : null;
     const held = main && !tool && this.overProposal(x, y);
     /** @type {Gesture} */
     const gesture = {
-      kind: tool ? "tool" : !held ? "pan" : event.shiftKey ? "turn" : "drag",
+      kind: tool ? "tool" : (grip ?? (!held ? "pan" : event.shiftKey ? "turn" : "drag")),
       tool,
       button: event.button,
       ...{ x, y, lastX: x, lastY: y },

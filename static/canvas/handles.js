@@ -6,7 +6,6 @@ import { byId, rebuild, smallButton } from "/static/page/dom.js";
 import { mm } from "/static/page/format.js";
 
 const REACH_PX = 13;
-const CLICK_PX = 4;
 const ABOVE_PX = 26; // of the ring over the proposal
 const LABEL_PX = 26; // of a ghost, below its middle
 const SNAP_PX = 16;
@@ -22,9 +21,9 @@ export class Handles {
     this.page = page;
     this.isAway = isAway;
     this.canvas = page.canvas;
-    this.held = /** @type {{ kind: "turn" | "move"; from: PointerPlace; by: By; angle: number } | null} */ (null);
     this.snapped = /** @type {Ghost | null} */ (null);
     this.canvas.snap = (by) => this.snap(by);
+    this.canvas.gripAt = (at) => this.gripAt(at);
   }
 
   update(/** @type {State} */ { pending }) {
@@ -61,41 +60,12 @@ export class Handles {
     return { middle, edge, ring: { x: edge.x + ABOVE_PX * way.x, y: edge.y + ABOVE_PX * way.y } };
   }
 
-  press(/** @type {PointerPlace} */ at) {
+  /** What a press at a place of the pane takes hold of; null: no handle. @returns {"turn" | "drag" | null} */
+  gripAt(/** @type {Point} */ at) {
     const { places } = this;
-    if (!places || at.shift) return false;
+    if (!places) return null;
     const near = (/** @type {Point} */ place) => Math.hypot(place.x - at.x, place.y - at.y) < REACH_PX;
-    /** @type {"turn" | "move" | null} */
-    const kind = near(places.ring) ? "turn" : near(places.middle) ? "move" : null;
-    if (!kind) return false;
-    this.held = { kind, from: at, by: { theta: 0, u: 0, v: 0 }, angle: this.canvas.angleAt(at.x, at.y) };
-    return true;
-  }
-
-  drag(/** @type {PointerPlace} */ at) {
-    const { held, canvas } = this;
-    if (!held) return;
-    if (held.kind === "move") held.by = { theta: 0, u: at.u - held.from.u, v: at.v - held.from.v };
-    else {
-      const { u, v } = canvas.preview;
-      const turn = Math.atan2(at.v - canvas.center[1] - v, at.u - canvas.center[0] - u) - held.angle;
-      held.by = { theta: Math.atan2(Math.sin(turn), Math.cos(turn)), u: 0, v: 0 };
-    }
-    canvas.showPreview(held.by);
-  }
-
-  release(/** @type {PointerPlace} */ at) {
-    const { held, canvas } = this;
-    this.held = null;
-    if (!held) return;
-    const moved = Math.hypot(at.x - held.from.x, at.y - held.from.y) > CLICK_PX;
-    if (moved) return canvas.handlers.nudge(canvas.preview);
-    canvas.resetPreview();
-    canvas.handlers.pick(at.u, at.v); // a click means the cloth below
-  }
-
-  cancel() {
-    this.held = null;
+    return near(places.ring) ? "turn" : near(places.middle) ? "drag" : null;
   }
 
   // --- ghosts ------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 // The pairs of cloth that fixed a proposal's place: histograms, and lines on the canvas and in 3D.
 
+import { nearest } from "/static/canvas/geometry.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { count, number } from "/static/page/format.js";
 import { columns, rows } from "/static/teaching/draw.js";
@@ -76,15 +77,10 @@ export class ClothPairs {
   /** The pair at a place of the plane, null if none is near. */
   nearest(/** @type {Place | null} */ at) {
     if (!at || !this.pairs) return null;
-    const here = this.canvas.transform.toPane(at.u_m, at.v_m);
-    let best = /** @type {number | null} */ (null);
-    let nearest = NEAR_PX;
-    this.pairs.shape_uv_m.forEach((uv, n) => {
-      const { x, y } = this.canvas.transform.toPane(...uv);
-      const off = Math.hypot(x - here.x, y - here.y);
-      if (off < nearest) [best, nearest] = [n, off];
-    });
-    return best;
+    const { transform } = this.canvas;
+    const { shape_uv_m: places } = this.pairs;
+    const placesOf = (/** @type {number} */ n) => [transform.toPane(...places[n])];
+    return nearest(places.keys(), placesOf, transform.toPane(at.u_m, at.v_m), NEAR_PX);
   }
 
   paint(/** @type {Context} */ context) {

@@ -6,8 +6,22 @@ import { byId, choice, make, numberBox, rebuild, smallButton, tickBox } from "/s
 import { number } from "/static/page/format.js";
 import { chosenTheme, setTheme } from "/static/page/theme.js";
 
-/** @type {Record<string, string>} */
-const THEMES = { "": "As the system", light: "Light", dark: "Dark" };
+/** @type {import("/static/page/messages").Choice} a setting that this browser keeps */
+const THEME = {
+  name: "theme",
+  title: "Theme",
+  description: "Of this browser; all else is kept with the session.",
+  value: "",
+  default: "",
+  options: [
+    ["", "As the system"],
+    ["light", "Light"],
+    ["dark", "Dark"],
+  ],
+  low: null,
+  high: null,
+  step: null,
+};
 
 export class SettingsSheet extends PagePart {
   name = "settings";
@@ -38,15 +52,20 @@ export class SettingsSheet extends PagePart {
     const rows = Object.values(this.settings);
     const theme = chosenTheme();
     byId("settings-reset").setAttribute("aria-disabled", String(!theme && rows.every((s) => s.value === s.default)));
+    /** @type {import("/static/page/messages").Choice} */
+    const themes = { ...THEME, value: theme };
     rebuild(byId("settings-body"), [rows, theme], () => [
-      ...rows.flatMap((s) => this.row(s)),
-      ...this.themeRow(theme),
+      ...rows.map((s) => this.row(s, (next) => this.page.send({ type: "set", [s.name]: next }))),
+      this.row(themes, (name) => {
+        setTheme(String(name));
+        this.show();
+      }),
     ]);
   }
 
-  row(/** @type {State["settings"][keyof State["settings"]]} */ setting) {
+  /** @param {State["settings"][keyof State["settings"]]} setting @param {(next: unknown) => unknown} set */
+  row(setting, set) {
     const { name, title, description, value } = setting;
-    const set = (/** @type {unknown} */ next) => this.page.send({ type: "set", [name]: next });
     const id = `setting-${name}`;
     const about = { id, key: id, "aria-describedby": `${id}-about` };
     const field =
@@ -65,42 +84,17 @@ export class SettingsSheet extends PagePart {
                   ? (box.value = String(value))
                   : set(box.valueAsNumber),
             });
-    const reset =
-      value !== setting.default &&
-      this.resetButton(id, title, `default: ${told(setting.default)}`, () => set(setting.default));
-    return this.line(id, title, description, field, reset);
-  }
-
-  themeRow(/** @type {string} */ theme) {
-    const id = "setting-theme";
-    const change = (/** @type {string} */ name) => {
-      setTheme(name);
-      this.show();
-    };
-    const field = choice(Object.entries(THEMES), theme, {
-      id,
-      key: id,
-      "aria-describedby": `${id}-about`,
-      change: (event) => change(event.target.value),
-    });
-    const reset = theme !== "" && this.resetButton(id, "Theme", "as the system", () => change(""));
-    return this.line(id, "Theme", "Of this browser; all else is kept with the session.", field, reset);
-  }
-
-  /** @param {string} id @param {string} title @param {string} first @param {() => void} reset */
-  resetButton(id, title, first, reset) {
-    return smallButton("Reset", reset, { key: `${id}-reset`, tip: `Reset: ${first}`, label: `Reset ${title}` });
-  }
-
-  /**
-   * @param {string} id @param {string} title @param {string} description @param {Child} field
-   * @param {Child} reset
-   */
-  line(id, title, description, field, reset) {
+    const usual = setting.options?.find(([of]) => of === setting.default)?.[1] ?? told(setting.default);
+    const reset = () => set(setting.default);
+    const tip = `Reset: default: ${usual}`;
     return [
       make("label", { for: id }, title),
       field,
-      make("span", reset),
+      make(
+        "span",
+        value !== setting.default &&
+          smallButton("Reset", reset, { key: `${id}-reset`, tip, label: `Reset ${title}` }),
+      ),
       make("p.note", { id: `${id}-about` }, description),
     ];
   }

@@ -1,6 +1,6 @@
 // The teaching mode: the stages of the method on the current recording. It only asks; it decides nothing.
 
-import { byId, find, findAll, make, setAllowed, setCurrent, setText } from "/static/page/dom.js";
+import { byId, find, findAll, make, rebuild, setAllowed, setCurrent, setText } from "/static/page/dom.js";
 import { keyName, number } from "/static/page/format.js";
 import { Sheet, inset } from "/static/teaching/draw.js";
 import { action, connectFrame, fitMath, FRAME, showLayers, STAGES, symbols } from "/static/teaching/frame.js";
@@ -350,14 +350,8 @@ export class Teaching {
 
   showFacts(/** @type {Fact[]} */ facts) {
     const list = byId("teaching-facts");
-    if (
-      list.childElementCount !== 2 * facts.length ||
-      facts.some(([name], i) => /** @type {HTMLElement} */ (list.children[2 * i]).dataset.name !== name)
-    ) {
-      list.replaceChildren(
-        ...facts.flatMap(([name]) => [make("dt", { data: { name } }, ...symbols(name)), make("dd")]),
-      );
-    }
+    const names = facts.map(([name]) => name);
+    rebuild(list, names, () => names.map((name) => [make("dt", { data: { name } }, symbols(name)), make("dd")]));
     facts.forEach(([, value], i) => setText(list.children[2 * i + 1], value));
     const { name: title, probe } = STAGES[this.at];
     const told = facts.map(([name, value]) => `${name}: ${value}`).join("; ");
