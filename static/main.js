@@ -54,13 +54,12 @@ const canvas = (page.canvas = new FlatCanvas({
   moving: (by) => page.each("moving", by),
   placed: () => page.each("placed"),
 }));
-const toolbar = (page.toolbar = new Toolbar(run, page));
 const nudges = new KeyNudges(canvas, () => page.state, sendMove);
 const hover = page.add(new Hover(page));
 const comparison = (page.comparison = page.add(new Comparison(page)));
 const looking = (page.looking = page.add(new Looking(page)));
 page.ruler = page.add(new Ruler(page));
-page.add(toolbar);
+page.add(new Toolbar(page));
 const layout = page.add(new Layout(page));
 page.sceneMarks = page.add(new SceneMarks(page));
 page.add(new StatusLines(page));
@@ -77,7 +76,6 @@ page.add(new PageAddress(page));
 const keyPointer = new KeyPointer();
 const teaching = new Teaching({
   actions: () => page.state.actions,
-  tip: (action) => toolbar.tip(action),
   name: () => page.state.recording.name,
   startView: () => page.state.start_view,
   garment: () => page.state.garment?.revision ?? 0,

@@ -168,7 +168,7 @@ export class Looking extends PagePart {
     rebuild(panel, [layer, legend, all, Object.keys(this.maps), live, legends, this.page.layer], () => [
       make("h2", "Layers"),
       this.list.build(live && legend ? { [layer]: legend } : legends, live),
-      make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.toolbar.button(name, sign))),
+      make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
       button("Reset", () => this.reset(), {
         class: "last",
         key: "look-reset",

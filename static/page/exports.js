@@ -14,6 +14,7 @@ export function showExports(/** @type {Notify} */ notify, /** @type {State} */ {
     ]),
   );
   for (const made of findAll("[data-file]", byId("exports"))) {
+    made.dataset.id = made.dataset.file;
     const seconds = took()[made.dataset.file ?? ""];
     const about = /** @type {HTMLElement} */ (made.parentElement?.nextElementSibling);
     about.dataset.took = seconds ? `Took ${number(seconds, 0)} s last time.` : "";

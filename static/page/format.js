@@ -26,6 +26,10 @@ export const keyName = (/** @type {string} */ key) =>
     .map((part) => (part.length === 1 || part.startsWith("⇧") ? part.toUpperCase() : part))
     .join("+");
 
+/** What an action does, and its keys. */
+export const tipOf = (/** @type {{ description: string; keys: string[] }} */ { description, keys }) =>
+  `${description}\nKey: ${keys.slice(0, 2).map(keyName).join(" or ")}`;
+
 export const hex = (/** @type {number[]} */ rgb) => "#" + rgb.map((c) => c.toString(16).padStart(2, "0")).join("");
 
 /** The longest of 1, 2, 5 times a power of ten (mm) that is at most `limit_mm`. */

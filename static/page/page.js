@@ -2,6 +2,7 @@
 
 import { Question } from "/static/page/connection.js";
 import { make } from "/static/page/dom.js";
+import { keyName, tipOf } from "/static/page/format.js";
 
 export class Page {
   constructor(/** @type {PageHandlers} */ handlers) {
@@ -13,7 +14,6 @@ export class Page {
     this.told = later;
     this.layer = "color"; // of the flattened view
     this.canvas = /** @type {FlatCanvas} */ (later);
-    this.toolbar = /** @type {Toolbar} */ (later);
     this.comparison = /** @type {Comparison} */ (later);
     this.looking = /** @type {Looking} */ (later);
     this.ruler = /** @type {Ruler} */ (later);
@@ -52,9 +52,7 @@ export class Page {
   /** @type {Notify} */
   notify = (level, text) => this.handlers.notify(level, text);
 
-  run(/** @type {string} */ name) {
-    this.handlers.run(name);
-  }
+  run = (/** @type {string} */ name) => this.handlers.run(name);
 
   /** Draw the page again, after something of this tab has changed. */
   changed() {
@@ -76,14 +74,28 @@ export class Page {
   }
 
   tip(/** @type {string} */ name) {
-    return this.toolbar.tip(this.action(name));
+    return tipOf(this.action(name));
   }
 
   /** The button of an action of the table. */
   button(/** @type {string} */ name, /** @type {string | null} */ title = null) {
-    const button = this.toolbar.button(name, title);
-    button.dataset.tip = this.tip(name);
-    return button;
+    const action = this.action(name);
+    const key = keyName(action.keys[0]);
+    return make(
+      "button.button",
+      {
+        // What is seen comes first, so that a button can be called by what is written on it.
+        label: title && `${title} ${key}: ${action.title}`,
+        key: name,
+        tip: tipOf(action),
+        data: { action: name },
+        "aria-keyshortcuts": action.keys.map((key) => key.replace("Ctrl", "Control")).join(" "),
+        click: () => this.run(name),
+      },
+      title ?? action.title,
+      " ",
+      make("kbd", key),
+    );
   }
 
   /** The same, small. */

@@ -15,7 +15,8 @@ import {
   staysIn,
   taken,
 } from "/static/page/dom.js";
-import { keyName } from "/static/page/format.js";
+import { keyName, tipOf } from "/static/page/format.js";
+import { PagePart } from "/static/page/part.js";
 import { keySection, showKeys } from "/static/page/keys.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
@@ -49,16 +50,8 @@ const SIGNS = { zoom_out: "−", zoom_in: "+" };
 /** @type {Record<string, string>} */
 const LIVE_SIGNS = { live_back: "◂", live_forward: "▸" };
 
-/** `run(name)` performs an action; `page` holds what belongs to this tab: layer, comparison, step. */
-export class Toolbar {
-  constructor(/** @type {(name: string) => void} */ run, /** @type {Page} */ page) {
-    this.run = run;
-    this.page = page;
-    this.actions = /** @type {Map<string, ActionRow>} */ (new Map());
-  }
-
+export class Toolbar extends PagePart {
   update(/** @type {State} */ state) {
-    this.actions = new Map(state.actions.map((a) => [a.name, a]));
     if (state.mode === "live") this.build(byId("actions"), LIVE, LIVE_SIGNS);
     else this.build(byId("actions"), SESSION);
     byId("actions").setAttribute("aria-label", state.mode === "live" ? "Playing" : "Session");
@@ -68,7 +61,7 @@ export class Toolbar {
     this.build(byId("zoom-tools"), ["zoom_out", "zoom_in", "fit"], SIGNS);
     for (const action of state.actions)
       for (const button of findAll(`[data-action="${action.name}"]`))
-        setAllowed(button, action.why_not, this.tip(action));
+        setAllowed(button, action.why_not, tipOf(action));
     for (const { pressed } of this.page.panels)
       for (const [name, on] of Object.entries(pressed ?? {})) setPressed(buttonOf(name), on);
     byId("canvas").classList.toggle("measuring", this.page.ruler.on);
@@ -94,35 +87,6 @@ export class Toolbar {
     }
   }
 
-  tip(/** @type {ActionRow} */ action) {
-    const keys = action.keys.slice(0, 2).map(keyName).join(" or ");
-    return `${action.description}\nKey: ${keys}`;
-  }
-
-  action(/** @type {string} */ name) {
-    return /** @type {ActionRow} */ (this.actions.get(name));
-  }
-
-  button(/** @type {string} */ name, /** @type {string | null} */ title = null) {
-    const action = this.action(name);
-    const key = keyName(action.keys[0]);
-    // What is seen comes first, so that a button can be called by what is written on it.
-    const label = title && `${title} ${key}: ${action.title}`;
-    return make(
-      "button.button",
-      {
-        label,
-        key: name,
-        data: { action: name },
-        "aria-keyshortcuts": action.keys.map((key) => key.replace("Ctrl", "Control")).join(" "),
-        click: () => this.run(name),
-      },
-      title ?? action.title,
-      " ",
-      make("kbd", key),
-    );
-  }
-
   build(
     /** @type {HTMLElement} */ container,
     /** @type {string[]} */ names,
@@ -131,7 +95,7 @@ export class Toolbar {
     rebuild(container, [names], () =>
       names.map((name) => {
         if (name === "|") return make("span.gap", { "aria-hidden": "true" });
-        const button = this.button(name, titles[name]);
+        const button = this.page.button(name, titles[name]);
         const more = MORE[name];
         return more ? make("span.joined", button, this.more(more)) : button;
       }),
@@ -140,7 +104,7 @@ export class Toolbar {
 
   /** The small button beside another that opens a menu. */
   more(/** @type {string} */ name) {
-    const button = this.button(name, "▾");
+    const button = this.page.button(name, "▾");
     button.classList.add("more");
     if (name === "reject_menu") button.setAttribute("aria-haspopup", "menu");
     return button;
@@ -170,9 +134,9 @@ export class Toolbar {
       input: (event) => page.comparison.setOpacity(event.target.valueAsNumber),
     });
     rebuild(byId("overlay-tools"), ["overlay"], () => [
-      page.comparison.buttons((name, title) => this.button(name, title)),
+      page.comparison.buttons((name, title) => this.page.button(name, title)),
       make("div#difference-kinds.segmented", { role: "group", label: "Difference", hidden: true }),
-      make("div.field", this.button("diagnostics"), field("Opacity", opacity)),
+      make("div.field", this.page.button("diagnostics"), field("Opacity", opacity)),
       field("Arrows, [ ]", steps, STEPS_TIP),
     ]);
   }

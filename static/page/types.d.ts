@@ -12,7 +12,6 @@ import type { KeyNudges as KeyNudgesClass } from "/static/canvas/nudges.js";
 import type { Ruler as RulerClass } from "/static/canvas/ruler.js";
 import type { Page as PageClass } from "/static/page/page.js";
 import type { SceneMarks as SceneMarksClass } from "/static/page/scene_marks.js";
-import type { Toolbar as ToolbarClass } from "/static/page/toolbar.js";
 import type { SidesPanel as SidesPanelClass } from "/static/panels/sides.js";
 import type { Verdicts as VerdictsClass } from "/static/review/verdicts.js";
 import type { GarmentPanel as GarmentPanelClass } from "/static/garment/panel.js";
@@ -142,7 +141,6 @@ declare global {
   type KeyNudges = KeyNudgesClass;
   type Ruler = RulerClass;
   type SceneMarks = SceneMarksClass;
-  type Toolbar = ToolbarClass;
   type SidesPanel = SidesPanelClass;
   type Verdicts = VerdictsClass;
   type GarmentPanel = GarmentPanelClass;

@@ -11,7 +11,7 @@ import {
   setText,
   swatch,
 } from "/static/page/dom.js";
-import { keyName } from "/static/page/format.js";
+import { keyName, tipOf } from "/static/page/format.js";
 import { SEAM_STAGES } from "/static/both/teaching.js";
 import { ALIGNMENT_STAGES } from "/static/teaching/alignment.js";
 import { FLATTENING_STAGES } from "/static/teaching/flattening.js";
@@ -59,7 +59,7 @@ export function connectFrame(/** @type {Teaching} */ mode) {
     const { title, keys } = action(mode, name);
     if (!button.childElementCount) button.append(make("span", title));
     button.append(make("kbd", keyName(keys[0])));
-    setAllowed(button, null, mode.session.tip(action(mode, name)));
+    setAllowed(button, null, tipOf(action(mode, name)));
     button.addEventListener("click", () => mode.session.run(name));
   }
   find("kbd", byId("teaching-cancel")).textContent = keyName(action(mode, "cancel").keys[0]);

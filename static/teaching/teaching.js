@@ -1,7 +1,7 @@
 // The teaching mode: the stages of the method on the current recording. It only asks; it decides nothing.
 
 import { byId, find, findAll, make, rebuild, setAllowed, setCurrent, setText } from "/static/page/dom.js";
-import { keyName, number } from "/static/page/format.js";
+import { keyName, number, tipOf } from "/static/page/format.js";
 import { Sheet, inset } from "/static/teaching/draw.js";
 import { action, connectFrame, fitMath, FRAME, showLayers, STAGES, symbols } from "/static/teaching/frame.js";
 import { onKey } from "/static/teaching/keys.js";
@@ -287,7 +287,7 @@ export class Teaching {
     };
     for (const [id, why] of Object.entries(ends)) {
       const name = id === "teaching-back" ? "teach_back" : "teach_next";
-      setAllowed(byId(id), why, this.session.tip(action(this, name)));
+      setAllowed(byId(id), why, tipOf(action(this, name)));
     }
     byId("teaching-next").classList.toggle("primary", this.at < STAGES.length - 1);
     this.canvas.tabIndex = stage.probe ? 0 : -1;

@@ -74,7 +74,6 @@ declare global {
   /** What the teaching mode asks of the page; `garment` and `other` are the revisions of what is known of them. */
   type Session = {
     actions: () => ActionRow[];
-    tip: (action: ActionRow) => string;
     name: () => string;
     startView: () => number | null;
     garment: () => number;
