@@ -1,6 +1,6 @@
 // Both sides of the item: the garment turned over, both beside one another, and the seams that join them.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { SidesDrawing } from "/static/both/drawing.js";
 import { askJson, Fetched } from "/static/page/connection.js";
 import { closeButton, byId, heading, make, rebuild, smallButton, swatch, values } from "/static/page/dom.js";

@@ -1,6 +1,6 @@
 // A, the shape, and B, the proposal on it: both, each alone, wiped, blinking, or their difference.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { byId, make, rebuild, setText, swatch, taken, within } from "/static/page/dom.js";
 import { degrees, hex, mm, number, vector } from "/static/page/format.js";
 import { Picture } from "/static/canvas/picture.js";

@@ -137,6 +137,18 @@ export const grown = (/** @type {Box} */ box, /** @type {number} */ by) => ({
   bottom: box.bottom + by,
 });
 
+/** The box of points [x0, y0, x1, y1, ...]. */
+export function boxOfPoints(/** @type {Numbers} */ points) {
+  const box = { left: Infinity, top: Infinity, right: -Infinity, bottom: -Infinity };
+  for (let i = 0; i < points.length; i += 2) {
+    box.left = Math.min(box.left, points[i]);
+    box.right = Math.max(box.right, points[i]);
+    box.top = Math.min(box.top, points[i + 1]);
+    box.bottom = Math.max(box.bottom, points[i + 1]);
+  }
+  return box;
+}
+
 /**
  * The box around two; of one and none it is that one.
  *

@@ -6,7 +6,7 @@ import { number } from "/static/page/format.js";
 import { Picture } from "/static/canvas/picture.js";
 
 /** @type {Record<string, string>} */
-export const LAYER_TITLES = {
+const LAYER_TITLES = {
   color: "Color",
   height: "Height z",
   z_angle: "Z-angle",

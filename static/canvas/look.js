@@ -1,7 +1,7 @@
 // Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as
 // they are.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { askJson } from "/static/page/connection.js";
 import { LayerList } from "/static/canvas/layer_list.js";
 import { drawLabel, strokeLine } from "/static/canvas/marks.js";

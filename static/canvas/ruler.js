@@ -1,6 +1,6 @@
 // The ruler: drag on the flattened view; the length straight on it, along the cloth, and through the air.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";
 import { byId, make } from "/static/page/dom.js";
 import { mm } from "/static/page/format.js";

@@ -1,6 +1,6 @@
 // The Garment panel: kinds with their probabilities, dimensions, named points; what is decided about them by hand.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { GarmentDrawing } from "/static/garment/drawing.js";
 import { dimensions, percent, pointButton, shares } from "/static/garment/lists.js";
 import { words } from "/static/garment/marks.js";

@@ -1,6 +1,6 @@
 // Why the parts of the shape are joined: where the least evidence joins them, the views that saw it; cut or keep.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { JointsDrawing } from "/static/joints/drawing.js";
 import { askJson } from "/static/page/connection.js";
 import { byId, closeButton, heading, make, rebuild, smallButton, swatch } from "/static/page/dom.js";

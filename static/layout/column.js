@@ -1,6 +1,6 @@
 // The right column: the part that the moment needs, the others one press away, the selection always in sight.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { byId, make, rebuild, smallButton, values } from "/static/page/dom.js";
 import { degrees, keyName, mm, vector } from "/static/page/format.js";
 import { stdMm } from "/static/panels/pick_text.js";

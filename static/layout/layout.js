@@ -1,6 +1,6 @@
 // How the panes share the window: beside one another, stacked, or one at a time.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { byId, rebuild, smallButton, taken, targetOf, within } from "/static/page/dom.js";
 import { keyName } from "/static/page/format.js";
 

@@ -155,7 +155,7 @@ function aroundOf(/** @type {OfflineHistory} */ history, /** @type {Parts} */ ar
  * @param {T} differences @param {number} channels
  * @returns {T}
  */
-export function summed(differences, channels) {
+function summed(differences, channels) {
   const count = differences.length / channels;
   const out = differences.slice();
   for (let channel = 0; channel < channels; channel++) {

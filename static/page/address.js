@@ -2,7 +2,7 @@
 //
 // It is the part after "#": KIND/NAME, then view and pick as in a query; the server never sees it.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { askJson, post } from "/static/page/connection.js";
 
 /**

@@ -146,21 +146,22 @@ export const valueRows = (...rows) =>
 /** A title with what stands beside it. @param {string} title @param {...Child} more */
 export const heading = (title, ...more) => make("div.heading", make("h2", title), ...more);
 
-/** A dialog with a button that closes it. @param {string} selector @param {string} title @param {...Child} parts */
-export const sheet = (selector, title, ...parts) =>
-  make(
-    `dialog${selector}`,
-    { label: title },
+/** Show a dialog with a button that closes it; then it is gone. @param {string} title @param {...Child} parts */
+export function showSheet(title, ...parts) {
+  const close = make(
+    "form",
+    { method: "dialog" },
+    make("button.button", { type: "submit", autofocus: true }, "Close"),
+  );
+  const dialog = make(
+    "dialog.sheet",
+    { label: title, close: (event) => event.target.remove() },
     make("h2", title),
     ...parts,
-    make("form", { method: "dialog" }, make("button.button", { type: "submit", autofocus: true }, "Close")),
+    close,
   );
-
-/** Show a dialog that is gone when it is closed. */
-export function showSheet(/** @type {HTMLElement} */ dialog) {
-  dialog.addEventListener("close", () => dialog.remove());
   document.body.append(dialog);
-  /** @type {HTMLDialogElement} */ (dialog).showModal();
+  dialog.showModal();
 }
 
 /** A square that shows a colour. */

@@ -150,3 +150,11 @@ export class Page {
 
 const call = (/** @type {Panel} */ panel, /** @type {PanelEvent} */ event, /** @type {unknown[]} */ args) =>
   /** @type {((...args: unknown[]) => unknown) | undefined} */ (panel[event])?.apply(panel, args);
+
+/** What a part of the page begins with. */
+export class PagePart {
+  constructor(/** @type {Page} */ page) {
+    this.page = page;
+    this.canvas = page.canvas;
+  }
+}

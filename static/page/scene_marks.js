@@ -4,7 +4,7 @@
 // They are drawn by this page on a canvas over viser's, with the camera that viser has at that moment: so a mark
 // is never hidden, and follows the pointer without waiting for the scene.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { drawDot, drawLabel, drawRing, strokeRimmed } from "/static/canvas/marks.js";
 import { byId, sized } from "/static/page/dom.js";
 

@@ -16,7 +16,7 @@ import {
   taken,
 } from "/static/page/dom.js";
 import { keyName, tipOf } from "/static/page/format.js";
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { keySection, showKeys } from "/static/page/keys.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];

@@ -1,6 +1,6 @@
 // A camera's page: what it sees wrong, and the guided capture: turn, hold still, keep or repeat.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { button, buttonOf, byId, field, make, numberBox, rebuild, setAllowed, setText } from "/static/page/dom.js";
 import { count, degrees, number } from "/static/page/format.js";
 

@@ -1,6 +1,6 @@
 // What placed a proposal: pairs of cloth; the paper's curves, linked to the canvas, and lines; strained edges.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { ask } from "/static/page/connection.js";
 import { applied, unapplied } from "/static/canvas/geometry.js";
 import { drawDot, strokeLine } from "/static/canvas/marks.js";

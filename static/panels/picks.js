@@ -1,6 +1,6 @@
 // The current pick with its grip, and the list of all picks.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import {
   byId,
   closeButton,

@@ -1,6 +1,6 @@
 // The pieces that float: listed with area and reason, marked on the canvas, placed by hand or by the garment.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { strokeLoop } from "/static/canvas/marks.js";
 import { applied, boxOf, cornersOf } from "/static/canvas/geometry.js";
 import { drawPieces } from "/static/canvas/pieces.js";

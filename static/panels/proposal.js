@@ -1,6 +1,6 @@
 // The proposal that waits for a decision: score, parts of it, other places.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { drawDot } from "/static/canvas/marks.js";
 import { drawName } from "/static/garment/marks.js";
 import { button, buttonOf, byId, make, rebuild, valueRows, values } from "/static/page/dom.js";

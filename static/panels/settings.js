@@ -1,6 +1,6 @@
 // The settings: one door, made from the server's table, each with a reset; and the numbers of the method, to read.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { askJson } from "/static/page/connection.js";
 import { byId, choice, make, numberBox, rebuild, smallButton, tickBox } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";

@@ -1,6 +1,6 @@
 // The side of interest: brushes on the source image and the shape, a cut, what is uncertain, where to stroke next.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { askPicture, Fetched } from "/static/page/connection.js";
 import { strokeLine } from "/static/canvas/marks.js";
 import { byId, make, rebuild, setText, within } from "/static/page/dom.js";

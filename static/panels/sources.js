@@ -1,6 +1,6 @@
 // The source image of a view with its mask, beside the flattened view, and every view that saw the current pick.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { zoomedBox } from "/static/canvas/geometry.js";
 import { askJson, askPicture, Fetched } from "/static/page/connection.js";
 import { strokeLine, strokeRimmed, traceCross } from "/static/canvas/marks.js";

@@ -1,6 +1,6 @@
 // How far Auto runs, as one choice: all views, until a view adds little, or this many; under the button of Auto.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { buttonOf, byId, find, make, numberBox, placeBeside, rebuild, staysIn, taken } from "/static/page/dom.js";
 
 export class AutoUntil extends PagePart {

@@ -1,6 +1,6 @@
 // What is wrong with the recording: a card a finding, with the picture that shows why and a button that mends it.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { askJson, post } from "/static/page/connection.js";
 import { byId, closeButton, make } from "/static/page/dom.js";
 

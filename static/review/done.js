@@ -1,6 +1,6 @@
 // What was done, the last first; a press goes back there, or forward again.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { byId, closeButton, heading, make, rebuild, setCurrent } from "/static/page/dom.js";
 
 export class DonePanel extends PagePart {

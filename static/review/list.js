@@ -1,6 +1,6 @@
 // All views as a list: sorted by a column, filtered by what was decided, with the reasons.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import {
   byId,
   closeButton,

@@ -1,6 +1,6 @@
 // The result: how much cloth, how reliable, what is missing and why, what to review, and the data to take away.
 
-import { PagePart } from "/static/page/part.js";
+import { PagePart } from "/static/page/page.js";
 import { askJson } from "/static/page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "/static/page/dom.js";
 import { exportButton, showExports } from "/static/page/exports.js";

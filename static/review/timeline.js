@@ -169,7 +169,7 @@ export const doubtsOf = (/** @type {ViewRow} */ view) => (view.flags ?? []).filt
 export const doubtsInWords = (view, state) => inWords(doubtsOf(view), state);
 
 /** A view in words, for its tooltip and for screen readers. */
-export function aboutView(/** @type {ViewRow} */ view, /** @type {State} */ state) {
+function aboutView(/** @type {ViewRow} */ view, /** @type {State} */ state) {
   const [, word] = STATES[view.state];
   const detail = view.detail ? ` (${view.detail})` : "";
   const flags = doubtsInWords(view, state);

@@ -1,6 +1,6 @@
 // A file that is dropped on the page is not sent anywhere: how to import it is told.
 
-import { make, sheet, showSheet } from "/static/page/dom.js";
+import { make, showSheet } from "/static/page/dom.js";
 
 /** @type {Record<string, string>} */
 const KNOWN = { bag: "a camera's or ROS recording", db3: "a camera's or ROS 2 recording", mcap: "a ROS 2 recording" };
@@ -29,5 +29,5 @@ function tell(/** @type {string} */ name) {
         make("code", `flatcloth view ${out}`),
       ]
     : [make("p", "Open the folder of a recording or a session on the start screen (Shift+H).")];
-  showSheet(sheet(".sheet.drop", kind ? `Import ${name}` : `${name} cannot be dropped here`, ...parts));
+  showSheet(kind ? `Import ${name}` : `${name} cannot be dropped here`, make("div.drop", ...parts));
 }

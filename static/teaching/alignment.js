@@ -1,10 +1,10 @@
 // What stages 12 to 16 draw: the new view, the lines, the overlay, the search, the renewed view.
 
 import { cm2, degrees, mm, number } from "/static/page/format.js";
-import { applied, boxOf, cornersOf, grown, union } from "/static/canvas/geometry.js";
+import { applied, boxOf, cornersOf, grown, union, boxOfPoints } from "/static/canvas/geometry.js";
 import { contextOf, within } from "/static/page/dom.js";
 import { lastOf } from "/static/teaching/lesson.js";
-import { boxOfPoints, columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
+import { columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
 import { imageBox } from "/static/teaching/detail.js";
 import { Plot, ticks } from "/static/teaching/plot.js";
 import { viewName } from "/static/teaching/rotation.js";
@@ -63,7 +63,7 @@ const movedBox = (box, motion) => boxOfPoints(cornersOf(box).flatMap(([u, v]) =>
  * @param {Sheet} sheet @param {Rect} rect @param {AlignmentLesson} lesson @param {Motion} motion @param {string} key
  * @param {boolean} withLines
  */
-export function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
+function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
   const [currentBox, newBox] = [boxOf(lesson.current), boxOf(lesson.new)];
   const ends = [lesson.initial, lesson.found, motion].map((m) => movedBox(newBox, m));
   const { current_color, new_color } = lesson.picture;

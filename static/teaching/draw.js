@@ -55,18 +55,6 @@ export function painted(rowsCount, cols, colorAt) {
   return canvas;
 }
 
-/** The box of points [x0, y0, x1, y1, ...]. */
-export function boxOfPoints(/** @type {Numbers} */ points) {
-  const box = { left: Infinity, top: Infinity, right: -Infinity, bottom: -Infinity };
-  for (let i = 0; i < points.length; i += 2) {
-    box.left = Math.min(box.left, points[i]);
-    box.right = Math.max(box.right, points[i]);
-    box.top = Math.min(box.top, points[i + 1]);
-    box.bottom = Math.max(box.bottom, points[i + 1]);
-  }
-  return box;
-}
-
 /** From a pane's own units to CSS pixels; both directions may have scales of their own. */
 export class PaneMap {
   /**

@@ -1,9 +1,9 @@
 // The stages of Fig. 2: one view, from samples to the flattened view.
 
 import { cm2, mm, number } from "/static/page/format.js";
-import { boxOf, pixelAt } from "/static/canvas/geometry.js";
+import { boxOf, pixelAt, boxOfPoints } from "/static/canvas/geometry.js";
 import { imageBox, middleOf, onImage, shareOf, withDetail } from "/static/teaching/detail.js";
-import { boxOfPoints, columns, rows } from "/static/teaching/draw.js";
+import { columns, rows } from "/static/teaching/draw.js";
 import { lastOf, strains } from "/static/teaching/lesson.js";
 import {
   drawForeshortening,

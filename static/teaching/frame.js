@@ -1,4 +1,4 @@
-// The page of the teaching mode, with what its stages say (teaching.html), and what each of them draws.
+// The page of the teaching mode, with what its stages say (paper.html, beyond.html), and what each of them draws.
 
 import {
   button as textButton,
@@ -12,28 +12,32 @@ import {
   swatch,
 } from "/static/page/dom.js";
 import { keyName, tipOf } from "/static/page/format.js";
-import { SEAM_STAGES } from "/static/both/teaching.js";
 import { ALIGNMENT_STAGES } from "/static/teaching/alignment.js";
 import { FLATTENING_STAGES } from "/static/teaching/flattening.js";
 import { GARMENT_STAGES } from "/static/teaching/garment.js";
 import { PLANNING_STAGES } from "/static/teaching/rotation.js";
 import { SIDE_STAGES } from "/static/teaching/sides.js";
-import { START_STAGES } from "/static/review/start_lesson.js";
-import { CHECK_STAGES } from "/static/review/check_lesson.js";
+import { RECORDING_STAGES } from "/static/teaching/recording.js";
+import { SEAM_STAGES } from "/static/teaching/seams.js";
 
-/** @type {Record<string, StageCode>} by the names of teaching.html, which has their order */
+/** @type {Record<string, StageCode>} by the names of the pages, which have their order */
 const CODE = {
   ...FLATTENING_STAGES,
-  ...START_STAGES,
   ...PLANNING_STAGES,
   ...ALIGNMENT_STAGES,
   ...SIDE_STAGES,
   ...GARMENT_STAGES,
   ...SEAM_STAGES,
-  ...CHECK_STAGES,
+  ...RECORDING_STAGES,
 };
-const html = await (await fetch("/static/teaching/teaching.html")).text();
-export const FRAME = document.adoptNode(find("#teaching", new DOMParser().parseFromString(html, "text/html")));
+const [frame, ...said] = await Promise.all(
+  ["teaching", "paper", "beyond"].map(async (name) => {
+    const html = await (await fetch(`/static/teaching/${name}.html`)).text();
+    return new DOMParser().parseFromString(html, "text/html");
+  }),
+);
+export const FRAME = document.adoptNode(find("#teaching", frame));
+find("dl", FRAME).before(...said.flatMap(({ body }) => [...body.children]));
 
 export const STAGES = findAll("[data-stage]", FRAME).map((about) => {
   const { stage, part, parameters } = about.dataset;

@@ -1,9 +1,9 @@
 // The stages of the garment: true edges, starts and fits, and the evidence of each kind.
 
-import { boxOf } from "/static/canvas/geometry.js";
+import { boxOf, boxOfPoints } from "/static/canvas/geometry.js";
 import { words as asWords } from "/static/garment/marks.js";
 import { cm2, number, percent } from "/static/page/format.js";
-import { boxOfPoints, columns } from "/static/teaching/draw.js";
+import { columns } from "/static/teaching/draw.js";
 import { lastOf } from "/static/teaching/lesson.js";
 import { Plot } from "/static/teaching/plot.js";
 

@@ -138,7 +138,7 @@ function probedAngle(/** @type {Lessons} */ { planning: lesson }, /** @type {Ui}
 }
 
 /** @param {Lessons} parts */
-export const angleStart = ({ planning: p }) => middleOf(p.flat, (i) => p.array.z_angle_deg[i] !== UNKNOWN_ANGLE);
+const angleStart = ({ planning: p }) => middleOf(p.flat, (i) => p.array.z_angle_deg[i] !== UNKNOWN_ANGLE);
 
 /**
  * The curves over the columns, and the flattened view drawn as wide below them. Returns the plot.

@@ -2,8 +2,8 @@
 
 import { count, hex, mm, number } from "/static/page/format.js";
 import { within } from "/static/page/dom.js";
-import { union } from "/static/canvas/geometry.js";
-import { boxOfPoints, columns, rgbOf, rows } from "/static/teaching/draw.js";
+import { union, boxOfPoints } from "/static/canvas/geometry.js";
+import { columns, rgbOf, rows } from "/static/teaching/draw.js";
 import { energy, iterationAt, lastOf, stateAt, strains } from "/static/teaching/lesson.js";
 import { Plot } from "/static/teaching/plot.js";
 

@@ -46,7 +46,7 @@ declare global {
   type Ui = { at: UV; layer: string; time: number; parameters: Record<ParameterName, number> };
   type Fact = [name: string, value: string];
   type StageDrawing = (sheet: Sheet, rect: Rect, lessons: Lessons, ui: Ui) => void;
-  /** What a stage draws and tells of the lesson; what it says is in teaching.html. */
+  /** What a stage draws and tells of the lesson; what it says is in paper.html or beyond.html. */
   type StageCode = {
     facts: (lessons: Lessons, ui: Ui) => Fact[];
     draw: StageDrawing;

@@ -10,12 +10,15 @@ const element = () => ({
 });
 globalThis.document = { createElement: element, getElementById: element };
 const { Ruler } = await import("/static/canvas/ruler.js");
+const { Question } = await import("/static/page/connection.js");
 
 function rulerOn() {
   const sent = [];
   const located = (u_m, v_m) => ({ sheet: "this", u_m, v_m });
   const canvas = { side: "this", located, layer: { shown: {} }, tools: [], drawers: [], redraw: () => {} };
-  const page = { canvas, changed: () => {}, send: (message) => sent.push(message) && true };
+  const send = (message) => sent.push(message) && true;
+  const question = (type, ask, take) => new Question(ask, take);
+  const page = { canvas, changed: () => {}, send, question };
   const ruler = new Ruler(page);
   ruler.toggle();
   return { ruler, sent };
@@ -39,10 +42,10 @@ test("a drag asks once, and again for where it has got to when the answer comes"
   ruler.drag(at(60, 80));
   assert.equal(sent.length, 1);
   assert.deepEqual([sent[0].to_u_m, sent[0].to_v_m], [0.03, 0.04]);
-  ruler.messages.measured(answer(sent[0].id, 50));
+  ruler.question.answered(answer(sent[0].id, 50));
   assert.equal(ruler.measured, null); // it is about an end that was left
   assert.deepEqual([sent[1].to_u_m, sent[1].to_v_m], [0.06, 0.08]);
-  ruler.messages.measured(answer(sent[1].id, 100));
+  ruler.question.answered(answer(sent[1].id, 100));
   assert.equal(ruler.measured.flat_mm, 100);
 });
 
@@ -52,7 +55,7 @@ test("another shape is measured anew, the same one is not", () => {
   ruler.update(state(1));
   ruler.press(at(0, 0));
   ruler.drag(at(30, 0));
-  ruler.messages.measured(answer(sent[0].id, 30));
+  ruler.question.answered(answer(sent[0].id, 30));
   ruler.update(state(1));
   assert.equal(sent.length, 1);
   ruler.update(state(2));
@@ -75,7 +78,7 @@ test("after a lost connection it asks again", () => {
   const { ruler, sent } = rulerOn();
   ruler.press(at(0, 0));
   ruler.drag(at(30, 0));
-  ruler.disconnected();
+  ruler.question.lost();
   ruler.drag(at(50, 0));
   assert.equal(sent.length, 2);
 });

@@ -1,4 +1,4 @@
-// The stage of the start view: what each view shows, and the largest that flattens without folds.
+// The stages of the recording as a whole: which view is the start, and whether it is recorded as it says.
 
 import { boxOf } from "/static/canvas/geometry.js";
 import { cm2, degrees, number } from "/static/page/format.js";
@@ -8,7 +8,7 @@ import { Plot } from "/static/teaching/plot.js";
 import { viewName } from "/static/teaching/rotation.js";
 
 /** @type {Record<string, StageCode>} */
-export const START_STAGES = {
+export const RECORDING_STAGES = {
   start_view: {
     facts({ start: lesson }) {
       const { tried, session_view: session } = lesson;
@@ -21,7 +21,6 @@ export const START_STAGES = {
         ["The session begins with", session === null ? "–" : viewName(lesson, session)],
       ];
     },
-    /** @type {StageDrawing} */
     draw(sheet, rect, { start: lesson }) {
       const { area_cm2: areas } = lesson.array;
       const { color } = sheet;
@@ -62,6 +61,28 @@ export const START_STAGES = {
       const [whole, box] = [imageBox(image), boxOf(lesson.flat)];
       sheet.image("image", image, whole, sheet.titled(left, `Image of ${viewName(lesson, lesson.view_index)}`));
       sheet.image("flat", flat, box, sheet.titled(right, "Flattened view", "the first shape"));
+    },
+  },
+  check: {
+    facts: ({ check: lesson }) => [
+      ["Views", `${lesson.view_index}, ${lesson.other_view}`],
+      ["Recorded turn", degrees(lesson.recorded_deg)],
+      ["Seen turn", `${degrees(lesson.seen_deg)} ± ${degrees(lesson.std_deg)}`],
+    ],
+    draw(sheet, rect, { check: lesson }) {
+      const [left, right] = columns(rect, [0.62, 0.38], sheet.em);
+      const { laid } = lesson.picture;
+      const box = { left: 0, top: 0, right: laid.width, bottom: laid.height };
+      sheet.image("laid", laid, box, left);
+      const { turn_deg: turns, share } = lesson.array;
+      const plot = new Plot(sheet, right, {
+        x: [turns[0], turns[turns.length - 1]],
+        y: [0, 1],
+        xLabel: "turn, degrees",
+        yLabel: "share that agrees",
+      });
+      plot.curve(turns, share, sheet.color.kept);
+      plot.vertical(lesson.recorded_deg, sheet.color.text, "recorded");
     },
   },
 };
