@@ -22,8 +22,7 @@ from flatcloth.active.goal import Goal, Knowledge
 from flatcloth.core.types import Float64
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
-from flatcloth.garments.fit import APART_M
-from flatcloth.garments.recognition import POINT_STD_M
+from flatcloth.garments.fit import APART_M, OUTLINE_STD_M
 from flatcloth.methods.answers import Candidate, Plan
 from flatcloth.methods.starting import overlap_area_m2
 from flatcloth.segmentation.settings import SURE
@@ -219,7 +218,7 @@ def expected_std_m(std_m: float, new: Float64, again: Float64, grown: Float64) -
 
     They show shares of its cloth for the first time, and again, and the whole cloth is so many times as much.
     """
-    seen_m2 = min(std_m, POINT_STD_M) ** 2
+    seen_m2 = min(std_m, OUTLINE_STD_M) ** 2
     after: Float64 = np.sqrt(seen_m2 + (1.0 - new) * (1.0 - AGAIN * again) / grown * (std_m**2 - seen_m2))
     return after
 

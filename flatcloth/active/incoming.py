@@ -155,13 +155,17 @@ class AngleFinder:
     def __init__(self, views: RecordedViews) -> None:
         self._views = views
         self._seen: list[_Surface] = []  # of each view, in its own camera
+        self._new: tuple[Uint8, _Surface] | None = None  # the last view's color, and its surface
 
     def find(self, view: SeenView) -> FoundAngle:
         """Find the angle of a view, with its announced one."""
         axis, config = self._views.axis, self._views.config.surface
         for number in range(len(self._seen), len(self._views.angles_deg)):
-            self._seen.append(_surface_of(self._views.recorded(number), axis, config))
+            frame, last = self._views.recorded(number), self._new
+            is_last = last is not None and np.array_equal(frame.color, last[0])
+            self._seen.append(last[1] if last and is_last else _surface_of(frame, axis, config))
         new, count = _surface_of(view.frame, axis, config), len(self._seen)
+        self._new = view.color, new
         poses = [held_from_camera(axis, angle) for angle in self._views.angles_deg]
         held = np.concatenate(
             [pose.apply(each.points_m[::count]) for pose, each in zip(poses, self._seen, strict=True)]

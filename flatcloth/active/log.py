@@ -25,7 +25,12 @@ on a few loops of ``benchmarks active``."""
 def stand_all_round(angles_deg: Sequence[float]) -> bool:
     """Return whether no gap between views is wider than ``ALL_ROUND_DEG``."""
     angles = np.sort(np.asarray(angles_deg) % 360.0)
-    return bool(np.diff([*angles, angles[0] + 360.0]).max() <= ALL_ROUND_DEG)
+    return len(angles) > 0 and bool(np.diff([*angles, angles[0] + 360.0]).max() <= ALL_ROUND_DEG)
+
+
+def come_all_round(angles_deg: Sequence[float]) -> bool:
+    """Return whether views stand all round by the last one."""
+    return stand_all_round(angles_deg) and not stand_all_round(angles_deg[:-1])
 
 
 class ActiveLog:

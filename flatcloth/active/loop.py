@@ -19,7 +19,7 @@ from flatcloth.active.choosing import Next, choose_next
 from flatcloth.active.ending import FIRST, End, Waiting, elsewhere, end_of
 from flatcloth.active.goal import Budget, Goal, Knowledge, knowledge_of
 from flatcloth.active.incoming import AngleFinder, SeenView, ViewError, check_view, doubled, stroke_on_side
-from flatcloth.active.log import ActiveLog, stand_all_round
+from flatcloth.active.log import ActiveLog, come_all_round, stand_all_round
 from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.geometry import Rigid3
@@ -388,9 +388,7 @@ class ActiveLoop:
             was, now = before.point(name), self.knowledge.point(name)
             if math.isfinite(now.std_m):
                 since = f"from +-{1e3 * was.std_m:.0f} " if math.isfinite(was.std_m) else ""
-                parts.append(
-                    f"{name} {since}to +-{1e3 * now.std_m:.0f} mm" + ("" if now.seen else ", not seen")
-                )
+                parts.append(f"{name} {since}to +-{1e3 * now.std_m:.0f} mm" + ", not seen" * (not now.seen))
         parts.append(f"{1e4 * (area_m2 - before.area_m2):.0f} cm2 new")
         return "; ".join(parts)
 
@@ -413,17 +411,19 @@ class ActiveLoop:
         )
 
     def _ended(self, asked: Next | End) -> Next | End:
-        """Ask the other side of the item, too, before a loop ends without its goal."""
-        is_missed = isinstance(asked, End) and not asked.reached and self.goal.about != "shape"
-        if not is_missed or self._integration is None or self.document.start_view is None:
+        """Ask the other side, too: when views come all round, and before a loop ends without its goal."""
+        integration = self._integration
+        if integration is None or self.document.start_view is None or self.goal.about == "shape":
             return asked
-        both, known = known_by_both(self._integration, self.document)
+        if asked.reached if isinstance(asked, End) else not come_all_round(integration.views.angles_deg):
+            return asked
+        both, known = known_by_both(integration, self.document)
         knowledge = knowledge_of(self.views, self.knowledge.area_m2, known)
-        if knowledge.is_reached(self.goal):
-            self._both, self._known, self.knowledge = both, known, knowledge
-            reason = f"Known by both sides after {self.views} views: {knowledge.about(self.goal)}."
-            asked = End(reached=True, reason=reason)
-        return asked
+        if not knowledge.is_reached(self.goal):
+            return asked
+        self._both, self._known, self.knowledge = both, known, knowledge
+        about = knowledge.about(self.goal)
+        return End(reached=True, reason=f"Known by both sides after {self.views} views: {about}.")
 
     def _decided(self) -> Next | End:
         goal, knowledge, document = self.goal, self.knowledge, self.document

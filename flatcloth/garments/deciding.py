@@ -21,7 +21,7 @@ from flatcloth.garments.links import DoubtedLink, side_of
 from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import (
     KNOWN_STD_M,
-    POINT_STD_M,
+    POINT_NEAR_M,
     Recognition,
     dimensions_of,
     held_fit,
@@ -165,7 +165,7 @@ def decided_pieces(
     trees = [cKDTree(piece.xyz_m[piece.valid]) for piece in floating] if decisions.pieces else []
     for decision in decisions.pieces:
         points = np.array(decision.piece.points_m)
-        shares = [float((tree.query(points)[0] <= POINT_STD_M).mean()) for tree in trees]
+        shares = [float((tree.query(points)[0] <= POINT_NEAR_M).mean()) for tree in trees]
         index = int(np.argmax(shares)) if shares else -1
         if index < 0 or shares[index] < _LEAST_FOUND:
             continue  # seen views join it to the shape by now
@@ -200,14 +200,14 @@ def _now_from_then(cloth: ClothPlaces, view: FlattenedView) -> Rigid2 | None:
     if len(pixels) < 3:
         return None
     off, nearest = cKDTree(view.xyz_m[view.valid]).query(np.array(cloth.points_m))
-    kept = off <= POINT_STD_M
+    kept = off <= POINT_NEAR_M
     then, now = np.array(cloth.uv_m), view.uv_from_rc(pixels[nearest])
     for _ in range(3):
         if kept.sum() < 3:
             return None
         motion = fit_rigid2(then[kept], now[kept])
         residual = np.linalg.norm(motion.apply(then) - now, axis=1)
-        kept = (off <= POINT_STD_M) & (residual <= max(POINT_STD_M, 3.0 * float(np.median(residual[kept]))))
+        kept = (off <= POINT_NEAR_M) & (residual <= max(POINT_NEAR_M, 3.0 * float(np.median(residual[kept]))))
     return motion
 
 
@@ -232,9 +232,9 @@ def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
     ends = []
     for tied in (decision.part, decision.rest):
         off, nearest = tree.query(np.array(tied.points_m))
-        if (off <= POINT_STD_M).mean() < _LEAST_FOUND:
+        if (off <= POINT_NEAR_M).mean() < _LEAST_FOUND:
             return None
-        ends.append(placed[nearest[off <= POINT_STD_M]])
+        ends.append(placed[nearest[off <= POINT_NEAR_M]])
     own, others = np.setdiff1d(ends[0], ends[1]), np.setdiff1d(ends[1], ends[0])
     if not (own.size and others.size):
         return None

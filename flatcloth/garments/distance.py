@@ -220,23 +220,26 @@ def cost_of_poses(
 
     That of the ``wanted`` best ones is exact; a pose that is worse has the cost at which this was clear.
     """
-    n, m = len(edges), len(insides)
+    count, blocks = (len(edges), len(insides)), 4
     best, limit = np.full(max(wanted, 1), np.inf), np.inf
-    result = np.empty(len(poses))
-    none, sides = np.zeros((m, 2)), _sides(outline)
+    result, sides = np.empty(len(poses)), _sides(outline)
     for k in range(len(poses)):
         cos, sin = math.cos(poses[k, 0]), math.sin(poses[k, 0])
-        places = _moved(insides, cos, sin, poses[k, 1:])
-        (squared, _), inside = _nearest(places, none, 0.0, sides), inside_outline(places, outline)
         total = 0.0
-        for i in range(m):
-            if not inside[i]:
-                total += _bounded(squared[i]) / m
-        if total <= limit:
-            facing = _moved(normals, cos, sin, np.zeros(2))
-            squared, _ = _nearest(_moved(edges, cos, sin, poses[k, 1:]), facing, CORRELATED_M, sides)
-            for i in range(n):
-                total += _bounded(squared[i]) / n
+        for part in range(2 * blocks):  # each a few places from all over the piece
+            if total > limit:
+                break
+            some = slice(part // 2, None, blocks)
+            if part % 2 == 0:
+                places = _moved(insides[some], cos, sin, poses[k, 1:])
+                squared, _ = _nearest(places, np.zeros_like(places), 0.0, sides)
+                squared[inside_outline(places, outline)] = 0.0
+            else:
+                places = _moved(edges[some], cos, sin, poses[k, 1:])
+                facing = _moved(normals[some], cos, sin, np.zeros(2))
+                squared, _ = _nearest(places, facing, CORRELATED_M, sides)
+            for i in range(len(squared)):
+                total += _bounded(squared[i]) / count[1 - part % 2]
         result[k] = total
         if total < limit:
             worst = int(best.argmax())

@@ -36,6 +36,7 @@ FARTHEST_M = 0.020
 _FACING_COS = 0.5
 """At a steeper incidence than 60 degrees a fold's silhouette looks like an edge, and cloth that is turned
 farther is another layer. Set by hand; the surface ends at 75."""
+_FACING_SIN = math.sqrt(1.0 - _FACING_COS**2)
 _SAME_M = 0.006
 """Depth that still counts as the same surface: four times the noise of a D435 at 0.85 m (1.5 mm)."""
 
@@ -284,11 +285,10 @@ def _ends(
     ended, went_on = np.zeros(count), np.zeros(count)
     moved, level, deeper_m = np.zeros(count), np.zeros(count), np.zeros(count)
     for view in seen_from:
-        weight, at, goes_on, level_m = _ends_in(view, start, normal, along, steps)
-        weight = np.where(fine, weight, 0.0)
-        stops = weight * ~goes_on
+        stops, at, goes_on, level_m = _ends_in(view, start, normal, along, steps)
+        stops = np.where(fine, stops, 0.0)
         ended += stops
-        went_on += weight * goes_on
+        went_on += fine & goes_on
         moved += stops * np.nan_to_num(at)
         level += stops * np.isfinite(level_m)
         deeper_m += stops * np.nan_to_num(level_m)
@@ -397,16 +397,16 @@ def _planes(
 def _ends_in(
     view: SeenFrom, start: Float64, normal: Float64, along: Float64, steps: Float64
 ) -> tuple[Float64, Float64, Bool, Float64]:
-    """Return how well one view sees each place of the border, and whether the cloth continues there.
+    """Return whether the cloth ends at each place of the border by one view, or goes on there.
 
     Returns
     -------
-    weight : (K,) float64
-        0 where the view says nothing, up to 1 where it faces the surface.
+    ends : (K,) float64
+        From 0 to 1 whether the cloth ends, and not only this view of it; 0 where the view says nothing.
     at_m : (K,) float64
         Where the cloth ends.
     goes_on : (K,) bool
-        Whether the cloth goes on as far as is looked.
+        Whether the view faces the cloth, which goes on as far as is looked.
     level_m : (K,) float64
         How much deeper than expected the other side's cloth is that goes on there; NaN if none is level.
     """
@@ -439,10 +439,16 @@ def _ends_in(
     pick = np.arange(count)[:, None]
     hidden = front[pick, window].mean(axis=1) >= 0.5
     outside = ~inside[pick, window].all(axis=1)
-    weight = np.clip((cos - _FACING_COS) / (1.0 - _FACING_COS), 0.0, 1.0)
-    weight = np.where(seen & ~(~goes_on & (hidden | outside)), weight, 0.0)
+    faced = seen & (cos > _FACING_COS)
+    # At a fold's silhouette the cloth turns away across it, and its other half may be seen behind. Cloth that
+    # ends may be turned in any direction, also along its edge or towards the camera.
+    away = np.maximum((view.camera_from_held.turn(along) * ray).sum(axis=1), 0.0)
+    own = np.zeros_like(has) if view.of_interest is None else has & of_interest
+    behind = (own & (measured > expected + slack))[pick, window].mean(axis=1) > 0.5
+    silhouette = np.where(behind & (away > 0.0), 1.0, np.minimum(away / _FACING_SIN, 1.0))
+    ends = np.where(faced & ~goes_on & ~hidden & ~outside, np.square(1.0 - silhouette), 0.0)
     other_side = (level & ~of_interest)[pick, window]
     deeper_m = np.where(other_side, (measured - expected)[pick, window], 0.0).mean(axis=1)
     share = other_side.mean(axis=1)
     level_m = np.where(share > 0.5, deeper_m / np.maximum(share, 0.5), np.nan)
-    return weight, steps[first] - 0.5 * (steps[1] - steps[0]), goes_on, level_m
+    return ends, steps[first] - 0.5 * (steps[1] - steps[0]), faced & goes_on, level_m

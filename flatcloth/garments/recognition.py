@@ -44,12 +44,11 @@ HOLE_M = 0.03
 """Length of true edges round holes that makes an unknown garment e times as likely: no kind has an opening
 inside its outline. Chosen; in no recording of the development is an inner border a true edge all round
 (``python -m benchmarks garments``)."""
-POINT_STD_M = 0.012
-"""Error of a named point besides that of the fit: patterns and flattened cloth differ by 3 to 8 mm. Cloth as
-near to it shows it. Set by hand."""
+POINT_NEAR_M = 0.012
+"""Cloth as near to the place of a named point shows it. Set by hand."""
 KNOWN_STD_M = 0.025
 """A named point whose place is known worse than this is predicted, whatever cloth lies there, and a loose
-piece is not placed without asking. Chosen: twice ``POINT_STD_M``."""
+piece is not placed without asking. Chosen: twice ``POINT_NEAR_M``."""
 THINNED = 3
 """Of so many edges and places inside, one counts in the first fits. Chosen for speed."""
 
@@ -324,7 +323,7 @@ def dimensions_of(fit: Fit, points: Mapping[str, Point]) -> dict[str, Measure]:
         doubt = min(max(one.doubt_m, other.doubt_m) for one, other in ends)
         found[name] = Measure(
             value_m=float(np.average(off, weights=1.0 / np.array(variance))),
-            std_m=math.hypot(std, POINT_STD_M, doubt),
+            std_m=math.hypot(std, OUTLINE_STD_M, doubt),
         )
     return found
 
@@ -366,7 +365,7 @@ def points_of(
     doubt = _doubt_of(fit, value.reshape(-1, 2)) if not held else np.zeros(len(names))
     for n, name in enumerate(names):
         own = np.s_[2 * n : 2 * n + 2]
-        point_std = math.sqrt(float(variance[own].mean()) + POINT_STD_M**2)
+        point_std = math.sqrt(float(variance[own].mean()) + OUTLINE_STD_M**2)
         uv, std = held[name] if name in held else _followed(value[own], point_std, outline_uv, main)
         doubt_m = math.sqrt(doubt[n])
         std = math.hypot(std, doubt_m)  # the edges nearby do not tell which optimum is right
@@ -399,9 +398,9 @@ def _doubt_of(fit: Fit, places: Float64) -> Float64:
 
 
 def pixel_near(uv: Float64, shape: FlattenedView) -> tuple[int, int] | None:
-    """Return the pixel with cloth nearest to a place, None if none is within :data:`POINT_STD_M`."""
+    """Return the pixel with cloth nearest to a place, None if none is within :data:`POINT_NEAR_M`."""
     row, col = shape.rc_from_uv(uv).tolist()
-    radius_px = POINT_STD_M / shape.pixel_size_m
+    radius_px = POINT_NEAR_M / shape.pixel_size_m
     first_row, first_col = max(0, math.floor(row - radius_px)), max(0, math.floor(col - radius_px))
     window = shape.valid[
         first_row : math.ceil(row + radius_px) + 1, first_col : math.ceil(col + radius_px) + 1
@@ -434,4 +433,4 @@ def _followed(uv: Float64, std_m: float, outline_uv: Float64, main: PieceEvidenc
         pull: Float64 = away.T @ (weight * (distance + away @ shift))
         shift = np.linalg.solve(matrix, pull).astype(np.float64)
     variance = float(np.trace(np.linalg.inv(matrix))) / 2
-    return uv + shift, math.hypot(math.sqrt(variance), POINT_STD_M)
+    return uv + shift, math.hypot(math.sqrt(variance), OUTLINE_STD_M)

@@ -28,8 +28,6 @@ from flatcloth.recordings.manifest import FORMAT, HEADER
 
 Uint16 = NDArray[np.uint16]
 
-_PNG_LEVEL = 3
-"""Compression of PNG files. Chosen: higher levels take longer."""
 _SAME_CAMERA_PX = 1e-3
 """Intrinsics that differ by less are the same. Chosen: rounding of a file."""
 
@@ -284,9 +282,9 @@ class RecordingWriter:
     def _write_image(self, path: Path, pixels: Any) -> None:
         import cv2
 
-        done, data = cv2.imencode(
-            ".png", np.ascontiguousarray(pixels), [cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL]
-        )
+        # Of noisy pictures smaller and in half the time of the search for what repeats.
+        how = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+        done, data = cv2.imencode(".png", np.ascontiguousarray(pixels), how)
         assert done  # the kind and the shape were checked
         if not path.parent.is_dir():
             path.parent.mkdir()

@@ -34,10 +34,10 @@ from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.garments.deciding import DecidedPieces
-from flatcloth.garments.fit import Fit
+from flatcloth.garments.fit import OUTLINE_STD_M, Fit
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.model import Kind
-from flatcloth.garments.recognition import POINT_STD_M, Point, Recognition
+from flatcloth.garments.recognition import Point, Recognition
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.growing import GrowingRecording
@@ -340,6 +340,24 @@ def test_the_other_side_is_asked_before_a_loop_ends_without_its_points(
     assert loop.asked.reached
 
 
+def test_the_other_side_is_asked_when_views_come_all_round(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def by_both(integration: Integration, document: Document) -> tuple[BothSides, str]:
+        asked.append(len(integration.views.angles_deg))
+        return BothSides(integration), "unknown"
+
+    monkeypatch.setattr("flatcloth.active.loop.known_by_both", by_both)
+    cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", parse_goal("kind"))
+    for number, angle_deg in enumerate((0.0, 60.0, 120.0, 180.0, 240.0, 300.0, 30.0)):
+        loop.take(seen(cell, angle_deg, number))
+    loop.close()
+    assert isinstance(loop.asked, Next)
+    assert asked == [6]
+
+
 def kind_named(name: str) -> Kind:
     return next(kind for kind in known_kinds() if kind.name == name)
 
@@ -358,11 +376,11 @@ def fit_of(kind: Kind, pose: Rigid2) -> Fit:
 def test_a_point_is_expected_to_be_surer_by_new_cloth_by_cloth_seen_again_and_by_more_outline() -> None:
     nothing, one = np.zeros(1), np.ones(1)
     assert expected_std_m(0.05, nothing, nothing, one) == pytest.approx(0.05)
-    assert expected_std_m(0.05, one, nothing, one) == pytest.approx(POINT_STD_M)
+    assert expected_std_m(0.05, one, nothing, one) == pytest.approx(OUTLINE_STD_M)
     again = expected_std_m(0.05, nothing, one, one)  # the edges were seen once: 1/2 becomes 2/3
-    assert again**2 - POINT_STD_M**2 == pytest.approx(0.75 * (0.05**2 - POINT_STD_M**2))
+    assert again**2 - OUTLINE_STD_M**2 == pytest.approx(0.75 * (0.05**2 - OUTLINE_STD_M**2))
     twice_the_cloth = expected_std_m(0.05, nothing, nothing, 2.0 * one)
-    assert twice_the_cloth**2 - POINT_STD_M**2 == pytest.approx(0.5 * (0.05**2 - POINT_STD_M**2))
+    assert twice_the_cloth**2 - OUTLINE_STD_M**2 == pytest.approx(0.5 * (0.05**2 - OUTLINE_STD_M**2))
 
 
 def test_views_that_brought_nothing_end_a_loop_only_all_round(tmp_path: Path) -> None:

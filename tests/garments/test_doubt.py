@@ -9,7 +9,7 @@ from garment_evidence import at_mean, blank_view, evidence_from
 
 from flatcloth.core.types import Rigid2
 from flatcloth.garments.kinds import kind_named
-from flatcloth.garments.recognition import POINT_STD_M, best_fits, points_of
+from flatcloth.garments.recognition import POINT_NEAR_M, best_fits, points_of
 
 VIEW = blank_view(np.ones((10, 10), dtype=bool))
 
@@ -18,7 +18,7 @@ def test_a_second_place_as_likely_as_the_first_is_told_in_the_deviation() -> Non
     evidence = evidence_from(at_mean("skirt"))
     fit = best_fits(evidence, [kind_named("skirt")])[0]
     sure = points_of(dataclasses.replace(fit, others=()), VIEW, evidence)
-    assert all(point.std_m < 2 * POINT_STD_M for point in sure.values())
+    assert all(point.std_m < 2 * POINT_NEAR_M for point in sure.values())
     away = Rigid2(0.0, 0.4, 0.0)
     other = dataclasses.replace(fit, garment_from_piece=(away @ fit.garment_from_piece[0],), others=())
     # Reached from two starts it is one place; the variance is half of 0.4 m squared, by halves on each axis.
