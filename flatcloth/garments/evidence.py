@@ -36,7 +36,6 @@ FARTHEST_M = 0.020
 _FACING_COS = 0.5
 """At a steeper incidence than 60 degrees a fold's silhouette looks like an edge, and cloth that is turned
 farther is another layer. Set by hand; the surface ends at 75."""
-_FACING_SIN = math.sqrt(1.0 - _FACING_COS**2)
 _SAME_M = 0.006
 """Depth that still counts as the same surface: four times the noise of a D435 at 0.85 m (1.5 mm)."""
 
@@ -285,9 +284,8 @@ def _ends(
     ended, went_on = np.zeros(count), np.zeros(count)
     moved, level, deeper_m = np.zeros(count), np.zeros(count), np.zeros(count)
     for view in seen_from:
-        stops, at, goes_on, level_m = _ends_in(view, start, normal, along, steps)
-        stops = np.where(fine, stops, 0.0)
-        ended += stops
+        ends, at, goes_on, level_m = _ends_in(view, start, normal, along, steps)
+        ended += (stops := np.where(fine, ends, 0.0))
         went_on += fine & goes_on
         moved += stops * np.nan_to_num(at)
         level += stops * np.isfinite(level_m)
@@ -430,9 +428,8 @@ def _ends_in(
     same = level & of_interest & inside
     # The place itself must be seen: the cloth just inside the border is what this view measured there.
     seen = same[:, :3].sum(axis=1) >= 2
-    gone = ~same
     # An end is three steps in a row, so that a dropout of the sensor is none.
-    three = gone[:, :-2] & gone[:, 1:-1] & gone[:, 2:]
+    three = ~(same[:, :-2] | same[:, 1:-1] | same[:, 2:])
     first = np.where(three.any(axis=1), three.argmax(axis=1), m - 3)
     goes_on = ~three.any(axis=1)
     window = np.minimum(first[:, None] + np.arange(6)[None, :], m - 1)
@@ -440,13 +437,12 @@ def _ends_in(
     hidden = front[pick, window].mean(axis=1) >= 0.5
     outside = ~inside[pick, window].all(axis=1)
     faced = seen & (cos > _FACING_COS)
-    # At a fold's silhouette the cloth turns away across it, and its other half may be seen behind. Cloth that
-    # ends may be turned in any direction, also along its edge or towards the camera.
+    # At a fold's silhouette cloth turns away across it, or is seen behind; an edge may be turned any way.
     away = np.maximum((view.camera_from_held.turn(along) * ray).sum(axis=1), 0.0)
-    own = np.zeros_like(has) if view.of_interest is None else has & of_interest
-    behind = (own & (measured > expected + slack))[pick, window].mean(axis=1) > 0.5
-    silhouette = np.where(behind & (away > 0.0), 1.0, np.minimum(away / _FACING_SIN, 1.0))
-    ends = np.where(faced & ~goes_on & ~hidden & ~outside, np.square(1.0 - silhouette), 0.0)
+    farther = of_interest & (measured > expected + slack) & (view.of_interest is not None)
+    behind = farther[pick, window].mean(axis=1) > 0.5
+    away = np.where(behind & (away > 0.0), 1.0, np.minimum(away / math.sqrt(1.0 - _FACING_COS**2), 1.0))
+    ends = np.where(faced & ~goes_on & ~hidden & ~outside, np.square(1.0 - away), 0.0)
     other_side = (level & ~of_interest)[pick, window]
     deeper_m = np.where(other_side, (measured - expected)[pick, window], 0.0).mean(axis=1)
     share = other_side.mean(axis=1)
