@@ -1,11 +1,16 @@
 // Both sides of the item: the garment turned over, both beside one another, and the seams that join them.
 
 import { PagePart } from "/static/page/page.js";
-import { SidesDrawing } from "/static/both/drawing.js";
+import { mirrored } from "/static/both/seen.js";
+import { nearest } from "/static/canvas/geometry.js";
+import { drawSeamInScene, drawSeams, strokeLoop } from "/static/canvas/marks.js";
 import { askJson, Fetched } from "/static/page/connection.js";
 import { closeButton, byId, heading, make, rebuild, smallButton, swatch, values } from "/static/page/dom.js";
 import { cm2, count, floatingOf, mm, number, percent } from "/static/page/format.js";
 
+const HIT_PX = 8;
+/** @type {SideName[]} */
+const SHEETS = ["this", "other"];
 const MOST_VIEWS = 6; // that are named for each rim of a seam
 
 /** @typedef {import("/static/page/messages").SeamInfo} SeamInfo */
@@ -22,7 +27,6 @@ export class BothSides extends PagePart {
   actions = { turn_over: () => this.turnOver(), beside: () => this.toggleBeside(), seams: () => this.toggleSeams() };
   section = byId("both-sides");
   chip = byId("side-chip");
-  drawing = new SidesDrawing(this.page, this);
 
   get pressed() {
     return { turn_over: this.canvas.side === "other", beside: this.canvas.beside.wanted, seams: this.showsSeams };
@@ -267,7 +271,7 @@ export class BothSides extends PagePart {
   /** A click near a seam chooses it, while seams are shown. */
   click(/** @type {number} */ u, /** @type {number} */ v) {
     if (!this.showsSeams || !this.places) return false;
-    const seam = this.drawing.seamAt(this.canvas.transform.toPane(u, v));
+    const seam = this.seamAt(this.canvas.transform.toPane(u, v));
     if (seam === null) return false;
     this.choose(seam);
     return true;
@@ -277,5 +281,60 @@ export class BothSides extends PagePart {
     if (this.chosen === null) return false;
     this.choose(null);
     return true;
+  }
+
+  // --- over the flattened view and the scene: the side behind, and the seams ---------------------
+
+  /** The places of a seam on a sheet, in the pane; none where that is not shown. */
+  inPane(/** @type {number} */ seam, /** @type {SideName} */ sheet) {
+    const { canvas } = this;
+    const { this_uv_m, other_uv_m } = /** @type {SidePlaces} */ (this.places).seams[seam];
+    return (sheet === "this" ? this_uv_m : other_uv_m).flatMap((uv) => {
+      const at = canvas.shownAt(sheet, uv);
+      return at ? [canvas.transform.toPane(...at)] : [];
+    });
+  }
+
+  /** The seam at a place of the pane; null: none is near. */
+  seamAt(/** @type {Point} */ at) {
+    const seams = this.places?.seams.keys() ?? [];
+    return nearest(seams, (seam) => this.everywhere(seam), at, HIT_PX);
+  }
+
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+    const { places, other, showsSeams, chosen } = this;
+    if (!places || !other || this.page.isLive) return;
+    if (other.is_related) this.drawBehind(style, places);
+    if (!showsSeams) return;
+    const seams = other.seams.map(({ why }, n) => ({ at: this.everywhere(n), doubted: Boolean(why) }));
+    drawSeams(context, style, seams, chosen);
+  }
+
+  /** The places of a seam on both sheets, in the pane. */
+  everywhere(/** @type {number} */ seam) {
+    return SHEETS.flatMap((sheet) => this.inPane(seam, sheet));
+  }
+
+  /**
+   * The outline of each side, through the other one.
+   * @param {Style} style @param {SidePlaces} places
+   */
+  drawBehind(style, places) {
+    const { canvas } = this;
+    const color = style.getPropertyValue("--seam");
+    for (const sheet of SHEETS) {
+      const behind = sheet === "this" ? places.other_outline_uv_m : places.this_outline_uv_m;
+      for (const loop of behind) {
+        const seen = loop.map((uv) => canvas.shownAt(sheet, mirrored(uv))).filter((at) => at !== null);
+        strokeLoop(canvas, seen, color, 1.5, { rim: 1, dash: [6, 5] });
+      }
+    }
+  }
+
+  /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
+  drawInScene(context, style, place) {
+    const { places, chosen, showsSeams } = this;
+    if (!places || chosen === null || !showsSeams) return;
+    drawSeamInScene(context, style, places.seams[chosen].xyz_m, place);
   }
 }

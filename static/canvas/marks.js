@@ -147,6 +147,28 @@ export function strokeLoop(
 }
 
 /**
+ * Seams of a list at their places in the pane: small, those that are doubted in another colour; the chosen one large.
+ * @param {Context} context @param {Style} style @param {{ at: Point[]; doubted: boolean }[]} seams
+ * @param {number | null} chosen
+ */
+export function drawSeams(context, style, seams, chosen) {
+  seams.forEach(({ at, doubted }, n) => {
+    context.fillStyle = style.getPropertyValue(doubted ? "--warn" : "--seam");
+    if (n !== chosen) for (const { x, y } of at) context.fillRect(x - 2, y - 2, 4, 4);
+  });
+  const large = chosen === null ? [] : seams[chosen].at;
+  for (const at of large) drawDot(context, at, style.getPropertyValue("--accent"), 3.5);
+}
+
+/**
+ * Points of the chosen seam in the scene.
+ * @param {Context} context @param {Style} style @param {XYZ[]} points @param {PlaceInScene} place
+ */
+export function drawSeamInScene(context, style, points, place) {
+  for (const at of points.map(place)) if (at) drawDot(context, at, style.getPropertyValue("--accent"), 3);
+}
+
+/**
  * A line through points of the pane.
  * @param {Context} context @param {Point[]} points @param {string} color @param {number} width
  * @param {number[]} dash

@@ -1,11 +1,13 @@
 // Why the parts of the shape are joined: where the least evidence joins them, the views that saw it; cut or keep.
 
 import { PagePart } from "/static/page/page.js";
-import { JointsDrawing } from "/static/joints/drawing.js";
+import { nearest } from "/static/canvas/geometry.js";
+import { drawSeamInScene, drawSeams, strokeLoop } from "/static/canvas/marks.js";
 import { askJson } from "/static/page/connection.js";
 import { byId, closeButton, heading, make, rebuild, smallButton, swatch } from "/static/page/dom.js";
 import { cm2, count, number, percent } from "/static/page/format.js";
 
+const HIT_PX = 10;
 const MOST_ROWS = 8;
 
 /** @typedef {import("/static/page/messages").JointInfo} JointInfo */
@@ -20,7 +22,6 @@ export class JointsPanel extends PagePart {
   told = ""; // about the place that was clicked
   actions = { joints: () => this.toggle() };
   section = byId("joints");
-  drawing = new JointsDrawing(this.page, this);
 
   constructor(/** @type {Page} */ page) {
     super(page);
@@ -182,7 +183,7 @@ export class JointsPanel extends PagePart {
   /** A click asks about the cloth there. */
   click(/** @type {number} */ u, /** @type {number} */ v) {
     if (!this.shown || !this.found || this.page.state.pending || this.page.canvas.side === "other") return false;
-    const joint = this.drawing.at(u, v);
+    const joint = this.jointAt(u, v);
     const none = "This cloth belongs to the largest part: nothing within it is joined by little evidence.";
     this.told = joint === null ? none : "";
     this.choose(joint);
@@ -200,4 +201,42 @@ export class JointsPanel extends PagePart {
     this.toggle();
     return true;
   }
+
+  /** The joint at a place: one whose seam is near, else the smallest part that has it; null: none. */
+  jointAt(/** @type {number} */ u, /** @type {number} */ v) {
+    const { joints } = this;
+    const [holding] = joints.filter((joint) => holds(joint, u, v)).sort((a, b) => a.area_cm2 - b.area_cm2);
+    const found = nearest(joints, this.seamOf, this.canvas.transform.toPane(u, v), HIT_PX) ?? holding;
+    return found ? joints.indexOf(found) : null;
+  }
+
+  /** Where a joint is, in the pane. @param {JointInfo} joint */
+  seamOf = (joint) => joint.seam_uv_m.map((uv) => this.canvas.transform.toPane(...uv));
+
+  drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
+    const { joints, chosen, shown } = this;
+    if (!shown || this.page.isLive || this.canvas.side === "other") return;
+    for (const loop of chosen === null ? [] : joints[chosen].outline_uv_m)
+      strokeLoop(this.canvas, loop, style.getPropertyValue("--accent"), 2, { rim: 1.5, dash: [6, 4] });
+    const seams = joints.map((joint) => ({ at: this.seamOf(joint), doubted: joint.weak }));
+    drawSeams(context, style, seams, chosen);
+  }
+
+  /** @param {Context} context @param {Style} style @param {PlaceInScene} place */
+  drawInScene(context, style, place) {
+    const { joints, chosen, shown } = this;
+    if (!shown || chosen === null) return;
+    drawSeamInScene(context, style, joints[chosen].seam_xyz_m, place);
+  }
+}
+
+/** Whether the outlines of a part hold a place: an odd number of their edges is crossed on the way out. */
+function holds(/** @type {JointInfo} */ { outline_uv_m }, /** @type {number} */ u, /** @type {number} */ v) {
+  let inside = false;
+  for (const loop of outline_uv_m)
+    loop.forEach(([u1, v1], n) => {
+      const [u0, v0] = loop[(n + loop.length - 1) % loop.length];
+      if (v0 > v !== v1 > v && u < u0 + ((v - v0) / (v1 - v0)) * (u1 - u0)) inside = !inside;
+    });
+  return inside;
 }
