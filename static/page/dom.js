@@ -146,24 +146,6 @@ export const valueRows = (...rows) =>
 /** A title with what stands beside it. @param {string} title @param {...Child} more */
 export const heading = (title, ...more) => make("div.heading", make("h2", title), ...more);
 
-/** Show a dialog with a button that closes it; then it is gone. @param {string} title @param {...Child} parts */
-export function showSheet(title, ...parts) {
-  const close = make(
-    "form",
-    { method: "dialog" },
-    make("button.button", { type: "submit", autofocus: true }, "Close"),
-  );
-  const dialog = make(
-    "dialog.sheet",
-    { label: title, close: (event) => event.target.remove() },
-    make("h2", title),
-    ...parts,
-    close,
-  );
-  document.body.append(dialog);
-  dialog.showModal();
-}
-
 /** A square that shows a colour. */
 export const swatch = (/** @type {string} */ color) => make("i.swatch", { style: { background: color } });
 

@@ -1,6 +1,6 @@
 // A file that is dropped on the page is not sent anywhere: how to import it is told.
 
-import { make, showSheet } from "/static/page/dom.js";
+import { make } from "/static/page/dom.js";
 
 /** @type {Record<string, string>} */
 const KNOWN = { bag: "a camera's or ROS recording", db3: "a camera's or ROS 2 recording", mcap: "a ROS 2 recording" };
@@ -29,5 +29,15 @@ function tell(/** @type {string} */ name) {
         make("code", `flatcloth view ${out}`),
       ]
     : [make("p", "Open the folder of a recording or a session on the start screen (Shift+H).")];
-  showSheet(kind ? `Import ${name}` : `${name} cannot be dropped here`, make("div.drop", ...parts));
+  const title = kind ? `Import ${name}` : `${name} cannot be dropped here`;
+  const close = make("button.button", { type: "submit", autofocus: true }, "Close");
+  const dialog = make(
+    "dialog.sheet.drop",
+    { label: title, close: (event) => event.target.remove() },
+    make("h2", title),
+    ...parts,
+    make("form", { method: "dialog" }, close),
+  );
+  document.body.append(dialog);
+  dialog.showModal();
 }
