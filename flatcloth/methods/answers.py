@@ -260,7 +260,7 @@ class Seam:
 class Ends(Protocol):
     """Where the cloth of one piece truly ends: places (E, 2) on its plane, metres.
 
-    ``edge_trust`` (E,) is e / (e + 1) for an edge that e views saw, each counted by how well it faced it.
+    ``edge_trust`` (E,) is e / (e + 1) for an edge that e views saw, each by how surely the cloth ends.
     """
 
     @property
