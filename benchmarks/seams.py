@@ -62,16 +62,21 @@ def row_of(source: str) -> dict[str, Any]:
             "places": len(each.members),
             "strength": round(each.strength, 1),
             "strongest": strongest[each.other_piece] is each,
-            "contradicted": round(seam_links.contradicted(matches, each, (sides[0].ends, sides[1].ends)), 2),
+            "contradicted": round(
+                float(seam_links.contradicting(matches, each, (sides[0].ends, sides[1].ends))[0].sum())
+                / len(each.members),
+                2,
+            ),
             "true_share": round(float(np.nanmean(off_m[each.members] < FAR_RELATED_M)), 2),
         }
         for each in sets
     ]
-    contradictions = []
+    contradictions, at_other = [], seam_links.node_at(other_shape, matches.other_uv_m)
     for n, k in combinations(range(len(sets)), 2):
         if sets[n].other_piece != sets[k].other_piece or seam_links.agree(matches, sets[n], sets[k]):
             continue
-        evidence = seam_links.evidence_between(other_shape, matches, sets[n], sets[k])[1]
+        two_sets = (np.unique(at_other[sets[each].members]) for each in (n, k))
+        evidence = seam_links.evidence_between(other_shape, *two_sets)[1]
         one, two = (each.members[np.isfinite(true[1][each.members, 0])] for each in (sets[n], sets[k]))
         bent = fit_rigid2(matches.other_uv_m[one], true[1][one]).apply(matches.other_uv_m[two]) - true[1][two]
         contradictions.append(

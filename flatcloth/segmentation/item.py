@@ -3,7 +3,7 @@
 Four tests remove other objects, and report what they removed. Depth layers far from the axis are background.
 A region apart from the item is another object. A region that stays in place while the item turns is a stand,
 a table or an arm. A region above the held point, or one of another colour that is connected to the top of
-the item by a narrow neck, is the gripper.
+the item by a narrow neck, is the gripper. Last, the item ends where its colour does.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SegmentationError, SurfaceError
 from flatcloth.core.geometry import window_of
-from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, RotationAxis
+from flatcloth.core.types import Bool, Float32, Float64, RgbdFrame, RotationAxis, Uint8
 from flatcloth.flattening.surface import about_axis, foreground_mask
 from flatcloth.registration.axis import THREADS, TOP_M
 
@@ -41,6 +41,9 @@ _UNLIKE = 14.0
 _SMALL_SHARE = 0.3
 """A gripper is a small part: it lies in this upper share of the item, touches the item along at most this
 share of its outline, and is at most this share of what is seen. Chosen."""
+_FATTENED_PX = 6
+"""Depth reaches at most so far over an outline. Chosen: rendered stereo images widen outlines by up to 4
+pixels (docs/tried.md), and colour may lie a pixel or two beside depth."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,6 +113,9 @@ def find_item(
         )
     masks = [mask for mask, _ in freed]
     cuts = [cut for part in parts for cut in part.cuts] + [cut for _, own in freed for cut in own]
+    with ThreadPoolExecutor(THREADS) as pool:
+        colors = (frame.color for frame in frames)
+        masks = checked(pool.map(without_background, colors, masks), check)
     if not any(mask.any() for mask in masks):
         raise SegmentationError("Nothing in view turns with the axis; check the angles, or give masks.")
     return Item(masks=tuple(masks), cut_off=tuple(cuts))
@@ -305,3 +311,57 @@ def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:
         if not (region & main).any() and (region & near).any():
             off |= region
     return _large(frame, off)
+
+
+def without_background(color: Uint8, item: Bool) -> Bool:
+    """Return the item (H, W) without pixels at its outline that have the colour of the background.
+
+    A stereo sensor makes near surfaces larger than they are (edge fattening): matching windows at an outline
+    see the item and the background, and follow the item, so its depth reaches over the background. The
+    colors of both nearby are taken as normally distributed; a pixel within ``_FATTENED_PX`` of the outline
+    is removed if it is far more probable in the background. Nothing is removed where both look alike.
+
+    Parameters
+    ----------
+    color : (H, W, 3) uint8
+        Aligned with ``item``.
+    item : (H, W) bool
+        The measured pixels of the item.
+    """
+    around = window_of(item, 3 * _FATTENED_PX)
+    if around is None:
+        return item
+    rgb, shown = color[around].astype(np.float32), item[around].astype(np.uint8)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _FATTENED_PX + 1,) * 2)
+    whole = _without_holes(shown)  # what is not measured within the item is no background
+    inside, outside = cv2.erode(whole, disc) > 0, cv2.dilate(whole, disc) == 0
+    unlike_item, unlike_background = _unlike(rgb, inside), _unlike(rgb, outside)
+    kept = item.copy()
+    # More than twice the number of channels, as by Akaike's criterion: chance alone would not do.
+    is_background = unlike_item - unlike_background > 2 * rgb.shape[-1]
+    kept[around] &= inside | np.isinf(unlike_item) | ~is_background
+    return kept
+
+
+def _without_holes(shown: Uint8) -> Uint8:
+    """Return an image (H, W) of 0 and 1 with the regions of 0 that do not reach its border filled."""
+    framed = cv2.copyMakeBorder(shown, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+    cv2.floodFill(framed, None, (0, 0), 2)
+    return np.asarray(framed[1:-1, 1:-1] != 2, dtype=np.uint8)
+
+
+def _unlike(rgb: Float32, sample: Bool) -> Float32:
+    """Return -2 log of the probability density (H, W) of each colour by those nearby; inf without any."""
+    side = 6 * _FATTENED_PX + 1  # from each pixel that is judged it reaches both the item and the background
+
+    def total(image: Float32) -> Float32:
+        return np.asarray(cv2.boxFilter(image, -1, (side, side), normalize=False), dtype=np.float32)
+
+    count = np.rint(total(sample.astype(np.float32)))[..., None]
+    known = count[..., 0] > 0
+    count = np.maximum(count, 1)
+    chosen = np.where(sample[..., None], rgb, 0)
+    middle = total(chosen) / count
+    variance = np.maximum(total(chosen * rgb) / count - middle**2, 1)  # at least a step of 8 bits
+    density = (np.square(rgb - middle) / variance + np.log(variance)).sum(axis=-1)
+    return np.where(known, density, np.inf).astype(np.float32)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import Rigid3, project, tangent_basis
 from flatcloth.core.types import Bool, Float64, Int32, Intrinsics
 from flatcloth.flattening.sampling import (
@@ -166,6 +167,11 @@ def observe(
     """Observe the associated nodes in a view, and add nodes where it shows other cloth.
 
     Returns the nodes, moved to the mean of all views' measurements, and the observation.
+
+    Raises
+    ------
+    SurfaceError
+        If the view shows no pair of nodes.
     """
     d = flattening.sampling_intervals_px[-1]
     limit = WELL_SEEN_DEG if surface.noisy else INCIDENCE_LIMIT_DEG
@@ -190,6 +196,10 @@ def observe(
     is_new = node < 0
     node[is_new] = len(nodes) + np.arange(int(is_new.sum()))
     edges, length, std, offset = _pairs(rc, points, normal, incidence, d, surface)
+    if not len(edges):
+        raise SurfaceError(
+            f"View {surface.frame.view_index}: it shows no two places of cloth side by side; use another."
+        )
     smooth = np.einsum("ij,ij->i", normal[edges[:, 0]], normal[edges[:, 1]]) >= _SMOOTH_COS
     evidence = np.square(NOISELESS_STD_M / std) * np.where(smooth, 1.0, _CREASED_EVIDENCE)
     observation = Observation(

@@ -8,10 +8,18 @@ import numpy as np
 import pytest
 from scenes import AXIS, CAMERA, box, frame, plane
 
-from flatcloth.core.config import SurfaceConfig
+from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import Rigid3, project
 from flatcloth.flattening.surface import observe_surface
-from flatcloth.methods.robust.observations import Nodes, _in_narrow_places, associate
+from flatcloth.methods.robust.observations import (
+    Association,
+    Nodes,
+    _in_narrow_places,
+    associate,
+    no_nodes,
+    observe,
+)
 
 STILL = Rigid3(np.eye(3), np.zeros(3))
 OFF_M = 0.001
@@ -69,3 +77,17 @@ def test_no_strip_of_the_surface_is_too_narrow_for_nodes() -> None:
             between = np.abs(places[:, None] - places).max(axis=2) + 99 * np.eye(len(places))
             assert between.min() >= 3
             assert np.linalg.norm(places[:, None] - known, axis=2).min() > 0.8 * 3
+
+
+def test_a_view_that_shows_one_place_alone_is_no_view_of_the_shape() -> None:
+    depth = plane()
+    surface = observe_surface(frame(depth, box(0.06, depth)), AXIS, SurfaceConfig())
+    alone = np.zeros_like(surface.usable)
+    d = FlatteningConfig().sampling_intervals_px[-1]
+    row, col = (int(at) // d * d + d // 2 for at in (CAMERA.cy, CAMERA.cx))
+    alone[row, col] = True
+    nothing = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
+    with pytest.raises(SurfaceError, match=r"View \d+: it shows no two places of cloth side by side"):
+        observe(no_nodes(), nothing, replace(surface, usable=alone), STILL, FlatteningConfig())
+    _, seen = observe(no_nodes(), nothing, surface, STILL, FlatteningConfig())
+    assert len(seen.edges)

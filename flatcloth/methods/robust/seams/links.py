@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.graphs import cut_between
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int16, Int64, Rigid2
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int16, Int32, Int64, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.methods.answers import Ends
 from flatcloth.methods.robust.joint import taken_apart
@@ -23,10 +23,10 @@ from flatcloth.methods.robust.layout import MOST_DRIFT_M
 from flatcloth.methods.robust.scoring import PLACE_STD_M
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 
-LEAST_MATCHES = 24
+LEAST_MATCHES = 30
 """Fewest matches of a set that joins pieces, or fewer if they cover as much as that on a strip as wide as
 ``_AGREE_M``. Measured by ``python -m benchmarks seams``: where the strongest set of a piece is false and lays
-no true edges on the other sheet, it has up to 19."""
+no true edges on the other sheet, it has up to 26."""
 _DOUBTED_EVIDENCE = 120.0
 """Cloth of the other side that alone joins two pieces of this side is not believed with less evidence.
 Measured by the same command: such joints with up to 70 are false, with 210 and more true."""
@@ -34,10 +34,10 @@ _BENT = 0.3
 """Cloth is cut between two sets that contradict each other if its evidence is less than this for each match
 of the weaker one, weighted by its width; otherwise the weaker set is false. Measured by the same command:
 where the cloth is bent it is up to 0.2, where the set is false 0.4 and more."""
-_MOST_CONTRADICTED = 0.3
-"""A set is false if, for each of its places, more true edges than this would lie on the other sheet's cloth.
-Measured by the same command: of the strongest sets true ones have up to 0.17 (a low neckline), the false one
-that is large enough to join 0.50."""
+_MOST_CONTRADICTED = _BENT
+"""A set is contradicted if, for each of its places, more true edges than this would lie on the other sheet's
+cloth. Measured by the same command: of the strongest sets true ones on cloth that is not bent have up to 0.17
+(a low neckline), the false one that is large enough to join 0.50."""
 _WELL_SEEN = 0.75
 """Trust of a true edge that counts: more than three views faced it. By definition of the trust; fewer may
 have seen a fold's silhouette."""
@@ -137,7 +137,8 @@ def linked(
     Two sets that place one piece of the other side differently on one piece of this side contradict each
     other: either the weaker is contact of other parts, or the cloth between them is bent or joined falsely.
     Cloth of the other side that alone would join two pieces of this side must be strong to be believed.
-    The strongest set of a piece is false if it lays true edges on the middle of the other sheet's cloth.
+    Where the strongest set of a piece lays true edges on the middle of the other sheet's cloth, either it is
+    false, or the cloth between it and these edges is.
     ``ends`` are where the cloth of the pieces of both sides truly ends. ``sets`` are those of
     :func:`sets_of`; those that the operator cut have the reason.
 
@@ -150,61 +151,86 @@ def linked(
     list of SeamLink
         All sets, in the same order.
     """
-    links, at_other = list(sets), _node_at(other, matches.other_uv_m)
+    links, at_other = list(sets), node_at(other, matches.other_uv_m)
     side = np.zeros(len(other.nodes), dtype=np.int64)  # the part of each node
+
+    def part_of(link: SeamLink) -> int:
+        """Return the part of most of the places of a set."""
+        return int(np.bincount(side[at_other[link.members]]).argmax())
+
+    def divided(link: SeamLink, part: Bool) -> Int64:
+        """Return the part of each node (N,) once ``part`` (N,) of the set's piece is cut from the rest."""
+        own = part & (other.piece == link.other_piece)
+        return np.unique(2 * side + own, return_inverse=True)[1].ravel()
+
     for n, link in enumerate(links):
         if link.why:
             continue
         earlier = [each for each in links[:n] if not each.why and each.other_piece == link.other_piece]
+        earlier = [each for each in earlier if part_of(each) == part_of(link)]
         against = [each for each in earlier if not agree(matches, each, link)]
         if not link.joins:
             if len(against) == len(earlier):
                 links[n] = replace(link, why="too few places meet")
             continue
-        if not earlier and not link.is_kept and contradicted(matches, link, ends) > _MOST_CONTRADICTED:
-            links[n] = replace(link, why="true edges would lie on cloth of the other sheet")
-            continue
+        if not earlier and not link.is_kept:
+            trust, places = contradicting(matches, link, ends)
+            there = node_at(other, places)
+            own = side[there] == part_of(link)
+            against_it = float(trust[own].sum())
+            if against_it > _MOST_CONTRADICTED * len(link.members):
+                part, evidence = evidence_between(other, at_other[link.members], there[own])
+                if evidence >= _BENT * min(against_it, link.strength):
+                    links[n] = replace(link, why="true edges would lie on cloth of the other sheet")
+                    continue
+                side = divided(link, part)
         if against and not link.is_kept and link.strength < LEAST_MATCHES:
             links[n] = replace(link, why=_CONTRADICTS)
             continue
         for before in against:
-            part, evidence = evidence_between(other, matches, before, link)
+            part, evidence = evidence_between(other, *(at_other[each.members] for each in (before, link)))
             is_bridge = before.this_piece != link.this_piece
             if evidence < (_DOUBTED_EVIDENCE if is_bridge else _BENT * link.strength):
-                part &= other.piece == link.other_piece
-                side = np.unique(2 * side + part, return_inverse=True)[1].ravel()
+                side = divided(link, part)
             elif not is_bridge and not link.is_kept:
                 links[n] = replace(link, why=_CONTRADICTS)
                 break
     apart, matches = _taken_apart(other, side, matches, at_other)
-    # Pieces have other numbers now.
-    return apart, matches, [replace(k, other_piece=_piece_of(apart, at_other[k.members])) for k in links]
+    return apart, matches, [_renumbered(link, apart.piece[at_other]) for link in links]
 
 
-def contradicted(matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], Sequence[Ends]]) -> float:
-    """Return how many true edges would lie on cloth of the other sheet, for each place of a set.
+def contradicting(
+    matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], Sequence[Ends]]
+) -> tuple[Float64, Float64]:
+    """Return the trust (K,) of true edges that a set lays on the other sheet's cloth, and their places.
 
-    Both sheets end at the same seams and hems, necklines apart.
+    Both sheets end at the same seams and hems, necklines apart. Places (K, 2) are on the other side's plane.
     """
     pieces = [int(np.bincount(matches.pieces[link.members, side]).argmax()) for side in (0, 1)]
     own, its = ends[0][pieces[0]], ends[1][pieces[1]]
     motion = matches.motion(link.members)
     at_other = motion.inverse().apply(own.edge_uv_m) * MIRROR
     at_this = motion.apply(its.edge_uv_m * MIRROR)
-    count = 0.0
-    for edges, depth_m in ((own, its.depth_at(at_other)), (its, own.depth_at(at_this))):
-        count += float(edges.edge_trust[(edges.edge_trust > _WELL_SEEN) & (depth_m > MOST_DRIFT_M)].sum())
-    return count / len(link.members)
+    uv_m = np.concatenate([at_other, its.edge_uv_m])
+    trust = np.concatenate([own.edge_trust, its.edge_trust])
+    depth_m = np.concatenate([its.depth_at(at_other), own.depth_at(at_this)])
+    against = (trust > _WELL_SEEN) & (depth_m > MOST_DRIFT_M)
+    return trust[against], uv_m[against]
 
 
-def _piece_of(shape: JointShape, nodes: Int64) -> int:
-    """Return the piece of most of some nodes; -1 if they have none any more."""
-    return int(np.bincount(shape.piece[nodes] + 1).argmax()) - 1
+def _renumbered(link: SeamLink, piece: Int32) -> SeamLink:
+    """Return a set with the piece of most of its places, and only those; ``piece`` (K,) are the present ones.
+
+    The piece is -1 if they have none any more.
+    """
+    own = int(np.bincount(piece[link.members] + 1).argmax()) - 1
+    members = link.members[piece[link.members] == own]
+    return replace(link, other_piece=own, members=members)
 
 
 def sets_of(this: JointShape, other: JointShape, matches: Matches) -> list[SeamLink]:
     """Return the sets of matches that agree on one motion, for each pair of pieces; the strongest first."""
-    at = _node_at(this, matches.this_uv_m), _node_at(other, matches.other_uv_m)
+    at = node_at(this, matches.this_uv_m), node_at(other, matches.other_uv_m)
     ends = np.stack([this.piece[at[0]], other.piece[at[1]]], axis=1).astype(np.int64)
     links = []
     for this_piece, other_piece in np.unique(ends, axis=0).tolist():
@@ -260,18 +286,17 @@ def agree(matches: Matches, one: SeamLink, other: SeamLink) -> bool:
     return off_m <= MOST_DRIFT_M
 
 
-def evidence_between(
-    shape: JointShape, matches: Matches, before: SeamLink, link: SeamLink
-) -> tuple[Bool, float]:
-    """Return which nodes (N,) of the other side the weakest cut between two sets leaves with the first.
+def evidence_between(shape: JointShape, one: Int64, other: Int64) -> tuple[Bool, float]:
+    """Return which nodes (N,) the weakest cut between some nodes and ``other`` ones leaves with the first.
 
-    The second is the evidence that the cut takes away.
+    The second is the evidence that the cut takes away, infinite if nothing lies between them.
     """
-    node = _node_at(shape, matches.other_uv_m)
-    one, other = np.unique(node[before.members]), np.unique(node[link.members])
     both = np.intersect1d(one, other)
+    one, other = np.setdiff1d(one, both), np.setdiff1d(other, both)
+    if not (one.size and other.size):
+        return np.zeros(len(shape.nodes), dtype=np.bool_), np.inf
     edges, evidence = shape.links.edges, shape.evidence
-    side = cut_between(len(shape.nodes), edges, evidence, np.setdiff1d(one, both), np.setdiff1d(other, both))
+    side = cut_between(len(shape.nodes), edges, evidence, one, other)
     return side, float(evidence[side[edges[:, 0]] != side[edges[:, 1]]].sum())
 
 
@@ -317,7 +342,7 @@ def _taken_apart(shape: JointShape, side: Int64, matches: Matches, node: Int64) 
     return apart, replace(matches, other_uv_m=uv)
 
 
-def _node_at(shape: JointShape, uv_m: Float64) -> Int64:
+def node_at(shape: JointShape, uv_m: Float64) -> Int64:
     """Return the node (K,) of a shape nearest to each place (K, 2) of its plane."""
     placed = np.flatnonzero(shape.has_place & (shape.piece >= 0))
     nearest: Int64 = placed[cKDTree(shape.all_uv_m[placed]).query(uv_m)[1]]
