@@ -2,7 +2,7 @@
 
 ``--meshes`` are OBJ files; ``--recordings`` recordings of them with true points, found by the mesh's name at
 their beginning. Each panel is looked at from ``--starts`` start angles, by stereo with 2 mm of sway: for two
-named points that are visible by truth, for two that are not, for its shape, and for its kind.
+named points that are visible by truth, for two that are not, and for its shape, which also tells the kind.
 From the first start, ``fixed`` turns by 10 degrees, and ``present`` chooses among views every 10 degrees
 by new area alone. ``all`` is what 36 views give, integrated as a recording: what they do not know cannot be
 known. A view at an angle is the same in all loops of a mesh. ``--keep`` keeps views and loops, so that
@@ -106,7 +106,7 @@ def _rows_of(mesh: Path, recorded: str, options: Options) -> list[dict[str, Any]
         truth = kept(options, f"truth/{mesh.stem}-{panel}", partial(true_points, views, recorded, panel))[0]
         rows += kept(options, f"{mesh.stem}-{panel}-all", partial(_all_views, views, panel, truth))
         for number, start_deg in enumerate(np.arange(options.starts) * (360.0 / options.starts)):
-            asked = [(about, "active") for about in ("points", "hidden", "shape", "kind")]
+            asked = [("points", "active"), ("hidden", "active"), ("shape", "active")]
             asked += [("points", choice) for choice in CHOICES[1:] if number == 0]
             for about, choice in asked:
                 key = f"{mesh.stem}-{panel}-{start_deg:.0f}-{about}-{choice}"
@@ -193,10 +193,10 @@ def measured(
     views: Views, panel: int, start_deg: float, choice: str, truth: dict[str, Any], about: str
 ) -> list[dict[str, Any]]:
     """Return what one loop found, view by view; nothing if there are no such points."""
-    names = asked_points(truth, hidden=about == "hidden") if about in ("points", "hidden") else ()
-    if not names and about in ("points", "hidden"):
+    names = () if about == "shape" else asked_points(truth, hidden=about == "hidden")
+    if not names and about != "shape":
         return []
-    goal = Goal(about="points", points=names, within_m=WITHIN_M) if names else Goal(about=about)
+    goal = Goal(about="points", points=names, within_m=WITHIN_M) if names else Goal(about="shape")
     with tempfile.TemporaryDirectory() as folder:
         loop = LOOPS[choice](Path(folder) / "out", goal, Budget(views=VIEWS))
         steps: list[dict[str, Any]] = []
@@ -215,7 +215,7 @@ def measured(
                     "area_cm2": 1e4 * knowledge.area_m2,
                     "kind": knowledge.kind,
                     "probability": knowledge.probability,
-                    "known": knowledge.is_reached(goal),
+                    "known": bool(names) and not knowledge.missing(goal),
                     "std_mm": {name: finite(1e3 * knowledge.point(name).std_m) for name in names},
                     "errors_mm": {name: errors[name] for name in names if name in errors},
                 }
@@ -268,22 +268,17 @@ def figures(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         }
     shapes = [row for row in rows if row["about"] == "shape" and _bound_of(row, bounds).get("area_cm2")]
     if shapes:
+        kinds = np.array([_kind_after(row) for row in shapes])
         areas = [row["views"][-1]["area_cm2"] / _bound_of(row, bounds)["area_cm2"] for row in shapes]
         found["shape"] = {
             "loops": len(shapes),
             "area_of_36_views_median": float(np.median(areas)),
             "area_at_least_0.95": float(np.mean(np.array(areas) >= 0.95)),
             "views_median": float(np.median([len(row["views"]) for row in shapes])),
-        }
-    kinds = [row for row in rows if row["about"] == "kind"]
-    if kinds:
-        after = np.array([row["known_after"] or np.inf for row in kinds])
-        found["kind"] = {
-            "loops": len(kinds),
-            "known_after_median": _median(after),
-            "known_within_4": float((after <= 4).mean()),
-            "known_within_12": float((after <= 12).mean()),
-            "wrong_kind_above_0.9": sum(_is_wrong(row) for row in kinds),
+            "kind_after_median": _median(kinds),
+            "kind_within_4": float((kinds <= 4).mean()),
+            "kind_within_12": float((kinds <= 12).mean()),
+            "wrong_kind_above_0.9": sum(_is_wrong(row) for row in shapes),
         }
     return found
 
@@ -357,6 +352,10 @@ def _sure_kinds(row: dict[str, Any]) -> list[tuple[int, str]]:
     """Return after which views a kind was surer than 0.9, and which."""
     numbered = enumerate(row["views"], start=1)
     return [(n, view["kind"]) for n, view in numbered if view.get("kind") and view["probability"] >= 0.9]
+
+
+def _kind_after(row: dict[str, Any]) -> float:
+    return next((n for n, _ in _sure_kinds(row)), np.inf)
 
 
 def _is_wrong(row: dict[str, Any]) -> bool:

@@ -23,9 +23,8 @@ from flatcloth.garments.model import Kind, with_slope
 OUTLINE_STD_M = 0.008
 """Standard deviation of cloth and true edges from the outline: patterns and flattened cloth differ by 3 to
 8 mm (NUMERICS)."""
-TEMPERATURE = 1.5
-"""Divisor of differences in evidence: errors of neighbouring edges are correlated. What explains the kinds of
-shapes of 2 to 9 views of nine meshes best, with any garment left out: 1 to 1.5; see the reliability in
+TEMPERATURE = 3.0
+"""Divisor of differences in evidence: errors of neighbouring edges are correlated; see the reliability in
 docs/garments.md."""
 _POINTS = 60
 """Edges, and points inside, that stand for a piece in a coarse search. Chosen: fewer rank the starts worse,
