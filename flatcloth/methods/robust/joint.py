@@ -166,6 +166,7 @@ def flatten_jointly(
             if not piece.is_main:
                 uv[piece.members] += (PIECES_APART_M * n, 0.0) - np.nanmean(uv[piece.members], axis=0)
         else:
+            _keep_apart(shape, number, uv)
             settled_pairs = len(shape.links.edges) if is_whole else shape.settled_pairs
             return anchored(
                 replace(
@@ -176,6 +177,19 @@ def flatten_jointly(
                     settled_pairs=settled_pairs,
                 )
             )
+
+
+def _keep_apart(shape: JointShape, number: Int32, uv_m: Float64) -> None:
+    """Let what lay on one piece, and found no place on the piece that its pairs join it to, float as it lay.
+
+    Changes the piece ``number`` (N,) and the positions (N, 2) of such nodes.
+    """
+    lost = shape.has_place & (shape.piece >= 0) & (number < 0)
+    for before in np.unique(shape.piece[lost]):
+        own = lost & (shape.piece == before)
+        if own.sum() >= LEAST_PIECE:
+            number[own] = n = number.max() + 1
+            uv_m[own] = shape.all_uv_m[own] + (PIECES_APART_M * n, 0.0) - shape.all_uv_m[own].mean(axis=0)
 
 
 def with_better_cuts(shape: JointShape) -> JointShape:

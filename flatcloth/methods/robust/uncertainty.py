@@ -84,6 +84,8 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     number = np.full(len(shape.nodes), -1, dtype=np.int32)
     number[placed] = np.arange(placed.size)
     inside = np.flatnonzero(both_ends(shape.placed, links.edges))
+    if not inside.size:  # a single place, relative to itself
+        return np.where(shape.placed, LEAST_STD_M, np.nan)
     which, pair = renumbered(links.pair[inside])
     edges, uv = number[links.once[which]], shape.uv_m[placed]
     along = uv[edges[:, 1]] - uv[edges[:, 0]]

@@ -11,6 +11,7 @@ from made_up_sheets import STEP_M, STILL, grid, nodes_at, observed, shape_of
 
 from flatcloth.core.geometry import Rigid3, fit_rigid2, rotation_about
 from flatcloth.core.types import Float64
+from flatcloth.methods.robust import joint
 from flatcloth.methods.robust.compositing import floating_pieces
 from flatcloth.methods.robust.joint import flatten_jointly, settled, taken_apart
 from flatcloth.methods.robust.joint_shape import (
@@ -295,3 +296,18 @@ def test_a_piece_that_no_pair_leads_to_stays_without_a_place() -> None:
     inside = np.arange(len(shape.links.edges))
     found = lay_pieces(z, shape.links, inside, laid, np.where(right, 1, -1).astype(np.int32))
     assert np.isnan(found[right]).all()
+
+
+def test_cloth_that_finds_no_place_on_the_piece_it_is_joined_to_floats_as_it_lay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    left, right = COLUMN < 14, COLUMN >= 16
+    apart = flatten_jointly(shape_of(UV, [observed(UV, left, 0), observed(UV, right, 1)], left))
+    assert set(apart.piece[right]) == {1}
+    # A bridge joins both; laying out stops at it, as it does where joined cloth fits nowhere.
+    monkeypatch.setattr(joint, "_with_joined_pieces", lambda z, *_: z)
+    monkeypatch.setattr(joint, "lay_out", lambda z, *_: z)
+    both = flatten_jointly(with_view(apart, observed(UV, (COLUMN > 10) & (COLUMN < 20), 2)))
+    assert (both.piece[left] == 0).all()
+    assert set(both.piece[right]) == {1}
+    assert off_m(both.all_uv_m[right], UV[right]) < 1e-4
