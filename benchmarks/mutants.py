@@ -84,7 +84,7 @@ def sample(count: int) -> list[tuple[str, str, int]]:
     for file, name, k in sites:
         source = (ROOT / file).read_text()
         mutated = mutate_code(source, plugins.get_operator(name)(), k)
-        if mutated is not None and _code(mutated) != _code(source):
+        if mutated is not None and _code(mutated) not in (None, _code(source)):
             chosen.append((file, name, k))
         if len(chosen) == count:
             break
@@ -97,9 +97,12 @@ def _nodes(node: Any) -> Any:
         yield from _nodes(child)
 
 
-def _code(source: str) -> str:
-    """Return the code without annotations, which change nothing."""
-    module = ast.parse(source)
+def _code(source: str) -> str | None:
+    """Return the code without annotations, which change nothing; None if Python cannot read it."""
+    try:
+        module = ast.parse(source)
+    except SyntaxError:
+        return None
     for node in ast.walk(module):
         if isinstance(node, ast.arg | ast.AnnAssign):
             node.annotation = ast.Constant(0)
