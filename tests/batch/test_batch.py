@@ -269,7 +269,12 @@ def test_a_worker_that_is_killed_is_in_the_results(tmp_path: Path) -> None:
     wait_for(lambda: rows(out)["a"]["attempts"] == 2)
     process.kill()
     process.communicate(timeout=60)
-    wait_for(lambda: not any(str(out) in " ".join(p.cmdline()) for p in psutil.process_iter(["cmdline"])))
+    # Of a process that ended, and that nobody has waited for, the command line is None.
+    wait_for(
+        lambda: (
+            not any(str(out) in " ".join(p.info["cmdline"] or ()) for p in psutil.process_iter(["cmdline"]))
+        )
+    )
     assert rows(out)["a"]["outcome"] == "unfinished"
     assert main(["batch", str(folder), "--out", str(out)]) == 0
     row = rows(out)["a"]

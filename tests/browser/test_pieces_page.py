@@ -66,6 +66,7 @@ def it_snaps_to_its_ghost(tab, ghost):
     """Dropped near its ghost, the piece lies exactly there."""
     tab.until("flatcloth.phase === 'deciding' && flatcloth.state.pending.ghosts.length === 1")
     tab.until("flatcloth.handles.places !== null && flatcloth.handles.ghosts.length === 1")
+    tab.until("flatcloth.overlayRevision === flatcloth.state.layers.overlay.revision")
     canvas, mouse = tab.page.locator("#canvas").bounding_box(), tab.page.mouse
     middle = tab.page.evaluate("flatcloth.handles.places.middle")
     u, v = tab.page.evaluate("[flatcloth.handles.ghosts[0].u, flatcloth.handles.ghosts[0].v]")
