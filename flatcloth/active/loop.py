@@ -388,7 +388,7 @@ class ActiveLoop:
             was, now = before.point(name), self.knowledge.point(name)
             if math.isfinite(now.std_m):
                 since = f"from +-{1e3 * was.std_m:.0f} " if math.isfinite(was.std_m) else ""
-                parts.append(f"{name} {since}to +-{1e3 * now.std_m:.0f} mm" + ", not seen" * (not now.seen))
+                parts.append(f"{name} {since}to +-{1e3 * now.std_m:.0f} mm{'' if now.seen else ', not seen'}")
         parts.append(f"{1e4 * (area_m2 - before.area_m2):.0f} cm2 new")
         return "; ".join(parts)
 
@@ -422,8 +422,8 @@ class ActiveLoop:
         if not knowledge.is_reached(self.goal):
             return asked
         self._both, self._known, self.knowledge = both, known, knowledge
-        about = knowledge.about(self.goal)
-        return End(reached=True, reason=f"Known by both sides after {self.views} views: {about}.")
+        reason = f"Known by both sides after {self.views} views: {knowledge.about(self.goal)}."
+        return End(reached=True, reason=reason)
 
     def _decided(self) -> Next | End:
         goal, knowledge, document = self.goal, self.knowledge, self.document

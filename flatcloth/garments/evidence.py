@@ -1,10 +1,10 @@
 """Evidence of a flattened piece about the outline: true edges of the cloth, and places with cloth.
 
 The border of a piece has two kinds of places. At a *true edge* some view saw the surface end while it still
-faced the camera: a step outwards along the surface meets far background, or cloth well behind, or
-cloth of the other side of the item that goes on from here (the mask of the side of interest ends).
-Elsewhere the cloth was *not seen further*: it is hidden by cloth in front, grazing, or outside the
-image. Only true edges say where the outline is.
+faced the camera: a step outwards along the surface meets far background, or cloth well behind, or cloth of
+the other side of the item that goes on here (the mask of the side of interest ends). Elsewhere the cloth was
+*not seen further*: it is hidden by cloth in front, grazing, or outside the image. Only true edges say where
+the outline is.
 """
 
 from __future__ import annotations
@@ -285,11 +285,11 @@ def _ends(
     moved, level, deeper_m = np.zeros(count), np.zeros(count), np.zeros(count)
     for view in seen_from:
         ends, at, goes_on, level_m = _ends_in(view, start, normal, along, steps)
-        ended += (stops := np.where(fine, ends, 0.0))
+        ended += fine * ends
         went_on += fine & goes_on
-        moved += stops * np.nan_to_num(at)
-        level += stops * np.isfinite(level_m)
-        deeper_m += stops * np.nan_to_num(level_m)
+        moved += fine * ends * np.nan_to_num(at)
+        level += fine * ends * np.isfinite(level_m)
+        deeper_m += fine * ends * np.nan_to_num(level_m)
     stops_here = (ended > went_on) & ~_goes_on_in(others, start, normal, along)
     known = _in_runs(stops_here, border_rc * piece.pixel_size_m)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -395,16 +395,16 @@ def _planes(
 def _ends_in(
     view: SeenFrom, start: Float64, normal: Float64, along: Float64, steps: Float64
 ) -> tuple[Float64, Float64, Bool, Float64]:
-    """Return whether the cloth ends at each place of the border by one view, or goes on there.
+    """Return what one view says of each place of the border: whether the cloth ends or continues there.
 
     Returns
     -------
     ends : (K,) float64
-        From 0 to 1 whether the cloth ends, and not only this view of it; 0 where the view says nothing.
+        From 0 to 1: how sure it is that the cloth ends, not only what is visible of it; 0 if not seen.
     at_m : (K,) float64
         Where the cloth ends.
     goes_on : (K,) bool
-        Whether the view faces the cloth, which goes on as far as is looked.
+        Whether the view faces the cloth, and it continues over all steps.
     level_m : (K,) float64
         How much deeper than expected the other side's cloth is that goes on there; NaN if none is level.
     """
@@ -437,7 +437,7 @@ def _ends_in(
     hidden = front[pick, window].mean(axis=1) >= 0.5
     outside = ~inside[pick, window].all(axis=1)
     faced = seen & (cos > _FACING_COS)
-    # At a fold's silhouette cloth turns away across it, or is seen behind; an edge may be turned any way.
+    # At the silhouette of a fold the cloth turns away from the camera, or is seen behind; edges face any way.
     away = np.maximum((view.camera_from_held.turn(along) * ray).sum(axis=1), 0.0)
     farther = of_interest & (measured > expected + slack) & (view.of_interest is not None)
     behind = farther[pick, window].mean(axis=1) > 0.5

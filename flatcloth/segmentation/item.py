@@ -337,7 +337,7 @@ def without_background(color: Uint8, item: Bool) -> Bool:
     inside, outside = cv2.erode(whole, disc) > 0, cv2.dilate(whole, disc) == 0
     unlike_item, unlike_background = _unlike(rgb, inside), _unlike(rgb, outside)
     kept = item.copy()
-    # More than twice the number of channels, as by Akaike's criterion: chance alone would not do.
+    # Better by more than 2 for each channel, as Akaike's criterion asks of a model with more parameters.
     is_background = unlike_item - unlike_background > 2 * rgb.shape[-1]
     kept[around] &= inside | np.isinf(unlike_item) | ~is_background
     return kept

@@ -66,8 +66,11 @@ def it_snaps_to_its_ghost(tab, ghost):
     """Dropped near its ghost, the piece lies exactly there."""
     tab.until("flatcloth.phase === 'deciding' && flatcloth.state.pending.ghosts.length === 1")
     tab.until("flatcloth.handles.places !== null && flatcloth.handles.ghosts.length === 1")
-    tab.until("flatcloth.overlayRevision === flatcloth.state.layers.overlay.revision")
-    canvas, mouse = tab.page.locator("#canvas").bounding_box(), tab.page.mouse
+    # Until then the page shows the proposal of the program before; its note about the connection takes a row.
+    tab.until("Math.abs(flatcloth.handles.ghosts[0]?.u - 0.05) < 0.001")
+    canvas, mouse = None, tab.page.mouse
+    while canvas != (canvas := tab.page.locator("#canvas").bounding_box()):
+        tab.page.wait_for_timeout(300)
     middle = tab.page.evaluate("flatcloth.handles.places.middle")
     u, v = tab.page.evaluate("[flatcloth.handles.ghosts[0].u, flatcloth.handles.ghosts[0].v]")
     scale = tab.page.evaluate("flatcloth.handles.scale")

@@ -180,9 +180,10 @@ def flatten_jointly(
 
 
 def _keep_apart(shape: JointShape, number: Int32, uv_m: Float64) -> None:
-    """Let what lay on one piece, and found no place on the piece that its pairs join it to, float as it lay.
+    """Keep the nodes of a piece that lost their positions as a floating piece.
 
-    Changes the piece ``number`` (N,) and the positions (N, 2) of such nodes.
+    Pairs may join a piece to another one on which it cannot be laid out. Its nodes float then, with the
+    positions that they had to each other. Changes the piece ``number`` (N,) and the positions (N, 2).
     """
     lost = shape.has_place & (shape.piece >= 0) & (number < 0)
     for before in np.unique(shape.piece[lost]):

@@ -81,9 +81,8 @@ def texture_features(surface: Surface) -> TextureFeatures:
 class SampledComponent:
     """Samples of a component of a view, in the view's own plane.
 
-    ``uv_m`` (K, 2); ``xyz_m``, ``normal`` (K, 3) object
-    frame; ``texture`` (K, 3); ``node`` (K,) int32 the node of the shape that the view shows there,
-    -1 for none; ``area_m2`` of the whole component.
+    ``uv_m`` (K, 2); ``xyz_m``, ``normal`` (K, 3) object frame; ``texture`` (K, 3); ``node`` (K,) int32 the
+    node of the shape that the view shows there, -1 for none; ``area_m2`` of the whole component.
     """
 
     uv_m: Float64

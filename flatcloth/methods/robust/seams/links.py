@@ -137,8 +137,8 @@ def linked(
     Two sets that place one piece of the other side differently on one piece of this side contradict each
     other: either the weaker is contact of other parts, or the cloth between them is bent or joined falsely.
     Cloth of the other side that alone would join two pieces of this side must be strong to be believed.
-    Where the strongest set of a piece lays true edges on the middle of the other sheet's cloth, either it is
-    false, or the cloth between it and these edges is.
+    Where the strongest set of a piece lays true edges on the middle of the other sheet's cloth, either the
+    set is false, or the cloth between the set and these edges is joined falsely.
     ``ends`` are where the cloth of the pieces of both sides truly ends. ``sets`` are those of
     :func:`sets_of`; those that the operator cut have the reason.
 
