@@ -1,7 +1,7 @@
 """The adjustment: the axis, turns and swings that explain the motions of all pairs of views together.
 
-Input: the likelihood of the motion between the views of each pair. Output: the unknowns, their covariance,
-and the probability of each grade of the recording's errors. :mod:`.cameras` adds the views and pairs.
+Input: the likelihood of the motion between the views of each pair. Output: the unknowns, how uncertain they
+are, and the probability of each grade of the recording's errors. :mod:`.cameras` adds views and pairs.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from flatcloth.registration.pose_prior import (
     twists_between,
     variances,
 )
-from flatcloth.registration.registered import Registered, surprise
+from flatcloth.registration.registered import Registered, Spread, scaled, surprise
 from flatcloth.registration.view_features import MOTION, UNKNOWNS, ViewFeatures
 
 _STEPS = 3
@@ -53,26 +53,18 @@ def solved(registered: Registered) -> Registered:
         registered = replace(
             registered, common=x[:COMMON], own=x[COMMON:].reshape(n, OWN), posterior=posterior
         )
-    covariance = (own[:, None] * (means - x)).T @ (means - x)
-    for share, root in zip(own[own > 0.0], roots[own > 0.0], strict=True):
-        covariance += share * root[:, None] * np.linalg.inv(_scaled(root, matrix)) * root
-    return replace(registered, covariance=covariance)
-
-
-def _scaled(root: Float64, matrix: Float64) -> Float64:
-    """Return M = 1 + D^1/2 A D^1/2 (M, M) for the root (M,) of the prior's variances D."""
-    scaled = root[:, None] * matrix * root
-    np.einsum("ii->i", scaled)[:] += 1.0
-    return scaled
+    likely = own > 0.0
+    spread = Spread(chance=own[likely], root=roots[likely], off=means[likely] - x, matrix=matrix)
+    return replace(registered, spread=spread)
 
 
 def _explained(root: Float64, matrix: Float64, pull: Float64) -> tuple[float, Float64]:
     """Return the logarithm of how well a grade explains the pairs, but for a constant, and the unknowns (M,).
 
-    The model is linear and Gaussian: with M of :func:`_scaled` and ``pull`` b, it is
+    The model is linear and Gaussian: with M of :func:`.registered.scaled` and ``pull`` b, it is
     (b' D^1/2 M^-1 D^1/2 b - log det M) / 2, and they are D^1/2 M^-1 D^1/2 b.
     """
-    factor, failed = dpotrf(_scaled(root, matrix).T, lower=1, overwrite_a=1)  # columns first; M is symmetric
+    factor, failed = dpotrf(scaled(root, matrix).T, lower=1, overwrite_a=1)  # columns first; M is symmetric
     if failed:
         raise np.linalg.LinAlgError("the adjustment of the views is not finite")
     whitened, _ = dtrtrs(factor, root * pull, lower=1)

@@ -33,7 +33,7 @@ from flatcloth.registration.pose_prior import (
     twist_of,
     variances,
 )
-from flatcloth.registration.registered import Registered
+from flatcloth.registration.registered import Registered, Spread
 from flatcloth.registration.view_features import MOST_APART_DEG, ViewFeatures
 
 _PARTNERS = 4
@@ -63,7 +63,7 @@ def begin_registration(
         prior=prior,
         common=np.zeros(COMMON),
         own=np.zeros((0, OWN)),
-        covariance=np.diag(variances(0, grades(prior)[-1], prior)),
+        spread=Spread.by_prior(np.sqrt(variances(0, grades(prior)[-1], prior))),
         posterior=chances(prior),
     )
 

@@ -46,13 +46,47 @@ class Registration:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Spread:
+    """How uncertain the M unknowns are: a mixture of Gaussians, one for each of K likely grades.
+
+    ``chance`` (K,) of each grade; ``root`` (K, M) of its prior variances; ``off`` (K, M) its mean minus
+    that of all; ``matrix`` (M, M) of the evidence of all pairs, which the grades share.
+    """
+
+    chance: Float64
+    root: Float64
+    off: Float64
+    matrix: Float64
+
+    @classmethod
+    def by_prior(cls, root: Float64) -> Spread:
+        """Return that of one grade (M,) without evidence."""
+        size = len(root)
+        return cls(chance=np.ones(1), root=root[None], off=np.zeros((1, size)), matrix=np.zeros((size, size)))
+
+    def covariance(self) -> Float64:
+        """Return the covariance (M, M) of the mixture."""
+        made: Float64 = (self.chance[:, None] * self.off).T @ self.off
+        for chance, root in zip(self.chance, self.root, strict=True):
+            made += chance * root[:, None] * np.linalg.inv(scaled(root, self.matrix)) * root
+        return made
+
+
+def scaled(root: Float64, matrix: Float64) -> Float64:
+    """Return M = 1 + D^1/2 A D^1/2 (M, M) for the root (M,) of the prior's variances D."""
+    made: Float64 = root[:, None] * matrix * root
+    np.einsum("ii->i", made)[:] += 1.0
+    return made
+
+
+@dataclass(frozen=True, kw_only=True)
 class Registered:
     """All accepted views, registered together. Immutable: undo by keeping the previous object.
 
     ``axis``, ``held_point_m`` as recorded; ``features`` and ``known`` (held from camera) in order of
     acceptance; ``pairs`` the result of each pair. ``common`` (5,): shift (m) and tilt (rad) of the
-    axis, fattening (px); ``own`` (N, 3): turn and swing of each view, rad; ``covariance`` of both, in
-    this order; ``posterior`` (G,): probability of each grade of the pose prior.
+    axis, fattening (px); ``own`` (N, 3): turn and swing of each view, rad; ``spread`` of both, in this
+    order; ``posterior`` (G,): probability of each grade of the pose prior.
     """
 
     axis: RotationAxis
@@ -64,8 +98,13 @@ class Registered:
     pairs: tuple[PairFit, ...] = ()
     common: Float64
     own: Float64
-    covariance: Float64
+    spread: Spread
     posterior: Float64
+
+    @cached_property
+    def covariance(self) -> Float64:
+        """Covariance (M, M) of the unknowns; not needed while views are added, so computed on request."""
+        return self.spread.covariance()
 
     @property
     def error_stds(self) -> tuple[float, float, float]:

@@ -199,10 +199,15 @@ class Document:
         return frozenset({*own, *(part.component for part in also)})
 
     @property
+    def views_in_order(self) -> tuple[int, ...]:
+        """The views that are part of the canonical shape, in the order of acceptance."""
+        start = () if self.start_view is None else (self.start_view,)
+        return (*start, *(a.view_index for a in self.accepted))
+
+    @property
     def used_views(self) -> frozenset[int]:
         """The views that are part of the canonical shape."""
-        start = () if self.start_view is None else (self.start_view,)
-        return frozenset((*start, *(a.view_index for a in self.accepted)))
+        return frozenset(self.views_in_order)
 
     @property
     def present_view(self) -> int | None:

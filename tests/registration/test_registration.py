@@ -85,9 +85,9 @@ def test_many_views_need_the_memory_of_a_few_matrices_not_of_one_for_each_grade(
     tracemalloc.start()
     try:
         found = solved(many)
+        assert found.covariance.shape == (COMMON + OWN * n,) * 2
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert found.covariance.shape == (COMMON + OWN * n,) * 2
     assert len(grades(many.prior)) > 20
     assert peak < 12 * found.covariance.nbytes

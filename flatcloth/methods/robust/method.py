@@ -299,7 +299,7 @@ class RobustMethod(Method):
 
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views."""
-        return self.seen.registered(self.shapes.shape(document).views)
+        return self.seen.registered(document.views_in_order)
 
     def joined_piece(self, document: Document) -> JoinedPiece | None:
         """Return the floating piece that the pending view joins to the shape where it lies."""
