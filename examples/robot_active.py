@@ -11,27 +11,21 @@ import time
 import urllib.error
 import urllib.request
 
-PATIENCE_S = 60.0  # a server that was restarted goes on where it was
 
-
-class RefusedError(Exception):
-    """flatcloth does not take a view; the text is its reason."""
-
-
-def ask(address: str, body: dict | None = None) -> dict:
+def ask(address: str, data: bytes | None = None) -> dict:
+    """Return the answer to GET, or with data to POST; {"error": why} if a view is not taken."""
     headers = {"Authorization": f"Bearer {os.environ['FLATCLOTH_TOKEN']}"}
-    data = None if body is None else json.dumps(body).encode()  # with a body it is a POST
-    until = time.monotonic() + PATIENCE_S
-    while True:
+    for _ in range(120):  # a server that is started again goes on where it was
         try:
             with urllib.request.urlopen(urllib.request.Request(address, data, headers)) as answer:
                 return json.load(answer)
         except urllib.error.HTTPError as error:
-            raise RefusedError(error.read().decode()) from error
-        except OSError:  # it is being restarted
-            if time.monotonic() > until:
-                raise
+            if error.code != 409:
+                raise SystemExit(error.read().decode()) from error
+            return json.load(error)
+        except OSError:
             time.sleep(0.5)
+    raise SystemExit(f"{address} does not answer.")
 
 
 def turn_to(angle_deg: float) -> None:
@@ -44,25 +38,22 @@ def look() -> dict:
 
 
 def run(server: str) -> dict:
-    following = ask(f"{server}/robot/next")
-    while not following["done"]:
-        if following["waiting"]:  # on the page, an operator decides about a view
+    state = ask(f"{server}/robot/next")
+    while not state["done"]:
+        if state["waiting"]:  # on the page, an operator decides about a view
             time.sleep(0.5)
-            following = ask(f"{server}/robot/next")
-            continue
-        print(f"to {following['angle_deg']:g} degrees: {following['why']}")
-        turn_to(following["angle_deg"])
-        answered = {"angle_deg": following["angle_deg"], "number": following["number"]}
-        try:
-            following = ask(f"{server}/robot/view", {**answered, **look()})
-            print("  got", following["taken"]["got"], *following["taken"]["told"], sep="\n  ")
-        except RefusedError as error:  # such as a view that was taken before the server was killed
-            print("  refused:", error)
-            following = ask(f"{server}/robot/next")
-    print(following["reason"])
-    for point in following["points"]:
+        else:
+            print(f"to {state['angle_deg']:g} degrees: {state['why']}")
+            turn_to(state["angle_deg"])
+            view = {"angle_deg": state["angle_deg"], "number": state["number"], **look()}
+            state = ask(f"{server}/robot/view", json.dumps(view).encode())
+            print("  got", state.get("taken") or state["error"])
+        if not state.get("done"):
+            state = ask(f"{server}/robot/next")
+    print(state["reason"])
+    for point in state["points"]:
         print(point["name"], point["poses"] and point["poses"]["camera"]["position_m"])
-    return following
+    return state
 
 
 if __name__ == "__main__":

@@ -91,7 +91,7 @@ class ActiveLoop:
         name: str | None = None,
     ) -> None:
         self.folder, self.goal, self.budget = folder, goal, budget
-        self._method, self._name = method_name(method), name or folder.resolve().name
+        self._method, self.name = method_name(method), name or folder.resolve().name
         self._lock = threading.RLock()
         self._stack = contextlib.ExitStack()
         self._recording: GrowingRecording | None = None
@@ -299,7 +299,7 @@ class ActiveLoop:
             self._begin(
                 RecordingWriter(
                     self.folder / RECORDING,
-                    name=self._name,
+                    name=self.name,
                     description=f"taken by an active loop, by {view.source}",
                     intrinsics=view.intrinsics,
                     depth_scale_m=DEPTH_SCALE_M,

@@ -83,24 +83,38 @@ class ActiveService:
         """Write the result; see :meth:`flatcloth.active.loop.ActiveLoop.write`."""
         return self.loop.write(self._base_from_camera)
 
+    def document(self, rotation_deg: float | None = None) -> dict[str, Any] | None:
+        """Return the document of ``grasps.json`` with the named points that were seen; None before a shape.
+
+        Poses are those at a rotation, by default that at which the item stands.
+        """
+        with self.loop.held():
+            return self._document(self._named, self._rotation(rotation_deg))
+
     def _known(self, rotation_deg: float | None) -> dict[str, Any]:
         loop, knowledge = self.loop, self.loop.knowledge
-        standing = loop.stands_deg if rotation_deg is None else rotation_deg
-        named = [*garment_points(loop.known), *other_points(loop.known, self._sides)]
-        wanted = [point for point in named if point.name in loop.goal.points]
+        rotation_deg = self._rotation(rotation_deg)
+        wanted = [point for point in self._named if point.name in loop.goal.points]
         regrasp = loop.asked.regrasp if isinstance(loop.asked, End) else None
         return {
             "goal": str(loop.goal),
             "views": loop.views,
             "stands_deg": loop.stands_deg,
-            "rotation_deg": standing,
+            "rotation_deg": rotation_deg,
             "knows": knowledge.about(loop.goal),
             "kind": knowledge.kind,
             "probability": knowledge.probability,
             "area_cm2": round(1e4 * knowledge.area_m2, 1),
-            "points": self._grasps(wanted, standing),
-            "regrasp": next(iter(self._grasps([regrasp] if regrasp else [], standing)), None),
+            "points": self._grasps(wanted, rotation_deg),
+            "regrasp": next(iter(self._grasps([regrasp] if regrasp else [], rotation_deg)), None),
         }
+
+    def _rotation(self, rotation_deg: float | None) -> float:
+        return self.loop.stands_deg if rotation_deg is None else rotation_deg
+
+    @property
+    def _named(self) -> list[Pick]:
+        return [*garment_points(self.loop.known), *other_points(self.loop.known, self._sides)]
 
     @property
     def _sides(self) -> JoinedSides | None:
@@ -108,18 +122,22 @@ class ActiveService:
 
     def _grasps(self, picks: list[Pick], rotation_deg: float) -> list[dict[str, Any]]:
         """Return picks as in ``grasps.json``, each named point with its standard deviation on the cloth."""
+        document = self._document(picks, rotation_deg) if picks else None
+        grasps: list[dict[str, Any]] = [] if document is None else document["garment_points"]
+        knowledge = self.loop.knowledge
+        return [{**grasp, "std_m": finite(knowledge.point(grasp["name"]).std_m)} for grasp in grasps]
+
+    def _document(self, picks: list[Pick], rotation_deg: float) -> dict[str, Any] | None:
         loop, integration = self.loop, self.loop.integration
-        if not picks or integration is None:
-            return []
+        if integration is None or loop.document.start_view is None:
+            return None
         frames = GraspFrames(
             axis=integration.axis, rotation_deg=rotation_deg, base_from_camera=self._base_from_camera
         )
         canonical = integration.canonical(loop.document)
         sides = self._sides
         other = () if sides is None else (sides.other.view, *sides.other.floating)
-        document = grasps_document(canonical.view, (), frames, picks, canonical.floating, other)
-        grasps: list[dict[str, Any]] = document["garment_points"]
-        return [{**grasp, "std_m": finite(loop.knowledge.point(grasp["name"]).std_m)} for grasp in grasps]
+        return grasps_document(canonical.view, (), frames, picks, canonical.floating, other)
 
 
 def _asked(asked: Next | Waiting | End, number: int) -> dict[str, Any]:

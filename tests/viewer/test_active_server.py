@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import importlib.util
 import json
 import os
@@ -21,11 +22,19 @@ import numpy as np
 import pytest
 from cells import SHAPE, loop_in, seen, sheet_cell
 from garment_meshes import arc, write_obj
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 
 from flatcloth.active.incoming import SeenView
 from flatcloth.active.service import ActiveService
+from flatcloth.core.geometry import camera_from_held
+from flatcloth.engine.garment.recognition import KnownGarment
+from flatcloth.garments.deciding import DecidedPieces
+from flatcloth.garments.recognition import Point, Recognition
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.routes.active import active_routes
+from flatcloth.viewer.protocol.robot import Hello, PointsChanged, ShapeChanged
+from flatcloth.viewer.routes.active import active_routes, loop_events
+from flatcloth.viewer.routes.robot_answers import Told
 
 ROOT = Path(__file__).parents[2]
 TOKEN = "0123456789abcdef0123456789abcdef"
@@ -104,6 +113,55 @@ def test_a_server_that_is_killed_between_two_views_goes_on_with_the_next_angle(
     assert end["views"] == 4
     assert list(open_recording(out / "recording").angles_deg) == angles
     assert processes[1].wait(timeout=60) == 1
+
+
+def test_what_becomes_known_is_pushed_without_a_page(
+    tmp_path: Path, sheet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port, events = free_port(), list[dict[str, Any]]()
+    process = started(tmp_path / "out", sheet, port, "--budget", "3")
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    with connect(f"ws://127.0.0.1:{port}/robot/events", additional_headers=headers) as pushed:
+        client(monkeypatch).run(f"http://127.0.0.1:{port}")
+        with contextlib.suppress(ConnectionClosed):  # the program ends
+            for text in pushed:
+                events.append(json.loads(text))
+    process.wait(timeout=60)
+    assert events[0]["type"] == "hello"
+    assert events[0]["recording"] == "out"
+    shapes = [event for event in events if event["type"] == "shape"]
+    assert [shape["revision"] for shape in shapes] == [1, 2, 3]
+    assert [shape["views"] for shape in shapes] == [[0], [0, 1], [0, 1, 2]]
+    assert [event["kind"] for event in events if event["type"] == "points"] == ["towel"] * 2
+
+
+def test_poses_of_named_points_are_pushed_once_at_the_rotation_of_the_item(tmp_path: Path) -> None:
+    cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", SHAPE)
+    events, told = loop_events(ActiveService(loop)), Told()
+    assert [type(event) for event in events(told)] == [Hello]
+    loop.take(seen(cell, 0.0))
+    loop.take(seen(cell, 50.0, 1))
+    assert ShapeChanged in [type(event) for event in events(told)]
+    canonical = loop.integration.canonical(loop.document)
+    pixel = tuple(np.argwhere(canonical.view.valid)[0].tolist())
+    point = Point(uv_m=canonical.view.uv_from_rc(np.array(pixel)), std_m=0.01, pixel=pixel)
+    found = Recognition(probabilities={"skirt": 1.0}, fits=(), dimensions={}, points={"waist_left": point})
+    loop._known = KnownGarment(
+        canonical=canonical,
+        evidence=(),
+        by_evidence=found,
+        found=found,
+        pieces=DecidedPieces(shape_from_piece={}, refused=frozenset()),
+    )
+    (points,) = events(told)
+    assert isinstance(points, PointsChanged)
+    assert points.rotation_deg == 50.0
+    (grasp,) = points.points
+    assert grasp.name == "waist_left"
+    held, camera = np.array(grasp.position_m), grasp.poses["camera"].position_m
+    assert camera == pytest.approx(camera_from_held(cell.axis, 50.0).apply(held[None])[0], abs=1e-4)
+    assert list(events(told)) == []
+    loop.close()
 
 
 # --- views that a robot sends ------------------------------------------------------------------

@@ -1,8 +1,11 @@
-"""Routes of an active loop: a robot asks for the next angle, turns, and announces or sends the view."""
+"""Routes of an active loop: a robot asks for the next angle, turns, and announces or sends the view.
+
+Without a page, it is also told what is known over the WebSocket that a page has (docs/robots.md).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import msgspec
@@ -16,7 +19,9 @@ from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.posted import PostedView
+from flatcloth.viewer.protocol.robot import RobotEvent, ShapeChanged
 from flatcloth.viewer.routes.robot import with_rotation
+from flatcloth.viewer.routes.robot_answers import Shown, Told, news
 
 MAX_BODY_BYTES = 32 * 2**20
 """Limit of a view's body. Chosen: raw color and depth of 1920 x 1080 pixels take 14 MB in base64."""
@@ -55,3 +60,25 @@ def active_routes(
         Route("/robot/next", with_rotation(following)),
         Route("/robot/view", with_rotation(view), methods=["POST"]),
     ]
+
+
+def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]]:
+    """Return what yields the events of a loop without a page: its shape, and the named points."""
+    loop = service.loop
+
+    def events(told: Told) -> Iterator[RobotEvent]:
+        with loop.held():
+            shown, document = None, service.document(told.rotation_deg)
+            if document is not None:
+                shape = ShapeChanged(
+                    revision=loop.views,
+                    views=sorted(loop.document.used_views),
+                    area_cm2=round(1e4 * loop.knowledge.area_m2, 1),
+                    rotation_deg=loop.stands_deg,
+                )
+                is_recognised = not isinstance(loop.known, str)
+                kind = loop.knowledge.kind
+                shown = Shown(shape=shape, document=document, is_recognised=is_recognised, kind=kind)
+        yield from news(told, loop.name, shown)
+
+    return events

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from typing import Any, TypeVar
 
 import msgspec
@@ -16,7 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer import http
-from flatcloth.viewer.protocol.robot import ProposedPick, schema
+from flatcloth.viewer.protocol.robot import ProposedPick, RobotEvent, schema
 from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.robot_answers import RobotAnswers, Told
 
@@ -44,15 +44,6 @@ def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
             return http.refused(str(error), 400)
         return await answered(lambda: answers.propose(proposed, rotation_deg))
 
-    async def events(robot: WebSocket) -> None:
-        await robot.accept()
-        try:
-            told = Told(rotation_deg=http.rotation_of(robot))
-        except FlatclothError as error:
-            await robot.close(1008, str(error))
-            return
-        await push(robot, lambda: [encoded(event).decode() for event in answers.events(told)])
-
     async def protocol(_request: Request) -> Response:
         return http.as_json(schema())
 
@@ -61,8 +52,23 @@ def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
         Route("/robot/grasps", with_rotation(grasps)),
         Route("/robot/pick", with_rotation(pick), methods=["POST"]),
         Route("/robot/schema.json", protocol),
-        WebSocketRoute("/robot/events", events),
+        events_route(answers.events),
     ]
+
+
+def events_route(events: Callable[[Told], Iterable[RobotEvent]]) -> WebSocketRoute:
+    """Return the route that pushes events; they are those that a client was not told yet."""
+
+    async def serve(robot: WebSocket) -> None:
+        await robot.accept()
+        try:
+            told = Told(rotation_deg=http.rotation_of(robot))
+        except FlatclothError as error:
+            await robot.close(1008, str(error))
+            return
+        await push(robot, lambda: [encoded(event).decode() for event in events(told)])
+
+    return WebSocketRoute("/robot/events", serve)
 
 
 async def answered(make: Callable[[], Any]) -> Response:

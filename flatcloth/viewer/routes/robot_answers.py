@@ -36,14 +36,20 @@ _ROTATIONS_KEPT = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Present:
-    """What the page shows to robots: a shape, and the document of ``grasps.json`` at one rotation."""
+class Shown:
+    """What robots are told of: a shape, and the document of ``grasps.json`` at one rotation."""
 
-    picture: Picture
     shape: ShapeChanged
     document: dict[str, Any]
     is_recognised: bool
     kind: str | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Present(Shown):
+    """What the page shows to robots."""
+
+    picture: Picture
 
 
 @dataclass
@@ -52,7 +58,7 @@ class Told:
 
     rotation_deg: float | None = None
     greeted: bool = False
-    present: Present | None = None
+    shown: Shown | None = None
     shape: ShapeChanged | None = None
     points: tuple[int, str | None, list[Grasp]] | None = None
     grasps: dict[int, Grasp] = field(default_factory=dict)
@@ -132,24 +138,7 @@ class RobotAnswers:
 
     def events(self, told: Told) -> Iterator[RobotEvent]:
         """Yield what a client must be told next, and note that it was."""
-        if not told.greeted:
-            told.greeted = True
-            name = self.integration.recording.name
-            yield Hello(protocol=PROTOCOL, flatcloth=flatcloth.__version__, recording=name)
-        present = self.present(told.rotation_deg)
-        if present is None or present is told.present:
-            return
-        told.present, document = present, present.document
-        if present.shape != told.shape:
-            told.shape = present.shape
-            yield present.shape
-        yield from _new_picks(told, document)
-        points = typed(document["garment_points"], list[Grasp])
-        found = present.shape.revision, present.kind, points
-        if present.is_recognised and told.points != found:
-            told.points = found
-            revision, kind, _ = found
-            yield PointsChanged(revision=revision, kind=kind, points=points, **_frames(document))
+        yield from news(told, self.integration.recording.name, self.present(told.rotation_deg))
 
     def present(self, rotation_deg: float | None) -> Present | None:
         """Return what the page shows, None before the first shape; kept for all robots until it changes."""
@@ -204,6 +193,26 @@ class RobotAnswers:
             area_cm2=round(1e4 * area_m2, 1),
             rotation_deg=picture.angle_deg,
         )
+
+
+def news(told: Told, recording: str, shown: Shown | None) -> Iterator[RobotEvent]:
+    """Yield what a client must be told next of what is shown of a recording, and note that it was."""
+    if not told.greeted:
+        told.greeted = True
+        yield Hello(protocol=PROTOCOL, flatcloth=flatcloth.__version__, recording=recording)
+    if shown is None or shown is told.shown:
+        return
+    told.shown, document = shown, shown.document
+    if shown.shape != told.shape:
+        told.shape = shown.shape
+        yield shown.shape
+    yield from _new_picks(told, document)
+    points = typed(document["garment_points"], list[Grasp])
+    found = shown.shape.revision, shown.kind, points
+    if shown.is_recognised and told.points != found:
+        told.points = found
+        revision, kind, _ = found
+        yield PointsChanged(revision=revision, kind=kind, points=points, **_frames(document))
 
 
 def _new_picks(told: Told, document: dict[str, Any]) -> Iterator[PickChanged | PickDeleted]:

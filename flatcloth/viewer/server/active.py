@@ -8,7 +8,8 @@ from pathlib import Path
 from starlette.applications import Starlette
 
 from flatcloth.active.service import ActiveService
-from flatcloth.viewer.routes.active import active_routes
+from flatcloth.viewer.routes.active import active_routes, loop_events
+from flatcloth.viewer.routes.robot import events_route
 from flatcloth.viewer.server.app import serve_app
 from flatcloth.viewer.server.guard import given_token, own_token
 
@@ -36,6 +37,7 @@ def serve_active(
     """
 
     def make(end: Callable[[], object]) -> Starlette:
-        return Starlette(routes=active_routes(service, lambda answer: end() if answer["done"] else None))
+        routes = active_routes(service, lambda answer: end() if answer["done"] else None)
+        return Starlette(routes=[*routes, events_route(loop_events(service))])
 
     serve_app(make, host, port, given_token(token_file) or own_token(host), "/robot/next", ready)
