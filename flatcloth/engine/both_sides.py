@@ -23,10 +23,11 @@ from flatcloth.engine.garment.recognition import (
     seen_from,
 )
 from flatcloth.engine.integration import VIEWS_AHEAD, Integration
-from flatcloth.engine.segmenting import prepare
+from flatcloth.engine.segmenting import evidence_of
 from flatcloth.garments.deciding import decided_pieces
 from flatcloth.methods.answers import JoinedSides, OneSide
 from flatcloth.recordings.base import ViewImages, altered
+from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.other_side import other_side
 from flatcloth.session.document import Document, finish, with_view_in_place
 from flatcloth.session.garment import without_doubts
@@ -156,9 +157,13 @@ class BothSides:
         views.segment(document.strokes, progress)
         if any(views.recorded(n).other_mask is not None for n in range(len(views.recording))):
             return lambda frame: _or_empty(frame.other_mask, frame)
-        solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
-        found = other_side(solver.observed, lambda n: _or_empty((frame := views.frame(n)).mask, frame))
-        noisy = solver.observed.noisy
+        sides = views.sides
+        if sides is None:
+            seen: Evidence = evidence_of(views, progress, confirmed=self._are_poses_confirmed(document))
+        else:
+            seen = sides.solver(progress).observed
+        found = other_side(seen, lambda n: _or_empty((frame := views.frame(n)).mask, frame))
+        noisy = seen.noisy
         # Only the masks are kept, a bit a pixel: what they were found from takes 75 MB.
         packed = [
             None if (mask := found.mask(n)) is None else np.packbits(mask)
@@ -171,6 +176,13 @@ class BothSides:
             return _cleared(_or_empty(mask, frame), frame, noisy)
 
         return mask_of
+
+    def _are_poses_confirmed(self, document: Document) -> bool:
+        """Return whether half as many pairs as there are views of this side confirm the recorded poses."""
+        cameras = self.integration.algorithm.cameras(document)
+        if cameras is None or 2 * len(cameras.pairs) < len(self.integration.recording):
+            return False
+        return not cameras.is_loose
 
 
 def _as_seen(document: Document) -> Document:

@@ -19,7 +19,7 @@ from flatcloth.core.types import Progress, RgbdFrame, no_progress
 from flatcloth.engine.views import RecordedViews
 from flatcloth.recordings.base import LazyRecording, Recording, ViewImages, altered, images_of
 from flatcloth.segmentation.explanation import Slice, telling_slice
-from flatcloth.segmentation.observed import observe
+from flatcloth.segmentation.observed import Evidence, gather_evidence, observe
 from flatcloth.segmentation.result import OF_INTEREST, Segmentation
 from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.commands import paint
@@ -61,6 +61,21 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
     RecordingError
         If a view cannot be read.
     """
+    return SideSolver(observe(_all(views), views.axis, views.held_point_m, views.config, progress=progress))
+
+
+def evidence_of(
+    views: RecordedViews, progress: Progress = no_progress, *, confirmed: bool = False
+) -> Evidence:
+    """Return what all views tell of the sides, where no stroke will ask for more; errors as above.
+
+    The poses of the cameras may be ``confirmed``.
+    """
+    own = views.axis, views.held_point_m, views.config
+    return gather_evidence(_all(views), *own, progress=progress, confirmed=confirmed)
+
+
+def _all(views: RecordedViews) -> list[RgbdFrame]:
     n, camera = len(views.recording), views.recording.intrinsics
     if n > MOST_VIEWS or n * camera.width * camera.height > MOST_PIXELS:
         raise SegmentationError(
@@ -69,8 +84,7 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
             f"{MOST_PIXELS / 1e6:.0f} million pixels. Keep fewer views, or give masks."
         )
     with ThreadPoolExecutor(_THREADS) as pool:
-        frames = pool.map(views.recorded, range(n))
-    return SideSolver(observe([*frames], views.axis, views.held_point_m, views.config, progress=progress))
+        return [*pool.map(views.recorded, range(n))]
 
 
 def take_strokes(views: RecordedViews, session: Keeper, strokes: Sequence[Decision]) -> None:

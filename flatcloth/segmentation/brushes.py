@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Cut, Decision, ImageStroke, SpaceStroke
 from flatcloth.core.types import Bool, Float64, Int64
-from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.observed import Evidence
 
 
-def under(observed: Observed, stroke: ImageStroke | SpaceStroke, name: str) -> Int64:
+def under(observed: Evidence, stroke: ImageStroke | SpaceStroke, name: str) -> Int64:
     """Return the clusters (K,) that a stroke touches.
 
     Raises
@@ -31,14 +31,14 @@ def under(observed: Observed, stroke: ImageStroke | SpaceStroke, name: str) -> I
     return found
 
 
-def under_strokes(observed: Observed, decisions: Sequence[Decision]) -> Int64:
+def under_strokes(observed: Evidence, decisions: Sequence[Decision]) -> Int64:
     """Return the clusters (K,) that any of these strokes touches."""
     strokes = [each for each in decisions if not isinstance(each, Cut)]
     touched = [under(observed, stroke, f"stroke {n}") for n, stroke in enumerate(strokes, start=1)]
     return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
 
 
-def _under_image(observed: Observed, stroke: ImageStroke, name: str) -> Int64:
+def _under_image(observed: Evidence, stroke: ImageStroke, name: str) -> Int64:
     if stroke.view_index not in observed.view_numbers:
         raise SegmentationError(
             f"{name}: view {stroke.view_index} does not exist; "
@@ -72,7 +72,7 @@ def _under_image(observed: Observed, stroke: ImageStroke, name: str) -> Int64:
     return np.unique(label[label >= 0]).astype(np.int64)
 
 
-def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
+def beyond(observed: Evidence, cut: Cut, of_interest: Bool, name: str) -> Int64:
     """Return the clusters (K,) of interest beyond a cut.
 
     Raises
@@ -106,7 +106,7 @@ def beyond(observed: Observed, cut: Cut, of_interest: Bool, name: str) -> Int64:
     return np.flatnonzero((part == here) & open_ | (wall & of_interest & _beside(observed, cut)))
 
 
-def _beside(observed: Observed, cut: Cut) -> Bool:
+def _beside(observed: Evidence, cut: Cut) -> Bool:
     """Clusters (M,) on the far half of the line's own width."""
     middle = np.asarray(cut.points_m).mean(axis=0)
     away = np.asarray(cut.beyond_m) - middle
@@ -114,7 +114,7 @@ def _beside(observed: Observed, cut: Cut) -> Bool:
     return result
 
 
-def _nearest(observed: Observed, point: Sequence[float], normal: Sequence[float], among: Bool) -> int | None:
+def _nearest(observed: Evidence, point: Sequence[float], normal: Sequence[float], among: Bool) -> int | None:
     chosen = np.flatnonzero(
         among & (observed.clusters.normal @ np.asarray(normal) > observed.config.alike_cos)
     )
@@ -125,7 +125,7 @@ def _nearest(observed: Observed, point: Sequence[float], normal: Sequence[float]
 
 
 def _near_line(
-    observed: Observed, points: Sequence[Sequence[float]], normals: Sequence[Sequence[float]], radius_m: float
+    observed: Evidence, points: Sequence[Sequence[float]], normals: Sequence[Sequence[float]], radius_m: float
 ) -> Bool:
     """Clusters (M,) within the radius of a line on the cloth, whose normals are alike."""
     line = _densified(np.asarray(points, dtype=np.float64), 0.5 * observed.config.cluster_m)

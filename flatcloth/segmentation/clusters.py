@@ -141,13 +141,19 @@ def _cell(value: float, size: float) -> int:
 
 @njit(cache=True, nogil=True)
 def _cells(place: Float64, size: float) -> tuple[Int32, Int32]:
-    """Linked lists of the clusters in each bucket of cells."""
-    head, following = np.full(_BUCKETS, -1, np.int32), np.full(len(place), -1, np.int32)
+    """Return the clusters in the order of their buckets, and before them, where those of each begin."""
+    bucket = np.empty(len(place), np.int64)
+    first, which = np.zeros(_BUCKETS + 1, np.int32), np.empty(len(place), np.int32)
     for j in range(len(place)):
         h = _bucket(_cell(place[j, 0], size), _cell(place[j, 1], size), _cell(place[j, 2], size))
-        following[j] = head[h]
-        head[h] = j
-    return head, following
+        bucket[j] = h
+        first[h + 1] += 1
+    first = np.cumsum(first).astype(np.int32)
+    free = first.copy()
+    for j in range(len(place)):
+        which[free[bucket[j]]] = j
+        free[bucket[j]] += 1
+    return first, which
 
 
 @njit(cache=True, nogil=True)
@@ -205,12 +211,14 @@ def _assign_together(
     of_pixel: Int32,
 ) -> None:
     """Call :func:`_assign` on shares of the pixels, in parallel."""
-    cells = _cells(place, limits.radius_m)
+    first, which = _cells(place, limits.radius_m)
+    sheets = np.concatenate([place, normal], axis=1)[which]
     ends = np.linspace(0, len(points), THREADS + 1).astype(int)
     shares = [slice(*pair) for pair in itertools.pairwise(ends)]
 
     def share(own: slice) -> None:
-        _assign(points[own], normals[own], limits, cells, place, normal, of_pixel[own])
+        _assign(points[own], normals[own], limits, first, sheets, of_pixel[own])
+        of_pixel[own] = np.append(which, np.int32(-1))[of_pixel[own]]
 
     with ThreadPoolExecutor(THREADS) as pool:
         list(pool.map(share, shares))
@@ -218,39 +226,55 @@ def _assign_together(
 
 @njit(cache=True, nogil=True)
 def _assign(
-    points: Float32,
-    normals: Float32,
-    limits: _Limits,
-    cells: tuple[Int32, Int32],
-    place: Float64,
-    normal: Float64,
-    of_pixel: Int32,
+    points: Float32, normals: Float32, limits: _Limits, first: Int32, sheets: Float64, of_pixel: Int32
 ) -> None:
-    """Assign each pixel to the nearest cluster on its layer; distance along the normal counts twice."""
-    radius, offset, least_cos = limits
-    head, following = cells
+    """Assign each pixel to the nearest cluster on its layer; distance along the normal counts twice.
+
+    ``sheets`` (K, 6): place and normal of each cluster, ordered by bucket; ``first`` those of each bucket.
+    """
+    radius, offset, _ = limits
     reach = radius * radius + offset * offset
-    gap = np.zeros((3, 3))
+    cell, gap, best = np.empty(3, np.int64), np.zeros((3, 3)), -1
     for i in range(len(points)):
-        x, y, z = _cell(points[i, 0], radius), _cell(points[i, 1], radius), _cell(points[i, 2], radius)
         for k in range(3):  # squared distances to the cells before, here, and after
-            inside = points[i, k] - radius * _cell(points[i, k], radius)
+            cell[k] = _cell(points[i, k], radius)
+            inside = points[i, k] - radius * cell[k]
             gap[k, 0], gap[k, 2] = inside * inside, (radius - inside) ** 2
-        best, least, bound = -1, np.inf, reach
-        for n in range(27):
-            dx, dy, dz = _NEAREST_FIRST[n]
-            # The compared value is at least the squared distance to the cluster, and thus to its cell.
-            if gap[0, dx + 1] + gap[1, dy + 1] + gap[2, dz + 1] >= bound:
-                continue
-            j = head[_bucket(x + dx, y + dy, z + dz)]
-            while j >= 0:
-                turn, along, across = _relation(points, normals, i, place, normal, j)
-                if turn > least_cos and across < radius * radius and abs(along) < offset:
-                    distance = across + 4.0 * along * along + (1.0 - turn) * radius * radius
-                    if distance < least:
-                        best, least, bound = j, distance, min(distance, reach)
-                j = following[j]
+        # The compared value is at least the squared distance to the cluster, and thus to its cell. That of
+        # the cluster of the pixel before is small, so that few cells are nearer.
+        least = _distance(points, normals, i, limits, sheets, best, reach) if best >= 0 else np.inf
+        best = best if least < np.inf else -1
+        for dx in (0, -1, 1):
+            along_x = gap[0, dx + 1]
+            for dy in (0, -1, 1):
+                along_y = along_x + gap[1, dy + 1]
+                for dz in (0, -1, 1):
+                    if along_y + gap[2, dz + 1] >= min(least, reach):
+                        continue
+                    h = _bucket(cell[0] + dx, cell[1] + dy, cell[2] + dz)
+                    for j in range(first[h], first[h + 1]):
+                        distance = _distance(points, normals, i, limits, sheets, j, min(least, reach))
+                        if distance < least:
+                            best, least = j, distance
         of_pixel[i] = best
+
+
+@njit(cache=True, nogil=True)
+def _distance(
+    points: Float32, normals: Float32, i: int, limits: _Limits, sheets: Float64, j: int, bound: float
+) -> float:
+    """Return the compared distance of a pixel to a cluster; inf on another layer, or from ``bound`` on."""
+    radius, offset, least_cos = limits
+    turn, along, distance = 0.0, 0.0, 0.0
+    for k in range(3):
+        d = points[i, k] - sheets[j, k]
+        turn += normals[i, k] * sheets[j, 3 + k]
+        along += d * sheets[j, 3 + k]
+        distance += d * d
+    across = distance - along * along
+    if distance < bound and turn > least_cos and across < radius * radius and abs(along) < offset:
+        return across + 4.0 * along * along + (1.0 - turn) * radius * radius
+    return np.inf
 
 
 @njit(cache=True, nogil=True)

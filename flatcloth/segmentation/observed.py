@@ -77,28 +77,36 @@ class ObservedView:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Observed:
-    """The views and the evidence before any stroke; immutable.
+class Evidence:
+    """The views and what they tell of sides; immutable.
 
     ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of all
-    given views; ``clusters``, ``graph`` the evidence; ``partition`` the sides that follow, ``samples`` (K, M)
-    those of disturbed evidence; ``inner`` (M,) clusters on inner faces, seen through an opening; ``doubtful``
-    (M,) numbers of faces that may be inner faces, -1 elsewhere; ``start_view`` the view that shows most of
-    the item; ``cut_off`` the regions that were removed. ``noisy``: most views have a sensor's noise.
+    given views; ``clusters``, ``graph`` the evidence; ``inner`` (M,) clusters on inner faces, seen through an
+    opening; ``cut_off`` the regions that were removed. ``noisy``: most views have a sensor's noise.
     """
 
     views: dict[int, ObservedView]
     view_numbers: frozenset[int]
     clusters: Clusters
     graph: SignedGraph
-    partition: Partition
-    samples: Int8
     inner: Bool
-    doubtful: Int64
-    start_view: int
     cut_off: tuple[CutOff, ...]
     noisy: bool
     config: SegmentationConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observed(Evidence):
+    """The evidence, and what follows from it before any stroke.
+
+    ``partition`` the sides, ``samples`` (K, M) those of disturbed evidence; ``doubtful`` (M,) numbers of
+    faces that may be inner faces, -1 elsewhere; ``start_view`` the view that shows most of the item.
+    """
+
+    partition: Partition
+    samples: Int8
+    doubtful: Int64
+    start_view: int
 
 
 def observe(
@@ -109,12 +117,39 @@ def observe(
     settings: SegmentationConfig | None = None,
     progress: Progress = no_progress,
 ) -> Observed:
-    """Prepare the views of a recording; their masks, if they have any, are not used.
+    """Prepare the views of a recording for strokes; parameters and errors as :func:`gather_evidence`."""
+    made = gather_evidence(frames, axis, held_point_m, config, settings, progress)
+    del frames  # they take most memory, unless the caller keeps them
+    clusters, graph, views, settings = made.clusters, made.graph, made.views, made.config
+    progress(0.8, "sides")
+    samples = sampled_sides(
+        graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text), THREADS
+    )
+    unsure = doubtful_faces(clusters, graph, settings) if made.noisy else np.full(clusters.count, -1)
+    return Observed(
+        **vars(made),
+        partition=partition(graph),
+        samples=samples,
+        doubtful=unsure,
+        start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
+    )
+
+
+def gather_evidence(
+    frames: Sequence[RgbdFrame],
+    axis: RotationAxis,
+    held_point_m: Float64,
+    config: Config,
+    settings: SegmentationConfig | None = None,
+    progress: Progress = no_progress,
+    confirmed: bool = False,
+) -> Evidence:
+    """Find the item in all views, and what they tell of its sides.
 
     Parameters
     ----------
     frames : sequence of RgbdFrame
-        The views, in the order of the recording; all of them, or some.
+        The views, in the order of the recording; all of them, or some. Their masks are not used.
     axis : RotationAxis
         Turning axis, camera frame of view 0.
     held_point_m : (3,) float64
@@ -125,6 +160,8 @@ def observe(
         Of the segmentation.
     progress : callable
         Called with the share of the work that is done; may raise ``CancelledError``.
+    confirmed : bool
+        The recorded poses of the cameras are known to be right; otherwise the views are compared.
 
     Raises
     ------
@@ -141,7 +178,7 @@ def observe(
     del frames  # they take most memory, unless the caller keeps them
     surfaces = _surfaces(crops, axis, config, lambda: progress(0.1, "surfaces of the views"))
     progress(0.3, "where the cameras stand")
-    poses = _poses(surfaces, axis, held_point_m, config)
+    poses = _poses(surfaces, axis, held_point_m, confirmed)
     progress(0.6, "clusters of the surface")
     noise_m = float(np.median([surface.noise_m for surface in surfaces]))
     noisy = bool(np.median([surface.noisy for surface in surfaces]))
@@ -154,27 +191,18 @@ def observe(
     with ThreadPoolExecutor(THREADS) as pool:
         links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
         graph = signed_graph(clusters, links, settings)
-        progress(0.8, "sides")
+        inner = pool.submit(inner_faces, clusters, graph, settings)
         masks = (item.masks[at[view.view_index]] for view in seen)
         views = {
             view.view_index: view
             for view in pool.map(_view, seen, masks, labels, facing, itertools.repeat(settings))
         }
-        found = pool.submit(partition, graph)
-        inner = inner_faces(clusters, graph, settings)
-        doubtful = doubtful_faces(clusters, graph, settings) if noisy else np.full(clusters.count, -1)
-    return Observed(
+    return Evidence(
         views=views,
         view_numbers=frozenset(at),
         clusters=clusters,
         graph=graph,
-        partition=found.result(),
-        samples=sampled_sides(
-            graph, clusters.place_m, settings, lambda share, text: progress(0.8 + 0.2 * share, text), THREADS
-        ),
-        inner=inner,
-        doubtful=doubtful,
-        start_view=max(views, key=lambda n: float((views[n].depth_m[views[n].item] ** 2).sum())),
+        inner=inner.result(),
         cut_off=item.cut_off,
         noisy=noisy,
         config=settings,
@@ -200,11 +228,11 @@ def _surface(frame: RgbdFrame, item: Bool, axis: RotationAxis, config: Config) -
 
 
 def _poses(
-    surfaces: Sequence[Surface], axis: RotationAxis, held_point_m: Float64, config: Config
+    surfaces: Sequence[Surface], axis: RotationAxis, held_point_m: Float64, confirmed: bool
 ) -> Sequence[Rigid3]:
     """Return the camera poses: the recorded ones, unless the views contradict them."""
     known = [held_from_camera(axis, surface.frame.angle_deg) for surface in surfaces]
-    if len(surfaces) < 2:
+    if confirmed or len(surfaces) < 2:
         return known
     with ThreadPoolExecutor(THREADS) as pool:
         features = dict(enumerate(pool.map(_features, surfaces[::_LOOK])))

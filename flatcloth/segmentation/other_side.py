@@ -15,7 +15,7 @@ import numpy as np
 
 from flatcloth.core.types import Bool, Float32, Float64
 from flatcloth.registration.axis import THREADS
-from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.partition import sampled_sides
 from flatcloth.segmentation.relations import SignedGraph
 from flatcloth.segmentation.result import OF_INTEREST, OTHER, Segmentation
@@ -24,12 +24,12 @@ _GIVEN = 1e3
 """Evidence of a mask that is given. By definition: far above any other evidence, at most 10."""
 
 
-def other_side(observed: Observed, mask_of: Callable[[int], Bool]) -> Segmentation:
+def other_side(observed: Evidence, mask_of: Callable[[int], Bool]) -> Segmentation:
     """Return the segmentation in which the other side is the one of interest.
 
     Parameters
     ----------
-    observed : Observed
+    observed : Evidence
         The prepared views.
     mask_of : callable
         Returns the mask (H, W) of this side in a view, by its number in the recording.
@@ -45,7 +45,7 @@ def other_side(observed: Observed, mask_of: Callable[[int], Bool]) -> Segmentati
     )
 
 
-def _share_in_masks(observed: Observed, mask_of: Callable[[int], Bool]) -> Float64:
+def _share_in_masks(observed: Evidence, mask_of: Callable[[int], Bool]) -> Float64:
     """Return which share of the pixels of each cluster (M,) is in the masks."""
     count = observed.clusters.count
     inside, total = np.zeros(count), np.zeros(count)
@@ -60,7 +60,7 @@ def _share_in_masks(observed: Observed, mask_of: Callable[[int], Bool]) -> Float
     return share
 
 
-def _opposite_share(observed: Observed, given: Bool) -> Float32:
+def _opposite_share(observed: Evidence, given: Bool) -> Float32:
     """Return how often disturbed evidence places each cluster (M,) opposite to this side."""
     graph, count = observed.graph, observed.clusters.count
     held = np.flatnonzero(given)

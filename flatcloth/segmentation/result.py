@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Bool, Float32, Floats
 from flatcloth.segmentation.item import CutOff
-from flatcloth.segmentation.observed import Observed
+from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.partition import Int8
 
 OF_INTEREST, OTHER, UNDECIDED, NO_ITEM = 1, -1, 0, 2
@@ -55,7 +55,7 @@ class Segmentation:
     what the last one changed ("": there is none).
     """
 
-    observed: Observed = field(repr=False)
+    observed: Evidence = field(repr=False)
     decisions: tuple[Decision, ...]
     side: Int8 = field(repr=False)
     certainty: Float32 = field(repr=False)
@@ -159,12 +159,12 @@ class Segmentation:
         return side, np.where(any_, self.certainty[cluster], 0.0).astype(np.float32)
 
 
-def views_showing(observed: Observed, clusters: Bool) -> tuple[int, ...]:
+def views_showing(observed: Evidence, clusters: Bool) -> tuple[int, ...]:
     """Return the views in which any of the clusters (M,) is seen."""
     return tuple(n for n, view in sorted(observed.views.items()) if clusters[view.shows].any())
 
 
-def best_view(observed: Observed, cluster: int) -> tuple[int, tuple[int, int]] | None:
+def best_view(observed: Evidence, cluster: int) -> tuple[int, tuple[int, int]] | None:
     """Return the view that shows a cluster largest, and the pixel in its middle."""
     best: tuple[int, int, tuple[int, int]] | None = None
     for n, view in observed.views.items():

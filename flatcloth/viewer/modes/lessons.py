@@ -298,7 +298,7 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
         "clusters": observed.clusters.count,
         "n_alike": int((graph.weight > 0).sum()),
         "n_opposite": int((graph.weight < 0).sum()),
-        "samples": len(observed.samples),
+        "samples": observed.config.samples,
         "certainty": found.mean_certainty,
         "found_cm2": CM2 * found.area_of_interest_m2,
         "undecided_cm2": CM2 * found.area_undecided_m2,
