@@ -63,6 +63,9 @@ def main() -> None:
         help="of what measures each recording, constant or mutant: where that is kept",
     )
     parser.add_argument("--meshes", nargs="+", default=[], metavar="OBJ", help="active: hanging meshes")
+    parser.add_argument(
+        "--sensor", default="stereo", choices=("d435", "stereo"), help="active: noise (default: stereo)"
+    )
     parser.add_argument("--starts", type=int, default=3, help="active: start angles of each (default: 3)")
     arguments = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as flatcloth itself does
@@ -76,6 +79,7 @@ def main() -> None:
         views=arguments.views,
         keep=arguments.keep,
         meshes=arguments.meshes,
+        sensor=arguments.sensor,
         starts=arguments.starts,
     )
     # Imported late: the libraries read their number of threads when they are loaded.

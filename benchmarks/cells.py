@@ -33,10 +33,10 @@ _THINNED = 20
 class Views:
     """The views of a mesh at any whole angle, each rendered once and kept in a folder."""
 
-    def __init__(self, mesh: Path, folder: Path) -> None:
+    def __init__(self, mesh: Path, folder: Path, sensor: str) -> None:
         self.mesh, self._folder = mesh, folder
         folder.mkdir(parents=True, exist_ok=True)
-        self.cell = Cell(request_of(mesh, 1, noise="d435", loose=PoseErrors(swing_m=0.002)))
+        self.cell = Cell(request_of(mesh, 1, noise=sensor, loose=PoseErrors(swing_m=0.002)))
 
     def at(self, panel: int, start_deg: float, angle_deg: float) -> SeenView:
         """Return the view of a panel at an angle after the start angle."""

@@ -24,7 +24,8 @@ class Options:
     who wants the other panel than the recording's own. ``copies``, ``timed`` and ``views`` say how large
     ``batch`` is. ``keep`` is a folder where ``accuracy``, ``sides``, ``reliability``, ``paper_steps``,
     ``mistakes``, ``unmended`` and ``mended_results`` keep what they measured of each recording, so that many
-    can be measured in pieces. ``meshes`` and ``starts``, the number of start angles, are those of ``active``.
+    can be measured in pieces. ``meshes``, the ``sensor`` that looks at them, and ``starts``, the number of
+    start angles, are those of ``active``.
     """
 
     recordings: Sequence[str] = ()
@@ -36,6 +37,7 @@ class Options:
     views: int = 0
     keep: str = ""
     meshes: Sequence[str] = ()
+    sensor: str = "stereo"
     starts: int = 3
 
 

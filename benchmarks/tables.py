@@ -404,8 +404,11 @@ def active_other() -> str:
         of these, said to be known: hidden said_known
         loops for the shape: shape loops
         of these, at least 0.95 of the area of 36 views after at most 12: shape area_at_least_0.95
-        of these, the kind is surer than 0.9 after at most 4: shape kind_within_4
-        and after at most 12: shape kind_within_12"""
+        loops for the kind: kind loops
+        views until it is surer than 0.9, median: kind kind_after_median
+        of these, after at most 4: kind kind_within_4
+        and after at most 12: kind kind_within_12
+        wrong kinds above 0.9: kind wrong_kind_above_0.9"""
     found, lines = result("active")["summary"], []
     for label, keys in (text.strip().rsplit(": ", 1) for text in labels.splitlines()):
         group, key = keys.split()

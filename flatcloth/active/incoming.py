@@ -18,6 +18,8 @@ from flatcloth.flattening.surface import crop_to_item, foreground_mask
 from flatcloth.recordings.film.angles import apart_deg
 from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.writer import Uint16
+from flatcloth.session.commands import paint
+from flatcloth.session.machine import Keeper
 
 _SAME_M = 0.010
 """Depths that agree: sway, noise and an angle that is off by two degrees move cloth by less. Chosen."""
@@ -69,6 +71,15 @@ class SeenView:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Taken:
+    """What became of a view: its number, what to tell about it, and the cloth got by it, in one line."""
+
+    number: int
+    told: tuple[str, ...]
+    got: str
+
+
 def check_view(view: SeenView, recording: GrowingRecording | None) -> None:
     """Refuse a view that has no place in a recording.
 
@@ -109,6 +120,16 @@ def doubled(view: SeenView, views: RecordedViews) -> int | None:
         if np.array_equal(views.recorded(number).color, view.color):
             return number
     return None
+
+
+def keep_side(views: RecordedViews, session: Keeper) -> None:
+    """Say by a stroke which side is of interest, if it is found from the views: further views keep it."""
+    document = session.state.document
+    if views.sides is None or document.strokes or document.start_view is not None:
+        return
+    stroke = stroke_on_side(views)
+    if stroke is not None:
+        session.record(paint(stroke))
 
 
 def stroke_on_side(views: RecordedViews) -> ImageStroke | None:

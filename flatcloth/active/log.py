@@ -28,11 +28,6 @@ def stand_all_round(angles_deg: Sequence[float]) -> bool:
     return len(angles) > 0 and bool(np.diff([*angles, angles[0] + 360.0]).max() <= ALL_ROUND_DEG)
 
 
-def come_all_round(angles_deg: Sequence[float]) -> bool:
-    """Return whether views stand all round by the last one."""
-    return stand_all_round(angles_deg) and not stand_all_round(angles_deg[:-1])
-
-
 class ActiveLog:
     """Appends lines; those of earlier runs are kept, except for an incomplete last one.
 
@@ -72,6 +67,12 @@ class ActiveLog:
                 f"{self._path}: cannot be written ({error.strerror}). Free disk space."
             ) from error
         self.lines.append(line)
+
+    def steps(self) -> list[dict[str, Any]]:
+        """Return the lines of the views, each with the ``why`` of its question."""
+        why = {line["number"]: line["why"] for line in self.lines if line["event"] == "ask"}
+        views = (line for line in self.lines if line["event"] == "view")
+        return [{"why": why.get(line["number"], ""), **line} for line in views]
 
     def kept_promise(self) -> float:
         """Return the new area that the last views brought, as a share of what was expected of them.

@@ -2,7 +2,8 @@
 
 It asks and takes views only; whoever turns the item, a person, a robot or a simulated cell, is outside. Every
 view is in the recording on disk before it is used, every decision in the session's journal, and what was
-expected and got in ``active.jsonl``; so a loop that was killed goes on with the next angle.
+expected and got in ``active.jsonl``; so a loop that was killed goes on with the next angle. What a view says
+of the garment is learnt while the item turns (:mod:`flatcloth.active.learning`).
 """
 
 from __future__ import annotations
@@ -11,26 +12,30 @@ import contextlib
 import math
 import threading
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from flatcloth.active.choosing import Next, choose_next
 from flatcloth.active.ending import FIRST, End, Waiting, elsewhere, end_of
-from flatcloth.active.goal import Budget, Goal, Knowledge, knowledge_of
-from flatcloth.active.incoming import AngleFinder, SeenView, ViewError, check_view, doubled, stroke_on_side
-from flatcloth.active.log import ActiveLog, come_all_round, stand_all_round
+from flatcloth.active.goal import Budget, Goal, Knowledge
+from flatcloth.active.incoming import (
+    AngleFinder,
+    SeenView,
+    Taken,
+    ViewError,
+    check_view,
+    doubled,
+    keep_side,
+)
+from flatcloth.active.learning import Learnt, Meanwhile, got_by, learn
+from flatcloth.active.log import ActiveLog, stand_all_round
 from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
-from flatcloth.engine.both_sides import BothSides, known_by_both
-from flatcloth.engine.garment.recognition import (
-    GarmentService,
-    KnownGarment,
-    known_with_pieces,
-    place_sure_pieces,
-)
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, place_sure_pieces
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.export.session import frames_of
@@ -42,22 +47,12 @@ from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.manifest import HEADER as MANIFEST
 from flatcloth.recordings.manifest import has_views, read_manifest
 from flatcloth.recordings.writer import RecordingWriter
-from flatcloth.session.commands import paint
 from flatcloth.session.header import HEADER, kept_config, take_growth
 from flatcloth.session.machine import Document
 from flatcloth.session.store import SessionFolder
 
 RECORDING = "recording"
 """The folder of the growing recording, in that of the session."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Taken:
-    """What became of a view: its number, what to tell about it, and what was got by it, in one line."""
-
-    number: int
-    told: tuple[str, ...]
-    got: str
 
 
 class ActiveLoop:
@@ -92,7 +87,7 @@ class ActiveLoop:
     ) -> None:
         self.folder, self.goal, self.budget = folder, goal, budget
         self._method, self.name = method_name(method), name or folder.resolve().name
-        self._lock = threading.RLock()
+        self._taking, self._lock = threading.RLock(), threading.RLock()
         self._stack = contextlib.ExitStack()
         self._recording: GrowingRecording | None = None
         self._integration: Integration | None = None
@@ -100,9 +95,7 @@ class ActiveLoop:
         self._run: Run | None = None
         self._garments: GarmentService | None = None
         self._angles: AngleFinder | None = None
-        self._both: BothSides | None = None  # once the other side was asked
-        self._known: KnownGarment | str = "No view was taken yet."
-        self.knowledge, self._expected_m2 = Knowledge(), math.nan
+        self._learnt, self._meanwhile = Learnt(), Meanwhile()
         self.asked: Next | Waiting | End = FIRST
         try:
             self._open()
@@ -138,16 +131,26 @@ class ActiveLoop:
         return self._session
 
     @property
+    def knowledge(self) -> Knowledge:
+        """What is known: the cloth by all views, the garment by those from which it was learnt."""
+        return self._learnt.knowledge
+
+    @property
     def known(self) -> KnownGarment | str:
         """The garment of the shape so far, or the reason for none."""
-        return self._known
+        return self._learnt.known
+
+    @property
+    def has_learnt(self) -> bool:
+        """Whether the garment is known by all views."""
+        return self._learnt.views == self.views
 
     def held(self) -> threading.RLock:
         """Return the lock of the loop, so that several things are read of one moment."""
         return self._lock
 
     def take(self, view: SeenView, answers: int | None = None) -> Taken:
-        """Take a view, and choose the next angle.
+        """Take a view, and choose the next angle. What the view before says is learnt first.
 
         Parameters
         ----------
@@ -163,57 +166,43 @@ class ActiveLoop:
         FlatclothError
             If it cannot be written.
         """
-        with self._lock:
-            check_view(view, self._recording)
-            told: list[str] = []
-            if self._integration is not None:
-                again = doubled(view, self._integration.views)
-                if again is not None:
-                    text = f"This picture is view {again} already; it is not taken twice."
-                    self._log.add("told", text=text)
-                    return Taken(number=again, told=(text,), got="")
-            if answers is not None and answers != self.views:
-                told.append(
-                    f"This view answers question {answers}, but {self.views} is asked now: it comes late, and"
-                    " is taken at its own angle."
-                )
-            view, found = self._checked_angle(view)
-            told += found
-            self._expected_m2 = self.asked.new_m2 if isinstance(self.asked, Next) else math.nan
-            return self._after(self._written(view), told)
+        with self._taking:
+            self._meanwhile.wait()
+            with self._lock:
+                return self._taken(view, answers)
+
+    def wait(self) -> None:
+        """Wait until what the last view says is learnt; the loop may have ended by it."""
+        with self._taking:
+            self._meanwhile.wait()
 
     def steps(self) -> list[dict[str, Any]]:
         """Return the views taken, each as its line of the log with the ``why`` of its question."""
-        why = {line["number"]: line["why"] for line in self._log.lines if line["event"] == "ask"}
-        views = (line for line in self._log.lines if line["event"] == "view")
-        return [{"why": why.get(line["number"], ""), **line} for line in views]
+        return self._log.steps()
 
     def fail(self, text: str) -> None:
         """Note what is wrong with the source of the views; nothing is lost."""
         with self._lock:
             self._log.add("told", text=text)
 
-    def aim(self, goal: Goal, budget: Budget) -> None:
-        """Change what is to be known."""
-        with self._lock:
-            self.goal, self.budget = goal, budget
-            self._choose()
-
     def write(self, base_from_camera: Rigid3 | None = None) -> list[Path]:
         """Write what ``run`` writes to the folder; returns the files, none before the first shape."""
+        self.wait()
         with self._lock:
             session, integration = self._session, self._integration
             if session is None or integration is None or self.document.start_view is None:
                 return []
-            garments = GarmentService(integration, self._both)
-            both = None if self._both is None else self._both.of
-            self._known = place_sure_pieces(garments, session)
+            both = self._learnt.both
+            garments = GarmentService(integration, both)
+            self._learnt = replace(self._learnt, known=place_sure_pieces(garments, session))
             frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
-            data = SessionData(integration, self.document, session.picks, frames, {}, garments, both)
+            joined = None if both is None else both.of
+            data = SessionData(integration, self.document, session.picks, frames, {}, garments, joined)
             return data.write(self.folder)
 
     def close(self) -> None:
-        """Release the folder."""
+        """Release the folder, when what the last view says is learnt."""
+        self._meanwhile.close()
         with self._lock:
             self._stack.close()
 
@@ -252,8 +241,9 @@ class ActiveLoop:
             for number in range(self.views):
                 if number not in self.document.used_views | {r.view_index for r in self.document.rejected}:
                     self._integrated(number)
-            self._learnt(self.knowledge)
-            self._choose()
+            self._look_at_shape()
+            self._learnt = self._learn()
+            self._ask(self._decided())
 
     def _begin(self, writer: RecordingWriter) -> None:
         """Own the recording of a writer; integrate it if it has views."""
@@ -275,6 +265,24 @@ class ActiveLoop:
         self._angles = AngleFinder(integration.views)
 
     # ---------------------------------------------------------------- a view
+
+    def _taken(self, view: SeenView, answers: int | None) -> Taken:
+        check_view(view, self._recording)
+        told: list[str] = []
+        if self._integration is not None:
+            again = doubled(view, self._integration.views)
+            if again is not None:
+                text = f"This picture is view {again} already; it is not taken twice."
+                self._log.add("told", text=text)
+                return Taken(number=again, told=(text,), got="")
+        if answers is not None and answers != self.views:
+            told.append(
+                f"This view answers question {answers}, but {self.views} is asked now: it comes late, and"
+                " is taken at its own angle."
+            )
+        view, found = self._checked_angle(view)
+        told += found
+        return self._after(self._written(view), told)
 
     def _checked_angle(self, view: SeenView) -> tuple[SeenView, list[str]]:
         """Return the view at the angle at which it was taken, and what to tell about it."""
@@ -329,73 +337,78 @@ class ActiveLoop:
         refused = self._integrated(number)
         if refused:
             told.append(f"View {number} is not part of the shape yet: {refused}")
-        return Taken(number=number, told=tuple(told), got=self._learn(number, told, joined=not refused))
+        return Taken(number=number, told=tuple(told), got=self._answered(number, told, joined=not refused))
 
-    def _learn(self, number: int, told: list[str], *, joined: bool) -> str:
-        """Learn from a view that was decided, choose the next angle, and return what was got."""
-        before = self.knowledge
-        got = self._learnt(before)
-        self._log.add(
-            "view",
-            number=number,
-            angle_deg=round(self.stands_deg, 3),
-            told=told,
-            got=got,
-            joined=joined,
-            new_m2=self.knowledge.area_m2 - before.area_m2,
-            surer=self.knowledge.is_surer(before, self.goal),
-            expected_m2=finite(self._expected_m2),
-            knows=self.knowledge.about(self.goal),
-            elapsed_s=round(self.elapsed_s, 2),
-        )
-        self._choose()
+    def _answered(self, number: int, told: list[str], *, joined: bool) -> str:
+        """Choose the next angle after a view that was decided, begin to learn, and return the cloth got."""
+        before, expected_m2 = self.knowledge, self.asked.new_m2 if isinstance(self.asked, Next) else math.nan
+        self._look_at_shape()
+        got = got_by(replace(before, points={}), replace(self.knowledge, points={}), self.goal)
+        line = {
+            "number": number,
+            "angle_deg": round(self.stands_deg, 3),
+            "told": told,
+            "joined": joined,
+            "new_m2": self.knowledge.area_m2 - before.area_m2,
+            "expected_m2": finite(expected_m2),
+        }
+        decided = self._decided()
+        if isinstance(decided, End):  # then it must be sure
+            self._learn_from(before, line, ends=True)
+        else:
+            self._ask(decided)
+            self._meanwhile.begin(partial(self._learn_from, before, line))
         return got
+
+    def _learn_from(self, before: Knowledge, line: dict[str, Any], *, ends: bool = False) -> None:
+        """Learn from a view, and log its ``line``; a loop that is not over ends if enough is known."""
+        learnt = self._learn()
+        with self._lock:
+            self._learnt = learnt
+            self._log.add(
+                "view",
+                **line,
+                got=got_by(before, self.knowledge, self.goal),
+                surer=self.knowledge.is_surer(before, self.goal),
+                knows=self.knowledge.about(self.goal),
+                elapsed_s=round(self.elapsed_s, 2),
+            )
+            decided = self._decided()
+            if ends or isinstance(decided, End):
+                self._ask(decided)
 
     def _integrated(self, number: int) -> str:
         """Add a view to the shape, and return the reason if it is not part of it."""
         assert self._run is not None
+        assert self._integration is not None
         try:
-            self._keep_side()
+            keep_side(self._integration.views, self._run.session)
             return self._run.add(number)
         except FlatclothError as error:
             return str(error)
 
-    def _keep_side(self) -> None:
-        """Say by a stroke which side is of interest, if it is found from the views: further views keep it."""
-        assert self._integration is not None
-        assert self._session is not None
-        views, document = self._integration.views, self.document
-        if views.sides is None or document.strokes or document.start_view is not None:
-            return
-        stroke = stroke_on_side(views)
-        if stroke is not None:
-            self._session.record(paint(stroke))
+    def _look_at_shape(self) -> None:
+        """Take note of the cloth that all views show."""
+        document, integration, area_m2 = self.document, self._integration, 0.0
+        if integration is not None and self._run is not None and document.start_view is not None:
+            try:
+                integration.canonical(document)
+            except FlatclothError:  # other masks or another axis left the start view no cloth
+                document = self._run.begin_again().document
+            area_m2 = integration.canonical(document).view.area_m2
+        knowledge = replace(self.knowledge, views=self.views, area_m2=area_m2)
+        self._learnt = replace(self._learnt, knowledge=knowledge)
 
-    def _learnt(self, before: Knowledge) -> str:
-        """Update what is known, and return what was got, in one line."""
-        document, integration = self.document, self._integration
-        if integration is None or self._run is None or self._garments is None or document.start_view is None:
-            return "no shape yet"
-        try:
-            integration.canonical(document)
-        except FlatclothError:  # other masks or another axis left the start view no cloth
-            document = self._run.begin_again().document
-        area_m2 = integration.canonical(document).view.area_m2
-        self._known, self._both = known_with_pieces(self._garments, document), None
-        self.knowledge = knowledge_of(self.views, area_m2, self._known)
-        parts = []
-        for name in self.goal.points:
-            was, now = before.point(name), self.knowledge.point(name)
-            if math.isfinite(now.std_m):
-                since = f"from +-{1e3 * was.std_m:.0f} " if math.isfinite(was.std_m) else ""
-                parts.append(f"{name} {since}to +-{1e3 * now.std_m:.0f} mm{'' if now.seen else ', not seen'}")
-        parts.append(f"{1e4 * (area_m2 - before.area_m2):.0f} cm2 new")
-        return "; ".join(parts)
+    def _learn(self) -> Learnt:
+        """Return what is known by the present shape."""
+        if self._garments is None or self.document.start_view is None:
+            return self._learnt
+        return learn(self._garments, self.document, self.knowledge, self.goal)
 
     # ---------------------------------------------------------------- the next angle, or the end
 
-    def _choose(self) -> None:
-        asked = self.asked = self._ended(self._decided())
+    def _ask(self, asked: Next | End) -> None:
+        self.asked = asked
         if isinstance(asked, End):
             self._log.add("end", reached=asked.reached, reason=asked.reason)
             return
@@ -410,21 +423,6 @@ class ActiveLoop:
             },
         )
 
-    def _ended(self, asked: Next | End) -> Next | End:
-        """Ask the other side, too: when views come all round, and before a loop ends without its goal."""
-        integration = self._integration
-        if integration is None or self.document.start_view is None or self.goal.about == "shape":
-            return asked
-        if asked.reached if isinstance(asked, End) else not come_all_round(integration.views.angles_deg):
-            return asked
-        both, known = known_by_both(integration, self.document)
-        knowledge = knowledge_of(self.views, self.knowledge.area_m2, known)
-        if not knowledge.is_reached(self.goal):
-            return asked
-        self._both, self._known, self.knowledge = both, known, knowledge
-        reason = f"Known by both sides after {self.views} views: {knowledge.about(self.goal)}."
-        return End(reached=True, reason=reason)
-
     def _decided(self) -> Next | End:
         goal, knowledge, document = self.goal, self.knowledge, self.document
         if knowledge.is_reached(goal):
@@ -438,7 +436,7 @@ class ActiveLoop:
         following = choose_next(
             self._integration,
             document,
-            self._known,
+            self.known,
             knowledge,
             goal,
             self.stands_deg,
@@ -446,5 +444,5 @@ class ActiveLoop:
             scale=self._log.kept_promise() if stand_all_round(taken) else 1.0,
         )
         exhausted = self._log.is_exhausted(taken, least_m2)
-        end = end_of(following, self._known, knowledge, goal, least_m2, is_exhausted=exhausted)
+        end = end_of(following, self.known, knowledge, goal, least_m2, is_exhausted=exhausted)
         return end or following or FIRST

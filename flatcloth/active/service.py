@@ -8,8 +8,8 @@ from typing import Any
 
 from flatcloth.active.choosing import Next
 from flatcloth.active.ending import End, Waiting
-from flatcloth.active.incoming import SeenView, ViewError
-from flatcloth.active.loop import ActiveLoop, Taken
+from flatcloth.active.incoming import SeenView, Taken, ViewError
+from flatcloth.active.loop import ActiveLoop
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
 from flatcloth.export.data import GraspFrames, grasps_document

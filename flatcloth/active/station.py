@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from flatcloth.active.choosing import Next
-from flatcloth.active.incoming import SeenView
-from flatcloth.active.loop import ActiveLoop, Taken
+from flatcloth.active.incoming import SeenView, Taken
+from flatcloth.active.loop import ActiveLoop
 from flatcloth.synthesis.cell import Cell
 
 
@@ -30,8 +32,10 @@ def view_of_cell(cell: Cell, angle_deg: float, number: int, *, masks: bool = Tru
 
 
 def step(loop: ActiveLoop, cell: Cell, *, masks: bool = True) -> Taken | None:
-    """Turn a cell to where a loop asks, and let the loop take the view; None at the end."""
+    """Turn a cell to where a loop asks, and let the loop take the view, and learn; None at the end."""
     asked = loop.asked
     if not isinstance(asked, Next):
         return None
-    return loop.take(view_of_cell(cell, asked.angle_deg, loop.views, masks=masks), loop.views)
+    taken = loop.take(view_of_cell(cell, asked.angle_deg, loop.views, masks=masks), loop.views)
+    loop.wait()
+    return replace(taken, got=loop.steps()[-1]["got"])

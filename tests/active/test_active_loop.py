@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -322,40 +323,29 @@ def test_a_point_is_known_if_the_other_side_shows_it() -> None:
     assert knowledge_of(5, 0.1, replace(known, sides=None)).missing(goal) == ("waist_left",)
 
 
-def test_the_other_side_is_asked_before_a_loop_ends_without_its_points(
+def test_both_sides_are_asked_while_the_item_turns_until_enough_is_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = []
+    asked, turned, sure = list[int](), threading.Event(), known_by_the_other_side("waist_left")
 
-    def by_both(integration: Integration, document: Document) -> tuple[BothSides, KnownGarment]:
-        asked.append(len(document.used_views))
-        return BothSides(integration), known_by_the_other_side("waist_left")
+    def by_both(integration: Integration, document: Document) -> tuple[BothSides, KnownGarment | str]:
+        turned.wait()
+        asked.append(len(integration.views.angles_deg))
+        return BothSides(integration), sure if len(asked) == 2 else "unknown"
 
-    monkeypatch.setattr("flatcloth.active.loop.known_by_both", by_both)
-    goal = parse_goal("points:waist_left")
-    loop = led(loop_in(tmp_path / "out", goal, views=3), sheet_cell(tmp_path / "cell"))
-    loop.close()
-    assert asked == [3]
+    monkeypatch.setattr("flatcloth.active.learning.known_by_both", by_both)
+    cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", parse_goal("points:waist_left"))
+    for number, angle_deg in enumerate((0.0, 60.0)):
+        loop.take(seen(cell, angle_deg, number))
+    assert isinstance(loop.asked, Next), "the next angle is known before both sides are"
+    assert asked == []
+    turned.set()
+    loop.take(seen(cell, 120.0, 2))
+    loop.wait()
+    assert asked == [2, 3]
     assert isinstance(loop.asked, End)
     assert loop.asked.reached
-
-
-def test_the_other_side_is_asked_when_views_come_all_round(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked = []
-
-    def by_both(integration: Integration, document: Document) -> tuple[BothSides, str]:
-        asked.append(len(integration.views.angles_deg))
-        return BothSides(integration), "unknown"
-
-    monkeypatch.setattr("flatcloth.active.loop.known_by_both", by_both)
-    cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", parse_goal("kind"))
-    for number, angle_deg in enumerate((0.0, 60.0, 120.0, 180.0, 240.0, 300.0, 30.0)):
-        loop.take(seen(cell, angle_deg, number))
     loop.close()
-    assert isinstance(loop.asked, Next)
-    assert asked == [6]
 
 
 def kind_named(name: str) -> Kind:

@@ -10,14 +10,16 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Callable
+from typing import Any
 
 from msgspec import structs
 
 from flatcloth.active.choosing import Next
 from flatcloth.active.ending import End, Waiting
 from flatcloth.active.eye import CameraEye
-from flatcloth.active.incoming import SeenView
-from flatcloth.active.loop import ActiveLoop, Taken
+from flatcloth.active.goal import Knowledge
+from flatcloth.active.incoming import SeenView, Taken
+from flatcloth.active.loop import ActiveLoop
 from flatcloth.active.service import ActiveService, Eye
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.geometry import Rigid3
@@ -57,11 +59,16 @@ class PageLoop(ActiveLoop):
         return Taken(number=number, told=tuple(told), got="")
 
     def settled(self, number: int) -> None:
-        """Learn from a view that was decided, and choose the next angle."""
+        """Choose the next angle after a view that was decided, and begin to learn from it."""
         with self._lock:
             used = number in self.document.used_views
             told = [] if used else [f"View {number} is not part of the shape."]
-            self._learn(number, told, joined=used)
+            self._answered(number, told, joined=used)
+
+    def _learn_from(self, before: Knowledge, line: dict[str, Any], *, ends: bool = False) -> None:
+        super()._learn_from(before, line, ends=ends)
+        if self.page is not None:
+            self.page.learnt()
 
     def share(self, garments: GarmentService) -> None:
         """Recognise the garment together with the page."""
@@ -228,7 +235,7 @@ class ActiveApplication(Application):
         self._publish()
 
     def _learn(self, number: int) -> None:
-        """Begin again with a view that alone shows more than the shape, or learn from the view."""
+        """Begin again with a view that alone shows more than the shape, or ask for the next one."""
         better = None
         try:
             better = self._better_start()
@@ -237,7 +244,7 @@ class ActiveApplication(Application):
         except FlatclothError as error:
             self._put(None, functools.partial(self._tell, None, "warning", str(error)))
         finally:
-            self._put(None, functools.partial(self._learnt, better))
+            self._put(None, functools.partial(self._settled, better))
 
     def _better_start(self) -> int | None:
         """Return the start view that Auto begins again with, once each."""
@@ -246,17 +253,26 @@ class ActiveApplication(Application):
             better = better_start(self._integration, self._state.document)
         return None if better == self._restarted_with else better
 
-    def _learnt(self, better: int | None) -> None:
+    def _settled(self, better: int | None) -> None:
         self._is_learning = False
         if better is not None:
             self._restarted_with = better
             self._do(Restart(better))
             return
         self._undecided = None
-        if isinstance(self.loop.asked, End):
-            self._tell(None, "info", self.loop.asked.reason)
-            self._work.later(self._write)
         self._settle()
+
+    def learnt(self) -> None:
+        """Show what is known now; called on any thread when a view was learnt from."""
+
+        def show() -> None:
+            if isinstance(self.loop.asked, End):
+                self._tell(None, "info", self.loop.asked.reason)
+                self._work.later(self._write)
+            self._settle()
+            self._publish()
+
+        self._put(None, show)
 
     def _write(self) -> None:
         """Write the result to the folder when the loop has ended."""

@@ -1,0 +1,79 @@
+"""What a shape says of a goal: by the side of interest, and by both sides if that is not enough.
+
+It takes about as long as a turn, and so it is done meanwhile: the next angle follows from the new shape and
+from the garment as it was known before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+from flatcloth.active.goal import Goal, Knowledge, knowledge_of
+from flatcloth.engine.both_sides import BothSides, known_by_both
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, known_with_pieces
+from flatcloth.session.document import Document
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learnt:
+    """The garment, or the reason for none, what is known by it, and the other side if that was asked.
+
+    It is that of the first ``views``; the cloth that is known may be by later ones, too.
+    """
+
+    known: KnownGarment | str = "No view was taken yet."
+    knowledge: Knowledge = field(default_factory=Knowledge)
+    both: BothSides | None = None
+    views: int = 0
+
+
+def learn(garments: GarmentService, document: Document, seen: Knowledge, goal: Goal) -> Learnt:
+    """Recognise the garment of a shape; ``seen`` has the number of its views, and its area."""
+    views, area_m2 = seen.views, seen.area_m2
+    known = known_with_pieces(garments, document)
+    knowledge = knowledge_of(views, area_m2, known)
+    if goal.about == "shape" or knowledge.is_reached(goal) or len(document.used_views) < 2:
+        return Learnt(known=known, knowledge=knowledge, views=views)
+    both, by_both = known_by_both(garments.integration, document)
+    if isinstance(by_both, str) or by_both.sides is None:
+        return Learnt(known=known, knowledge=knowledge, both=both, views=views)
+    knowledge = knowledge_of(views, area_m2, by_both)
+    return Learnt(known=by_both, knowledge=knowledge, both=both, views=views)
+
+
+def got_by(before: Knowledge, now: Knowledge, goal: Goal) -> str:
+    """Say in one line what a view brought."""
+    parts = []
+    for name in goal.points:
+        was, point = before.point(name), now.point(name)
+        if math.isfinite(point.std_m):
+            since = f"from +-{1e3 * was.std_m:.0f} " if math.isfinite(was.std_m) else ""
+            seen = "" if point.seen else ", not seen"
+            parts.append(f"{name} {since}to +-{1e3 * point.std_m:.0f} mm{seen}")
+    parts.append(f"{1e4 * (now.area_m2 - before.area_m2):.0f} cm2 new")
+    return "; ".join(parts)
+
+
+class Meanwhile:
+    """Does one thing after the other on another thread."""
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(1, "flatcloth-learning")
+        self._last: Future[None] | None = None
+
+    def begin(self, work: Callable[[], None]) -> None:
+        """Begin after what was begun before."""
+        self._last = self._thread.submit(work)
+
+    def wait(self) -> None:
+        """Wait until all is done; raises what the last work raised, once."""
+        last, self._last = self._last, None
+        if last is not None:
+            last.result()
+
+    def close(self) -> None:
+        """Wait, and end the thread."""
+        self._thread.shutdown()
