@@ -71,6 +71,10 @@ class BothSides:
             with self._lock:
                 for each in (_as_seen(document), document):
                     joined = self._join(each, progress, cores, check)
+                kept = self._others.kept(self._of(document))
+                if kept is not None:
+                    kept[0].views.release(kept[1].used_views)
+                    kept[0].algorithm.release(surfaces=True)
                 return joined
         except FlatclothError as error:
             return f"Only one side is in the shape: {error}"
@@ -115,8 +119,6 @@ class BothSides:
         ]
         alone = self._alone.get(self._of(document), lambda: one_side(other, its))
         made = this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
-        other.views.release(its.used_views)
-        other.algorithm.release(surfaces=True)
         return replace(made, other=without_trust(made.other)) if this.wrong(document) else made
 
     def integrated(

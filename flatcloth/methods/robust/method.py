@@ -37,7 +37,7 @@ from flatcloth.methods.robust.layout import CONTRADICTED_WEIGHT
 from flatcloth.methods.robust.next_best_view import rate_candidates
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
-from flatcloth.methods.robust.seams.joining import join_sides, seams_of
+from flatcloth.methods.robust.seams.joining import Seamed, join_sides, other_of, seams_of
 from flatcloth.methods.robust.shapes import (
     MOST_KEPT,
     JointShapes,
@@ -63,6 +63,7 @@ class RobustMethod(Method):
         self.search = PlacementSearch(views, self.seen, self.shapes, angles_deg)
         self._scores: Cache[AlignmentScore] = Cache(MOST_KEPT)
         self._drawn: Cache[Canonical] = Cache(2)
+        self._seamed: Cache[Seamed] = Cache(1)
 
     # ------------------------------------------------- 1. next best view (in place of the paper's 4.1)
 
@@ -208,6 +209,7 @@ class RobustMethod(Method):
         """Free what only further views or earlier shapes need; with ``surfaces``, those of the views too."""
         for kept in (self.shapes, self.search):
             kept.release()
+        self._seamed.drop()
         self.seen.release(surfaces=surfaces)
 
     def earlier(self, earlier: Document, document: Document) -> Canonical:
@@ -254,9 +256,12 @@ class RobustMethod(Method):
         pieces = [(side.canonical.view, *side.canonical.floating) for side in (own, its)]
         held_point_m, seams = self._views.held_point_m, own.document.garment.seams
         check()
-        shapes = self._without_parts(own), other._without_parts(its)
-        ends = own.ends, its.ends
-        joined = join_sides(*shapes, (pieces[0], pieces[1]), ends, held_point_m, laid, seams, check)
+        shapes, ends = (self._without_parts(own), other._without_parts(its)), (own.ends, its.ends)
+        seamed = other._seamed.get(  # where a garment lays floating pieces changes no seam
+            (*shapes, seams),
+            lambda: join_sides(*shapes, (pieces[0], pieces[1]), ends, held_point_m, seams, check),
+        )
+        joined = other_of(seamed, laid)
         check()
         drawn = other._draw(its.document, joined.shape, (np.nan_to_num(joined.std_m), joined.unreliable))
         if not joined.is_related:  # it floats, and has no deviation from this side's shape

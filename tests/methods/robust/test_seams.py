@@ -15,7 +15,7 @@ from flatcloth.methods.answers import Seam
 from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
 from flatcloth.methods.robust.observations import Nodes
-from flatcloth.methods.robust.seams.joining import join_sides, seams_of
+from flatcloth.methods.robust.seams.joining import join_sides, other_of, seams_of
 from flatcloth.methods.robust.seams.links import LEAST_MATCHES
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.session.garment import DecidedSeam
@@ -110,7 +110,7 @@ def joined(
         ]
         for shape, at, is_other in ((this, this_at, False), (other, other_at, True))
     )
-    return join_sides(this, other, pieces, ends or endless(pieces), HELD_M, (), decided)
+    return other_of(join_sides(this, other, pieces, ends or endless(pieces), HELD_M, decided))
 
 
 @dataclass
@@ -164,7 +164,7 @@ def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say
     xyz_m = flat.xyz_m + to_right.reshape(*flat.shape, 1) * np.float32([8 * STEP_M, 0.0, 0.0])
     flat = replace(flat, xyz_m=xyz_m)
     pieces = [raster(THIS, UV, is_other=False)], [flat]
-    found = join_sides(THIS, shape, pieces, endless(pieces), HELD_M)
+    found = other_of(join_sides(THIS, shape, pieces, endless(pieces), HELD_M))
     placed = found.shape.placed
     assert placed.mean() > 0.9
     assert np.linalg.norm(found.shape.all_uv_m[placed] * MIRROR - pattern[placed], axis=1).max() < 0.006
@@ -241,9 +241,8 @@ def test_cloth_whose_edges_contradict_a_seam_is_cut_off_if_little_joins_it(
     xyz_m = flat.xyz_m + to_right.reshape(*flat.shape, 1) * np.float32([0.0, 0.0, 0.5])
     hem = np.repeat(false[COLUMN[seen] == COLUMNS - 1], 4, axis=0) * MIRROR
     ends = [Known(np.zeros((0, 2)), half_m=0.1)], [Known(hem)]
-    found = join_sides(
-        THIS, shape, ([raster(THIS, UV, is_other=False)], [replace(flat, xyz_m=xyz_m)]), ends, HELD_M
-    )
+    pieces = [raster(THIS, UV, is_other=False)], [replace(flat, xyz_m=xyz_m)]
+    found = other_of(join_sides(THIS, shape, pieces, ends, HELD_M))
     (seam,) = seams_of(found)
     assert found.is_related == is_cut == (not seam.why)
     if is_cut:

@@ -65,16 +65,32 @@ class JoinedSide:
     laid: tuple[LaidPiece, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class Seamed:
+    """Both sides joined along the seams, before floating pieces of this side are laid anywhere.
+
+    ``both`` has the nodes of ``this``, of the ``other`` and of the places on seams, in this order;
+    ``std_m`` are the deviations of the nodes of each side; ``joining`` (K,) of the ``matches`` join.
+    """
+
+    both: JointShape
+    this: JointShape
+    other: JointShape
+    std_m: tuple[Float64, Float64]
+    joining: Int64
+    matches: Matches
+    links: tuple[SeamLink, ...]
+
+
 def join_sides(
     this: JointShape,
     other: JointShape,
     pieces: tuple[Sequence[FlattenedView], Sequence[FlattenedView]],
     ends: tuple[Sequence[Ends], Sequence[Ends]],
     held_point_m: Float64,
-    laid: Sequence[LaidPiece] = (),
     decided: Sequence[DecidedSeam] = (),
     check: Callable[[], None] = lambda: None,
-) -> JoinedSide:
+) -> Seamed:
     """Join the settled shapes of both sides along the seams.
 
     Parameters
@@ -87,8 +103,6 @@ def join_sides(
         Where the cloth of these pieces truly ends.
     held_point_m : (3,) float64
         Held point, object frame.
-    laid : sequence of LaidPiece
-        Floating pieces of this side with a known place: what seams join to them has one, too.
     decided : sequence of DecidedSeam
         The operator's decisions about seams.
     check : callable
@@ -109,19 +123,34 @@ def join_sides(
     # 4. Eq. (2) over both sides (joint.py).
     both = _with_main_of(this, flatten_jointly(both, most_cut=None, precise=True))
     check()
-    # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
-    seamed = np.where(both.piece[: len(this.nodes)] == 0, this.piece, 0)
-    joint_std_m = placement_std_m(both, held_point_m)
-    std_m = [
-        np.hypot(std_m[0], joint_std_m[: len(this.nodes)]),
-        np.hypot(std_m[1], joint_std_m[len(this.nodes) :][: len(other.nodes)]),
-    ]
-    for piece in laid:
-        both = _with_laid(both, this, piece, std_m[1])
-    joined = _other_of(both, this, other, std_m[1], joining, matches, links)
-    return replace(
-        joined, laid=tuple(_laid(both, this, int(k), std_m[0]) for k in np.unique(seamed[seamed > 0]))
+    joint_std_m, n = placement_std_m(both, held_point_m), len(this.nodes)
+    return Seamed(
+        both=both,
+        this=this,
+        other=other,
+        std_m=(
+            np.hypot(std_m[0], joint_std_m[:n]),
+            np.hypot(std_m[1], joint_std_m[n : n + len(other.nodes)]),
+        ),
+        joining=joining,
+        matches=matches,
+        links=tuple(links),
     )
+
+
+def other_of(seamed: Seamed, laid: Sequence[LaidPiece] = ()) -> JoinedSide:
+    """Return the other side on its own plane.
+
+    ``laid`` are floating pieces of this side with a known place: what seams join to them has one, too.
+    """
+    # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
+    both, this, std_m = seamed.both, seamed.this, seamed.std_m[1].copy()
+    seamed_to = np.where(both.piece[: len(this.nodes)] == 0, this.piece, 0)
+    found = tuple(_laid(both, this, int(k), seamed.std_m[0]) for k in np.unique(seamed_to[seamed_to > 0]))
+    for piece in laid:
+        both = _with_laid(both, this, piece, std_m)
+    joined = _other_of(both, this, seamed.other, std_m, seamed.joining, seamed.matches, seamed.links)
+    return replace(joined, laid=found)
 
 
 def _posed(
