@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float32, Float64, Int32
+from flatcloth.flattening.sampling import graph_components
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
 from flatcloth.methods.robust.connectivity import LEAST_EVIDENCE, connected_pieces, links_of
@@ -43,7 +44,6 @@ from flatcloth.methods.robust.layout import (
     minimise_piece,
     relax_around,
     seed_pair,
-    seeded_again,
 )
 from flatcloth.methods.robust.observations import Association, Complex128, no_nodes, observe
 
@@ -156,17 +156,20 @@ def flatten_jointly(
         is_whole = len(shape.links.edges) > OUTGROWN * shape.settled_pairs
         number = np.full(len(shape.nodes), -1, dtype=np.int32)
         uv, weight = np.full((len(shape.nodes), 2), np.nan), shape.weight.copy()
-        for n, piece in enumerate(_find_pieces(shape, is_whole)):  # pieces: connectivity.py
+        pieces, n = _find_pieces(shape, is_whole), 0  # pieces: connectivity.py
+        for piece in pieces:
             own_uv, cut = _flattened(shape, piece, weight, is_whole, most_cut, precise)
             if cut.size:  # a false link: all pieces are found again without it, and none is cut after that
                 shape, most_cut, precise = with_cut(shape, cut), 0.0, False
                 break
-            uv[piece.members] = own_uv[piece.members]
-            number[piece.members & np.isfinite(uv[:, 0])] = n
-            if not piece.is_main:
-                uv[piece.members] += (PIECES_APART_M * n, 0.0) - np.nanmean(uv[piece.members], axis=0)
+            laid = piece.members & np.isfinite(own_uv[:, 0])
+            pieces += _pieces_of_rest(shape, piece.members & ~laid)
+            if piece.is_main or laid.sum() >= LEAST_PIECE:
+                uv[laid], number[laid] = own_uv[laid], n
+                if not piece.is_main:
+                    uv[laid] += (PIECES_APART_M * n, 0.0) - uv[laid].mean(axis=0)
+                n += 1
         else:
-            _keep_apart(shape, number, uv)
             settled_pairs = len(shape.links.edges) if is_whole else shape.settled_pairs
             return anchored(
                 replace(
@@ -177,20 +180,6 @@ def flatten_jointly(
                     settled_pairs=settled_pairs,
                 )
             )
-
-
-def _keep_apart(shape: JointShape, number: Int32, uv_m: Float64) -> None:
-    """Keep the nodes of a piece that lost their positions as a floating piece.
-
-    Pairs may join a piece to another one on which it cannot be laid out. Its nodes float then, with the
-    positions that they had to each other. Changes the piece ``number`` (N,) and the positions (N, 2).
-    """
-    lost = shape.has_place & (shape.piece >= 0) & (number < 0)
-    for before in np.unique(shape.piece[lost]):
-        own = lost & (shape.piece == before)
-        if own.sum() >= LEAST_PIECE:
-            number[own] = n = number.max() + 1
-            uv_m[own] = shape.all_uv_m[own] + (PIECES_APART_M * n, 0.0) - shape.all_uv_m[own].mean(axis=0)
 
 
 def with_better_cuts(shape: JointShape) -> JointShape:
@@ -282,6 +271,20 @@ def _connected(shape: JointShape) -> Int32:
     return connected_pieces(len(shape.nodes), edges, evidence, LEAST_RIGID_PART_NODES, LEAST_EVIDENCE)
 
 
+def _pieces_of_rest(shape: JointShape, rest: Bool) -> list[_Piece]:
+    """Return the nodes (N,) that a piece could not be laid out to as floating pieces of their own.
+
+    One node that two views share joins their cloth, but leaves it free to turn.
+    """
+    edges = shape.links.edges[shape.links.both_ends(rest) & ~shape.is_cut]
+    label = graph_components(len(shape.nodes), edges)
+    found = [label == k for k in np.flatnonzero(np.bincount(label[rest]) >= LEAST_PIECE)]
+    return [
+        _Piece(members=own, known=_known(own & shape.has_place, shape.piece), is_main=False, is_changed=True)
+        for own in found
+    ]
+
+
 def _known(members: Bool, before: Int32) -> Bool:
     """Of a piece's members that have positions, return the largest set that was one piece before."""
     if not members.any():
@@ -326,8 +329,7 @@ def _initialised(shape: JointShape, piece: _Piece, within: Int64) -> Complex128:
     z = np.where(piece.known, shape.all_uv_m @ np.array([1.0, 1j]), np.nan)
     if not piece.known.any():
         seed_pair(z, shape.links, within)
-    z = lay_out(_with_joined_pieces(z, shape, within, piece.members), shape.links, within)
-    return z if piece.is_main else seeded_again(z, piece.members, shape.links, within)
+    return lay_out(_with_joined_pieces(z, shape, within, piece.members), shape.links, within)
 
 
 def _with_joined_pieces(z: Complex128, shape: JointShape, within: Int64, members: Bool) -> Complex128:

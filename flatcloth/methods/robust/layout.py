@@ -86,20 +86,6 @@ def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
         has_place[found] = True
 
 
-def seeded_again(z: Complex128, members: Bool, links: Links, within: Int64) -> Complex128:
-    """Lay a floating piece out from one pair if that reaches more nodes: few places determine no rotation."""
-    if _reached(z, members) >= 0.5 * members.sum():
-        return z
-    other = np.full_like(z, np.nan)
-    seed_pair(other, links, within)
-    other = lay_out(other, links, within)
-    return other if _reached(other, members) > _reached(z, members) else z
-
-
-def _reached(z: Complex128, members: Bool) -> int:
-    return int(np.isfinite(z.real[members]).sum())
-
-
 def lay_pieces(z: Complex128, links: Links, inside: Int64, laid: Complex128, piece: Int32) -> Complex128:
     """Place pieces that have a layout of their own (as u + iv) where pairs lead to from placed nodes.
 
