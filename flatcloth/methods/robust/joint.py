@@ -163,6 +163,9 @@ def flatten_jointly(
                 shape, most_cut, precise = with_cut(shape, cut), 0.0, False
                 break
             laid = piece.members & np.isfinite(own_uv[:, 0])
+            if piece.known.any() and not piece.is_main and laid.sum() < LEAST_PIECE:
+                pieces.append(replace(piece, known=np.zeros_like(laid)))  # few places determine no rotation
+                continue
             pieces += _pieces_of_rest(shape, piece.members & ~laid)
             if piece.is_main or laid.sum() >= LEAST_PIECE:
                 uv[laid], number[laid] = own_uv[laid], n

@@ -267,7 +267,10 @@ class RobustMethod(Method):
         if not joined.is_related:  # it floats, and has no deviation from this side's shape
             drawn = replace(drawn, view=replace(drawn.view, placement_std_m=None))
         return JoinedSides(
-            other=drawn, seams=seams_of(joined), is_related=joined.is_related, laid=joined.laid
+            other=drawn,
+            seams=seams_of(joined, (drawn.view, *drawn.floating)),
+            is_related=joined.is_related,
+            laid=joined.laid,
         )
 
     def _without_parts(self, side: OneSide) -> JointShape:

@@ -10,12 +10,12 @@ from made_up_sheets import STEP_M, grid, observed, shape_of
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import MIRROR, FlattenedView, Float64
+from flatcloth.core.types import MIRROR, FlattenedView, Float64, LaidPiece, Rigid2
 from flatcloth.methods.answers import Seam
 from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
 from flatcloth.methods.robust.observations import Nodes
-from flatcloth.methods.robust.seams.joining import join_sides, other_of, seams_of
+from flatcloth.methods.robust.seams.joining import JoinedSide, join_sides, other_of, seams_of
 from flatcloth.methods.robust.seams.links import LEAST_MATCHES
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.session.garment import DecidedSeam
@@ -100,7 +100,13 @@ def test_a_side_without_cloth_meets_nothing() -> None:
 
 
 def joined(
-    this: JointShape, other: JointShape, this_at: Float64 = UV, other_at: Float64 = UV, decided=(), ends=None
+    this: JointShape,
+    other: JointShape,
+    this_at: Float64 = UV,
+    other_at: Float64 = UV,
+    decided=(),
+    ends=None,
+    laid=(),
 ):
     pieces = tuple(
         [
@@ -110,7 +116,14 @@ def joined(
         ]
         for shape, at, is_other in ((this, this_at, False), (other, other_at, True))
     )
-    return other_of(join_sides(this, other, pieces, ends or endless(pieces), HELD_M, decided))
+    return other_of(join_sides(this, other, pieces, ends or endless(pieces), HELD_M, decided), laid)
+
+
+def seams(found: JoinedSide) -> tuple[Seam, ...]:
+    """Return the seams of joined sides, whose other side is drawn where its nodes lie."""
+    shape, numbers = found.shape, range(int(found.shape.piece.max()) + 1)
+    present = [n for n in numbers if (shape.piece == n).any()]
+    return seams_of(found, [raster(shape, shape.all_uv_m * MIRROR, n, is_other=True) for n in present])
 
 
 @dataclass
@@ -141,7 +154,7 @@ def test_both_sides_lie_on_each_other_wherever_the_other_one_lay_before() -> Non
     assert np.linalg.norm(found.shape.all_uv_m * MIRROR - UV, axis=1).max() < 0.004
     assert (found.std_m < 0.02).all()
     assert not found.unreliable.any()
-    (seam,) = seams_of(found)
+    (seam,) = seams(found)
     assert seam.why == ""
     assert seam.length_m == pytest.approx(2 * (0.24 + 0.20), rel=0.1)
     assert set(seam.views[:, 0]) == {1}
@@ -177,7 +190,7 @@ def test_few_places_join_nothing_and_the_other_side_keeps_its_largest_piece() ->
     assert not found.is_related
     assert (found.shape.piece == 0).any()
     assert np.isnan(found.std_m).all()  # nothing says where it lies
-    for seam in seams_of(found):
+    for seam in seams(found):
         assert len(seam.residual_m) < LEAST_MATCHES
         assert "too few" in seam.why
 
@@ -189,20 +202,20 @@ def decision(seam: Seam, *, kept: bool) -> DecidedSeam:
 
 
 def test_a_seam_that_the_operator_cut_joins_nothing_until_it_is_kept() -> None:
-    (seam,) = seams_of(joined(THIS, OTHER))
+    (seam,) = seams(joined(THIS, OTHER))
     cut = decision(seam, kept=False)
     without = joined(THIS, OTHER, decided=(cut,))
     assert not without.is_related
-    assert [(s.why, s.decided) for s in seams_of(without)] == [("cut by the operator", "cut")]
+    assert [(s.why, s.decided) for s in seams(without)] == [("cut by the operator", "cut")]
     again = joined(THIS, OTHER, decided=(cut, decision(seam, kept=True)))  # the last one counts
     assert again.is_related
-    assert [(s.why, s.decided) for s in seams_of(again)] == [("", "keep")]
+    assert [(s.why, s.decided) for s in seams(again)] == [("", "keep")]
 
 
 def test_a_seam_of_few_places_joins_once_the_operator_kept_it() -> None:
     small = (UV[:, 0] < 7 * STEP_M) & (UV[:, 1] < 7 * STEP_M)
     other = side(small, is_other=True)
-    (seam,) = seams_of(joined(THIS, other, other_at=UV[small]))
+    (seam,) = seams(joined(THIS, other, other_at=UV[small]))
     assert seam.why
     kept = joined(THIS, other, other_at=UV[small], decided=(decision(seam, kept=True),))
     assert kept.is_related
@@ -213,7 +226,7 @@ def test_a_seam_that_lays_true_edges_on_the_other_sheet_joins_nothing_unless_it_
     middle = UV.mean(axis=0)
     hem = middle + np.stack([np.linspace(-0.05, 0.05, 100), np.zeros(100)], axis=1)
     with_hem = [Known(np.zeros((0, 2)), half_m=0.1)], [Known(hem * MIRROR)]
-    (seam,) = seams_of(joined(THIS, OTHER, ends=with_hem))
+    (seam,) = seams(joined(THIS, OTHER, ends=with_hem))
     assert "true edges" in seam.why
     kept = joined(THIS, OTHER, decided=(decision(seam, kept=True),), ends=with_hem)
     assert kept.is_related
@@ -243,7 +256,7 @@ def test_cloth_whose_edges_contradict_a_seam_is_cut_off_if_little_joins_it(
     ends = [Known(np.zeros((0, 2)), half_m=0.1)], [Known(hem)]
     pieces = [raster(THIS, UV, is_other=False)], [replace(flat, xyz_m=xyz_m)]
     found = other_of(join_sides(THIS, shape, pieces, ends, HELD_M))
-    (seam,) = seams_of(found)
+    (seam,) = seams(found)
     assert found.is_related == is_cut == (not seam.why)
     if is_cut:
         assert (found.shape.piece[~is_right] == 0).mean() > 0.9
@@ -272,12 +285,36 @@ def test_a_floating_piece_of_this_side_and_its_back_are_one_piece() -> None:
     off = found.shape.all_uv_m[is_right] * MIRROR - pattern[is_right]
     assert np.ptp(off, axis=0).max() < 0.004  # rigidly beside its half, on the plane of both
     assert off[:, 0].mean() > 0.5 * PIECES_APART_M
+    assert {(seam.this_piece, seam.other_piece) for seam in seams(found) if not seam.why} == {(0, 0), (1, 1)}
+
+
+def test_a_floating_piece_takes_with_it_what_lies_on_the_same_back() -> None:
+    """The right half of this side floats in two pieces; one has a known place, their back joins them."""
+    left, upper = COLUMN < 10, UV[:, 1] < 9 * STEP_M
+    right, lower = COLUMN > 15, UV[:, 1] > 14 * STEP_M
+    seen = left | (right & (upper | lower))
+    number = np.where(left, 0, np.where(upper, 1, 2))[seen].astype(np.int32)
+    pattern = UV[seen]
+    whole = side(seen, is_other=False)
+    this = replace(whole, all_uv_m=pattern + np.outer(number * PIECES_APART_M, [1.0, 0.0]), piece=number)
+    back = side(left | right, is_other=True, strength=200.0)
+    at = UV[left | right]
+    its = np.where(at[:, 0] > 12 * STEP_M, 1, 0).astype(np.int32)
+    other = replace(back, all_uv_m=at * MIRROR - np.outer(its * PIECES_APART_M, [1.0, 0.0]), piece=its)
+    known = LaidPiece(index=0, shape_from_piece=Rigid2(0.0, -PIECES_APART_M, 0.0), std_m=0.02)
+    found = joined(this, other, pattern, at, laid=(known,))
+    (follows,) = found.laid
+    assert follows.index == 1
+    there = follows.shape_from_piece.apply(this.all_uv_m[number == 2])
+    assert np.linalg.norm(there - pattern[number == 2], axis=1).max() < 0.006
+    assert follows.std_m >= known.std_m
+    assert (found.std_m[its == 1] >= known.std_m).all()
 
 
 def test_the_shape_stays_the_main_piece_when_the_other_side_floats_and_is_larger() -> None:
     left = COLUMN < 12
     found = joined(side(left, is_other=False), OTHER, UV[left], decided=(), ends=None)
-    (seam, *_) = seams_of(found)
+    (seam, *_) = seams(found)
     apart = joined(side(left, is_other=False), OTHER, UV[left], decided=(decision(seam, kept=False),))
     assert found.is_related
     assert not apart.is_related

@@ -144,12 +144,13 @@ def other_of(seamed: Seamed, laid: Sequence[LaidPiece] = ()) -> JoinedSide:
     ``laid`` are floating pieces of this side with a known place: what seams join to them has one, too.
     """
     # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
-    both, this, std_m = seamed.both, seamed.this, seamed.std_m[1].copy()
-    seamed_to = np.where(both.piece[: len(this.nodes)] == 0, this.piece, 0)
-    found = tuple(_laid(both, this, int(k), seamed.std_m[0]) for k in np.unique(seamed_to[seamed_to > 0]))
+    both, this, std_m = seamed.both, seamed.this, [each.copy() for each in seamed.std_m]
+    seamed_before = _pieces_on(both, this)
     for piece in laid:
         both = _with_laid(both, this, piece, std_m)
-    joined = _other_of(both, this, seamed.other, std_m, seamed.joining, seamed.matches, seamed.links)
+    follow = set(_pieces_on(both, this)) - {piece.index + 1 for piece in laid}
+    found = tuple(_laid(both, this, k, std_m[0]) for k in sorted(follow.union(seamed_before)))
+    joined = _other_of(both, this, seamed.other, std_m[1], seamed.joining, seamed.matches, seamed.links)
     return replace(joined, laid=found)
 
 
@@ -323,12 +324,12 @@ def _listed(parts: Sequence[Links], n: int) -> Links:
     )
 
 
-def _with_laid(both: JointShape, this: JointShape, piece: LaidPiece, other_std_m: Float64) -> JointShape:
+def _with_laid(both: JointShape, this: JointShape, piece: LaidPiece, std_m: Sequence[Float64]) -> JointShape:
     """Return both sides with a floating piece of this side, and what seams join to it, at a known place.
 
-    Adds its standard deviation to that (M,) of the nodes of the other side.
+    Adds its standard deviation to those of the nodes (N,) of this side and (M,) of the other one.
     """
-    n, m = len(this.nodes), len(other_std_m)
+    n = len(this.nodes)
     own = np.flatnonzero((this.piece == piece.index + 1) & (both.piece[:n] > 0))
     if not own.size:
         return both  # seams join it to the shape
@@ -336,7 +337,9 @@ def _with_laid(both: JointShape, this: JointShape, piece: LaidPiece, other_std_m
     motion = fit_rigid2(both.all_uv_m[own], piece.shape_from_piece.apply(this.all_uv_m[own]))
     uv = both.all_uv_m.copy()
     uv[group] = motion.apply(uv[group])
-    other_std_m[group[n : n + m]] = np.hypot(np.nan_to_num(other_std_m[group[n : n + m]]), piece.std_m)
+    for side, begin in zip(std_m, (0, n), strict=True):
+        moved = group[begin : begin + len(side)]
+        side[moved] = np.hypot(np.nan_to_num(side[moved]), piece.std_m)
     return replace(both, all_uv_m=uv, piece=np.where(group, 0, both.piece).astype(np.int32))
 
 
@@ -384,6 +387,12 @@ def _other_of(
     )
 
 
+def _pieces_on(both: JointShape, this: JointShape) -> list[int]:
+    """Return the floating pieces of this side, by number, whose nodes lie on the main piece of both."""
+    found: list[int] = np.unique(this.piece[(both.piece[: len(this.nodes)] == 0) & (this.piece > 0)]).tolist()
+    return found
+
+
 def _laid(both: JointShape, this: JointShape, number: int, std_m: Float64) -> LaidPiece:
     """Return a floating piece of this side, by its number, where seams lay it."""
     own = np.flatnonzero((this.piece == number) & both.has_place[: len(this.nodes)])
@@ -405,15 +414,21 @@ def _moved(matches: Matches, links: Sequence[SeamLink], before: JointShape, now:
     return replace(matches, other_uv_m=uv)
 
 
-def seams_of(joined: JoinedSide) -> tuple[Seam, ...]:
-    """Return the sets of matches as seams, at their places on the present planes."""
+def seams_of(joined: JoinedSide, pieces: Sequence[FlattenedView]) -> tuple[Seam, ...]:
+    """Return the sets of matches as seams, at their places on the present planes.
+
+    ``pieces`` are the other side's canonical view and its floating pieces, which joining may have changed.
+    """
     matches, found = joined.matches, []
+    cloth = [cKDTree(piece.uv_from_rc(np.argwhere(piece.valid))) for piece in pieces]
     for link in joined.links:
         own = link.members
+        there = np.nan_to_num(matches.other_uv_m[own])
+        away_m = [float(np.median(tree.query(there)[0])) for tree in cloth]
         found.append(
             Seam(
                 this_piece=int(np.bincount(matches.pieces[own, 0]).argmax()),
-                other_piece=int(np.bincount(matches.pieces[own, 1]).argmax()),
+                other_piece=int(np.argmin(away_m)),
                 this_uv_m=matches.this_uv_m[own],
                 other_uv_m=matches.other_uv_m[own],
                 xyz_m=matches.xyz_m[own],
