@@ -8,10 +8,7 @@ const GAP_M = 0.06;
 export class Beside {
   constructor(/** @type {FlatCanvas} */ canvas) {
     this.canvas = canvas;
-    this.picture = new Picture(() => {
-      if (canvas.fitted) canvas.fit();
-      canvas.redraw();
-    });
+    this.picture = new Picture(() => canvas.refit());
     this.wanted = false;
   }
 

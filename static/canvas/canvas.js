@@ -51,7 +51,7 @@ export class FlatCanvas {
     this.context = contextOf(this.canvas);
     this.width = this.height = 0; // of the pane, CSS pixels
     this.transform = new Transform();
-    this.layer = new Picture(() => this.layerReady());
+    this.layer = new Picture(() => this.refit());
     this.overlay = new Picture((anew) => this.overlayReady(anew));
     this.fitted = true; // until the operator pans or zooms
     this.boxes = /** @type {Map<number, Box>} */ (new Map()); // of live mode: where each view lay last
@@ -73,7 +73,7 @@ export class FlatCanvas {
     this.gripAt = (/** @type {Point} */ _) => /** @type {"turn" | "drag" | null} */ (null); // a handle of the proposal
     this.dirty = false;
     new ResizeObserver(() => this.resize()).observe(byId("stage"));
-    new ResizeObserver(() => this.fitted && this.fit()).observe(byId("legend"));
+    new ResizeObserver(() => this.refit()).observe(byId("legend"));
     matchMedia("(resolution: 1dppx)").addEventListener("change", () => this.resize());
     this.listen();
   }
@@ -137,7 +137,7 @@ export class FlatCanvas {
     const extent = [...this.boxes.values()].reduce(union);
     if (this.extent && contains(this.extent, extent) && !contains(extent, grown(this.extent, -2 * SLACK_M))) return;
     this.extent = grown(extent, SLACK_M);
-    if (this.fitted) this.fit();
+    this.refit();
   }
 
   /** Live mode: the picks that lie on the frame; none while frames pass by faster than they are told. */
@@ -149,8 +149,9 @@ export class FlatCanvas {
     this.redraw();
   }
 
-  layerReady() {
-    if (this.fitted) this.fit();
+  /** Show all of a new picture; not while somebody drags: what is dragged would move from under the pointer. */
+  refit() {
+    if (this.fitted && !this.gesture) this.fit();
     this.redraw();
   }
 
@@ -164,8 +165,7 @@ export class FlatCanvas {
       this.resetPreview();
       this.handlers.placed?.();
     }
-    if (this.fitted) this.fit();
-    this.redraw();
+    this.refit();
   }
 
   resize() {

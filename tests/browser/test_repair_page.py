@@ -70,6 +70,26 @@ def test_the_fit_follows_while_the_proposal_is_dragged(open_tab):
     tab.until("flatcloth.state.undo?.startsWith('move view')")
 
 
+def test_a_picture_that_comes_while_somebody_drags_leaves_the_view_as_it_is(open_tab):
+    tab = open_tab().ready()
+    tab.step()
+    x, y = on_proposal(tab)[2]
+    tab.page.mouse.move(x, y)
+    tab.page.mouse.down()
+    tab.page.mouse.move(x + 30, y, steps=3)
+    before = tab.page.evaluate("[flatcloth.toScreen(0, 0), flatcloth.toScreen(1, 0)]")
+    revision = tab.state()["layers"]["overlay"]["revision"]
+    tab.page.evaluate(
+        """flatcloth.send({ type: "move", view_index: flatcloth.state.pending.view_index,
+                             theta_rad: 0, u_m: 0.4, v_m: 0 })"""
+    )
+    tab.until(f"flatcloth.overlayRevision > {revision}")
+    assert tab.page.evaluate("[flatcloth.toScreen(0, 0), flatcloth.toScreen(1, 0)]") == before
+    tab.page.mouse.move(x + 60, y, steps=3)
+    tab.page.mouse.up()  # the next picture is shown whole
+    tab.until(f"Math.abs(flatcloth.toScreen(1, 0).x - {before[1]['x']}) > 1")
+
+
 def test_refine_from_here_brings_a_moved_proposal_back(open_tab):
     tab = open_tab().ready()
     tab.step()
