@@ -47,7 +47,7 @@ def run(server: str) -> dict:
             turn_to(state["angle_deg"])
             view = {"angle_deg": state["angle_deg"], "number": state["number"], **look()}
             state = ask(f"{server}/robot/view", json.dumps(view).encode())
-            print("  got", state.get("taken") or state["error"])
+            print(" ", state.get("taken") or state["error"])
         if not state.get("done"):
             state = ask(f"{server}/robot/next")
     print(state["reason"])

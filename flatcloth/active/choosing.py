@@ -18,20 +18,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from flatcloth.active.expecting import GRID_DEG, OtherSide, Shares, in_order, shares_around
 from flatcloth.active.goal import Goal, Knowledge
 from flatcloth.core.types import Float64
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
 from flatcloth.garments.fit import APART_M, OUTLINE_STD_M
-from flatcloth.methods.answers import Candidate, Plan
 from flatcloth.methods.starting import overlap_area_m2
 from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Document
 
 LOOK_S, TURN_DEG_PER_S = 2.0, 180.0
 """Time of a stop with a look, and speed of a turntable. Chosen: a robot pays about two seconds a turn."""
-GRID_DEG = 3.0
-"""Distance of the angles that are compared. Chosen: the views' overlap changes little over it."""
 APART_DEG = 5.0
 """No angle nearer to a recorded one is chosen: it shows the same cloth. Chosen."""
 LEAST_SHARE = 0.1
@@ -43,9 +41,6 @@ AGAIN = 0.25
 """Part of the variance of an edge seen once that goes when it is seen again; by definition, see above."""
 FLOATING = 0.05
 """Worth of a view without overlap, of one with enough: its cloth floats until a view connects it. Chosen."""
-_HALF_M = APART_M / 2.0
-"""Standard deviation of the weight of cloth around a point, by definition: true edges within ``APART_M``, two
-of these, say where a point is."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,9 +49,9 @@ class Next:
 
     ``turn_deg`` is the rotation from where the item stands, by the shorter way; ``new_m2`` the cloth that is
     expected to be new, ``overlap_m2`` what it has in common with the shape (NaN if the method tells
-    neither), ``most_new_m2`` the most that any angle is expected to add; ``points_m`` the expected standard
-    deviations of the wanted points that are missing, and ``hidden`` those of them that no angle is expected
-    to show.
+    neither), ``most_new_m2`` the most that any angle is expected to add, of either side; ``points_m`` the
+    expected standard deviations of the wanted points that are missing, and ``hidden`` those of them that no
+    angle is expected to show.
     """
 
     angle_deg: float
@@ -102,6 +97,7 @@ def choose_next(
     goal: Goal,
     stands_deg: float,
     scale: float = 1.0,
+    other: OtherSide | None = None,
 ) -> Next | None:
     """Return the next angle, or None if no angle is left, or the method ends.
 
@@ -117,6 +113,8 @@ def choose_next(
         The angle at which the item stands.
     scale : float
         What the last views brought, as a share of what was expected of them.
+    other : OtherSide, optional
+        What views are expected to show of the other side, as far as the goal needs it.
     """
     taken = integration.views.angles_deg
     free = free_angles_deg(taken)
@@ -129,15 +127,24 @@ def choose_next(
         return Next(angle_deg=angle, turn_deg=shorter_deg(angle - stands_deg), why=plan.reason)
     turns = np.array([shorter_deg(angle - stands_deg) for angle in free])
     least_m2 = overlap_area_m2(integration.views)
-    rated = _in_order(plan)
+    rated = in_order(plan)
     overlap = np.minimum(1.0, [c.overlap_m2 / least_m2 for c in rated])
     # Even odds that a view joins what floats, if it shows it with the shape from elsewhere than before.
     novel = np.minimum(1.0, [c.gap_deg / NOVEL_DEG for c in rated])
     joined_m2 = 0.5 * novel * np.array([c.floating_m2 for c in rated])
     new_m2 = np.array([c.new_m2 - c.joining_m2 for c in rated]) + joined_m2
-    gains = new_m2 * (FLOATING + (1.0 - FLOATING) * overlap)
+    joins, beyond_m2 = FLOATING + (1.0 - FLOATING) * overlap, np.zeros(len(free))
     shares = _shares(integration, document, known, knowledge, goal, angles, joined_m2)
     grown = 1.0 + scale * new_m2 / max(knowledge.area_m2, least_m2)
+    gains = new_m2 * joins
+    if other is not None:  # its views need no overlap: they are where they hang
+        its = other.at(free)
+        beyond_m2 = novel * (its.new_m2 + its.seams_m2)
+        gains = gains + beyond_m2
+        grown = 1.0 + scale * (new_m2 + beyond_m2) / max(knowledge.area_m2 + its.area_m2, least_m2)
+        for name in {*shares} & {*its.shares}:
+            (new, again), (its_new, its_again) = shares[name], its.shares[name]
+            shares[name] = 1.0 - (1.0 - new) * (1.0 - novel * its_new), np.maximum(again, its_again)
     after = {
         name: expected_std_m(knowledge.point(name).std_m, *share, grown) for name, share in shares.items()
     }
@@ -149,25 +156,21 @@ def choose_next(
         start=np.zeros(len(free)),
     )
     if lessened.any() and knowledge.probability > 0.5:  # of another garment they would lie elsewhere
-        gains = lessened * (FLOATING + (1.0 - FLOATING) * overlap)
+        gains = lessened * (joins if other is None else np.maximum(joins, novel))
     best = int((gains / np.array([seconds_of(turn) for turn in turns])).argmax())
     chosen = rated[best]
     points_m = {name: float(std[best]) for name, std in after.items()}
     return Next(
         angle_deg=free[best],
         turn_deg=float(turns[best]),
-        why=_why(scale * float(new_m2[best]), chosen.overlap_m2, knowledge, points_m, hidden),
+        why=_why(scale * float(new_m2[best]), chosen.overlap_m2, knowledge, points_m, hidden)
+        + (f", {1e4 * beyond_m2[best]:.0f} cm2 of the other side" if other is not None else ""),
         new_m2=scale * float(new_m2[best]),
         overlap_m2=chosen.overlap_m2,
-        most_new_m2=scale * float(new_m2.max()),
+        most_new_m2=scale * float((new_m2 + beyond_m2).max()),
         points_m=points_m,
         hidden=hidden,
     )
-
-
-def _in_order(plan: Plan) -> list[Candidate]:
-    """Return the candidates in the order of the free angles."""
-    return sorted(plan.candidates, key=lambda candidate: candidate.view_index)
 
 
 def _shares(
@@ -178,7 +181,7 @@ def _shares(
     goal: Goal,
     angles_deg: Sequence[float],
     joined_m2: Float64,
-) -> dict[str, tuple[Float64, Float64]]:
+) -> dict[str, Shares]:
     """Return for each missing point which shares (K,) of its cloth each free angle would show.
 
     First that which would be seen well for the first time, then that which would be seen again.
@@ -187,29 +190,16 @@ def _shares(
         return {}
     shares = {}
     # The cloth of a point that was not seen is on a piece that floats, or elsewhere of what is missing.
-    canonical, (u, v) = integration.canonical(document), known.found.outline_uv_m.T
+    canonical, (u, v) = known.canonical, known.found.outline_uv_m.T
     missing_m2 = 0.5 * abs(float(u @ np.roll(v, -1) - v @ np.roll(u, -1))) - canonical.view.area_m2
     missing_m2 = max(missing_m2, sum(piece.area_m2 for piece in canonical.floating))
     on_floating = joined_m2 / max(missing_m2, float(joined_m2.max()), 1e-6)
     for name in knowledge.missing(goal):
         if name not in knowledge.points:
             continue
-        place = known.found.points[name].uv_m
-        radius_m = math.hypot(_HALF_M, knowledge.point(name).std_m)
-
-        def around(uv_m: Float64, place: Float64 = place, radius_m: float = radius_m) -> Float64:
-            weight: Float64 = np.exp(-0.5 * np.square((uv_m - place) / radius_m).sum(axis=1))
-            return weight
-
-        plan = integration.algorithm.look_ahead(document, angles_deg, around)
-        rated = _in_order(plan)
-        whole_m2 = 2.0 * math.pi * radius_m**2  # the integral of the weight
-        # Cloth without any evidence may lie anywhere on the item.
-        of_item = min(1.0, whole_m2 / max(knowledge.area_m2, whole_m2))
-        new = np.array([c.new_m2 - c.unseen_m2 + of_item * c.unseen_m2 for c in rated])
-        again = np.array([c.overlap_m2 for c in rated])
-        new = new / whole_m2 + (0.0 if knowledge.point(name).seen else on_floating)
-        shares[name] = np.clip(new, 0.0, 1.0), np.clip(again / whole_m2, 0.0, 1.0)
+        at = known.found.points[name].uv_m, knowledge.point(name).std_m
+        new, again = shares_around(integration.algorithm, document, angles_deg, at, knowledge.area_m2)
+        shares[name] = np.minimum(1.0, new + (0.0 if knowledge.point(name).seen else on_floating)), again
     return shares
 
 

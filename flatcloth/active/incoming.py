@@ -73,11 +73,10 @@ class SeenView:
 
 @dataclass(frozen=True, kw_only=True)
 class Taken:
-    """What became of a view: its number, what to tell about it, and the cloth got by it, in one line."""
+    """What became of a view: its number, and what to tell about it."""
 
     number: int
     told: tuple[str, ...]
-    got: str
 
 
 def check_view(view: SeenView, recording: GrowingRecording | None) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
+from flatcloth.active.expecting import OtherSide, of_other_side
 from flatcloth.active.goal import Goal, Knowledge, knowledge_of
 from flatcloth.engine.both_sides import BothSides, known_by_both
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, known_with_pieces
@@ -21,27 +22,29 @@ from flatcloth.session.document import Document
 class Learnt:
     """The garment, or the reason for none, what is known by it, and the other side if that was asked.
 
+    ``other`` is what views are expected to show of that.
     It is that of the first ``views``; the cloth that is known may be by later ones, too.
     """
 
     known: KnownGarment | str = "No view was taken yet."
     knowledge: Knowledge = field(default_factory=Knowledge)
     both: BothSides | None = None
+    other: OtherSide | None = None
     views: int = 0
 
 
-def learn(garments: GarmentService, document: Document, seen: Knowledge, goal: Goal) -> Learnt:
-    """Recognise the garment of a shape; ``seen`` has the number of its views, and its area."""
-    views, area_m2 = seen.views, seen.area_m2
+def learn(garments: GarmentService, document: Document, views: int, goal: Goal) -> Learnt:
+    """Recognise the garment of a shape by the first ``views``."""
+    area_m2 = garments.integration.canonical(document).view.area_m2
     known = known_with_pieces(garments, document)
     knowledge = knowledge_of(views, area_m2, known)
     if goal.about == "shape" or knowledge.is_reached(goal) or len(document.used_views) < 2:
         return Learnt(known=known, knowledge=knowledge, views=views)
     both, by_both = known_by_both(garments.integration, document)
-    if isinstance(by_both, str) or by_both.sides is None:
-        return Learnt(known=known, knowledge=knowledge, both=both, views=views)
-    knowledge = knowledge_of(views, area_m2, by_both)
-    return Learnt(known=by_both, knowledge=knowledge, both=both, views=views)
+    if not isinstance(by_both, str) and by_both.sides is not None:
+        known, knowledge = by_both, knowledge_of(views, area_m2, by_both)
+    other = of_other_side(both, document, known, knowledge, goal)
+    return Learnt(known=known, knowledge=knowledge, both=both, other=other, views=views)
 
 
 def got_by(before: Knowledge, now: Knowledge, goal: Goal) -> str:

@@ -274,7 +274,7 @@ class ActiveLoop:
             if again is not None:
                 text = f"This picture is view {again} already; it is not taken twice."
                 self._log.add("told", text=text)
-                return Taken(number=again, told=(text,), got="")
+                return Taken(number=again, told=(text,))
         if answers is not None and answers != self.views:
             told.append(
                 f"This view answers question {answers}, but {self.views} is asked now: it comes late, and"
@@ -337,19 +337,18 @@ class ActiveLoop:
         refused = self._integrated(number)
         if refused:
             told.append(f"View {number} is not part of the shape yet: {refused}")
-        return Taken(number=number, told=tuple(told), got=self._answered(number, told, joined=not refused))
+        self._answer(number, told, joined=not refused)
+        return Taken(number=number, told=tuple(told))
 
-    def _answered(self, number: int, told: list[str], *, joined: bool) -> str:
-        """Choose the next angle after a view that was decided, begin to learn, and return the cloth got."""
+    def _answer(self, number: int, told: list[str], *, joined: bool) -> None:
+        """Choose the next angle after a view that was decided, and begin to learn."""
         before, expected_m2 = self.knowledge, self.asked.new_m2 if isinstance(self.asked, Next) else math.nan
         self._look_at_shape()
-        got = got_by(replace(before, points={}), replace(self.knowledge, points={}), self.goal)
         line = {
             "number": number,
             "angle_deg": round(self.stands_deg, 3),
             "told": told,
             "joined": joined,
-            "new_m2": self.knowledge.area_m2 - before.area_m2,
             "expected_m2": finite(expected_m2),
         }
         decided = self._decided()
@@ -358,7 +357,6 @@ class ActiveLoop:
         else:
             self._ask(decided)
             self._meanwhile.begin(partial(self._learn_from, before, line))
-        return got
 
     def _learn_from(self, before: Knowledge, line: dict[str, Any], *, ends: bool = False) -> None:
         """Learn from a view, and log its ``line``; a loop that is not over ends if enough is known."""
@@ -368,6 +366,7 @@ class ActiveLoop:
             self._log.add(
                 "view",
                 **line,
+                new_m2=self.knowledge.area_m2 - before.area_m2,
                 got=got_by(before, self.knowledge, self.goal),
                 surer=self.knowledge.is_surer(before, self.goal),
                 knows=self.knowledge.about(self.goal),
@@ -388,22 +387,19 @@ class ActiveLoop:
             return str(error)
 
     def _look_at_shape(self) -> None:
-        """Take note of the cloth that all views show."""
-        document, integration, area_m2 = self.document, self._integration, 0.0
-        if integration is not None and self._run is not None and document.start_view is not None:
+        """Make the shape of all views, without its picture."""
+        if self._integration is not None and self._run is not None and self.document.start_view is not None:
             try:
-                integration.canonical(document)
+                self._integration.algorithm.least_m2(self.document)
             except FlatclothError:  # other masks or another axis left the start view no cloth
-                document = self._run.begin_again().document
-            area_m2 = integration.canonical(document).view.area_m2
-        knowledge = replace(self.knowledge, views=self.views, area_m2=area_m2)
-        self._learnt = replace(self._learnt, knowledge=knowledge)
+                self._run.begin_again()
+        self._learnt = replace(self._learnt, knowledge=replace(self.knowledge, views=self.views))
 
     def _learn(self) -> Learnt:
         """Return what is known by the present shape."""
         if self._garments is None or self.document.start_view is None:
             return self._learnt
-        return learn(self._garments, self.document, self.knowledge, self.goal)
+        return learn(self._garments, self.document, self.views, self.goal)
 
     # ---------------------------------------------------------------- the next angle, or the end
 
@@ -442,6 +438,7 @@ class ActiveLoop:
             self.stands_deg,
             # Where nobody has looked yet, there may be more than the last views brought.
             scale=self._log.kept_promise() if stand_all_round(taken) else 1.0,
+            other=self._learnt.other,
         )
         exhausted = self._log.is_exhausted(taken, least_m2)
         end = end_of(following, self.known, knowledge, goal, least_m2, is_exhausted=exhausted)

@@ -64,7 +64,7 @@ class ActiveService:
             As :meth:`flatcloth.active.loop.ActiveLoop.take`.
         """
         taken = self._taking(view, number)
-        about = {"number": taken.number, "told": list(taken.told), "got": taken.got}
+        about = {"number": taken.number, "told": list(taken.told)}
         return {"taken": about, **self.next(rotation_deg)}
 
     def look(self, angle_deg: float, number: int | None, rotation_deg: float | None = None) -> dict[str, Any]:
@@ -84,11 +84,15 @@ class ActiveService:
         return self.loop.write(self._base_from_camera)
 
     def document(self, rotation_deg: float | None = None) -> dict[str, Any] | None:
-        """Return the document of ``grasps.json`` with the named points that were seen; None before a shape.
+        """Return the document of ``grasps.json`` with the named points that were seen.
 
-        Poses are those at a rotation, by default that at which the item stands.
+        Poses are those at a rotation, by default that at which the item stands. None while the last view is
+        learnt from, and before a shape.
         """
-        with self.loop.held():
+        loop = self.loop
+        with loop.held():
+            if not loop.has_learnt or loop.document.start_view is None:
+                return None
             return self._document(self._named, self._rotation(rotation_deg))
 
     def _known(self, rotation_deg: float | None) -> dict[str, Any]:
@@ -101,6 +105,7 @@ class ActiveService:
             "views": loop.views,
             "stands_deg": loop.stands_deg,
             "rotation_deg": rotation_deg,
+            "got": next((step["got"] for step in reversed(loop.steps())), ""),
             "knows": knowledge.about(loop.goal),
             "kind": knowledge.kind,
             "probability": knowledge.probability,
@@ -129,12 +134,13 @@ class ActiveService:
 
     def _document(self, picks: list[Pick], rotation_deg: float) -> dict[str, Any] | None:
         loop, integration = self.loop, self.loop.integration
-        if integration is None or loop.document.start_view is None:
+        if integration is None:
             return None
         frames = GraspFrames(
             axis=integration.axis, rotation_deg=rotation_deg, base_from_camera=self._base_from_camera
         )
-        canonical = integration.canonical(loop.document)
+        known = loop.known
+        canonical = integration.canonical(loop.document) if isinstance(known, str) else known.canonical
         sides = self._sides
         other = () if sides is None else (sides.other.view, *sides.other.floating)
         return grasps_document(canonical.view, (), frames, picks, canonical.floating, other)

@@ -154,7 +154,7 @@ def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None
         assert taken is not None, "the loop asked for a view"
         for text in taken.told:
             say(f"  {text}")
-        say(f"  got:      {taken.got}")
+        say(f"  got:      {loop.steps()[-1]['got']}")
 
 
 def told_end(options: argparse.Namespace, service: ActiveService, files: list[Path]) -> int:

@@ -215,6 +215,8 @@ def better_start(
     if best is None or document.start_view in (None, best):
         return None
     shown_m2 = integration.views.observed_areas_m2(progress)[best]
+    if shown_m2 <= integration.algorithm.least_m2(document):
+        return None
     return best if shown_m2 > integration.canonical(document).view.area_m2 else None
 
 

@@ -157,6 +157,28 @@ class Method(Protocol):
         """
         raise FlatclothError(f"the method {self.name} plans recorded views only; choose another method.")
 
+    def least_m2(self, document: Document) -> float:
+        """Return the area of the canonical view, or less of it in less time."""
+        return self.canonical(document).view.area_m2
+
+    def seams_ahead(
+        self, document: Document, other: Method, its: Document, angles_deg: Sequence[float], *, related: bool
+    ) -> Float64:
+        """Return the floating cloth (K,), m2, of which views at angles are expected to show seams.
+
+        Parameters
+        ----------
+        document, its : Document
+            The decisions about this side, and about the other.
+        other : Method
+            The same method, made for the masks of the other side.
+        angles_deg : sequence of float
+            The angles.
+        related : bool
+            Seams join the sides already; otherwise the smaller of them counts as floating.
+        """
+        return np.zeros(len(angles_deg))
+
     @abstractmethod
     def propose(
         self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress

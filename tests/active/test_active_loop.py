@@ -12,8 +12,9 @@ import pytest
 from cells import SHAPE, led, loop_in, seen, sheet_cell
 from garment_evidence import blank_view
 
-from flatcloth.active.choosing import Next, expected_std_m, free_angles_deg
+from flatcloth.active.choosing import Next, choose_next, expected_std_m, free_angles_deg
 from flatcloth.active.ending import End
+from flatcloth.active.expecting import OtherSide
 from flatcloth.active.goal import (
     Budget,
     Goal,
@@ -345,6 +346,23 @@ def test_both_sides_are_asked_while_the_item_turns_until_enough_is_known(
     assert asked == [2, 3]
     assert isinstance(loop.asked, End)
     assert loop.asked.reached
+    loop.close()
+
+
+def test_an_angle_that_shows_a_seam_of_what_floats_is_chosen(tmp_path: Path) -> None:
+    cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", parse_goal("kind"))
+    for number, angle_deg in enumerate((0.0, 60.0)):
+        loop.take(seen(cell, angle_deg, number))
+    loop.wait()
+    seams_m2 = np.zeros(120)
+    seams_m2[67] = 1.0  # at 201 degrees
+    other = OtherSide(area_m2=0.1, new_m2=np.zeros(120), seams_m2=seams_m2, shares={})
+    found = choose_next(
+        loop.integration, loop.document, loop.known, loop.knowledge, loop.goal, 60.0, other=other
+    )
+    assert found is not None
+    assert found.angle_deg == 201.0
+    assert "10000 cm2 of the other side" in found.why
     loop.close()
 
 

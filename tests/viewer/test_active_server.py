@@ -131,8 +131,9 @@ def test_what_becomes_known_is_pushed_without_a_page(
     assert events[0]["type"] == "hello"
     assert events[0]["recording"] == "out"
     shapes = [event for event in events if event["type"] == "shape"]
-    assert [shape["revision"] for shape in shapes] == [1, 2, 3]
-    assert [shape["views"] for shape in shapes] == [[0], [0, 1], [0, 1, 2]]
+    revisions = [shape["revision"] for shape in shapes]  # of those that were learnt from before the next came
+    assert revisions == sorted(set(revisions))
+    assert shapes[-1] == {**shapes[-1], "revision": 3, "views": [0, 1, 2]}
     last = [event for event in events if event["type"] == "points"][-1]
     assert (last["kind"], last["revision"]) == ("towel", 3)
     assert {point["name"] for point in last["points"]} >= {"corner_0"}
@@ -144,6 +145,7 @@ def test_poses_of_named_points_are_pushed_once_at_the_rotation_of_the_item(tmp_p
     assert [type(event) for event in events(told)] == [Hello]
     loop.take(seen(cell, 0.0))
     loop.take(seen(cell, 50.0, 1))
+    loop.wait()
     assert ShapeChanged in [type(event) for event in events(told)]
     canonical = loop.integration.canonical(loop.document)
     pixel = tuple(np.argwhere(canonical.view.valid)[0].tolist())
@@ -156,7 +158,6 @@ def test_poses_of_named_points_are_pushed_once_at_the_rotation_of_the_item(tmp_p
         found=found,
         pieces=DecidedPieces(shape_from_piece={}, refused=frozenset()),
     )
-    loop.wait()
     loop._learnt = replace(loop._learnt, known=known, views=2)
     (points,) = events(told)
     assert isinstance(points, PointsChanged)

@@ -34,7 +34,7 @@ from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import MOST_CONTRADICTION, begin_joint, extend_joint, taken_apart
 from flatcloth.methods.robust.joint_shape import JointShape, largest_piece, without_weak
 from flatcloth.methods.robust.layout import CONTRADICTED_WEIGHT
-from flatcloth.methods.robust.next_best_view import rate_candidates
+from flatcloth.methods.robust.next_best_view import inner_area_m2, rate_candidates, seams_ahead
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
 from flatcloth.methods.robust.seams.joining import Seamed, join_sides, other_of, seams_of
@@ -105,10 +105,9 @@ class RobustMethod(Method):
     def look_ahead(self, document: Document, angles_deg: Sequence[float], focus: Focus | None = None) -> Plan:
         """Rate rotations at which no view was taken yet by the expected new area."""
         recorded, overlap_m2 = len(self.angles_deg), overlap_area_m2(self._views)
-        shape, around = self.shapes.shape(document), self.search.around(document)
-        free = range(recorded, len(angles_deg))
+        shape, free = self.shapes.settled(document), range(recorded, len(angles_deg))
         rated = rate_candidates(
-            shape, self._views.axis, angles_deg, free, range(recorded), overlap_m2, around, focus
+            shape, self._views.axis, angles_deg, free, range(recorded), overlap_m2, focus=focus
         )
         return Plan(
             view_index=rated[0].view_index,
@@ -118,6 +117,18 @@ class RobustMethod(Method):
             sides=(),
             candidates=tuple(rated),
         )
+
+    def least_m2(self, document: Document) -> float:
+        """Return the area of the canonical view but for its border, by the nodes of its shape."""
+        return inner_area_m2(self.shapes.settled(document))
+
+    def seams_ahead(
+        self, document: Document, other: Method, its: Document, angles_deg: Sequence[float], *, related: bool
+    ) -> Float64:
+        """Return the floating cloth (K,), m2, of which views at angles are expected to show seams."""
+        assert isinstance(other, RobustMethod)
+        shapes = self.shapes.settled(document), other.shapes.settled(its)
+        return seams_ahead(shapes, self._views.axis, angles_deg, related=related)
 
     def _turn_deg(self, used: frozenset[int], best: Candidate) -> float:
         angles = self.angles_deg

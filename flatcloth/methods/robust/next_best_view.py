@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import rotations_by
@@ -77,13 +78,12 @@ def rate_candidates(
     looked = np.array([angles_deg[v] for v in seen])
     poorly = best >= WELL_SEEN_DEG
     weight = np.ones(len(xyz)) if focus is None else focus(shape.all_uv_m[placed])
-    limit, steep = math.cos(math.radians(WELL_SEEN_DEG)), math.cos(math.radians(INCIDENCE_LIMIT_DEG))
     rated, views = [], list(candidates)
     turns = rotations_by(np.radians([angles_deg[v] for v in views])[:, None] * axis.direction)
     shifts_m = axis.point_m - turns @ axis.point_m
     for view, turn, shift_m in zip(views, turns, shifts_m, strict=True):
         visible, overlap, improved, opened_m2 = _looked(
-            (xyz, normal, weight), poorly, (turn, shift_m), (steep, limit),
+            (xyz, normal, weight), poorly, (turn, shift_m), _LEAST_COS,
             (rim.node, rim.beyond_normal, rim.promise_m2),
         )  # fmt: skip
         shown = sum(n * weight[a].mean() * (visible[a] & visible[b]).mean() for a, b, n in gaps)
@@ -128,6 +128,49 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
     return found
 
 
+def seams_ahead(
+    shapes: tuple[JointShape, JointShape], axis: RotationAxis, angles_deg: Sequence[float], *, related: bool
+) -> Float64:
+    """Return the floating cloth (K,), m2, of two sides that views may join by seams, at even odds.
+
+    A seam is seen where a view shows, from outside, the border of a floating piece and the other side's main
+    piece, which meet in space. Where sheets lie back to back no view shows both. If the sides are not
+    ``related``, the smaller main piece floats, too.
+    """
+    placed = [shape.has_place for shape in shapes]
+    xyz = [shape.nodes.xyz_m[p] for shape, p in zip(shapes, placed, strict=True)]
+    pieces = [shape.piece[p] for shape, p in zip(shapes, placed, strict=True)]
+    areas_m2 = [_node_area_m2(shape) for shape in shapes]
+    sizes_m2 = [
+        area * np.bincount(np.maximum(piece, 0)) for area, piece in zip(areas_m2, pieces, strict=True)
+    ]
+    first, seams = (0, len(xyz[0])), list[tuple[NDArray[np.intp], NDArray[np.intp], float]]()
+    for own, other in ((0, 1), (1, 0)):
+        rim = _rim(shapes[own], areas_m2[own], neighbourhoods_of(shapes[own])).node
+        main = np.flatnonzero(pieces[other] == 0)
+        distance, nearest = cKDTree(xyz[other][main]).query(xyz[own][rim], distance_upper_bound=TWO_ROWS_M)
+        meets = np.isfinite(distance)
+        of, ends, its = pieces[own][rim[meets]], rim[meets] + first[own], nearest[meets]
+        for n in np.unique(of):
+            size_m2 = float(sizes_m2[own][n]) if n else float(min(sizes_m2[0][0], sizes_m2[1][0]))
+            if n or (own == 0 and not related):
+                seams.append((ends[of == n], main[its[of == n]] + first[other], size_m2))
+    points, normal = (
+        np.concatenate(xyz),
+        np.concatenate([shape.nodes.normal[p] for shape, p in zip(shapes, placed, strict=True)]),
+    )
+    found = np.zeros(len(angles_deg))
+    turns = rotations_by(np.radians(angles_deg)[:, None] * axis.direction)
+    for k, turn in enumerate(turns if seams else ()):
+        visible = _looked(
+            (points, normal, np.ones(len(points))), np.zeros(len(points), dtype=np.bool_),
+            (turn, axis.point_m - turn @ axis.point_m), _LEAST_COS,
+            (np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(0)),
+        )[0]  # fmt: skip
+        found[k] = 0.5 * sum(size_m2 * float((visible[a] & visible[b]).mean()) for a, b, size_m2 in seams)
+    return found
+
+
 def _best_incidence_deg(shape: JointShape) -> Float64:
     """Return the smallest incidence angle (N,) at which any view saw each node."""
     best = np.full(len(shape.nodes), 90.0)
@@ -142,6 +185,19 @@ def _node_area_m2(shape: JointShape) -> float:
     u, v = np.floor(uv / cell_m).astype(np.int64).T
     cells = np.unique((u - u.min()) * (np.ptp(v) + 1) + v)
     return len(cells) * cell_m**2 / max(len(uv), 1)
+
+
+_LEAST_COS = math.cos(math.radians(INCIDENCE_LIMIT_DEG)), math.cos(math.radians(WELL_SEEN_DEG))
+"""Cosines of the incidence at which nodes are visible, and seen well. By definition."""
+
+
+def inner_area_m2(shape: JointShape) -> float:
+    """Return the area of the main piece without its border: cells of the plane between occupied ones."""
+    cell_m = 2.0 * LEAST_INTERVAL_M
+    at = np.floor(shape.all_uv_m[shape.piece == 0] / cell_m).astype(np.int64)
+    cells = np.zeros(np.ptp(at, axis=0) + 3, dtype=np.bool_)
+    cells[tuple((at - at.min(axis=0) + 1).T)] = True
+    return float(ndimage.binary_erosion(cells).sum()) * cell_m**2
 
 
 @dataclass(frozen=True)

@@ -56,14 +56,14 @@ class PageLoop(ActiveLoop):
             return super()._after(number, told)
         self.asked = Waiting(reason=f"View {number} is being placed; its proposal is decided on the page.")
         self.page.propose_view(number)
-        return Taken(number=number, told=tuple(told), got="")
+        return Taken(number=number, told=tuple(told))
 
     def settled(self, number: int) -> None:
         """Choose the next angle after a view that was decided, and begin to learn from it."""
         with self._lock:
             used = number in self.document.used_views
             told = [] if used else [f"View {number} is not part of the shape."]
-            self._answered(number, told, joined=used)
+            self._answer(number, told, joined=used)
 
     def _learn_from(self, before: Knowledge, line: dict[str, Any], *, ends: bool = False) -> None:
         super()._learn_from(before, line, ends=ends)

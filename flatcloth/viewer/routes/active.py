@@ -76,7 +76,7 @@ def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]
                     area_cm2=round(1e4 * loop.knowledge.area_m2, 1),
                     rotation_deg=loop.stands_deg,
                 )
-                is_recognised = loop.has_learnt and not isinstance(loop.known, str)
+                is_recognised = not isinstance(loop.known, str)
                 kind = loop.knowledge.kind
                 shown = Shown(shape=shape, document=document, is_recognised=is_recognised, kind=kind)
         yield from news(told, loop.name, shown)

@@ -14,7 +14,7 @@ from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.answers import Candidate
 from flatcloth.methods.robust.joint import begin_joint
 from flatcloth.methods.robust.joint_shape import JointShape
-from flatcloth.methods.robust.next_best_view import _uncovered, rate_candidates
+from flatcloth.methods.robust.next_best_view import _uncovered, rate_candidates, seams_ahead
 
 ANGLES = tuple(float(a) for a in range(0, 360, 10))
 RADIUS_M, HEIGHT_M = 0.12, 0.20
@@ -111,3 +111,14 @@ def test_cloth_that_floats_counts_where_it_is_seen_with_the_shape(shape: JointSh
     assert found[1].floating_m2 == pytest.approx(cloth_m2, rel=0.1)
     assert found[6].floating_m2 < found[1].floating_m2  # less of both is seen
     assert found[18].floating_m2 == 0.0  # from behind nothing of it is seen
+
+
+def test_a_seam_is_expected_where_a_view_shows_the_borders_of_both_sides() -> None:
+    """One half of a cylinder is this side, the other half the other; their borders meet at 0 degrees."""
+    sides = shape_of((-180.0, 0.0)), shape_of((0.0, 180.0))
+    facing, oblique, behind = seams_ahead(sides, AXIS, (0.0, 70.0, 180.0), related=False)
+    # A view shows 66 degrees of each half, whose borders are counted too large; even odds to join the smaller.
+    assert facing == pytest.approx(0.5 * np.radians(66.0) * RADIUS_M * HEIGHT_M, rel=0.25)
+    assert behind == 0.0
+    assert oblique < facing
+    assert not seams_ahead(sides, AXIS, (0.0,), related=True).any(), "nothing floats"
