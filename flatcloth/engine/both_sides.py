@@ -27,6 +27,7 @@ from flatcloth.engine.segmenting import evidence_of
 from flatcloth.garments.deciding import decided_pieces
 from flatcloth.methods.answers import JoinedSides, OneSide
 from flatcloth.recordings.base import ViewImages, altered
+from flatcloth.registration.registered import Registered
 from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.other_side import other_side
 from flatcloth.session.document import Document, finish, with_view_in_place
@@ -142,6 +143,8 @@ class BothSides:
         )
         other = Integration(recording, this.config, this.method)
         other.algorithm.is_unattended = True
+        if (cameras := self._confirmed(document)) is not None:
+            other.algorithm.take_confirmed(cameras)
         if this.views.keeps_frames:
             other.views.keep_frames()
         session = MemorySession(
@@ -161,7 +164,7 @@ class BothSides:
             return lambda frame: _or_empty(frame.other_mask, frame)
         sides = views.sides
         if sides is None:
-            seen: Evidence = evidence_of(views, progress, confirmed=self._are_poses_confirmed(document))
+            seen: Evidence = evidence_of(views, progress, confirmed=self._confirmed(document) is not None)
         else:
             seen = sides.solver(progress).observed
         found = other_side(seen, lambda n: _or_empty((frame := views.frame(n)).mask, frame))
@@ -179,12 +182,12 @@ class BothSides:
 
         return mask_of
 
-    def _are_poses_confirmed(self, document: Document) -> bool:
-        """Return whether half as many pairs as there are views of this side confirm the recorded poses."""
+    def _confirmed(self, document: Document) -> Registered | None:
+        """Return the cameras of this side if half as many pairs as there are views confirm their poses."""
         cameras = self.integration.algorithm.cameras(document)
         if cameras is None or 2 * len(cameras.pairs) < len(self.integration.recording):
-            return False
-        return not cameras.is_loose
+            return None
+        return None if cameras.is_loose else cameras
 
 
 def _as_seen(document: Document) -> Document:

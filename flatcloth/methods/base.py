@@ -216,6 +216,10 @@ class Method(Protocol):
         """
         return None
 
+    def take_confirmed(self, cameras: Registered) -> None:
+        """Take the recorded poses as confirmed by ``cameras``, registered by the other side of the item."""
+        return
+
     def with_other_side(
         self,
         own: OneSide,

@@ -68,6 +68,27 @@ def begin_registration(
     )
 
 
+def confirmed_by(registered: Registered) -> Registered:
+    """Return a registration without views, as sure as that of the same recording by its other side.
+
+    It confirms the recorded poses; views are added by :func:`with_confirmed`.
+    """
+    return replace(
+        begin_registration(registered.axis, registered.held_point_m, registered.prior),
+        common=registered.common,
+        posterior=registered.posterior,
+    )
+
+
+def with_confirmed(registered: Registered, new: ViewFeatures) -> Registered:
+    """Add a view where it is recorded: nothing is compared."""
+    grown = _with_views(registered, [new])
+    likeliest = grades(grown.prior)[grown.posterior.argmax()]
+    return replace(
+        grown, spread=Spread.by_prior(np.sqrt(variances(len(grown.features), likeliest, grown.prior)))
+    )
+
+
 def register_together(
     features: Sequence[ViewFeatures],
     axis: RotationAxis,

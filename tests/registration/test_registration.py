@@ -11,7 +11,12 @@ from scenes import Cylinder
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.registration.adjustment import solved
-from flatcloth.registration.cameras import begin_registration, extend_registration
+from flatcloth.registration.cameras import (
+    begin_registration,
+    confirmed_by,
+    extend_registration,
+    with_confirmed,
+)
 from flatcloth.registration.pose_prior import COMMON, OWN, grades
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
@@ -52,6 +57,18 @@ def test_each_view_says_what_was_changed_and_how_sure_that_is(exact: Integration
         assert view.moved_m < 0.002
         assert (view.std_m > 0).all()
         assert (view.std_deg > 0).all()
+
+
+def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_confirmed(
+    exact: Integration,
+) -> None:
+    found = registered(exact)
+    other = reduce(with_confirmed, features_of_views(exact, (2, 0)), confirmed_by(found))
+    assert (other.error_stds, other.fattening_px, other.pairs) == (found.error_stds, found.fattening_px, ())
+    for pose, known in zip(other.known, (found.known[2], found.known[0]), strict=True):
+        np.testing.assert_array_equal(pose.translation_m, known.translation_m)
+    assert not other.own.any()
+    assert [view.view_index for view in other.views] == [2, 0]  # with deviations
 
 
 def test_a_view_with_nothing_in_common_stays_and_says_so(exact: Integration) -> None:

@@ -63,7 +63,7 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
     held = {}
     if registered is not None:
         poses = registered.held_from_camera if registered.is_loose else registered.known
-        held = {view.view_index: pose for view, pose in zip(registered.views, poses, strict=False)}
+        held = {seen.view_index: pose for seen, pose in zip(registered.features, poses, strict=True)}
     views = []
     for index in sorted(document.used_views):
         frame = _around_item(integration.views.frame(index))

@@ -254,6 +254,10 @@ class RobustMethod(Method):
 
     # ------------------------------------------------- the other side
 
+    def take_confirmed(self, cameras: Registered) -> None:
+        """Compare no views: the cameras stand as recorded."""
+        self.seen.confirmed = cameras
+
     def with_other_side(
         self,
         own: OneSide,

@@ -26,7 +26,12 @@ from flatcloth.methods.robust.joint_shape import JointShape, with_largest_piece,
 from flatcloth.methods.robust.observations import Association, Observation, associate
 from flatcloth.methods.robust.scoring import TextureFeatures, texture_features
 from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined
-from flatcloth.registration.cameras import begin_registration, extend_registration
+from flatcloth.registration.cameras import (
+    begin_registration,
+    confirmed_by,
+    extend_registration,
+    with_confirmed,
+)
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.document import Accepted, Document
@@ -60,10 +65,17 @@ class RegisteredViews:
     ----------
     views : Views
         Single views.
+
+    Attributes
+    ----------
+    confirmed : Registered or None
+        Cameras of the same recording, registered by the other side of the item, that confirm the recorded
+        poses; no views are compared then.
     """
 
     def __init__(self, views: Views) -> None:
         self._views = views
+        self.confirmed: Registered | None = None
         # Registrations keep the features of their views, and these the surfaces: each exists once.
         self._registrations: Cache[Registered] = Cache(4)
         self._registered: WeakValueDictionary[tuple[int, ...], Registered] = WeakValueDictionary()
@@ -86,12 +98,15 @@ class RegisteredViews:
     def registered(self, views: tuple[int, ...]) -> Registered:
         """Return the registered cameras of views that were accepted in this order."""
         if not views:
+            if self.confirmed is not None:
+                return confirmed_by(self.confirmed)
             return begin_registration(self._views.axis, self._views.held_point_m)
+        extend = extend_registration if self.confirmed is None else with_confirmed
 
         def make() -> Registered:
             alive = self._registered.get(views)  # an export of the whole session holds its last one
             if alive is None:
-                alive = extend_registration(self.registered(views[:-1]), self._view_features(views[-1]))
+                alive = extend(self.registered(views[:-1]), self._view_features(views[-1]))
                 self._registered[views] = alive
             return alive
 
