@@ -126,8 +126,7 @@ def choose_next(
         angle = angles[plan.view_index]
         return Next(angle_deg=angle, turn_deg=shorter_deg(angle - stands_deg), why=plan.reason)
     turns = np.array([shorter_deg(angle - stands_deg) for angle in free])
-    least_m2 = overlap_area_m2(integration.views)
-    rated = in_order(plan)
+    least_m2, rated = overlap_area_m2(integration.views), in_order(plan)
     overlap = np.minimum(1.0, [c.overlap_m2 / least_m2 for c in rated])
     # Even odds that a view joins what floats, if it shows it with the shape from elsewhere than before.
     novel = np.minimum(1.0, [c.gap_deg / NOVEL_DEG for c in rated])
@@ -142,12 +141,8 @@ def choose_next(
         beyond_m2 = novel * (its.new_m2 + its.seams_m2)
         gains = gains + beyond_m2
         grown = 1.0 + scale * (new_m2 + beyond_m2) / max(knowledge.area_m2 + its.area_m2, least_m2)
-        for name in {*shares} & {*its.shares}:
-            (new, again), (its_new, its_again) = shares[name], its.shares[name]
-            shares[name] = 1.0 - (1.0 - new) * (1.0 - novel * its_new), np.maximum(again, its_again)
-    after = {
-        name: expected_std_m(knowledge.point(name).std_m, *share, grown) for name, share in shares.items()
-    }
+        shares = _by_either(shares, its.shares, novel)
+    after = {n: expected_std_m(knowledge.point(n).std_m, *share, grown) for n, share in shares.items()}
     # Which garment it is, and where a point is, must be known to say that nothing shows it there.
     settled = [n for n in shares if knowledge.probability >= SURE and knowledge.point(n).std_m <= APART_M]
     hidden = tuple(name for name in settled if max(map(np.max, shares[name])) < LEAST_SHARE)
@@ -158,15 +153,16 @@ def choose_next(
     if lessened.any() and knowledge.probability > 0.5:  # of another garment they would lie elsewhere
         gains = lessened * (joins if other is None else np.maximum(joins, novel))
     best = int((gains / np.array([seconds_of(turn) for turn in turns])).argmax())
-    chosen = rated[best]
     points_m = {name: float(std[best]) for name, std in after.items()}
+    why = _why(scale * float(new_m2[best]), rated[best].overlap_m2, knowledge, points_m, hidden)
+    if other is not None:
+        why += f", {1e4 * scale * beyond_m2[best]:.0f} cm2 of the other side"
     return Next(
         angle_deg=free[best],
         turn_deg=float(turns[best]),
-        why=_why(scale * float(new_m2[best]), chosen.overlap_m2, knowledge, points_m, hidden)
-        + (f", {1e4 * beyond_m2[best]:.0f} cm2 of the other side" if other is not None else ""),
+        why=why,
         new_m2=scale * float(new_m2[best]),
-        overlap_m2=chosen.overlap_m2,
+        overlap_m2=rated[best].overlap_m2,
         most_new_m2=scale * float((new_m2 + beyond_m2).max()),
         points_m=points_m,
         hidden=hidden,
@@ -201,6 +197,18 @@ def _shares(
         new, again = shares_around(integration.algorithm, document, angles_deg, at, knowledge.area_m2)
         shares[name] = np.minimum(1.0, new + (0.0 if knowledge.point(name).seen else on_floating)), again
     return shares
+
+
+def _by_either(own: dict[str, Shares], its: dict[str, Shares], novel: Float64) -> dict[str, Shares]:
+    """Return the shares of the cloth around points that views show on this side, or on the other.
+
+    ``novel`` (K,) is how likely a view shows what the last one, which the other side has not, did not.
+    """
+    both = dict(own)
+    for name in {*own} & {*its}:
+        (new, again), (its_new, its_again) = own[name], its[name]
+        both[name] = 1.0 - (1.0 - new) * (1.0 - novel * its_new), np.maximum(again, its_again)
+    return both
 
 
 def expected_std_m(std_m: float, new: Float64, again: Float64, grown: Float64) -> Float64:

@@ -117,7 +117,7 @@ def test_a_seam_is_expected_where_a_view_shows_the_borders_of_both_sides() -> No
     """One half of a cylinder is this side, the other half the other; their borders meet at 0 degrees."""
     sides = shape_of((-180.0, 0.0)), shape_of((0.0, 180.0))
     facing, oblique, behind = seams_ahead(sides, AXIS, (0.0, 70.0, 180.0), related=False)
-    # A view shows 66 degrees of each half, whose borders are counted too large; even odds to join the smaller.
+    # A view shows 66 degrees of each half, a little more with its border; even odds to join the smaller.
     assert facing == pytest.approx(0.5 * np.radians(66.0) * RADIUS_M * HEIGHT_M, rel=0.25)
     assert behind == 0.0
     assert oblique < facing
