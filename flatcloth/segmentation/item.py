@@ -335,11 +335,12 @@ def without_background(color: Uint8, item: Bool) -> Bool:
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _FATTENED_PX + 1,) * 2)
     whole = _without_holes(shown)  # what is not measured within the item is no background
     inside, outside = cv2.erode(whole, disc) > 0, cv2.dilate(whole, disc) == 0
-    unlike_item, unlike_background = _unlike(rgb, inside), _unlike(rgb, outside)
+    rim = (shown > 0) & ~inside
+    unlike_item, unlike_background = _unlike(rgb, inside, rim), _unlike(rgb, outside, rim)
     kept = item.copy()
     # Better by more than 2 for each channel, as Akaike's criterion asks of a model with more parameters.
     is_background = unlike_item - unlike_background > 2 * rgb.shape[-1]
-    kept[around] &= inside | np.isinf(unlike_item) | ~is_background
+    kept[around][rim] = np.isinf(unlike_item) | ~is_background
     return kept
 
 
@@ -350,12 +351,15 @@ def _without_holes(shown: Uint8) -> Uint8:
     return np.asarray(framed[1:-1, 1:-1] != 2, dtype=np.uint8)
 
 
-def _unlike(rgb: Float32, sample: Bool) -> Float32:
-    """Return -2 log of the probability density (H, W) of each colour by those nearby; inf without any."""
+def _unlike(rgb: Float32, sample: Bool, rim: Bool) -> Float32:
+    """Return -2 log of the probability density of each color on the ``rim`` by those of a sample nearby.
+
+    Both are masks (H, W); the result (K,) is inf where there is no sample.
+    """
     side = 6 * _FATTENED_PX + 1  # from each pixel that is judged it reaches both the item and the background
 
     def total(image: Float32) -> Float32:
-        return np.asarray(cv2.boxFilter(image, -1, (side, side), normalize=False), dtype=np.float32)
+        return np.asarray(cv2.boxFilter(image, -1, (side, side), normalize=False)[rim], dtype=np.float32)
 
     count = np.rint(total(sample.astype(np.float32)))[..., None]
     known = count[..., 0] > 0
@@ -363,5 +367,5 @@ def _unlike(rgb: Float32, sample: Bool) -> Float32:
     chosen = np.where(sample[..., None], rgb, 0)
     middle = total(chosen) / count
     variance = np.maximum(total(chosen * rgb) / count - middle**2, 1)  # at least a step of 8 bits
-    density = (np.square(rgb - middle) / variance + np.log(variance)).sum(axis=-1)
+    density = (np.square(rgb[rim] - middle) / variance + np.log(variance)).sum(axis=-1)
     return np.where(known, density, np.inf).astype(np.float32)
