@@ -57,7 +57,7 @@ def box(half_m: float, depth_m: Float64) -> Bool:
 class Cylinder:
     """A checkered vertical cylinder about the axis, seen over a range of angles in each view.
 
-    ``span_deg`` is the part of it that is cloth, measured about the axis in the held frame.
+    ``span_deg`` is the part of it that is cloth, measured about the axis in the object frame.
     """
 
     angles_deg: tuple[float, ...] = (0.0,)
@@ -101,7 +101,7 @@ class Cylinder:
         )
 
     def surface(self, view_index: int) -> tuple[Float64, Float64]:
-        """Depth (H, W), NaN beside the cylinder, and the angle about the axis in the held frame."""
+        """Depth (H, W), NaN beside the cylinder, and the angle about the axis in the object frame."""
         x, _ = rays()
         center, a = float(AXIS.point_m[2]), 1.0 + x * x
         under = center**2 - a * (center**2 - self.radius_m**2)

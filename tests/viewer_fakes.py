@@ -135,7 +135,7 @@ class CylinderIntegration:
         )
 
     def _held_angle(self, view_index: int) -> float:
-        # The item turns right-handed about up; in the held frame the camera goes the other way.
+        # The item turns right-handed about up; in the object frame the camera goes the other way.
         return (-self.recording.angles_deg[view_index] + 180.0) % 360.0 - 180.0
 
     def cloud(self, view_index: int) -> ViewCloud:

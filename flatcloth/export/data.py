@@ -244,7 +244,7 @@ def ply_bytes(view: FlattenedView) -> bytes:
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        "comment object frame (held frame), metres; u, v on the flattened plane",
+        "comment object frame, metres; u, v on the flattened plane",
         f"element vertex {points.size}",
     ]
     header += [f"property {words[kind]} {name}" for name, kind in kinds]

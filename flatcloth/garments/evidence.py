@@ -61,7 +61,7 @@ class PieceEvidence:
     ``edge_uv_m`` (E, 2) places of true edges, ``edge_normal`` (E, 2) outwards, ``edge_std_m`` (E,) their
     standard deviation, ``edge_trust`` (E,) from 0 to 1 how well each was seen;
     ``unseen_uv_m`` (U, 2) the rest of the border; ``inside_uv_m`` (I, 2) places with cloth, with their
-    ``inside_std_m`` (I,) and their points ``inside_xyz_m`` (I, 3), held frame; ``area_m2`` of the cloth;
+    ``inside_std_m`` (I,) and their points ``inside_xyz_m`` (I, 3), object frame; ``area_m2`` of the cloth;
     ``hole_edge_m`` the length of true edges round holes in it; ``depth_m`` (R, C) how far each pixel of
     cloth is inside of the border, its grid given by ``depth_origin_uv_m`` (2,) and ``depth_pixel_m``.
     ``edge_weight`` and ``inside_weight`` say for how many independent measurements each place counts.

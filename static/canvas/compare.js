@@ -238,7 +238,7 @@ const COLUMNS = [
   ["Color", "Red, green, blue; their mean absolute difference"],
   ["Height z", "mm along the axis"],
   ["Z-angle", "At the present rotation, so that both can be compared"],
-  ["x y z", "mm, held frame; the distance between both"],
+  ["x y z", "mm, object frame; the distance between both"],
 ];
 
 /** Show the values of both under the pointer; `answer` without both hides them. */

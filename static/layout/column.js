@@ -116,7 +116,7 @@ export class Column extends PagePart {
             make("div.heading", make("h2", pick.name), this.page.smallButton("copy")),
             values(
               ["held", held, HELD],
-              ["normal", vector(pick.normal_held, 3), "Outward normal in the held frame"],
+              ["normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
               pick.grip && [
                 "grip",
                 gripText(pick.grip),
@@ -132,7 +132,7 @@ export class Column extends PagePart {
   }
 }
 
-const HELD = "Position x y z in the held frame";
+const HELD = "Position x y z in the object frame";
 const ONLY_SHOWN = ["result", "look", "joints", "history"]; // actions that do nothing else
 
 /** What the page is at, and the part that it needs. @returns {[moment: string, part: string]} */

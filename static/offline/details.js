@@ -17,9 +17,9 @@ export function showPick(/** @type {OfflinePage} */ page) {
         [
           "held",
           `${vector(pick.position_held_m, 1, 1000)} mm`,
-          "Position x y z in the held frame: the camera frame of view 0, the item turned back",
+          "Position x y z in the object frame: the camera frame of view 0, the item turned back",
         ],
-        ["normal", vector(pick.normal_held, 3), "Outward normal in the held frame"],
+        ["normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
         pick.z_angle_deg !== null && ["Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen"],
         sourceRow(pick),
         pick.rc && ["pixel", pick.rc.join(", "), "Row, column of the flattened view"],
@@ -33,8 +33,8 @@ export function showPick(/** @type {OfflinePage} */ page) {
 
 /** @param {NonNullable<OfflinePick["grip"]>} grip @returns {ValueRow[]} */
 const gripRows = (grip) => [
-  ["approach", vector(grip.approach_held, 3), "Direction in which the gripper comes, held frame"],
-  ["axis", vector(grip.axis_held, 3), `In-plane axis of the gripper, held frame; ${AXIS_FROM[grip.axis_from]}`],
+  ["approach", vector(grip.approach_held, 3), "Direction in which the gripper comes, object frame"],
+  ["axis", vector(grip.axis_held, 3), `In-plane axis of the gripper, object frame; ${AXIS_FROM[grip.axis_from]}`],
   ["opening", mm(1000 * grip.opening_m, 0), "Distance of the fingers"],
   [
     "known to",
@@ -92,7 +92,7 @@ export function showValues({ cloth, step }, u, v) {
   const told = (/** @type {() => string} */ text) => (n < 0 ? "–" : text());
   showReadout([
     ["u, v", "mm on the plane", told(() => `${vector([1000 * (u ?? 0), 1000 * v])} mm`)],
-    ["x y z", "mm, held frame", told(() => `${vector(cloth.point(n), 1, 1000)} mm`)],
+    ["x y z", "mm, object frame", told(() => `${vector(cloth.point(n), 1, 1000)} mm`)],
     ["Z-angle", "deg", told(() => degrees(cloth.zAngle(n)))],
     ["Source", "view", told(() => `view ${cloth.views[cloth.source[n]]}`)],
   ]);

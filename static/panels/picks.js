@@ -44,13 +44,13 @@ export class PicksPanel extends PagePart {
     return [
       heading(pick.name, copy),
       values(
-        ["held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the held frame"],
+        ["held", `${vector(pick.position_held_m, 1, 1000)} mm`, "Position x y z in the object frame"],
         [
           `camera ${angle}`,
           `${vector(pick.position_camera_m, 1, 1000)} mm`,
           "Position x y z in the camera frame at the present rotation",
         ],
-        ["normal", vector(pick.normal_held, 3), "Outward normal in the held frame"],
+        ["normal", vector(pick.normal_held, 3), "Outward normal in the object frame"],
         ["n. camera", vector(pick.normal_camera, 3), "Outward normal in the camera frame at the present rotation"],
         ["Z-angle", degrees(pick.z_angle_deg), "Z-angle at which the pixel was seen"],
         sourceRow(pick),

@@ -13,9 +13,9 @@ const READOUT = [
     "view @ its pixel (row, column)",
     (a) => `${a.view_index} @ ${a.source_rc.map((x) => number(x)).join(", ")}`,
   ],
-  ["x y z", "mm, held frame", (a) => `${vector(a.xyz_mm)} mm`],
+  ["x y z", "mm, object frame", (a) => `${vector(a.xyz_mm)} mm`],
   ["Height z", "mm along the axis", (a) => `${number(a.height_mm)} mm`],
-  ["Normal", "outward, held frame", (a) => vector(a.normal, 3)],
+  ["Normal", "outward, object frame", (a) => vector(a.normal, 3)],
   ["Z-angle", "deg", (a) => degrees(a.z_angle_deg)],
   [
     "Place ±",

@@ -104,7 +104,7 @@ def test_points_seen_in_any_view_coincide_in_the_held_frame(
 ) -> None:
     seen = camera_from_held(axis, angle_deg).apply(x)
     np.testing.assert_allclose(held_from_camera(axis, angle_deg).apply(seen), x, atol=1e-11)
-    # The held frame is the camera frame of view 0.
+    # The object frame is the camera frame of view 0.
     np.testing.assert_allclose(camera_from_held(axis, 0.0).apply(x), x, atol=1e-14)
 
 

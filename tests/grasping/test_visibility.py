@@ -17,7 +17,7 @@ CYLINDER = Cylinder(angles_deg=ANGLES_DEG)
 
 
 def on_cylinder(around_deg: float, down_m: float = 0.02) -> tuple[np.ndarray, np.ndarray]:
-    """Point and outward normal in the held frame; 0 degrees faces the camera of view 0."""
+    """Point and outward normal in the object frame; 0 degrees faces the camera of view 0."""
     a = math.radians(around_deg)
     normal = np.array([math.sin(a), 0.0, -math.cos(a)])
     return np.array([0.0, down_m, CENTER_M]) + RADIUS_M * normal, normal

@@ -21,7 +21,7 @@ from flatcloth.registration.axis import Hanging, resolve_axis
 from flatcloth.registration.axis_estimation import choose_views
 
 CONFIG = SurfaceConfig()
-SPHERES = (  # x, y, z in the held frame, radius
+SPHERES = (  # x, y, z in the object frame, radius
     (0.05, -0.10, 0.02, 0.07),
     (-0.04, -0.02, -0.03, 0.08),
     (0.03, 0.07, 0.05, 0.06),
