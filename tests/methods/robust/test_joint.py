@@ -99,6 +99,21 @@ def test_a_floating_piece_of_which_one_place_is_known_is_laid_out_whole() -> Non
     assert off_m(found.all_uv_m[right], UV[right]) < 1e-4
 
 
+def test_cloth_to_which_only_single_nodes_lead_floats_as_a_piece_of_its_own() -> None:
+    """Views that share one node each join two halves, but leave the angle between them open."""
+    left, right = COLUMN < 9, COLUMN >= 11
+    rows = np.rint(UV[:, 1] / STEP_M).astype(int)
+    views = [observed(UV, left, 0), observed(UV, right, 1)]
+    for n in range(3):  # from one node at the rim of the left half over the gap, in three views
+        chain = (COLUMN >= 8) & (COLUMN <= 11) & (rows == 3 * n)
+        views.append(observed(UV, chain, 2 + n, evidence=5.0))
+    shape = flatten_jointly(shape_of(UV, views, left))
+    assert set(shape.piece[left]) == {0}
+    assert set(shape.piece[right]) == {1}
+    assert off_m(shape.uv_m[left], UV[left]) < 1e-4
+    assert off_m(shape.all_uv_m[right], UV[right]) < 1e-4
+
+
 def test_a_floating_piece_takes_over_when_it_is_clearly_larger() -> None:
     small, large = COLUMN < 6, COLUMN >= 9
     views = [observed(UV, small, 0), observed(UV, large, 1)]
