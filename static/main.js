@@ -78,6 +78,7 @@ const teaching = new Teaching({
   actions: () => page.state.actions,
   name: () => page.state.recording.name,
   startView: () => page.state.start_view,
+  views: () => page.state.views.length,
   garment: () => page.state.garment?.revision ?? 0,
   other: () => page.state.other?.revision ?? 0,
   notify,

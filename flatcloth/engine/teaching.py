@@ -163,10 +163,12 @@ class Teaching:
     ----------
     defaults : Parameters
         The parameters of the session's configuration.
+    views : int
+        The number of views that it knows; of those that are added later it teaches nothing.
     """
 
     def __init__(self, integration: Integration) -> None:
-        self._session = integration
+        self._session, self.views = integration, len(integration.recording)
         self._flattenings: Cache[Flattening] = Cache(_FLATTENINGS_KEPT)
         self._integrations: Cache[Integration] = Cache(_INTERVALS_KEPT)
         self._alignments: Cache[AlignmentLesson] = Cache(_ALIGNMENTS_KEPT)

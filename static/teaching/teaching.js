@@ -125,7 +125,7 @@ export class Teaching {
     if (entry && shown) {
       const other = PARAMETERS.filter((name) => shown.parameters[name] !== shown.defaults[name]);
       this.changed = Object.fromEntries(other.map((name) => [name, shown.parameters[name]]));
-      entry.key = JSON.stringify(this.query(part));
+      entry.key = this.key(part);
     } else {
       this.lessons[part] = { ...NOTHING, error: "Cancelled: this stage has not been computed." };
     }
@@ -168,6 +168,11 @@ export class Teaching {
     return query;
   }
 
+  /** What a lesson depends on: also the number of views, which grows while a cell turns. */
+  key(/** @type {PartName} */ part) {
+    return JSON.stringify([this.query(part), this.session.views()]);
+  }
+
   /** Ask for what this stage needs, then for the rest, so that the next stages are there at once. */
   async load() {
     const first = STAGES[this.at].part;
@@ -180,7 +185,7 @@ export class Teaching {
 
   async fetch(/** @type {PartName} */ part, /** @type {boolean} */ wanted) {
     const query = this.query(part);
-    const key = JSON.stringify(query);
+    const key = this.key(part);
     const before = this.lessons[part];
     if (before?.key === key && (before.abort || before.lesson || !wanted)) return before.promise;
     this.abort(part);

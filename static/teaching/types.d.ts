@@ -76,6 +76,7 @@ declare global {
     actions: () => ActionRow[];
     name: () => string;
     startView: () => number | null;
+    views: () => number;
     garment: () => number;
     other: () => number;
     notify: Notify;

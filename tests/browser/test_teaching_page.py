@@ -85,6 +85,8 @@ def school(tmp_path_factory):
 def program(request, school, program_of, tmp_path):
     """That of all lessons, or the test's own."""
     own = getattr(request, "param", None)
+    if own == "--cell":
+        return program_of(f"--cell --sensor none --out {tmp_path / 'out'}", None)
     return school if own is None else program_of(f"{own} --as-recorded", tmp_path / "session")
 
 
@@ -316,3 +318,27 @@ def test_it_opens_in_live_mode_and_the_recording_stays_as_it_was(open_lesson):
     page.keyboard.press("Escape")
     lesson.until("!t.open")
     assert not lesson.tab.state()["live"]["playing"]
+
+
+@pytest.mark.parametrize("program", ["--cell"], indirect=True, ids=["cell"])
+def test_lessons_follow_a_cell_that_turns(open_tab):
+    tab = open_tab(1280, 720, "light")
+    tab.until("flatcloth.layerRevision > 0")
+    lesson, page = Lesson(tab), tab.page
+    lesson.open()
+    lesson.go(ROTATION)
+    before = lesson.status()["shown"]["parameters"]
+    page.keyboard.press("Escape")
+    for view in (1, 2):
+        tab.until("flatcloth.state.active.angle_deg !== null && !flatcloth.state.active.turning")
+        page.get_by_role("button", name="Turn and look").click()
+        tab.until(f"flatcloth.state.pending?.view_index === {view} && flatcloth.overlayRevision > 0")
+        tab.accept()
+    tab.until("flatcloth.state.active.views === 3 && flatcloth.state.active.angle_deg !== null")
+    tab.shoot("active-cell")
+    page.keyboard.press("h")  # where one was
+    lesson.drawn(ROTATION)
+    tab.shoot("teaching-cell-rotation")
+    now = lesson.status()["shown"]["parameters"]
+    assert now["overlap_cm2"] != before["overlap_cm2"], "S_0 follows from the size of the item in all views"
+    assert lesson.ink() > 20

@@ -117,8 +117,8 @@ class TeachingRoutes:
         self._worker.put(job)
 
     def _lesson(self, part: str, asked: dict[str, Any], progress: Progress) -> bytes:
-        if self._teaching is None:
-            self._teaching = Teaching(self._integration)
+        if self._teaching is None or self._teaching.views != len(self._integration.recording):
+            self._teaching = Teaching(self._integration)  # of an active loop, the recording grows
         teaching, defaults = self._teaching, _plain(self._teaching.defaults)
         start = asked["start_view"]
         if start is None and part not in _OF_ALL_VIEWS:
