@@ -58,9 +58,13 @@ class CutOff:
 
 @dataclass(frozen=True, kw_only=True)
 class Item:
-    """The measured pixels of the item in each view, (H, W) bool, and the regions that were cut off."""
+    """The measured pixels of the item in each view, (H, W) bool, and the regions that were cut off.
+
+    ``outlined`` are those that have the colour of the item. What tells sides is on all of them.
+    """
 
     masks: tuple[Bool, ...]
+    outlined: tuple[Bool, ...]
     cut_off: tuple[CutOff, ...]
 
 
@@ -115,10 +119,10 @@ def find_item(
     cuts = [cut for part in parts for cut in part.cuts] + [cut for _, own in freed for cut in own]
     with ThreadPoolExecutor(THREADS) as pool:
         colors = (frame.color for frame in frames)
-        masks = checked(pool.map(without_background, colors, masks), check)
-    if not any(mask.any() for mask in masks):
+        outlined = checked(pool.map(without_background, colors, masks), check)
+    if not any(mask.any() for mask in outlined):
         raise SegmentationError("Nothing in view turns with the axis; check the angles, or give masks.")
-    return Item(masks=tuple(masks), cut_off=tuple(cuts))
+    return Item(masks=tuple(masks), outlined=tuple(outlined), cut_off=tuple(cuts))
 
 
 def checked(made: Iterable[_T], check: Callable[[], None]) -> list[_T]:
@@ -319,7 +323,9 @@ def without_background(color: Uint8, item: Bool) -> Bool:
     A stereo sensor makes near surfaces larger than they are (edge fattening): matching windows at an outline
     see the item and the background, and follow the item, so its depth reaches over the background. The
     colors of both nearby are taken as normally distributed; a pixel within ``_FATTENED_PX`` of the outline
-    is removed if it is far more probable in the background. Nothing is removed where both look alike.
+    is removed if it is far more probable in the background. Nothing is removed where both look alike. Color
+    that is aligned to depth is black beyond the outline; there the item's outermost pixels stand for the
+    background.
 
     Parameters
     ----------
@@ -334,9 +340,13 @@ def without_background(color: Uint8, item: Bool) -> Bool:
     rgb, shown = color[around].astype(np.float32), item[around].astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _FATTENED_PX + 1,) * 2)
     whole = _without_holes(shown)  # what is not measured within the item is no background
-    inside, outside = cv2.erode(whole, disc) > 0, cv2.dilate(whole, disc) == 0
-    rim = (shown > 0) & ~inside
+    inside, outside = cv2.erode(whole, disc) > 0, (cv2.dilate(whole, disc) == 0) & rgb.any(axis=-1)
+    rim, outermost = (shown > 0) & ~inside, (shown > 0) & (cv2.erode(whole, np.ones((3, 3), np.uint8)) == 0)
     unlike_item, unlike_background = _unlike(rgb, inside, rim), _unlike(rgb, outside, rim)
+    if np.isinf(unlike_background).any():
+        unlike_background = np.where(
+            np.isinf(unlike_background), _unlike(rgb, outermost, rim), unlike_background
+        )
     kept = item.copy()
     # Better by more than 2 for each channel, as Akaike's criterion asks of a model with more parameters.
     is_background = unlike_item - unlike_background > 2 * rgb.shape[-1]

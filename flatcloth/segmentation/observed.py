@@ -51,9 +51,9 @@ class ObservedView:
 
     ``view_index``; ``offset_rc`` of the crop in the recorded image of ``full_shape``; ``intrinsics`` of
     the crop; ``object_from_camera`` the camera pose; ``item`` (h, w) bool, measured pixels of
-    the item; ``depth_m`` (h, w) float32; ``cluster`` (h, w) int32, -1 where none is near, and ``shows``
-    (K,) int32 those that occur; ``surface`` (h, w) bool, pixels that made the clusters; ``area_m2``
-    (h, w) float32, cloth under each of those.
+    the item, and ``outlined`` those within its outline by color; ``depth_m`` (h, w) float32; ``cluster``
+    (h, w) int32, -1 where none is near, and ``shows`` (K,) int32 those that occur; ``surface`` (h, w) bool,
+    pixels that made the clusters; ``area_m2`` (h, w) float32, cloth under each of those.
     """
 
     view_index: int
@@ -62,6 +62,7 @@ class ObservedView:
     intrinsics: Intrinsics
     object_from_camera: Rigid3
     item: Bool
+    outlined: Bool
     depth_m: Float32
     cluster: Int32
     shows: Int32
@@ -192,7 +193,7 @@ def gather_evidence(
         links = list(pool.map(links_of_view, labels, facing, (view.steps for view in seen)))
         graph = signed_graph(clusters, links, settings)
         inner = pool.submit(inner_faces, clusters, graph, settings)
-        masks = (item.masks[at[view.view_index]] for view in seen)
+        masks = ((item.masks[n], item.outlined[n]) for n in (at[view.view_index] for view in seen))
         views = {
             view.view_index: view
             for view in pool.map(_view, seen, masks, labels, facing, itertools.repeat(settings))
@@ -301,23 +302,24 @@ def _points_of(surfaces: Sequence[Surface], poses: Sequence[Rigid3]) -> tuple[Fl
 
 
 def _view(
-    seen: _Seen, item: Bool, label: Int32, facing: Float32, settings: SegmentationConfig
+    seen: _Seen, masks: tuple[Bool, Bool], label: Int32, facing: Float32, settings: SegmentationConfig
 ) -> ObservedView:
     top, left = seen.offset_rc
     rows, cols = seen.depth_m.shape
-    own = item[top : top + rows, left : left + cols]
+    item, outlined = (mask[top : top + rows, left : left + cols] for mask in masks)
     k = seen.intrinsics
     area = np.zeros(label.shape, dtype=np.float32)
     known = label >= 0
     area[known] = seen.depth_m[known] ** 2 / (k.fx * k.fy) / facing[known]
-    near = filled(label, seen.depth_m, own, settings)
+    near = filled(label, seen.depth_m, item, settings)
     return ObservedView(
         view_index=seen.view_index,
         offset_rc=seen.offset_rc,
-        full_shape=(item.shape[0], item.shape[1]),
+        full_shape=(masks[0].shape[0], masks[0].shape[1]),
         intrinsics=k,
         object_from_camera=seen.object_from_camera,
-        item=own,
+        item=item,
+        outlined=outlined,
         depth_m=seen.depth_m,
         cluster=near,
         shows=np.unique(near[near >= 0]),

@@ -113,12 +113,12 @@ class Segmentation:
         seen = self.observed.views.get(view_index)
         if seen is None:
             return None
-        known = seen.item & (seen.cluster >= 0)
+        known = seen.outlined & (seen.cluster >= 0)
         side = np.full(seen.cluster.shape, NO_ITEM, dtype=np.int8)
-        side[seen.item] = UNDECIDED
+        side[seen.outlined] = UNDECIDED
         side[known] = self.side[seen.cluster[known]]
         certainty = np.zeros(seen.cluster.shape, dtype=np.float32)
-        certainty[seen.item] = 0.5
+        certainty[seen.outlined] = 0.5
         certainty[known] = self.certainty[seen.cluster[known]]
         return ViewSegmentation(offset_rc=seen.offset_rc, side=side, certainty=certainty)
 
@@ -127,7 +127,7 @@ class Segmentation:
         seen = self.observed.views.get(view_index)
         if seen is None:
             return None
-        chosen = seen.item & (seen.cluster >= 0)
+        chosen = seen.outlined & (seen.cluster >= 0)
         chosen[chosen] = self.side[seen.cluster[chosen]] == OF_INTEREST
         return seen.whole(chosen)
 

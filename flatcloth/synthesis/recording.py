@@ -289,12 +289,13 @@ def sensor_of(request: Request, item: HungItem) -> Look:
             rgb = request.exposure.apply(view.rgb, random)
             return view, np.rint(view.depth_m / _CLEAN_UNIT_M).astype(np.uint16), rgb
         if dots is None:
-            depth_m, rgb = measure_depth(view.depth_m, camera.fx, random, sensor), view.rgb
+            depth_m = measure_depth(view.depth_m, camera.fx, random, sensor)
+            rgb = request.exposure.apply(measure_color(view.rgb, random), random)
         else:
             depth_m = measure_stereo(scene, camera, pose, points_m, dots, range_m, random, sensor)
             above = scene.view(camera, color_camera() @ pose, points_m).rgb
-            rgb = aligned_color(above, depth_m, camera)
-        rgb = request.exposure.apply(measure_color(rgb, random), random)
+            rgb = request.exposure.apply(measure_color(above, random), random)
+            rgb = aligned_color(rgb, depth_m, camera)
         return view, np.rint(depth_m / sensor.unit_m).astype(np.uint16), rgb
 
     return look
