@@ -35,7 +35,7 @@ from flatcloth.active.ending import End
 from flatcloth.active.goal import Budget, Goal, knowledge_of
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import finite
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.export.garment import garment_points, other_points
@@ -160,7 +160,7 @@ def _errors_mm(
     known: KnownGarment | str, truth: dict[str, Any], cell: Cell, start_deg: float
 ) -> dict[str, float]:
     """Return how far each named point that was seen is off; the corners of a towel have no order."""
-    back = held_from_camera(cell.axis, start_deg).inverse()  # the object frame begins where the cell starts
+    back = object_from_camera(cell.axis, start_deg).inverse()  # the object frame begins where the cell starts
     places = {name: back.apply(np.array(place)[None])[0] for name, place in truth["places"].items()}
     errors = {}
     beyond = [] if isinstance(known, str) else other_points(known, known.sides)

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from benchmarks.inputs import Remembered
 from benchmarks.output import say
 from flatcloth.active.incoming import SeenView
-from flatcloth.core.geometry import back_project, camera_from_held, fit_rigid2, held_from_camera
+from flatcloth.core.geometry import back_project, camera_from_object, fit_rigid2, object_from_camera
 from flatcloth.engine.garment.truth import read_true_points
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
@@ -82,12 +82,12 @@ def true_points(views: Views, recorded: str, panel: int) -> list[dict[str, Any]]
     for n in range(0, len(recording), 3):
         frame, true = recording[n], truth[n]
         shown = (true.panel == own) & true.outer_face & (frame.depth_m > 0)
-        held = held_from_camera(recording.rotation_axis, frame.angle_deg)
+        held = object_from_camera(recording.rotation_axis, frame.angle_deg)
         seen_xyz.append(held.apply(back_project(frame.depth_m, frame.intrinsics)[shown][::20].astype(float)))
         seen_uv.append(true.flat_uv_m[shown][::20].astype(float))
     xyz, flat_uv = np.concatenate(seen_xyz), np.concatenate(seen_uv)
     tree = cKDTree(vertices[corner])
-    turns = [camera_from_held(cell.axis, angle) for angle in np.arange(0.0, 360.0, 5.0)]
+    turns = [camera_from_object(cell.axis, angle) for angle in np.arange(0.0, 360.0, 5.0)]
     turn = min(turns, key=lambda each: float(np.median(tree.query(each.apply(xyz[::_THINNED]))[0])))
     off, nearest = tree.query(turn.apply(xyz))
     near = off < 0.006
@@ -122,7 +122,7 @@ def _seen(views: Views, panel: int, places: dict[str, list[float]]) -> dict[str,
         view = views.at(panel, 0.0, angle_deg)
         points = back_project(view.depth_m, view.intrinsics)[view.mask].astype(float)
         if len(points):
-            tree = cKDTree(held_from_camera(views.cell.axis, angle_deg).apply(points))
+            tree = cKDTree(object_from_camera(views.cell.axis, angle_deg).apply(points))
             for name, place in places.items():
                 nearest[name] = min(nearest[name], float(tree.query(place)[0]))
     return {name: off <= SEEN_M for name, off in nearest.items()}

@@ -19,7 +19,7 @@ from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, save_page, say
 from benchmarks.problems import signed_areas
 from benchmarks.unattended import unattended
-from flatcloth.core.geometry import camera_from_held, project, z_angle_deg
+from flatcloth.core.geometry import camera_from_object, project, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int32, Int64
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.integration import Integration
@@ -41,7 +41,7 @@ DEGENERATE_SHARE = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Mesh:
-    """A triangle mesh, held frame: ``points_m`` (N, 3); ``triangles`` (T, 3), anticlockwise from outside."""
+    """A triangle mesh, object frame: ``points_m`` (N, 3), ``triangles`` (T, 3) anticlockwise from outside."""
 
     points_m: Float64
     triangles: Int32
@@ -94,7 +94,7 @@ def rows_of(source: str) -> list[dict[str, Any]]:
 
 
 def fuse(integration: Integration, views: Iterable[int]) -> tuple[Float64, Int64]:
-    """Return the surface of the TSDF volume of the masked views: points (N, 3), held frame, and triangles."""
+    """Return the surface of the TSDF volume of masked views: points (N, 3), object frame, and triangles."""
     o3d = load_open3d()
     core, number = o3d.core, o3d.core.float32
     grid = o3d.t.geometry.VoxelBlockGrid(
@@ -107,7 +107,7 @@ def fuse(integration: Integration, views: Iterable[int]) -> tuple[Float64, Int64
         item = item_mask(frame, integration.axis, integration.config.surface)
         masked = np.where(item, frame.depth_m, 0.0).astype(np.float32)
         depth = o3d.t.geometry.Image(core.Tensor(masked[..., None]))
-        motion = camera_from_held(integration.axis, frame.angle_deg)
+        motion = camera_from_object(integration.axis, frame.angle_deg)
         extrinsic = np.eye(4)
         extrinsic[:3, :3], extrinsic[:3, 3] = motion.rotation, motion.translation_m
         placed = (camera, core.Tensor(extrinsic), 1.0, 10.0, TRUNCATION_VOXELS)
@@ -184,7 +184,7 @@ def flattened(
     rgb = np.zeros((len(points), 3), dtype=np.uint8)
     for n in views:
         frame = integration.views.frame(n)
-        motion = camera_from_held(integration.axis, frame.angle_deg)
+        motion = camera_from_object(integration.axis, frame.angle_deg)
         there = motion.apply(points)
         facing = -(motion.turn(normals) * there).sum(axis=1) / np.linalg.norm(there, axis=1)
         rc = project(there, frame.intrinsics)

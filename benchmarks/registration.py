@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import Rigid3, held_from_camera, project
+from flatcloth.core.geometry import Rigid3, object_from_camera, project
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
@@ -87,7 +87,7 @@ def measured(
     integration: Integration, views: Sequence[int], spoiling: Spoiling, random: np.random.Generator
 ) -> Row:
     """Spoil what is known of a recording with exact poses, register its views, and compare."""
-    true = [held_from_camera(integration.axis, integration.recording.angles_deg[view]) for view in views]
+    true = [object_from_camera(integration.axis, integration.recording.angles_deg[view]) for view in views]
     axis = _spoiled_axis(integration.axis, spoiling, random)
     surfaces = []
     for view in views:
@@ -102,7 +102,7 @@ def measured(
     scanned = time.perf_counter()
     found = reduce(extend_registration, features, start)
     ended = time.perf_counter()
-    before, after = _slips_m(features, found.known, true), _slips_m(features, found.held_from_camera, true)
+    before, after = _slips_m(features, found.known, true), _slips_m(features, found.object_from_camera, true)
     return Row(
         recording=integration.recording.name,
         spoiling=spoiling.name,
@@ -162,7 +162,7 @@ def _slips_m(features: Sequence[ViewFeatures], poses: Sequence[Rigid3], true: Se
 
 
 def _seen(points: Float64, by: ViewFeatures, held: Rigid3) -> np.ndarray:
-    """Return which points (N, 3), held frame, a view shows."""
+    """Return which points (N, 3), object frame, a view shows."""
     local = held.inverse().apply(points)
     rc = project(local, by.intrinsics)
     shape = np.array(by.usable.shape)
@@ -182,7 +182,7 @@ def _error_in_stds(found: Registered, true: Sequence[Rigid3]) -> float:
             continue
         middle = found.known[n].apply(np.median(found.features[n].points_m, axis=0))
         off = {
-            k: (found.held_from_camera[k] @ true[k].inverse()).apply(middle) - middle
+            k: (found.object_from_camera[k] @ true[k].inverse()).apply(middle) - middle
             for k in (n, *(number[v] for v in view.views))
         }
         own = off.pop(n)

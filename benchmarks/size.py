@@ -208,7 +208,7 @@ def _beyond(x: float, y: float, t: float, turn: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def _render(width: int, height: int, focal: float, turn: float) -> tuple[Any, Any, Any]:
-    """Depth, angle about the axis (held frame, -pi to pi) and height of each pixel; depth 0 beside."""
+    """Depth, angle about the axis (object frame, -pi to pi) and height of each pixel; depth 0 beside."""
     depth, around, down = np.zeros((height, width)), np.zeros((height, width)), np.zeros((height, width))
     near, far, steps = DISTANCE_M - 0.22, DISTANCE_M + 0.22, 24
     for row in range(height):

@@ -73,7 +73,7 @@ def shape_of(uv: Float64, observations: Sequence[Observation], known: Bool) -> J
     return JointShape(
         nodes=nodes_at(uv),
         observations=tuple(observations),
-        held_from_camera=(STILL,) * len(observations),
+        object_from_camera=(STILL,) * len(observations),
         links=links_of(observations),
         piece=np.where(known, 0, -1).astype(np.int32),
         all_uv_m=np.where(known[:, None], uv, np.nan),

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import back_project, camera_from_held, held_from_camera, project
+from flatcloth.core.geometry import back_project, camera_from_object, object_from_camera, project
 from flatcloth.core.strokes import ImageStroke
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
 from flatcloth.engine.views import RecordedViews
@@ -186,17 +186,17 @@ class AngleFinder:
             self._seen.append(last[1] if last and is_last else _surface_of(frame, axis, config))
         new, count = _surface_of(view.frame, axis, config), len(self._seen)
         self._new = view.color, new
-        poses = [held_from_camera(axis, angle) for angle in self._views.angles_deg]
+        poses = [object_from_camera(axis, angle) for angle in self._views.angles_deg]
         held = np.concatenate(
             [pose.apply(each.points_m[::count]) for pose, each in zip(poses, self._seen, strict=True)]
         )
         some_new = new.points_m[::count]
 
         def in_new(angle_deg: float) -> Float64:
-            return _votes(camera_from_held(axis, angle_deg).apply(held), new)
+            return _votes(camera_from_object(axis, angle_deg).apply(held), new)
 
         def agreement(angle_deg: float) -> float:
-            back = held_from_camera(axis, angle_deg).apply(some_new)
+            back = object_from_camera(axis, angle_deg).apply(some_new)
             poses_and_seen = zip(poses, self._seen, strict=True)
             votes = [_votes(pose.inverse().apply(back), each) for pose, each in poses_and_seen]
             return float(np.concatenate([in_new(angle_deg), *votes]).mean())

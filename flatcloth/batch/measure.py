@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.types import FlattenedView, Float64
 from flatcloth.engine.integration import Integration
 from flatcloth.flattening.surface import item_mask
@@ -52,7 +52,7 @@ def _seen(integration: Integration, view_index: int) -> Float64:
     at = (slice(None, None, _EVERY_PX), slice(None, None, _EVERY_PX))
     usable = (item & (frame.depth_m > 0))[at]
     xyz = back_project(frame.depth_m, frame.intrinsics)[at][usable].astype(np.float64)
-    points: Float64 = held_from_camera(integration.axis, frame.angle_deg).apply(xyz)
+    points: Float64 = object_from_camera(integration.axis, frame.angle_deg).apply(xyz)
     return points
 
 

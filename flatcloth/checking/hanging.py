@@ -11,7 +11,7 @@ import numpy as np
 
 from flatcloth.checking.findings import CERTAIN, Finding
 from flatcloth.checking.turns import Turn, turns_between
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import EXTENT_M
 from flatcloth.recordings.mending import Mends
@@ -63,7 +63,7 @@ def seen_axis(turns: Sequence[Turn], axis: RotationAxis) -> SeenAxis | None:
         return None
     rows, right, ways = [], [], []
     for turn in turns:
-        moved = motion(turn.twist, turn.center_m) @ held_from_camera(axis, turn.start_deg)
+        moved = motion(turn.twist, turn.center_m) @ object_from_camera(axis, turn.start_deg)
         r = moved.rotation
         rows.append(np.eye(3) - r)
         right.append(moved.translation_m)

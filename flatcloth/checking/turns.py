@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from flatcloth.checking.rigid import LEAST_WEIGHT, follow
-from flatcloth.core.geometry import Rigid3, held_from_camera, window_of
+from flatcloth.core.geometry import Rigid3, object_from_camera, window_of
 from flatcloth.core.types import Bool, Float64, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import NOISELESS_STD_M
 from flatcloth.registration.axis_estimation import depth_features, thinned
@@ -132,7 +132,7 @@ def _from(
     precision[:3, :3] += along / math.radians(prior.turn_std_deg) ** 2
     precision[3:, 3:] = np.eye(3) / prior.shift_std_m**2
     twist, matrix, tally = _followed(
-        one, other, held_from_camera(axis, start_deg), precision, prior.scales_m, _STEPS, 2
+        one, other, object_from_camera(axis, start_deg), precision, prior.scales_m, _STEPS, 2
     )
     in_image, agreeing, _ = tally.tolist()
     if agreeing < LEAST_WEIGHT:
@@ -178,7 +178,7 @@ def _followed(
 
 def share_at(one: ViewFeatures, other: ViewFeatures, axis: RotationAxis, turn_deg: float) -> float:
     """Return the share of points that roughly agree if the second view is turned by this."""
-    held = held_from_camera(axis, turn_deg)
+    held = object_from_camera(axis, turn_deg)
     *_, tally = _followed(one, other, held, np.zeros((6, 6)), _SCALES_M[1:2], 0, 4)
     return float(tally[1] / max(tally[0], 1.0))
 

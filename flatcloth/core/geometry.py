@@ -62,15 +62,15 @@ def rotations_by(vectors: Float64) -> Float64:
     return rotation
 
 
-def camera_from_held(axis: RotationAxis, angle_deg: float) -> Rigid3:
+def camera_from_object(axis: RotationAxis, angle_deg: float) -> Rigid3:
     """Return the motion from the object frame to the camera frame of a view at ``angle_deg``."""
     rotation = rotation_about(axis.direction, math.radians(angle_deg))
     return Rigid3(rotation, axis.point_m - rotation @ axis.point_m)
 
 
-def held_from_camera(axis: RotationAxis, angle_deg: float) -> Rigid3:
+def object_from_camera(axis: RotationAxis, angle_deg: float) -> Rigid3:
     """Return the motion from the camera frame of a view at ``angle_deg`` back to the object frame."""
-    return camera_from_held(axis, -angle_deg)
+    return camera_from_object(axis, -angle_deg)
 
 
 def back_project(depth_m: Float32, intrinsics: Intrinsics) -> Float32:

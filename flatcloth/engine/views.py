@@ -13,7 +13,7 @@ import numpy as np
 from flatcloth.core.cache import Cache, ReadAhead
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError, FlatteningError, SegmentationError, SurfaceError
-from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import (
     Bool,
@@ -313,7 +313,7 @@ class RecordedViews:
     def _cloud(self, view_index: int) -> ViewCloud:
         frame = self.frame(view_index)
         shown = foreground_mask(frame, self.axis, self.config.surface)
-        held = held_from_camera(self.axis, frame.angle_deg)
+        held = object_from_camera(self.axis, frame.angle_deg)
         xyz = held.apply(back_project(frame.depth_m, frame.intrinsics)[shown]).astype(np.float32)
         of_interest = shown if frame.mask is None else frame.mask
         return ViewCloud(xyz_m=xyz, rgb=frame.color[shown], of_interest=of_interest[shown])

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
-from flatcloth.core.geometry import held_from_camera, horizontal_axes, window_of
+from flatcloth.core.geometry import horizontal_axes, object_from_camera, window_of
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.resources import static_folder
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
@@ -326,7 +326,7 @@ def _steps(growth: Growth, axis: RotationAxis) -> list[dict[str, Any]]:
             "floating_cm2": 1e4 * step.floating_m2,
             "added_cm2": 1e4 * step.added_m2,
             "told": "the start view" if step.decision is None else verdict_text(step.decision),
-            "camera_m": held_from_camera(axis, step.angle_deg).translation_m.tolist(),
+            "camera_m": object_from_camera(axis, step.angle_deg).translation_m.tolist(),
         }
         for step in growth.steps
     ]

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import ConfigError, FlatteningError
-from flatcloth.core.geometry import camera_from_held, fit_rigid2, held_from_camera, project
+from flatcloth.core.geometry import camera_from_object, fit_rigid2, object_from_camera, project
 from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
 from flatcloth.flattening.minimisation import ENERGY_TOLERANCE, Minimum, minimise
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
@@ -217,7 +217,7 @@ def _as_in_previous(samples: Samples, previous: Flattening, surface: Surface, ax
     """Return the pixel start, moved rigidly to where another view placed the same cloth."""
     start = _pixel_start(samples, surface)
     frame, seen = surface.frame, previous.surface
-    turn = camera_from_held(axis, seen.frame.angle_deg) @ held_from_camera(axis, frame.angle_deg)
+    turn = camera_from_object(axis, seen.frame.angle_deg) @ object_from_camera(axis, frame.angle_deg)
     points, k = turn.apply(samples.points_m), seen.frame.intrinsics
     rc = np.rint(project(points, k)).astype(np.int32)
     inside = np.flatnonzero(((rc >= 0) & (rc < seen.usable.shape)).all(axis=1))

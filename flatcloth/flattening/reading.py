@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from flatcloth.core.geometry import Rigid3, held_from_camera, z_angle_deg
+from flatcloth.core.geometry import Rigid3, object_from_camera, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int16, RotationAxis, Uint8
 from flatcloth.flattening.surface import Surface
 
@@ -30,7 +30,7 @@ def read_attributes(
     there is no surface become NaN.
     """
     valid = _leave_out_unseen(source_rc, surface.depth_m)
-    held = held or held_from_camera(axis, surface.frame.angle_deg)
+    held = held or object_from_camera(axis, surface.frame.angle_deg)
     return ReadView.of(_Places(source_rc, stretch, surface, axis, held), valid, pixel_size_m, low)
 
 
@@ -45,7 +45,7 @@ class _Places:
     stretch: Float32
     surface: Surface
     axis: RotationAxis
-    held_from_camera: Rigid3
+    object_from_camera: Rigid3
 
 
 _BYTES_PER_PIXEL = {
@@ -123,7 +123,7 @@ class ReadView(FlattenedView):
 
     def _read(self, *, is_quality: bool) -> tuple[Float32, Float32, Float64]:
         of, k = self._places, self._places.surface.frame.intrinsics
-        camera, held = np.array([k.fx, k.fy, k.cx, k.cy]), of.held_from_camera
+        camera, held = np.array([k.fx, k.fy, k.cx, k.cy]), of.object_from_camera
         return _read_cloth(
             of.rc, of.surface.depth_m, of.surface.normal, of.stretch, camera, held.rotation,
             held.translation_m, is_quality,

@@ -45,13 +45,13 @@ class SeenFrom:
     """One view that a shape was made of.
 
     ``depth_m`` (H, W) float32, 0 where nothing was measured; ``of_interest`` (H, W) bool, the mask of
-    the side of interest, or None; ``camera_from_held`` its camera.
+    the side of interest, or None; ``camera_from_object`` its camera.
     """
 
     depth_m: Float32
     of_interest: Bool | None
     intrinsics: Intrinsics
-    camera_from_held: Rigid3
+    camera_from_object: Rigid3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -409,7 +409,7 @@ def _ends_in(
         How much deeper than expected the other side's cloth is that goes on there; NaN if none is level.
     """
     points = start[:, None, :] + steps[None, :, None] * along[:, None, :]
-    camera = view.camera_from_held.apply(points)
+    camera = view.camera_from_object.apply(points)
     count, m = len(start), len(steps)
     rc = np.rint(project(camera.reshape(-1, 3), view.intrinsics)).reshape(count, m, 2)
     rows, cols = view.depth_m.shape
@@ -420,7 +420,7 @@ def _ends_in(
     of_interest = inside if view.of_interest is None else view.of_interest[row, col]
     expected = camera[..., 2]
     ray = camera[:, 0] / np.maximum(np.linalg.norm(camera[:, 0], axis=1), 1e-9)[:, None]
-    cos = -(view.camera_from_held.turn(normal) * ray).sum(axis=1)
+    cos = -(view.camera_from_object.turn(normal) * ray).sum(axis=1)
     slack = _SAME_M + MAX_CHORD_SLOPE * np.maximum(steps, 0.0)[None, :]
     has = measured > 0
     level = has & (np.abs(measured - expected) <= slack)
@@ -438,7 +438,7 @@ def _ends_in(
     outside = ~inside[pick, window].all(axis=1)
     faced = seen & (cos > _FACING_COS)
     # At the silhouette of a fold the cloth turns away from the camera, or is seen behind; edges face any way.
-    away = np.maximum((view.camera_from_held.turn(along) * ray).sum(axis=1), 0.0)
+    away = np.maximum((view.camera_from_object.turn(along) * ray).sum(axis=1), 0.0)
     farther = of_interest & (measured > expected + slack) & (view.of_interest is not None)
     behind = farther[pick, window].mean(axis=1) > 0.5
     away = np.where(behind & (away > 0.0), 1.0, np.minimum(away / math.sqrt(1.0 - _FACING_COS**2), 1.0))

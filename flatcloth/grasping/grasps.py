@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import Rigid3, camera_from_held
+from flatcloth.core.geometry import Rigid3, camera_from_object
 from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
 from flatcloth.grasping.surroundings import TangentMap, nearest_outline, tangent_map
 
@@ -178,7 +178,7 @@ class GraspPose:
 
     def camera_from_grasp(self, axis: RotationAxis, angle_deg: float) -> Rigid3:
         """Return the pose in the camera frame at a rotation of the item."""
-        return camera_from_held(axis, angle_deg) @ self.object_from_grasp
+        return camera_from_object(axis, angle_deg) @ self.object_from_grasp
 
     def gripper_m(self) -> Float64:
         """Return the gripper as (6, 2, 3) line segments, object frame: fingers, bar, stem, axis, opening."""

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.geometry import camera_from_object
 from flatcloth.core.types import Floats, Intrinsics, RgbdFrame, RotationAxis
 
 WINDOW_PX = 2
@@ -62,7 +62,7 @@ def project(
     camera : Intrinsics
         Camera of the images.
     """
-    place, normal = camera_from_held(axis, angle_deg).apply_with_normal(position_held_m, normal_held)
+    place, normal = camera_from_object(axis, angle_deg).apply_with_normal(position_held_m, normal_held)
     x, y, z = (float(v) for v in place)
     if z <= 0:
         return Projection(row=np.nan, col=np.nan, depth_m=z, visibility=Visibility.OUTSIDE)

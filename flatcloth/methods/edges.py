@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import Rigid2
 from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.methods.base import Views
@@ -21,7 +21,7 @@ def edges_of_view(
     own = np.zeros(len(level.points_rc), dtype=bool)
     own[flattening.components[component].members] = True
     used = own[level.edges].all(axis=1)
-    held = held_from_camera(views.axis, angle_deg)
+    held = object_from_camera(views.axis, angle_deg)
     return SurfaceEdges(
         uv_m=plane_from_view.apply(level.uv_m),
         xyz_m=held.apply(level.points_m),

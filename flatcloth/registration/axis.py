@@ -11,7 +11,7 @@ import numpy as np
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import RecordingError, SurfaceError
-from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.types import Float64, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
@@ -151,7 +151,7 @@ def _found_held_point(
 
     def look(view: int) -> Float64 | None:
         points = _points(frame(view), config, axis)
-        return None if points is None else held_from_camera(axis, recording.angles_deg[view]).apply(points)
+        return None if points is None else object_from_camera(axis, recording.angles_deg[view]).apply(points)
 
     return _top(_of_readable(choose_views(recording.angles_deg), look), axis)
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.flattening.minimisation import ITERATIONS
 from flatcloth.flattening.surface import EXTENT_M, item_mask
@@ -320,7 +320,7 @@ def _equations(
     axis, center_m = state.axis, state.axis.point_m
     spread = np.zeros(TERMS)
     spread[0] = scale_m / 3.0  # compare's weight is a quarter at three times its spread
-    held = [held_from_camera(axis, view.angle_deg) for view in views]
+    held = [object_from_camera(axis, view.angle_deg) for view in views]
     by_axis = [at_center(jacobian(axis, center_m, v.angle_deg), center_m)[:, OWN:] for v in views]
     matrix, right, tally = np.zeros((5, 5)), np.zeros(5), np.zeros(3)
     level = (scale_m / _USUAL_TILT) ** 2

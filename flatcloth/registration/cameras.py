@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.registration.adjustment import solved
 from flatcloth.registration.pairwise import PairFit, fit_pair
@@ -143,7 +143,7 @@ def _with_views(registered: Registered, features: Sequence[ViewFeatures]) -> Reg
     return replace(
         registered,
         features=(*registered.features, *features),
-        known=(*registered.known, *(held_from_camera(axis, seen.angle_deg) for seen in features)),
+        known=(*registered.known, *(object_from_camera(axis, seen.angle_deg) for seen in features)),
         jacobians=(
             *registered.jacobians,
             *(jacobian(axis, held_point_m, seen.angle_deg) for seen in features),
@@ -184,7 +184,7 @@ def _fitted(registered: Registered, first: int, second: int) -> PairFit | None:
     one, other = registered.features[first], registered.features[second]
     held = registered.known[first], registered.known[second]
     center: Float64 = 0.5 * (held[0].apply(one.middle_m) + held[1].apply(other.middle_m))
-    now = registered.held_from_camera[first], registered.held_from_camera[second]
+    now = registered.object_from_camera[first], registered.object_from_camera[second]
     about = at_center(registered.jacobians[first], center), at_center(registered.jacobians[second], center)
     return fit_pair(
         (one, other),

@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from flatcloth.core.geometry import Rigid3, held_from_camera, rotation_about, rotations_by
+from flatcloth.core.geometry import Rigid3, object_from_camera, rotation_about, rotations_by
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import EXTENT_M
 
@@ -88,7 +88,7 @@ def moved_axis(axis: RotationAxis, common: Float64) -> RotationAxis:
 def poses(
     axis: RotationAxis, held_point_m: Float64, angles_deg: list[float], common: Float64, own: Float64
 ) -> tuple[Rigid3, ...]:
-    """Return ``held_from_camera`` of views from the common unknowns (5,) and those of each view (N, 3)."""
+    """Return ``object_from_camera`` of views from the common unknowns (5,) and those of each view (N, 3)."""
     moved = turns_and_shifts(axis, held_point_m, angles_deg, common, own)
     return tuple(Rigid3(rotation, shift_m) for rotation, shift_m in zip(*moved, strict=True))
 
@@ -110,7 +110,7 @@ def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Flo
 
     Columns: its turn and swing (two directions), shift and tilt of the axis (two directions).
     """
-    back, ways = held_from_camera(axis, angle_deg).rotation, across(axis)
+    back, ways = object_from_camera(axis, angle_deg).rotation, across(axis)
     columns = [_about(-axis.direction, axis.point_m)]
     columns += [_about(way, held_point_m) for way in ways]
     columns += [np.concatenate([np.zeros(3), way - back @ way]) for way in ways]

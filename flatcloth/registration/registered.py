@@ -144,7 +144,7 @@ class Registered:
         return [seen.angle_deg for seen in self.features]
 
     @cached_property
-    def held_from_camera(self) -> tuple[Rigid3, ...]:
+    def object_from_camera(self) -> tuple[Rigid3, ...]:
         """Pose of the camera of each view."""
         return poses(self.axis, self.held_point_m, self.angles_deg, self.common, self.own)
 
@@ -158,7 +158,9 @@ class Registered:
         """By how much each pair (P,) contradicts the registered poses: see :func:`surprise`."""
         if not self.pairs:
             return np.zeros(0)
-        moved = [now @ known.inverse() for now, known in zip(self.held_from_camera, self.known, strict=True)]
+        moved = [
+            now @ known.inverse() for now, known in zip(self.object_from_camera, self.known, strict=True)
+        ]
         turns, shifts = np.array([m.rotation for m in moved]), np.array([m.translation_m for m in moved])
         one, other = np.array([(pair.first, pair.second) for pair in self.pairs]).T
         centers_m = np.array([pair.center_m for pair in self.pairs])
@@ -204,7 +206,7 @@ def describe(registered: Registered) -> str:
 
 
 def _report(registered: Registered, n: int) -> Registration:
-    seen, known, pose = registered.features[n], registered.known[n], registered.held_from_camera[n]
+    seen, known, pose = registered.features[n], registered.known[n], registered.object_from_camera[n]
     own, middle = registered.own[n], known.apply(seen.middle_m)
     return Registration(
         view_index=seen.view_index,

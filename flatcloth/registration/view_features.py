@@ -290,7 +290,7 @@ def compare(
     one, other : ViewFeatures
         The views.
     one_held, other_held : Rigid3
-        Their camera poses, ``held_from_camera``.
+        Their camera poses, ``object_from_camera``.
     center_m : (3,) float64
         Object frame; centre of the rotation of ``one`` against ``other``.
     fattening_px : float

@@ -11,7 +11,7 @@ import numpy as np
 from flatcloth.checking.findings import Finding
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import back_project, held_from_camera, window_of
+from flatcloth.core.geometry import back_project, object_from_camera, window_of
 from flatcloth.core.types import Bool, RgbdFrame, RotationAxis, Uint8
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
@@ -82,7 +82,7 @@ def _turned(recording: Recording, views: tuple[int, ...]) -> Uint8:
     axis = recording.rotation_axis
     if axis is None:
         axis = RotationAxis(point_m=np.median(points[0], axis=0), direction=UP)
-    onto = held_from_camera(axis, one.angle_deg).inverse() @ held_from_camera(axis, other.angle_deg)
+    onto = object_from_camera(axis, one.angle_deg).inverse() @ object_from_camera(axis, other.angle_deg)
     canvas = np.full((k.height, k.width, 3), _PAPER, np.uint8)
     shade = np.zeros((2, k.height, k.width), np.float32)
     for n, xyz in enumerate((points[0].astype(np.float64), onto.apply(points[1]))):

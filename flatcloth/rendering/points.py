@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.geometry import camera_from_object
 from flatcloth.core.types import Float64, Floats, RotationAxis, Uint8
 
 
@@ -22,7 +22,7 @@ class Camera:
 
     def project(self, xyz_held_m: Floats, angle_deg: float) -> tuple[Float64, Float64]:
         """Return pixels (x, y) (N, 2) and depths (N,) of points at a rotation of the item."""
-        seen = camera_from_held(self.axis, angle_deg).apply(xyz_held_m)
+        seen = camera_from_object(self.axis, angle_deg).apply(xyz_held_m)
         depth = np.maximum(seen[:, 2], 1e-3)
         return seen[:, :2] / depth[:, None] * self.focal_px + np.array(self.center_px), seen[:, 2]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import SegmentationError, SurfaceError
-from flatcloth.core.geometry import Rigid3, held_from_camera
+from flatcloth.core.geometry import Rigid3, object_from_camera
 from flatcloth.core.types import (
     Bool,
     Float32,
@@ -232,7 +232,7 @@ def _poses(
     surfaces: Sequence[Surface], axis: RotationAxis, held_point_m: Float64, confirmed: bool
 ) -> Sequence[Rigid3]:
     """Return the camera poses: the recorded ones, unless the views contradict them."""
-    known = [held_from_camera(axis, surface.frame.angle_deg) for surface in surfaces]
+    known = [object_from_camera(axis, surface.frame.angle_deg) for surface in surfaces]
     if confirmed or len(surfaces) < 2:
         return known
     with ThreadPoolExecutor(THREADS) as pool:
@@ -247,7 +247,7 @@ def _poses(
         [features[n] for n in range(len(surfaces))], axis, held_point_m,
         fattening_px=look.fattening_px, threads=THREADS,
     )  # fmt: skip
-    return registered.held_from_camera if registered.is_loose else known
+    return registered.object_from_camera if registered.is_loose else known
 
 
 def _features(surface: Surface) -> ViewFeatures:

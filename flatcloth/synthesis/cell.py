@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flatcloth.core.errors import SynthesisError
-from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
+from flatcloth.core.geometry import Rigid3, camera_from_object, rotation_about
 from flatcloth.core.types import Bool, Float64, Intrinsics, RotationAxis, Uint8
 from flatcloth.recordings.writer import Uint16
 from flatcloth.synthesis.recording import HungItem, Request, depth_unit_m, hung_item, sensor_of
@@ -119,7 +119,7 @@ class Cell:
             np.array([1.0, 0, 0]), tilt[1]
         )
         swung = Rigid3(swing, held - swing @ held)
-        return swung @ camera_from_held(self.axis, self._start_deg + angle_deg + error)
+        return swung @ camera_from_object(self.axis, self._start_deg + angle_deg + error)
 
 
 def _most_seen(item: HungItem, camera: Intrinsics) -> int:
@@ -134,6 +134,6 @@ def _most_seen(item: HungItem, camera: Intrinsics) -> int:
     )
     pixels = np.zeros(2)
     for angle_deg in (0.0, 90.0, 180.0, 270.0):
-        view = item.scene.view(small, camera_from_held(item.hung.axis, angle_deg))
+        view = item.scene.view(small, camera_from_object(item.hung.axis, angle_deg))
         pixels += [(view.outer & (view.panel == panel)).sum() for panel in (1, 2)]
     return int(pixels.argmax()) + 1

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.core.errors import SynthesisError
-from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
+from flatcloth.core.geometry import Rigid3, camera_from_object, rotation_about
 from flatcloth.core.types import Float64, Intrinsics, RotationAxis
 from flatcloth.recordings.film.angles import apart_deg
 
@@ -122,7 +122,7 @@ def turn(
             np.array([1.0, 0, 0]), tilt[1]
         )
         swung = Rigid3(swing, hung.held_point_m - swing @ hung.held_point_m)
-        poses.append(swung @ camera_from_held(hung.axis, angle))
+        poses.append(swung @ camera_from_object(hung.axis, angle))
         recorded.append(round(angle + error, 2))
     off = np.array([*random.normal(0, loose.axis_m, 2), 0.0])[[0, 2, 1]]
     twists = [0.0, *random.normal(0, loose.twist_deg, len(angles_deg) - 1)]

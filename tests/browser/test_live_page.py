@@ -6,7 +6,7 @@ import pytest
 from conftest import ROOT, Tab  # type: ignore[attr-defined]  # mypy takes the conftest of tests/
 
 from flatcloth.core.config import Config
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.recordings import open_recording
 from flatcloth.registration.axis import resolve_axis
 
@@ -35,7 +35,7 @@ def scene_stands_at(tab: Tab, view: int) -> None:
     """Wait until the camera of the 3D scene is where that of the view stood."""
     recording = open_recording(ROOT / SAMPLE)
     axis = resolve_axis(recording, recording.__getitem__, Config().surface).axis
-    camera = held_from_camera(axis, recording.angles_deg[view]).translation_m
+    camera = object_from_camera(axis, recording.angles_deg[view]).translation_m
     tab.scene.wait_for_function(
         "(p) => { const c = window.__viserMutable?.nodePoseData['/camera']?.position;"
         " return c && Math.hypot(c[0] - p[0], c[1] - p[1], c[2] - p[2]) < 0.002; }",

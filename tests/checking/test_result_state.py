@@ -15,7 +15,7 @@ from flatcloth.checking.findings import Check, Finding
 from flatcloth.checking.lens import FOCAL_STD
 from flatcloth.checking.result import LEAST_VIEWS, contradicting_views, is_hopeless, wrong_with
 from flatcloth.core.errors import GarmentError
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.engine.following import with_unsure_scale
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.garments.deciding import DecidedPieces
@@ -69,7 +69,7 @@ def _compared(views, off_m):
         if other - one <= 2
     )  # fmt: skip
     features = tuple(SimpleNamespace(view_index=3 * n, angle_deg=10.0 * n) for n in range(views))
-    known = tuple(held_from_camera(registered.axis, 10.0 * n) for n in range(views))
+    known = tuple(object_from_camera(registered.axis, 10.0 * n) for n in range(views))
     return replace(registered, features=features, known=known, pairs=pairs)
 
 

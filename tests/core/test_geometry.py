@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from flatcloth.core.geometry import (
     Rigid3,
     back_project,
-    camera_from_held,
+    camera_from_object,
     height_m,
-    held_from_camera,
+    object_from_camera,
     rotation_about,
     z_angle_deg,
 )
@@ -93,7 +93,7 @@ def test_the_right_hand_rule() -> None:
 
 def test_a_positive_angle_moves_what_faces_the_camera_to_the_right_of_the_image() -> None:
     nearest = UPRIGHT.point_m + np.array([0.0, 0.2, -0.1])
-    turned = camera_from_held(UPRIGHT, 10.0).apply(nearest)
+    turned = camera_from_object(UPRIGHT, 10.0).apply(nearest)
     assert turned[0] > nearest[0]
     assert turned[1] == pytest.approx(nearest[1])
 
@@ -102,17 +102,17 @@ def test_a_positive_angle_moves_what_faces_the_camera_to_the_right_of_the_image(
 def test_points_seen_in_any_view_coincide_in_the_held_frame(
     axis: RotationAxis, angle_deg: float, x: np.ndarray
 ) -> None:
-    seen = camera_from_held(axis, angle_deg).apply(x)
-    np.testing.assert_allclose(held_from_camera(axis, angle_deg).apply(seen), x, atol=1e-11)
+    seen = camera_from_object(axis, angle_deg).apply(x)
+    np.testing.assert_allclose(object_from_camera(axis, angle_deg).apply(seen), x, atol=1e-11)
     # The object frame is the camera frame of view 0.
-    np.testing.assert_allclose(camera_from_held(axis, 0.0).apply(x), x, atol=1e-14)
+    np.testing.assert_allclose(camera_from_object(axis, 0.0).apply(x), x, atol=1e-14)
 
 
 @given(standing_axes(), ANGLES_DEG, VECTORS)
 def test_turning_keeps_heights_and_distances_to_the_axis(
     axis: RotationAxis, angle_deg: float, x: np.ndarray
 ) -> None:
-    turned = camera_from_held(axis, angle_deg).apply(x)
+    turned = camera_from_object(axis, angle_deg).apply(x)
     assert height_m(turned, axis) == pytest.approx(float(height_m(x, axis)), abs=1e-11)
     distance = np.linalg.norm(np.cross(turned - axis.point_m, axis.direction))
     assert distance == pytest.approx(np.linalg.norm(np.cross(x - axis.point_m, axis.direction)), abs=1e-11)
@@ -141,7 +141,7 @@ def test_the_slope_up_or_down_does_not_matter(slope: float) -> None:
 def test_turning_the_item_adds_the_rotation(axis: RotationAxis, normal: np.ndarray, angle_deg: float) -> None:
     assume(np.linalg.norm(np.cross(normal, axis.direction)) > 0.05)
     by_formula = z_angle_deg(normal, axis, angle_deg)
-    turned = camera_from_held(axis, angle_deg).turn(normal)
+    turned = camera_from_object(axis, angle_deg).turn(normal)
     difference = (by_formula - z_angle_deg(turned, axis) + 180) % 360 - 180
     assert difference == pytest.approx(0, abs=1e-8)
     again = (by_formula - z_angle_deg(normal, axis) - angle_deg + 180) % 360 - 180

@@ -12,7 +12,7 @@ from viewer_fakes import HEIGHT_M, PIXEL_M, RADIUS_M, SEEN_DEG, CylinderRecordin
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.engine.diagnostics import LEAST_STRAIN, MOST_EDGES, reasons, strained_edges
 from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.session.machine import Side
@@ -86,7 +86,7 @@ def test_the_strained_edges_lie_where_they_are_drawn():
     (ends,), (strain,) = found.new_edges.uv_m, found.new_edges.strain
     assert strain == pytest.approx(0.2)
     np.testing.assert_allclose(ends, [[0.012, -0.004], [0.132, -0.004]], atol=1e-9)
-    held = held_from_camera(views.axis, RECORDING.angles_deg[1])
+    held = object_from_camera(views.axis, RECORDING.angles_deg[1])
     np.testing.assert_allclose(
         found.new_edges.xyz_m[0], held.apply(np.array([[0, 0, 0.801], [0.1, 0, 0.801]])), atol=1e-9
     )

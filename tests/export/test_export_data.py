@@ -10,7 +10,7 @@ import pytest
 from scenes import sheet
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import Rigid3, camera_from_held, rotation_about
+from flatcloth.core.geometry import Rigid3, camera_from_object, rotation_about
 from flatcloth.core.types import RotationAxis
 from flatcloth.export.data import (
     GraspFrames,
@@ -102,7 +102,7 @@ def test_a_pose_is_given_in_held_camera_and_robot_frame(tmp_path: Path) -> None:
     np.testing.assert_allclose(held[:3, 3], PICK.position_held_m, atol=1e-6)
     np.testing.assert_allclose(held[:3, 2], [0, 0, 1], atol=1e-6)  # into the cloth
     np.testing.assert_allclose(held[3], [0, 0, 0, 1])
-    turn = camera_from_held(AXIS, 70.0)
+    turn = camera_from_object(AXIS, 70.0)
     np.testing.assert_allclose(camera[:3, :3], turn.rotation @ held[:3, :3], atol=1e-6)
     np.testing.assert_allclose(camera[:3, 3], turn.apply(held[:3, 3]), atol=1e-6)
     np.testing.assert_allclose(robot, np.array(document["base_from_camera"]) @ camera, atol=2e-6)

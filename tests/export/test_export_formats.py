@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from pycocotools.coco import COCO
 
-from flatcloth.core.geometry import Rigid3, camera_from_held
+from flatcloth.core.geometry import Rigid3, camera_from_object
 from flatcloth.core.types import FlattenedView
 from flatcloth.export.formats import moments as moments_module
 from flatcloth.export.formats.coco import HIDDEN, VISIBLE, write_coco
@@ -34,7 +34,7 @@ def cloth(session: OpenedSession) -> FlattenedView:
 
 def turn(session: OpenedSession, order: int) -> Rigid3:
     """The pose of the item before the camera as a view joined the shape."""
-    return camera_from_held(session.integration.axis, session.growth.steps[order].angle_deg)
+    return camera_from_object(session.integration.axis, session.growth.steps[order].angle_deg)
 
 
 def test_foxglove_s_library_reads_the_views_the_cloud_and_the_picks(
@@ -135,7 +135,7 @@ def test_coco_s_library_reads_the_named_points_where_the_images_show_them(
         assert (out / image["file_name"]).is_file()
         (annotation,) = data.loadAnns(data.getAnnIds(image["id"], category["id"]))
         col, row, flag = annotation["keypoints"][3 * middle : 3 * middle + 3]
-        x, y, z = camera_from_held(axis, image["angle_deg"]).apply(held)
+        x, y, z = camera_from_object(axis, image["angle_deg"]).apply(held)
         assert col == pytest.approx(camera.fx * x / z + camera.cx, abs=0.01)
         assert row == pytest.approx(camera.fy * y / z + camera.cy, abs=0.01)
         flags.append(flag)

@@ -6,7 +6,7 @@ from scenes import AXIS, CAMERA, Cylinder, box, frame, plane, rays
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.errors import FlatteningError
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import RgbdFrame
 from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.flattening.flatten import Flattening, flatten
@@ -119,7 +119,7 @@ def test_every_pixel_is_linked_to_its_image_pixel_and_held_point() -> None:
     cylinder = Cylinder(angles_deg=(0.0, 40.0))
     view = flattened(cylinder[1]).view
     k, source = CAMERA, view.source_rc[view.valid]
-    camera = held_from_camera(AXIS, 40.0).inverse().apply(view.xyz_m[view.valid])
+    camera = object_from_camera(AXIS, 40.0).inverse().apply(view.xyz_m[view.valid])
     np.testing.assert_allclose(camera[:, 0] / camera[:, 2] * k.fx + k.cx, source[:, 1], atol=1e-3)
     np.testing.assert_allclose(camera[:, 1] / camera[:, 2] * k.fy + k.cy, source[:, 0], atol=1e-3)
     offset = view.xyz_m[view.valid] - AXIS.point_m

@@ -9,7 +9,7 @@ import pytest
 from scenes import AXIS, CAMERA, Cylinder, box, frame, plane
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.pixel_states import PixelState, component_states, states_of_view
 from flatcloth.flattening.surface import observe_item, observe_surface
@@ -86,7 +86,7 @@ def test_on_the_surface_a_pixel_has_the_state_of_what_carries_it() -> None:
     assert set(np.unique(states[surface.usable])) <= {PixelState.SHAPE, PixelState.STRIP}
     assert (states[surface.usable] == PixelState.SHAPE).mean() > 0.95
     flat = cylinder.flat_uv_m(surface.xyz_m.astype(float))
-    shape = begin_joint(surface, held_from_camera(AXIS, 0.0), flat, FlatteningConfig())
+    shape = begin_joint(surface, object_from_camera(AXIS, 0.0), flat, FlatteningConfig())
     left = shape.nodes.xyz_m[:, 0] < 0.0
     state = np.where(left, PixelState.FLOATING, PixelState.SHAPE).astype(np.uint8)
     found = states_on_surface(shape.observations[0], surface, state, FlatteningConfig())

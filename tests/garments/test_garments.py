@@ -135,7 +135,7 @@ def sheet_seen(depth_m: np.ndarray, of_interest: np.ndarray | None = None) -> tu
     valid[20:100, 20:100] = True
     camera = Rigid3(np.eye(3), np.zeros(3))
     return blank_view(valid), SeenFrom(
-        depth_m=depth_m, of_interest=of_interest, intrinsics=k, camera_from_held=camera
+        depth_m=depth_m, of_interest=of_interest, intrinsics=k, camera_from_object=camera
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import held_from_camera, rotation_about
+from flatcloth.core.geometry import object_from_camera, rotation_about
 from flatcloth.core.types import FlattenedView, RotationAxis
 from flatcloth.grasping.grasps import (
     OPENING_M,
@@ -303,7 +303,7 @@ def test_the_pose_in_the_camera_frame_turns_with_the_item() -> None:
     pose = picked(cylinder(), 0.10, 0.03)
     for angle_deg in (0.0, 40.0, -170.0):
         moved = pose.camera_from_grasp(AXIS, angle_deg)
-        back = held_from_camera(AXIS, angle_deg) @ moved
+        back = object_from_camera(AXIS, angle_deg) @ moved
         np.testing.assert_allclose(back.rotation, pose.object_from_grasp.rotation, atol=1e-12)
         np.testing.assert_allclose(back.translation_m, pose.object_from_grasp.translation_m, atol=1e-12)
 

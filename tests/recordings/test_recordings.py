@@ -15,7 +15,7 @@ import pytest
 from tiny_recordings import HEIGHT, WIDTH, header, write_header, write_image, write_recording
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.geometry import camera_from_object
 from flatcloth.core.resources import sample_recordings, static_folder
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import fingerprint
@@ -102,8 +102,8 @@ def test_an_axis_that_points_down_is_the_same_turn_about_the_upward_axis(folder:
     assert downward.rotation_axis is not None
     assert upward.rotation_axis is not None
     np.testing.assert_allclose(
-        camera_from_held(downward.rotation_axis, downward.angles_deg[2]).apply(point),
-        camera_from_held(upward.rotation_axis, upward.angles_deg[2]).apply(point),
+        camera_from_object(downward.rotation_axis, downward.angles_deg[2]).apply(point),
+        camera_from_object(upward.rotation_axis, upward.angles_deg[2]).apply(point),
         atol=1e-12,
     )
 

@@ -14,7 +14,7 @@ from scenes import CAMERA, rays
 from benchmarks.axis import errors
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.geometry import camera_from_object
 from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.recordings import open_recording
 from flatcloth.registration.axis import Hanging, resolve_axis
@@ -61,7 +61,7 @@ class Spheres:
         x, y = rays()
         ray = np.stack([x, y, np.ones_like(x)], axis=-1)
         angle = (self.true_angles_deg or self.angles_deg)[view_index]
-        motion = camera_from_held(self.turns_about, angle)
+        motion = camera_from_object(self.turns_about, angle)
         depth = np.full(x.shape, np.inf)
         for *center, radius in SPHERES:
             at = motion.apply(np.add(center, (0.0, 0.0, 0.85)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import AXIS
 
-from flatcloth.core.geometry import Rigid3, held_from_camera
+from flatcloth.core.geometry import Rigid3, object_from_camera
 from flatcloth.flattening.surface import EXTENT_M
 from flatcloth.registration.axis_estimation import _neighbours, _pairs, choose_views
 from flatcloth.registration.pairwise import _FINE_ROUNDS, _SEARCH_RADII_M, _rounds
@@ -34,7 +34,7 @@ ANGLE_DEG = 40.0
 def twist_by(common: np.ndarray, own: np.ndarray, center_m: np.ndarray) -> np.ndarray:
     """The change of a view's pose by the unknowns, as a twist."""
     (changed,) = poses(AXIS, HELD_M, [ANGLE_DEG], common, own[None])
-    return twist_of(changed @ held_from_camera(AXIS, ANGLE_DEG).inverse(), center_m)
+    return twist_of(changed @ object_from_camera(AXIS, ANGLE_DEG).inverse(), center_m)
 
 
 @pytest.mark.parametrize("column", range(7))

@@ -40,7 +40,7 @@ def exact() -> Integration:
 
 def test_views_whose_rotation_is_right_stay_where_they_are(exact: Integration) -> None:
     found = registered(exact)
-    for pose, known in zip(found.held_from_camera, found.known, strict=True):
+    for pose, known in zip(found.object_from_camera, found.known, strict=True):
         np.testing.assert_allclose(pose.rotation, known.rotation, atol=2e-3)
         np.testing.assert_allclose(pose.translation_m, known.translation_m, atol=2e-3)
     robust = exact.algorithm
@@ -83,7 +83,7 @@ def test_registering_in_steps_is_registering_at_once(exact: Integration) -> None
     assert isinstance(robust, RobustMethod)
     stepwise = robust.seen.registered((0, 1, 2))
     once = registered(exact)
-    for a, b in zip(stepwise.held_from_camera, once.held_from_camera, strict=True):
+    for a, b in zip(stepwise.object_from_camera, once.object_from_camera, strict=True):
         np.testing.assert_array_equal(a.rotation, b.rotation)
         np.testing.assert_array_equal(a.translation_m, b.translation_m)
 

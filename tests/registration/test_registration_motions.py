@@ -14,7 +14,7 @@ import pytest
 from scenes import AXIS, frame, rays
 
 from flatcloth.core.config import SurfaceConfig
-from flatcloth.core.geometry import Rigid3, back_project, camera_from_held, rotation_about
+from flatcloth.core.geometry import Rigid3, back_project, camera_from_object, rotation_about
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import Surface, observe_surface
 from flatcloth.registration.cameras import begin_registration, extend_registration
@@ -58,13 +58,13 @@ class Loose:
     turned_deg: tuple[float, ...] = (0.0,) * 8
     swung_deg: tuple[tuple[float, float], ...] = ((0.0, 0.0),) * 8
 
-    def camera_from_held(self, n: int, recorded_deg: float) -> Rigid3:
+    def camera_from_object(self, n: int, recorded_deg: float) -> Rigid3:
         about_x, about_z = np.radians(self.swung_deg[n])
         swing = rotation_about(np.array([1.0, 0, 0]), about_x) @ rotation_about(
             np.array([0, 0, 1.0]), about_z
         )
         swung = Rigid3(swing, HELD_M - swing @ HELD_M)
-        return swung @ camera_from_held(self.axis, recorded_deg + self.turned_deg[n])
+        return swung @ camera_from_object(self.axis, recorded_deg + self.turned_deg[n])
 
 
 EXACT = Loose()
@@ -96,7 +96,7 @@ def surfaces_of_views(
 ) -> list[Surface]:
     found = []
     for n, angle in enumerate(angles):
-        depth, color = render(relief, paint, loose.camera_from_held(n, angle))
+        depth, color = render(relief, paint, loose.camera_from_object(n, angle))
         if lit is not None:
             color = color * lit(depth)[..., None]
         depth = spoiled(depth, n)
@@ -118,9 +118,9 @@ def slips_m(found: Registered, loose: Loose = EXACT, *, known: bool = False) -> 
     turns = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     ring = [(RADIUS_M * np.cos(a), h, RADIUS_M * np.sin(a)) for a in turns for h in (-0.1, 0.1)]
     points = AXIS.point_m + np.array(ring)
-    poses = found.known if known else found.held_from_camera
+    poses = found.known if known else found.object_from_camera
     off = [
-        pose.apply(loose.camera_from_held(n, seen.angle_deg).apply(points))
+        pose.apply(loose.camera_from_object(n, seen.angle_deg).apply(points))
         for n, (pose, seen) in enumerate(zip(poses, found.features, strict=True))
     ]
     return np.array([np.linalg.norm(o - off[0], axis=1).max() for o in off[1:]])
@@ -164,8 +164,8 @@ def test_the_errors_are_as_large_as_is_said() -> None:
         middle = found.known[n].apply(np.median(found.features[n].points_m, axis=0))
 
         def off(k: int, middle: Float64 = middle) -> Float64:
-            true = SWINGING.camera_from_held(k, found.features[k].angle_deg)
-            return (found.held_from_camera[k] @ true).apply(middle) - middle
+            true = SWINGING.camera_from_object(k, found.features[k].angle_deg)
+            return (found.object_from_camera[k] @ true).apply(middle) - middle
 
         ends = {
             end for pair in found.pairs if n in (pair.first, pair.second) for end in (pair.first, pair.second)
@@ -192,7 +192,7 @@ def test_a_sensor_that_makes_what_is_near_larger_is_not_taken_for_wrong_poses() 
     assert found.fattening_px == pytest.approx(1.0, abs=0.15)
     assert abs(found.fattening_px - 1.0) < 4.0 * math.sqrt(found.covariance[4, 4])
     assert slips_m(found).max() < 0.0005
-    true, _ = render(bumps, printed, EXACT.camera_from_held(0, 0.0))
+    true, _ = render(bumps, printed, EXACT.camera_from_object(0, 0.0))
     seen = features[0]
     inner = cv2.erode(seen.usable.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     inner &= seen.normals[..., 2] < -0.6
@@ -244,7 +244,7 @@ def test_the_lamp_is_not_taken_for_texture() -> None:
 def test_views_with_too_little_in_common_stay() -> None:
     found = registered(features_of_views(loose=LOOSE, angles=(0.0, 180.0)))
     assert found.pairs == ()
-    for pose, known in zip(found.held_from_camera, found.known, strict=True):
+    for pose, known in zip(found.object_from_camera, found.known, strict=True):
         np.testing.assert_allclose(pose.rotation, known.rotation, atol=1e-12)
         np.testing.assert_allclose(pose.translation_m, known.translation_m, atol=1e-12)
     assert describe(found).startswith("No two views")
@@ -277,11 +277,11 @@ def test_one_wrong_pair_among_many_loses_its_weight() -> None:
 def test_the_registration_before_is_left_as_it_was() -> None:
     features = features_of_views(loose=LOOSE)
     before = registered(features[:2])
-    poses = before.held_from_camera
+    poses = before.object_from_camera
     after = extend_registration(before, features[2])
     assert len(before.features) == 2
     assert len(after.features) == 3
-    for now, then in zip(before.held_from_camera, poses, strict=True):
+    for now, then in zip(before.object_from_camera, poses, strict=True):
         np.testing.assert_array_equal(now.translation_m, then.translation_m)
 
 
@@ -294,7 +294,7 @@ def test_the_report_says_what_was_changed() -> None:
 
 
 def test_nothing_is_registered_yet() -> None:
-    assert begin_registration(AXIS, HELD_M).held_from_camera == ()
+    assert begin_registration(AXIS, HELD_M).object_from_camera == ()
 
 
 def test_a_scrap_of_cloth_between_the_points_of_the_grid_is_registered_still() -> None:

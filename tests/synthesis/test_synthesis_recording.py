@@ -13,7 +13,7 @@ from garment_meshes import HEIGHT_M, RADIUS_M, arc, tube, write_glb, write_obj, 
 from flatcloth.cli import main
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.errors import FlatclothError, RecordingError, SynthesisError
-from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.types import Intrinsics
 from flatcloth.engine.evaluation import compare
 from flatcloth.flattening.flatten import flatten
@@ -90,7 +90,7 @@ def test_views_agree_in_the_held_frame_with_their_angles_and_truth(tmp_path: Pat
         view, true = recording[n], truth[n]
         assert view.mask is not None
         assert (view.mask == ((true.panel == 1) & true.outer_face)).all()
-        xyz = held_from_camera(axis, recording.angles_deg[n]).apply(
+        xyz = object_from_camera(axis, recording.angles_deg[n]).apply(
             back_project(view.depth_m, recording.intrinsics)[view.mask]
         )
         places.append(np.column_stack([xyz, true.flat_uv_m[view.mask]]))

@@ -28,7 +28,7 @@ from websockets.sync.client import connect
 
 from flatcloth.active.incoming import SeenView
 from flatcloth.active.service import ActiveService
-from flatcloth.core.geometry import camera_from_held
+from flatcloth.core.geometry import camera_from_object
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.recognition import Point, Recognition
@@ -165,7 +165,7 @@ def test_poses_of_named_points_are_pushed_once_at_the_rotation_of_the_item(tmp_p
     (grasp,) = points.points
     assert grasp.name == "waist_left"
     held, camera = np.array(grasp.position_m), grasp.poses["camera"].position_m
-    assert camera == pytest.approx(camera_from_held(cell.axis, 50.0).apply(held[None])[0], abs=1e-4)
+    assert camera == pytest.approx(camera_from_object(cell.axis, 50.0).apply(held[None])[0], abs=1e-4)
     assert list(events(told)) == []
     loop.close()
 

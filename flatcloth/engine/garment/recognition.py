@@ -10,7 +10,7 @@ from typing import Protocol
 
 from flatcloth.checking.result import WRONG
 from flatcloth.core.errors import GarmentError
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import MIRROR, FlattenedView, RgbdFrame
 from flatcloth.engine.following import scale_std_of
 from flatcloth.engine.integration import Integration
@@ -62,18 +62,18 @@ def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
     registered = integration.algorithm.cameras(document)
     held = {}
     if registered is not None:
-        poses = registered.held_from_camera if registered.is_loose else registered.known
+        poses = registered.object_from_camera if registered.is_loose else registered.known
         held = {seen.view_index: pose for seen, pose in zip(registered.features, poses, strict=True)}
     views = []
     for index in sorted(document.used_views):
         frame = _around_item(integration.views.frame(index))
-        pose = held.get(index) or held_from_camera(integration.axis, frame.angle_deg)
+        pose = held.get(index) or object_from_camera(integration.axis, frame.angle_deg)
         views.append(
             SeenFrom(
                 depth_m=frame.depth_m,
                 of_interest=frame.mask,
                 intrinsics=frame.intrinsics,
-                camera_from_held=pose.inverse(),
+                camera_from_object=pose.inverse(),
             )
         )
     return views

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatteningError, SurfaceError
-from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.types import Bool, Uint8
 from flatcloth.flattening.pixel_states import PixelState, component_states, states_of_view
 from flatcloth.flattening.surface import item_mask
@@ -48,7 +48,7 @@ def pixel_states(integration: Integration, document: Document, view_index: int) 
     known = [view.xyz_m[view.valid] for view in (canonical.view, *canonical.floating)]
     rows, cols = np.nonzero(item)
     xyz = back_project(frame.depth_m, frame.intrinsics)[rows, cols].astype(np.float64)
-    xyz = held_from_camera(integration.axis, frame.angle_deg).apply(xyz)
+    xyz = object_from_camera(integration.axis, frame.angle_deg).apply(xyz)
     off_m, _ = cKDTree(np.concatenate(known)).query(xyz, distance_upper_bound=NEAR_M)
     is_missing = np.zeros(item.shape, dtype=np.bool_)
     is_missing[rows, cols] = ~np.isfinite(off_m)

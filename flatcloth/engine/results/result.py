@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatteningError, SurfaceError
-from flatcloth.core.geometry import back_project, held_from_camera
+from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.types import FlattenedView, Float64, Uint8
 from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.results.pixel_states import NEAR_M, states_of
@@ -265,7 +265,7 @@ def _parts(integration: Integration, view_index: int, states: Uint8 | None) -> I
     camera = frame.intrinsics
     points = back_project(frame.depth_m, camera)[shown].astype(np.float64)
     yield _Part(
-        xyz_m=held_from_camera(integration.axis, frame.angle_deg).apply(points),
+        xyz_m=object_from_camera(integration.axis, frame.angle_deg).apply(points),
         area_m2=np.square(points[:, 2]) / (camera.fx * camera.fy),
         states=states[shown],
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import Rigid3, camera_from_held
+from flatcloth.core.geometry import Rigid3, camera_from_object
 from flatcloth.core.types import Bool, Float32, RgbdFrame, Uint8
 from flatcloth.export.garment import garment_points
 from flatcloth.export.session import OpenedSession
@@ -54,7 +54,7 @@ def moments(session: OpenedSession) -> Iterator[Moment]:
         yield Moment(
             order=step.order,
             frame=frame,
-            camera_from_object=camera_from_held(integration.axis, frame.angle_deg),
+            camera_from_object=camera_from_object(integration.axis, frame.angle_deg),
             points_m=view.xyz_m[listed],
             colors=view.rgb[listed],
             shown=shown,

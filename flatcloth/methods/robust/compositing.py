@@ -369,7 +369,7 @@ def _read_views(
         if not pixels.size:
             continue
         surface = surfaces[shape.observations[n].view_index]
-        held: Rigid3 = shape.held_from_camera[n]
+        held: Rigid3 = shape.object_from_camera[n]
         own_source = source.reshape(-1, 2)[pixels][:, None]
         part = read_attributes(own_source, stretches[n], surface, axis, pixel_size_m, low, held)
         valid = part.valid[:, 0]

@@ -60,7 +60,7 @@ Int64 = NDArray[np.int64]
 
 def begin_joint(
     surface: Surface,
-    held_from_camera: Rigid3,
+    object_from_camera: Rigid3,
     start_uv_m: Float64,
     flattening: FlatteningConfig,
 ) -> JointShape:
@@ -70,7 +70,7 @@ def begin_joint(
     ----------
     surface : Surface
         The start view's surface.
-    held_from_camera : Rigid3
+    object_from_camera : Rigid3
         Pose of its camera.
     start_uv_m : (H, W, 2) float64
         Position of each pixel of its main component on the plane; NaN elsewhere.
@@ -78,14 +78,14 @@ def begin_joint(
         Sampling interval.
     """
     nothing = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
-    nodes, first = observe(no_nodes(), nothing, surface, held_from_camera, flattening)
+    nodes, first = observe(no_nodes(), nothing, surface, object_from_camera, flattening)
     row, col = np.rint(first.rc).astype(np.int32).T
     uv = start_uv_m[row, col]
     return flatten_jointly(
         JointShape(
             nodes=nodes,
             observations=(first,),
-            held_from_camera=(held_from_camera,),
+            object_from_camera=(object_from_camera,),
             links=links_of([first]),
             piece=np.where(np.isfinite(uv[:, 0]), 0, -1).astype(np.int32),
             all_uv_m=uv,
@@ -101,7 +101,7 @@ def begin_joint(
 def extend_joint(
     shape: JointShape,
     surface: Surface,
-    held_from_camera: Rigid3,
+    object_from_camera: Rigid3,
     flattening: FlatteningConfig,
     associated: Association,
     placed_by_hand: Bool | None = None,
@@ -112,7 +112,7 @@ def extend_joint(
     ----------
     shape : JointShape
         The shape so far.
-    surface, held_from_camera
+    surface, object_from_camera
         The view to add, and the pose of its camera.
     flattening : FlatteningConfig
         Sampling interval.
@@ -121,14 +121,14 @@ def extend_joint(
     placed_by_hand : (H, W) bool, optional
         Pixels of the view that the operator placed where they share no cloth with the shape in space.
     """
-    nodes, added = observe(shape.nodes, associated, surface, held_from_camera, flattening)
+    nodes, added = observe(shape.nodes, associated, surface, object_from_camera, flattening)
     before_uv = np.concatenate([shape.all_uv_m, np.full((len(nodes) - len(shape.nodes), 2), np.nan)])
     row, col = np.rint(added.rc).astype(np.int32).T
     grown = with_observation(
         shape,
         nodes,
         added,
-        held_from_camera,
+        object_from_camera,
         is_cut=contradicted_pairs(
             before_uv, added.node[added.edges], added.edge_length_m, added.edge_evidence
         ),

@@ -39,7 +39,7 @@ _LEAST_OF_MEDIAN = 0.025
 class JointShape:
     """All accepted views, flattened together. Two shapes are equal only if they are the same object.
 
-    ``observations`` and ``held_from_camera`` are in the order of acceptance, ``links`` are the pairs of all
+    ``observations`` and ``object_from_camera`` are in the order of acceptance, ``links`` are the pairs of all
     observations. ``piece`` (N,) int32 is the piece of cloth of each node: 0 for the main piece, positive
     for floating pieces (which no view connects to it), -1 if too small. ``all_uv_m`` (N, 2) are the
     positions of the nodes; floating pieces lie far from the main one. ``anchor`` (A,) int32 are nodes of
@@ -54,7 +54,7 @@ class JointShape:
 
     nodes: Nodes
     observations: tuple[Observation, ...]
-    held_from_camera: tuple[Rigid3, ...]
+    object_from_camera: tuple[Rigid3, ...]
     links: Links
     piece: Int32
     all_uv_m: Float64
@@ -109,7 +109,7 @@ def with_observation(
     shape: JointShape,
     nodes: Nodes,
     added: Observation,
-    held_from_camera: Rigid3,
+    object_from_camera: Rigid3,
     *,
     is_cut: Bool,
     by_hand: Bool,
@@ -126,7 +126,7 @@ def with_observation(
         shape,
         nodes=nodes,
         observations=(*shape.observations, added),
-        held_from_camera=(*shape.held_from_camera, held_from_camera),
+        object_from_camera=(*shape.object_from_camera, object_from_camera),
         links=shape.links.with_view(added),
         piece=np.concatenate([shape.piece, np.full(new, -1, dtype=np.int32)]),
         all_uv_m=np.concatenate([shape.all_uv_m, np.full((new, 2), np.nan)]),
@@ -136,14 +136,14 @@ def with_observation(
     )
 
 
-def with_poses(shape: JointShape, held_from_camera: tuple[Rigid3, ...]) -> JointShape:
+def with_poses(shape: JointShape, object_from_camera: tuple[Rigid3, ...]) -> JointShape:
     """Return the shape with other camera poses: its nodes move in space, not on the plane."""
-    if all(a is b for a, b in zip(held_from_camera, shape.held_from_camera, strict=True)):
+    if all(a is b for a, b in zip(object_from_camera, shape.object_from_camera, strict=True)):
         return shape
     nodes = no_nodes()
-    for observation, held in zip(shape.observations, held_from_camera, strict=True):
+    for observation, held in zip(shape.observations, object_from_camera, strict=True):
         nodes = averaged(nodes, observation, held)
-    return replace(shape, nodes=nodes, held_from_camera=held_from_camera)
+    return replace(shape, nodes=nodes, object_from_camera=object_from_camera)
 
 
 def with_cut(shape: JointShape, cut: Int64) -> JointShape:

@@ -115,7 +115,7 @@ class Association:
     incidence_deg: Float64
 
 
-def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Association:
+def associate(nodes: Nodes, surface: Surface, object_from_camera: Rigid3) -> Association:
     """Find the nodes that lie on the visible surface of a view.
 
     Parameters
@@ -124,7 +124,7 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Assoc
         The nodes, object frame.
     surface : Surface
         The view's surface.
-    held_from_camera : Rigid3
+    object_from_camera : Rigid3
         Pose of the view's camera.
 
     Returns
@@ -135,7 +135,7 @@ def associate(nodes: Nodes, surface: Surface, held_from_camera: Rigid3) -> Assoc
         wander along steep cloth by the noise times the sine of the incidence angle.
     """
     k = surface.frame.intrinsics
-    points, normal = held_from_camera.inverse().apply_with_normal(nodes.xyz_m, nodes.normal)
+    points, normal = object_from_camera.inverse().apply_with_normal(nodes.xyz_m, nodes.normal)
     tolerance = _SAME_PLACE_M + 3.0 * surface.noise_m
     rc = project(points, k)
     for round_ in range(2):
@@ -161,7 +161,7 @@ def observe(
     nodes: Nodes,
     associated: Association,
     surface: Surface,
-    held_from_camera: Rigid3,
+    object_from_camera: Rigid3,
     flattening: FlatteningConfig,
 ) -> tuple[Nodes, Observation]:
     """Observe the associated nodes in a view, and add nodes where it shows other cloth.
@@ -216,7 +216,7 @@ def observe(
         edge_evidence=evidence,
         offset=offset,
     )
-    return averaged(nodes, observation, held_from_camera), observation
+    return averaged(nodes, observation, object_from_camera), observation
 
 
 def _in_narrow_places(usable: Bool, interval_px: int, known: Float64) -> Float64:
@@ -362,18 +362,20 @@ def _offsets(
     return offset
 
 
-def averaged(nodes: Nodes, observation: Observation, held_from_camera: Rigid3) -> Nodes:
+def averaged(nodes: Nodes, observation: Observation, object_from_camera: Rigid3) -> Nodes:
     """Nodes at the weighted mean of the views' measurements; frontal views, which are best, weigh most."""
     added = int(observation.is_new.sum())
     xyz = np.concatenate([nodes.xyz_m, np.zeros((added, 3))])
     normal = np.concatenate([nodes.normal, np.zeros((added, 3))])
     weight = np.concatenate([nodes.weight, np.zeros(added)])
-    held_points, held_normal = held_from_camera.apply_with_normal(observation.points_m, observation.normal)
+    object_points, object_normal = object_from_camera.apply_with_normal(
+        observation.points_m, observation.normal
+    )
     own = np.cos(np.radians(observation.incidence_deg))[:, None] ** 2
     at = observation.node
     before = weight[at][:, None]
-    xyz[at] = (before * xyz[at] + own * held_points) / (before + own)
-    mean = before * normal[at] + own * held_normal
+    xyz[at] = (before * xyz[at] + own * object_points) / (before + own)
+    mean = before * normal[at] + own * object_normal
     normal[at] = mean / np.linalg.norm(mean, axis=1)[:, None]
     weight[at] += own[:, 0]
     return Nodes(xyz_m=xyz, normal=normal, weight=weight)

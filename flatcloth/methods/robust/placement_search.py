@@ -264,7 +264,7 @@ class PlacementSearch:
 
     def _sampled(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
         flattening = self._views.flattening(view_index)
-        _, held_from_camera, associated = self._seen.associated(self._shapes.shape(document), view_index)
+        _, object_from_camera, associated = self._seen.associated(self._shapes.shape(document), view_index)
         component_of_pixel = self._seen.component_of_pixel(view_index)
         texture = self._seen.textures({view_index: flattening.surface})[view_index]
         pixel = np.rint(associated.rc).astype(np.int32)
@@ -288,7 +288,7 @@ class PlacementSearch:
                 rc[known],
                 flattening.surface,
                 texture,
-                held_from_camera,
+                object_from_camera,
                 associated.rc[own],
                 associated.node[own],
                 component.view.area_m2,

@@ -134,8 +134,8 @@ class ReferenceShape:
         self._pixels = [textures[v].texture.reshape(-1, 3) for v in shape.views]
         self._sizes_px = np.array([textures[v].texture.shape[:2] for v in shape.views])
         self._best_view = _best_view(shape)[self.number]
-        self._turns = np.stack([held.rotation for held in shape.held_from_camera])
-        self._shifts_m = np.stack([held.translation_m for held in shape.held_from_camera])
+        self._turns = np.stack([held.rotation for held in shape.object_from_camera])
+        self._shifts_m = np.stack([held.translation_m for held in shape.object_from_camera])
         cameras = [surfaces[v].frame.intrinsics for v in shape.views]
         self._focal_px = np.array([(k.fy, k.fx) for k in cameras])
         self._center_px = np.array([(k.cy, k.cx) for k in cameras])
@@ -368,14 +368,14 @@ def sample_component(
     rc: Int32,
     surface: Surface,
     own_texture: TextureFeatures,
-    held_from_camera: Rigid3,
+    object_from_camera: Rigid3,
     associated_rc: Float64,
     associated_node: Int32,
     area_m2: float,
 ) -> SampledComponent:
     """Return samples of a component at pixels ``rc`` (K, 2) with positions ``uv_m`` (K, 2) on its plane."""
     at = rc[:, 0], rc[:, 1]
-    xyz, normal = held_from_camera.apply_with_normal(
+    xyz, normal = object_from_camera.apply_with_normal(
         surface.xyz_m[at].astype(np.float64), surface.normal[at].astype(np.float64)
     )
     node = np.full(len(rc), -1, dtype=np.int32)

@@ -113,9 +113,9 @@ class RegisteredViews:
         return self._registrations.get(views, make)
 
     def poses(self, views: tuple[int, ...]) -> tuple[Rigid3, ...]:
-        """Return ``held_from_camera`` of each view: as recorded unless the views show otherwise."""
+        """Return ``object_from_camera`` of each view: as recorded unless the views show otherwise."""
         registered = self.registered(views)
-        return registered.held_from_camera if registered.is_loose else registered.known
+        return registered.object_from_camera if registered.is_loose else registered.known
 
     def _view_features(self, view_index: int) -> ViewFeatures:
         kept = self._features.get(view_index)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import camera_from_held, held_from_camera
+from flatcloth.core.geometry import camera_from_object, object_from_camera
 from flatcloth.core.types import FlattenedView, Floats, RotationAxis, finite
 from flatcloth.grasping.grasps import (
     LOST_AT_M,
@@ -247,7 +247,7 @@ class PickStore:
 
 def faces_away(pick: Pick, axis: RotationAxis, angle_deg: float) -> bool:
     """Say whether a pick's cloth faces away from where the camera stands at an angle; unknown: no."""
-    eye_m = held_from_camera(axis, angle_deg).translation_m
+    eye_m = object_from_camera(axis, angle_deg).translation_m
     towards = (eye_m - np.asarray(pick.position_held_m)) @ np.asarray(pick.normal_held)
     return bool(np.isfinite(towards) and towards < 0)
 
@@ -315,7 +315,7 @@ def pick_info(
     pick = current.pick
     position = np.asarray(pick.position_held_m, dtype=np.float64)
     normal = np.asarray(pick.normal_held, dtype=np.float64)
-    at_camera, normal_camera = camera_from_held(axis, picture.angle_deg).apply_with_normal(position, normal)
+    at_camera, normal_camera = camera_from_object(axis, picture.angle_deg).apply_with_normal(position, normal)
     is_there = place is not None and place.in_shape
     z_angle_deg = None
     if place is not None and is_there:

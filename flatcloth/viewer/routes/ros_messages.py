@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.core.geometry import Rigid3, camera_from_held
+from flatcloth.core.geometry import Rigid3, camera_from_object
 from flatcloth.core.types import FlattenedView, RotationAxis
 from flatcloth.export.data import png_bytes
 from flatcloth.grasping.grasps import quaternion_wxyz
@@ -43,7 +43,7 @@ class Topic:
 def frame_of(axis: RotationAxis, base_from_camera: Rigid3 | None, present: Present) -> Frames:
     """Return the frames at the rotation of the poses."""
     rotation_deg = float(present.document["rotation_deg"])
-    parents = {OBJECT: (CAMERA, camera_from_held(axis, rotation_deg))}
+    parents = {OBJECT: (CAMERA, camera_from_object(axis, rotation_deg))}
     if base_from_camera is not None:
         parents[CAMERA] = (BASE, base_from_camera)
     return Frames(parents=parents)

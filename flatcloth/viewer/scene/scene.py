@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.rendering.layers import Appearance
@@ -141,7 +141,7 @@ class Scene:
 
     def _turn_camera(self, picture: Picture) -> None:
         assert self._view_from is not None
-        held = held_from_camera(self._axis, picture.angle_deg)
+        held = object_from_camera(self._axis, picture.angle_deg)
         self._frustum.position = held.translation_m
         self._frustum.wxyz = quaternion_from_matrix(held.rotation)
         self._view_from = (self._view_from[0], held.translation_m, *self._view_from[2:])
@@ -185,7 +185,7 @@ class Scene:
         with self._lock:
             if self._view_from is None:
                 return
-            eye_m = held_from_camera(self._axis, angle_deg).translation_m
+            eye_m = object_from_camera(self._axis, angle_deg).translation_m
             self._view_from = (self._view_from[0], eye_m, *self._view_from[2:])
         self._aim_all()
 
@@ -222,7 +222,7 @@ class Scene:
         self._frame_view(picture.angle_deg, picture.present_view)
 
     def _frame_view(self, angle_deg: float, present_view: int) -> None:
-        held = held_from_camera(self._axis, angle_deg)
+        held = object_from_camera(self._axis, angle_deg)
         self._frustum.position = held.translation_m
         self._frustum.wxyz = quaternion_from_matrix(held.rotation)
         clouds = [self._points[n] for n in ("/live/cloud", "/held/cloud") if self._filled.get(n)]

@@ -7,7 +7,7 @@ import pytest
 from scenes import AXIS, CAMERA, Cylinder, box, frame, plane
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import FlattenedView
 from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.robust.compositing import _Canvas, _composite, _PlacedView, composite, pixel_cost
@@ -25,8 +25,8 @@ COSTS = {n: pixel_cost(surface) for n, surface in SURFACES.items()}
 @pytest.fixture(scope="module")
 def shape() -> JointShape:
     flat = CYLINDER.flat_uv_m(SURFACES[0].xyz_m.astype(float))
-    first = begin_joint(SURFACES[0], held_from_camera(AXIS, 0.0), flat, FlatteningConfig())
-    pose = held_from_camera(AXIS, 30.0)
+    first = begin_joint(SURFACES[0], object_from_camera(AXIS, 0.0), flat, FlatteningConfig())
+    pose = object_from_camera(AXIS, 30.0)
     shown = associate(first.nodes, SURFACES[1], pose)
     return extend_joint(first, SURFACES[1], pose, FlatteningConfig(), shown)
 

@@ -255,7 +255,7 @@ def test_nodes_follow_their_views_in_space_but_not_on_the_plane() -> None:
     moved = with_poses(shape, (turned,))
     np.testing.assert_allclose(moved.nodes.xyz_m, turned.apply(seen.points_m), atol=1e-12)
     np.testing.assert_array_equal(moved.all_uv_m, shape.all_uv_m)
-    assert with_poses(shape, shape.held_from_camera) is shape
+    assert with_poses(shape, shape.object_from_camera) is shape
 
 
 def test_frontal_views_count_most_in_the_mean_of_a_node() -> None:

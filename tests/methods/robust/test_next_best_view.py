@@ -9,7 +9,7 @@ import pytest
 from scenes import AXIS, Cylinder
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
-from flatcloth.core.geometry import held_from_camera
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.answers import Candidate
 from flatcloth.methods.robust.joint import begin_joint
@@ -22,7 +22,7 @@ RADIUS_M, HEIGHT_M = 0.12, 0.20
 
 def shape_of(span_deg: tuple[float, float] = (-180.0, 180.0)) -> JointShape:
     cylinder = Cylinder(angles_deg=(0.0,), span_deg=span_deg)
-    held = held_from_camera(AXIS, 0.0)
+    held = object_from_camera(AXIS, 0.0)
     surface = observe_surface(cylinder[0], AXIS, SurfaceConfig())
     return begin_joint(surface, held, cylinder.flat_uv_m(surface.xyz_m.astype(float)), FlatteningConfig())
 
@@ -64,7 +64,7 @@ def test_beyond_a_rim_that_two_views_saw_end_less_is_expected(shape: JointShape)
     """A rim that stays where it is in several frontal views is the end of the cloth, not an occlusion."""
     narrow = shape_of(span_deg=(-30.0, 30.0))
     again = replace(
-        narrow, observations=narrow.observations * 2, held_from_camera=narrow.held_from_camera * 2
+        narrow, observations=narrow.observations * 2, object_from_camera=narrow.object_from_camera * 2
     )
     before, after = rated(narrow, range(4, 5))[4], rated(again, range(4, 5))[4]
     assert after.beyond_m2 == pytest.approx(0.5 * before.beyond_m2, rel=0.05)

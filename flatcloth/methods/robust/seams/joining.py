@@ -231,7 +231,7 @@ def _one_shape(
             *this.observations,
             *(replace(seen, node=seen.node + np.int32(n)) for seen in mirrored.observations),
         ),
-        held_from_camera=(*this.held_from_camera, *mirrored.held_from_camera),
+        object_from_camera=(*this.object_from_camera, *mirrored.object_from_camera),
         links=links,
         piece=np.concatenate([this.piece, mirrored.piece, this.piece[at]]).astype(np.int32),
         all_uv_m=uv,
