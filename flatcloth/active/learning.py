@@ -22,8 +22,8 @@ from flatcloth.session.document import Document
 class Learnt:
     """The garment, or the reason for none, what is known by it, and the other side if that was asked.
 
-    ``other`` is what views are expected to show of that.
-    It is that of the first ``views``; the cloth that is known may be by later ones, too.
+    ``other`` is what further views are expected to show of that. The garment is known by the first so many
+    ``views``; the area may be of later ones, too.
     """
 
     known: KnownGarment | str = "No view was taken yet."
