@@ -149,13 +149,15 @@ def _segment() -> None:
     from flatcloth.core.strokes import ImageStroke
     from flatcloth.engine.integration import Integration
     from flatcloth.recordings import open_recording
-    from flatcloth.segmentation.observed import observe
+    from flatcloth.segmentation.observed import gather_evidence, observe
     from flatcloth.segmentation.solver import SideSolver
 
     recording = open_recording(RECORDING)
     integration = Integration(recording)
     frames = [recording[n] for n in range(0, len(recording), 6)]
-    solver = SideSolver(observe(frames, integration.axis, integration.views.held_point_m, Config()))
+    solver = SideSolver(
+        observe(gather_evidence(frames, integration.axis, integration.views.held_point_m, Config()))
+    )
     view = solver.observed.views[solver.observed.start_view]
     shown = solver.solve(()).view(view.view_index)
     assert shown is not None

@@ -28,7 +28,7 @@ from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth, read_truth
 from flatcloth.segmentation.certainty import CALIBRATION, features
-from flatcloth.segmentation.observed import Observed, observe
+from flatcloth.segmentation.observed import Observed, gather_evidence, observe
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
 from flatcloth.segmentation.settings import SegmentationConfig
 from flatcloth.segmentation.solver import SideSolver
@@ -236,7 +236,7 @@ def measured(
     integration = Integration(recording)
     frames = [recording[n] for n in range(len(recording))]
     began, cpu = time.perf_counter(), time.process_time()
-    observed = observe(frames, integration.axis, integration.views.held_point_m, Config())
+    observed = observe(gather_evidence(frames, integration.axis, integration.views.held_point_m, Config()))
     solver = SideSolver(observed)
     found = solver.solve(())
     prepare = time.perf_counter() - began, time.process_time() - cpu

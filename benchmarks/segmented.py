@@ -22,7 +22,7 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import masked
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
-from flatcloth.segmentation.observed import observe
+from flatcloth.segmentation.observed import gather_evidence, observe
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
 
@@ -45,7 +45,9 @@ def row_of(source: str, counts: tuple[int, ...]) -> dict[str, Any]:
     masked = figures(recording, truth, recording)
     integration = Integration(recording)
     frames = [recording[n] for n in range(len(recording))]
-    solver = SideSolver(observe(frames, integration.axis, integration.views.held_point_m, Config()))
+    solver = SideSolver(
+        observe(gather_evidence(frames, integration.axis, integration.views.held_point_m, Config()))
+    )
     seen = seen_truth(solver.observed, truth, truth.panel_of_interest, True)
     found, decisions, segmented = solver.solve(()), list[Decision](), dict[str, Any]()
     integrated_after: dict[int, dict[str, Any]] = {}  # by the number of strokes made
@@ -65,7 +67,9 @@ def after_one_stroke(recording: Any, truth: Any) -> Remembered:
     """Return the recording with the masks that are found without its own, and by one stroke."""
     integration = Integration(recording)
     frames = [recording[n] for n in range(len(recording))]
-    solver = SideSolver(observe(frames, integration.axis, integration.views.held_point_m, Config()))
+    solver = SideSolver(
+        observe(gather_evidence(frames, integration.axis, integration.views.held_point_m, Config()))
+    )
     seen = seen_truth(solver.observed, truth, truth.panel_of_interest, True)
     found = solver.solve(())
     stroke = stroke_at_largest_error(found, seen)

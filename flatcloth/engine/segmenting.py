@@ -61,7 +61,7 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
     RecordingError
         If a view cannot be read.
     """
-    return SideSolver(observe(_all(views), views.axis, views.held_point_m, views.config, progress=progress))
+    return SideSolver(observe(evidence_of(views, progress), progress))
 
 
 def evidence_of(

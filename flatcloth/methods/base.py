@@ -158,7 +158,7 @@ class Method(Protocol):
         raise FlatclothError(f"the method {self.name} plans recorded views only; choose another method.")
 
     def least_m2(self, document: Document) -> float:
-        """Return the area of the canonical view, or less of it in less time."""
+        """Return a lower bound of the area of the canonical view, found without drawing it if possible."""
         return self.canonical(document).view.area_m2
 
     def seams_ahead(

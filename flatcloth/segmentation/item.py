@@ -60,7 +60,8 @@ class CutOff:
 class Item:
     """The measured pixels of the item in each view, (H, W) bool, and the regions that were cut off.
 
-    ``outlined`` are those that have the colour of the item. What tells sides is on all of them.
+    ``outlined`` are those without the color of the background: masks are made of these, while sides are told
+    from all.
     """
 
     masks: tuple[Bool, ...]
@@ -318,7 +319,7 @@ def _gripper(frame: RgbdFrame, mask: Bool) -> Bool:
 
 
 def without_background(color: Uint8, item: Bool) -> Bool:
-    """Return the item (H, W) without pixels at its outline that have the colour of the background.
+    """Return the item (H, W) without pixels at its outline that have the color of the background.
 
     A stereo sensor makes near surfaces larger than they are (edge fattening): matching windows at an outline
     see the item and the background, and follow the item, so its depth reaches over the background. The

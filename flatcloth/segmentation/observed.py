@@ -110,17 +110,8 @@ class Observed(Evidence):
     start_view: int
 
 
-def observe(
-    frames: Sequence[RgbdFrame],
-    axis: RotationAxis,
-    held_point_m: Float64,
-    config: Config,
-    settings: SegmentationConfig | None = None,
-    progress: Progress = no_progress,
-) -> Observed:
-    """Prepare the views of a recording for strokes; parameters and errors as :func:`gather_evidence`."""
-    made = gather_evidence(frames, axis, held_point_m, config, settings, progress)
-    del frames  # they take most memory, unless the caller keeps them
+def observe(made: Evidence, progress: Progress = no_progress) -> Observed:
+    """Prepare the views of a recording for strokes: what follows from the evidence before any."""
     clusters, graph, views, settings = made.clusters, made.graph, made.views, made.config
     progress(0.8, "sides")
     samples = sampled_sides(

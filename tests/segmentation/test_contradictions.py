@@ -11,7 +11,7 @@ from scenes import AXIS
 
 from flatcloth.core.config import Config
 from flatcloth.core.strokes import ImageStroke, SpaceStroke
-from flatcloth.segmentation.observed import observe
+from flatcloth.segmentation.observed import gather_evidence, observe
 from flatcloth.segmentation.result import OF_INTEREST, OTHER
 from flatcloth.segmentation.settings import SegmentationConfig
 from flatcloth.segmentation.solver import SideSolver
@@ -47,7 +47,7 @@ class Priced:
 
 @pytest.fixture(scope="module")
 def observed():
-    seen = observe([view.frame for view in plate()], AXIS, TOP_M, Config())
+    seen = observe(gather_evidence([view.frame for view in plate()], AXIS, TOP_M, Config()))
     return replace(seen, config=replace(seen.config, most_cost=MOST))
 
 

@@ -275,9 +275,9 @@ def _connected(shape: JointShape) -> Int32:
 
 
 def _pieces_of_rest(shape: JointShape, rest: Bool) -> list[_Piece]:
-    """Return the nodes (N,) that a piece could not be laid out to as floating pieces of their own.
+    """Return floating pieces of the nodes ``rest`` (N,) of a piece, which have no place on its layout.
 
-    One node that two views share joins their cloth, but leaves it free to turn.
+    A single node that two views share joins their cloth, but leaves the angle between them open.
     """
     edges = shape.links.edges[shape.links.both_ends(rest) & ~shape.is_cut]
     label = graph_components(len(shape.nodes), edges)

@@ -33,6 +33,8 @@ _EXPLORED_DEG = 12.0
 """Within this rotation of a visited view no unknown cloth is expected; ..."""
 _UNSEEN_M2_PER_DEG = 0.001
 """... beyond it, this much per degree. Set by hand."""
+_LEAST_COS = math.cos(math.radians(INCIDENCE_LIMIT_DEG)), math.cos(math.radians(WELL_SEEN_DEG))
+"""Cosines of the incidence at which nodes are visible, and seen well. By definition."""
 
 
 def rate_candidates(
@@ -131,11 +133,11 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
 def seams_ahead(
     shapes: tuple[JointShape, JointShape], axis: RotationAxis, angles_deg: Sequence[float], *, related: bool
 ) -> Float64:
-    """Return the floating cloth (K,), m2, of two sides that views may join by seams, at even odds.
+    """Return the floating cloth (K,), m2, of two sides that views may join by seams.
 
-    A seam is seen where a view shows, from outside, the border of a floating piece and the other side's main
-    piece, which meet in space. Where sheets lie back to back no view shows both. If the sides are not
-    ``related``, the smaller main piece floats, too.
+    It counts half, since a seam that is seen may join nothing. A seam is seen where a view shows, from
+    outside, the border of a floating piece and the other side's main piece, which meet in space. Where sheets
+    lie back to back no view shows both. If the sides are not ``related``, the smaller main piece floats, too.
     """
     placed = [shape.has_place for shape in shapes]
     xyz = [shape.nodes.xyz_m[p] for shape, p in zip(shapes, placed, strict=True)]
@@ -144,7 +146,8 @@ def seams_ahead(
     sizes_m2 = [
         area * np.bincount(np.maximum(piece, 0)) for area, piece in zip(areas_m2, pieces, strict=True)
     ]
-    first, seams = (0, len(xyz[0])), list[tuple[NDArray[np.intp], NDArray[np.intp], float]]()
+    first = 0, len(xyz[0])
+    seams: list[tuple[NDArray[np.intp], NDArray[np.intp], float]] = []  # nodes of both ends, and the area
     for own, other in ((0, 1), (1, 0)):
         rim = _rim(shapes[own], areas_m2[own], neighbourhoods_of(shapes[own])).node
         main = np.flatnonzero(pieces[other] == 0)
@@ -155,10 +158,8 @@ def seams_ahead(
             size_m2 = float(sizes_m2[own][n]) if n else float(min(sizes_m2[0][0], sizes_m2[1][0]))
             if n or (own == 0 and not related):
                 seams.append((ends[of == n], main[its[of == n]] + first[other], size_m2))
-    points, normal = (
-        np.concatenate(xyz),
-        np.concatenate([shape.nodes.normal[p] for shape, p in zip(shapes, placed, strict=True)]),
-    )
+    points = np.concatenate(xyz)
+    normal = np.concatenate([shape.nodes.normal[p] for shape, p in zip(shapes, placed, strict=True)])
     found = np.zeros(len(angles_deg))
     turns = rotations_by(np.radians(angles_deg)[:, None] * axis.direction)
     for k, turn in enumerate(turns if seams else ()):
@@ -185,10 +186,6 @@ def _node_area_m2(shape: JointShape) -> float:
     u, v = np.floor(uv / cell_m).astype(np.int64).T
     cells = np.unique((u - u.min()) * (np.ptp(v) + 1) + v)
     return len(cells) * cell_m**2 / max(len(uv), 1)
-
-
-_LEAST_COS = math.cos(math.radians(INCIDENCE_LIMIT_DEG)), math.cos(math.radians(WELL_SEEN_DEG))
-"""Cosines of the incidence at which nodes are visible, and seen well. By definition."""
 
 
 def inner_area_m2(shape: JointShape) -> float:
