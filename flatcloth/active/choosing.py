@@ -136,7 +136,7 @@ def choose_next(
     shares = _shares(integration, document, known, knowledge, goal, angles, joined_m2)
     grown = 1.0 + scale * new_m2 / max(knowledge.area_m2, least_m2)
     gains = new_m2 * joins
-    if other is not None:  # its views need no overlap: they are where they hang
+    if other is not None:  # its views need no overlap: they are placed by the camera poses
         its = other.at(free)
         beyond_m2 = novel * (its.new_m2 + its.seams_m2)
         gains = gains + beyond_m2
@@ -202,7 +202,8 @@ def _shares(
 def _by_either(own: dict[str, Shares], its: dict[str, Shares], novel: Float64) -> dict[str, Shares]:
     """Return the shares of the cloth around points that views show on this side, or on the other.
 
-    ``novel`` (K,) is how likely a view shows what the last one, which the other side has not, did not.
+    ``novel`` (K,) is the probability that a view shows other cloth than the last one showed, which is not in
+    the other side's shape yet.
     """
     both = dict(own)
     for name in {*own} & {*its}:

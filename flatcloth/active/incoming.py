@@ -122,7 +122,7 @@ def doubled(view: SeenView, views: RecordedViews) -> int | None:
 
 
 def keep_side(views: RecordedViews, session: Keeper) -> None:
-    """Say by a stroke which side is of interest, if it is found from the views: further views keep it."""
+    """Record a stroke on the side of interest that was found from the views: further views keep it."""
     document = session.state.document
     if views.sides is None or document.strokes or document.start_view is not None:
         return

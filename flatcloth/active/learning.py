@@ -20,10 +20,10 @@ from flatcloth.session.document import Document
 
 @dataclass(frozen=True, kw_only=True)
 class Learnt:
-    """The garment, or the reason for none, what is known by it, and the other side if that was asked.
+    """What a loop has learnt: the garment, or why there is none, what follows from it, and the other side.
 
-    ``other`` is what further views are expected to show of that. The garment is known by the first so many
-    ``views``; the area may be of later ones, too.
+    ``other`` is what further views are expected to show of the other side. The garment is known by the first
+    so many ``views``; the area may be of later ones, too.
     """
 
     known: KnownGarment | str = "No view was taken yet."
@@ -61,7 +61,7 @@ def got_by(before: Knowledge, now: Knowledge, goal: Goal) -> str:
 
 
 class Meanwhile:
-    """Does one thing after the other on another thread."""
+    """Runs tasks one after the other on a thread of its own."""
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(1, "flatcloth-learning")

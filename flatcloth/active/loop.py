@@ -201,7 +201,7 @@ class ActiveLoop:
             return data.write(self.folder)
 
     def close(self) -> None:
-        """Release the folder, when what the last view says is learnt."""
+        """Wait until the loop has learnt from the last view, then release the folder."""
         self._meanwhile.close()
         with self._lock:
             self._stack.close()
@@ -396,7 +396,7 @@ class ActiveLoop:
         self._learnt = replace(self._learnt, knowledge=replace(self.knowledge, views=self.views))
 
     def _learn(self) -> Learnt:
-        """Return what is known by the present shape."""
+        """Return what is known of the present shape."""
         if self._garments is None or self.document.start_view is None:
             return self._learnt
         return learn(self._garments, self.document, self.views, self.goal)

@@ -141,7 +141,7 @@ def _cell(value: float, size: float) -> int:
 
 @njit(cache=True, nogil=True)
 def _cells(place: Float64, size: float) -> tuple[Int32, Int32]:
-    """Return the clusters in the order of their buckets, and before them, where those of each begin."""
+    """Return where the clusters of each bucket begin, and the clusters in the order of their buckets."""
     bucket = np.empty(len(place), np.int64)
     first, which = np.zeros(_BUCKETS + 1, np.int32), np.empty(len(place), np.int32)
     for j in range(len(place)):

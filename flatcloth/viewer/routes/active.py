@@ -63,7 +63,7 @@ def active_routes(
 
 
 def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]]:
-    """Return what yields the events of a loop without a page: its shape, and the named points."""
+    """Return the generator of a loop's events without a page: its shape, and the named points."""
     loop = service.loop
 
     def events(told: Told) -> Iterator[RobotEvent]:
