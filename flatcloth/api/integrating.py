@@ -163,7 +163,7 @@ def integrate(
         service = GarmentService(integration, both)
         run = Run(integration, keeper)
         if (show := on_view) is not None:
-            run.on_view = lambda decision: show(decision, Shape(_data(service, keeper, {})))
+            run.on_view = lambda decision: show(decision, Shape(_growing(service, keeper)))
         with _timed(seconds, "integrating"):
             document = run.finish(watched, cores or len(os.sched_getaffinity(0))).document
             integration.canonical(document)
@@ -214,6 +214,10 @@ def _data(
         return SessionData(integration, document, (), frames_of(integration, document, {}), scores, service)
     frames = frames_of(integration, document, read_grips(keeper.folder))
     return SessionData(integration, document, keeper.picks, frames, scores, service)
+
+
+def _growing(service: GarmentService, keeper: MemorySession | SessionFolder) -> SessionData:
+    return replace(_data(service, keeper, {}), is_growing=True)
 
 
 def _recognise(service: GarmentService, keeper: MemorySession | SessionFolder) -> None:

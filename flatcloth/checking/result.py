@@ -36,7 +36,7 @@ WRONG = "Something about this recording is wrong"
 
 
 def wrong_with(
-    check: Check | None, registered: Registered | None, floating_share: float, no_kind: float = 0.0
+    check: Check | None, registered: Registered | None, floating_share: float, *, fits_none: bool = False
 ) -> list[str]:
     """Return what says that something about the recording of a result is wrong; empty if nothing does.
 
@@ -48,14 +48,13 @@ def wrong_with(
         The registration of the integrated views, if the method registers them.
     floating_share : float
         Share of the cloth in floating pieces.
-    no_kind : float
-        Probability that the shape is no known kind of garment. Alone it is no doubt: others exist.
+    fits_none : bool
+        Whether no known kind of garment fits. Alone it is no doubt: others exist.
     """
     found = [] if check is None else [finding.text for finding in check.certain]
     if registered is None or len(registered.features) < LEAST_VIEWS:
         return found
     found += _corrections(registered)
-    fits_none = no_kind > 0.5
     contradicting = contradicting_views(registered, _MOST_OF_NO_KIND if fits_none else _MOST_SURPRISE)
     if contradicting:
         which = f"View {contradicting[0]} contradicts"

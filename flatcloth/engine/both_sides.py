@@ -13,7 +13,7 @@ import numpy as np
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError, FlatteningError, SurfaceError
 from flatcloth.core.types import Bool, LaidPiece, Progress, RgbdFrame, no_progress
-from flatcloth.engine.following import ended, without_trust
+from flatcloth.engine.following import ended
 from flatcloth.engine.garment.recognition import (
     GarmentService,
     KnownGarment,
@@ -76,7 +76,7 @@ class BothSides:
                 if kept is not None:
                     kept[0].views.release(kept[1].used_views)
                     kept[0].algorithm.release(surfaces=True)
-                return joined
+                return self._trusted(document, joined)
         except FlatclothError as error:
             return f"Only one side is in the shape: {error}"
 
@@ -119,8 +119,13 @@ class BothSides:
             for index, motion in pieces.shape_from_piece.items()
         ]
         alone = self._alone.get(self._of(document), lambda: one_side(other, its))
-        made = this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
-        return replace(made, other=without_trust(made.other)) if this.wrong(document) else made
+        return this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
+
+    def _trusted(self, document: Document, joined: JoinedSides) -> JoinedSides:
+        this = self.integration
+        return this.trust.of_sides(
+            document, this.canonical(document), this.algorithm.cameras(document), joined
+        )
 
     def integrated(
         self, document: Document, progress: Progress = no_progress, cores: int = 1
@@ -152,6 +157,7 @@ class BothSides:
         )
         place_sure_pieces(GarmentService(other), session)  # links that no garment allows
         found = session.state.document
+        other.trust.recognised(found, 0.0)  # both sides together tell whether it is a garment
         other.views.release(found.used_views)
         other.algorithm.release()
         return other, found

@@ -15,7 +15,6 @@ import numpy as np
 
 from flatcloth.checking import result
 from flatcloth.checking.check import known_check
-from flatcloth.checking.lens import FOCAL_STD
 from flatcloth.core.errors import AlignmentError, FlatteningError, SurfaceError
 from flatcloth.core.types import FlattenedView, Progress, Rigid2
 from flatcloth.methods.answers import (
@@ -28,7 +27,6 @@ from flatcloth.methods.answers import (
 )
 from flatcloth.methods.base import Method
 from flatcloth.recordings.base import Recording
-from flatcloth.registration.registered import Registered
 from flatcloth.session.document import finish
 from flatcloth.session.machine import Document, Followed, NothingMore, Side
 
@@ -132,63 +130,6 @@ def _extent_m(view: FlattenedView) -> tuple[float, float, float, float]:
     uv = view.uv_from_rc(np.argwhere(view.valid))
     (left, top), (right, bottom) = uv.min(axis=0).tolist(), uv.max(axis=0).tolist()
     return left, top, right, bottom
-
-
-class Trust:
-    """Whether the shapes of a recording can be trusted, by its check, its registration and its garment."""
-
-    def __init__(self, recording: Recording) -> None:
-        self._recording = recording
-        self._no_kind: tuple[object, float] = None, 0.0
-        self._last: tuple[Canonical, bool, Canonical] | None = None
-
-    def recognised(self, canonical: Canonical, no_kind: float) -> None:
-        """Take the probability that a shape is no known kind of garment."""
-        self._no_kind = canonical.view.valid, no_kind
-
-    def wrong(self, canonical: Canonical, registered: Registered | None) -> list[str]:
-        """Return what says that something about the recording is wrong."""
-        floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
-        share = floating_m2 / max(floating_m2 + canonical.view.area_m2, 1e-9)
-        of, no_kind = self._no_kind
-        no_kind = no_kind if of is canonical.view.valid else 0.0
-        return result.wrong_with(known_check(self._recording), registered, share, no_kind)
-
-    def of(self, canonical: Canonical, registered: Registered | None) -> Canonical:
-        """Return a shape, less reliable if its scale is an estimate; not at all if something is wrong."""
-        is_wrong, scale_std = bool(self.wrong(canonical, registered)), scale_std_of(self._recording)
-        if not (is_wrong or scale_std):
-            return canonical
-        if self._last is None or self._last[0] is not canonical or self._last[1] != is_wrong:
-            made = without_trust(canonical) if is_wrong else with_unsure_scale(canonical, scale_std)
-            self._last = canonical, is_wrong, made
-        return self._last[2]
-
-
-def without_trust(canonical: Canonical) -> Canonical:
-    """Return a shape of which nothing is called reliable: no place has a known deviation."""
-    view = canonical.view
-    if view.placement_std_m is None:
-        return canonical
-    unknown = np.full_like(view.placement_std_m, np.nan)
-    return replace(canonical, view=replace(view, placement_std_m=unknown))
-
-
-def scale_std_of(recording: Recording) -> float:
-    """Return the deviation of the scale of a recording, as a share: that of a mended focal length, or 0."""
-    mends = getattr(recording, "mends", None)
-    return 0.0 if mends is None or mends.focal_factor == 1.0 else FOCAL_STD
-
-
-def with_unsure_scale(canonical: Canonical, scale_std: float) -> Canonical:
-    """Return a shape whose places are as unsure as its scale, the more the farther from the middle."""
-    view = canonical.view
-    if view.placement_std_m is None:
-        return canonical
-    uv_m = view.uv_from_rc(np.moveaxis(np.indices(view.valid.shape), 0, -1))
-    away_m = np.linalg.norm(uv_m - uv_m[view.valid].mean(axis=0), axis=-1)
-    std_m = np.hypot(view.placement_std_m, scale_std * away_m).astype(view.placement_std_m.dtype)
-    return replace(canonical, view=replace(view, placement_std_m=std_m))
 
 
 def why_hopeless(recording: Recording, method: Method, document: Document) -> str:

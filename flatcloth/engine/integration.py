@@ -30,7 +30,6 @@ from flatcloth.core.types import (
     no_progress,
 )
 from flatcloth.engine.following import (
-    Trust,
     ended,
     follow,
     laid_beside,
@@ -38,6 +37,7 @@ from flatcloth.engine.following import (
     why_hopeless,
 )
 from flatcloth.engine.repair import RefinedScore, refine_and_score
+from flatcloth.engine.trust import Trust
 from flatcloth.engine.views import RecordedViews, Segmenter
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.resampling import place_all
@@ -203,11 +203,11 @@ class Integration:
         whole = self.algorithm.canonical(document)
         if document.garment.parts:
             whole = self._by_garment(document, whole).canonical
-        return self.trust.of(whole, self.algorithm.cameras(document))
+        return self.trust.of(document, whole, self.algorithm.cameras(document))
 
     def wrong(self, document: Document) -> list[str]:
         """Return what says that something about the recording of a shape is wrong; empty if nothing does."""
-        return self.trust.wrong(self.canonical(document), self.algorithm.cameras(document))
+        return self.trust.wrong(document, self.canonical(document), self.algorithm.cameras(document))
 
     def cloth(self, document: Document) -> Cloth | None:
         """Return how the parts of a document's shape are connected; None if the method does not know.

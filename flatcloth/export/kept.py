@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from flatcloth.core.cache import Cache
 from flatcloth.core.parcel import Arrays, Parcel, unpack
 from flatcloth.core.types import FlattenedView, RotationAxis
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.sheet import Sheet
-from flatcloth.methods.answers import JoinedSides, Plan
+from flatcloth.methods.answers import Plan
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
-    from flatcloth.engine.both_sides import BothSides
     from flatcloth.engine.garment.recognition import GarmentService
+    from flatcloth.engine.integration import Integration
 
 _MIB = 1 << 20
 """Bytes in a mebibyte. By definition."""
@@ -67,11 +68,17 @@ class Kept:
         self, garments: GarmentService | None = None, both: Callable[[], BothSides | None] = lambda: None
     ) -> None:
         self.garments, self.both = garments, both
-        self.joined: Cache[JoinedSides | str] = Cache(1)
+        self._own: BothSides | None = None
         self.plans: Cache[Plan | None] = Cache(_MOST, _PLANS_BYTES)
         self.growths: Cache[GrownArrays] = Cache(_MOST, _GROWTHS_BYTES)
         self.pictures: Cache[PngPicture] = Cache(_MOST, _PICTURES_BYTES, lambda kept: len(kept.png))
         self._sheets: Cache[_PackedSheet] = Cache(_MOST, _SHEETS_BYTES, lambda kept: len(kept.data))
+
+    def both_of(self, integration: Integration) -> BothSides:
+        """Return the other side of an integration, the same one for all exports (cached)."""
+        if self._own is None or self._own.integration is not integration:
+            self._own = BothSides(integration)
+        return self._own
 
     def keep_sheet(self, key: Hashable, sheet: Sheet) -> None:
         """Store the data of a shape that a picture shows."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,7 +91,7 @@ class OpenedSession:
     def garment(self) -> KnownGarment | str:
         """What is known of the garment, or why nothing can be said of it."""
         if self.both is not None:
-            self._joined(self.both, self.history.begun)  # it is recognised by both sides once they are joined
+            self._joined(self.history.begun)  # it is recognised by both sides once they are joined
         return self.garments.known(self.history.begun)
 
     @cached_property
@@ -102,16 +102,19 @@ class OpenedSession:
             return kept
         begun, picks = self.history.begun, self.history.picks
         used = begun.garment.seams or any(pick.side == "other" for pick in picks)
-        return BothSides(self.integration) if used or has_other_side(self.history.folder) else None
+        return self.kept.both_of(self.integration) if used or has_other_side(self.history.folder) else None
 
     @cached_property
     def sides(self) -> JoinedSides | str | None:
         """The other side joined to the shape, or why there is none; None: the session has one side."""
-        return None if self.both is None else self._joined(self.both, self.history.begun)
+        if self.both is None:
+            return None
+        _ = self.garment  # they are as unsure as it is
+        return self._joined(self.history.begun)
 
-    def _joined(self, both: BothSides, document: Document) -> JoinedSides | str:
-        key = key_of(self.integration.axis, document), document.garment.seams
-        return self.kept.joined.get(key, lambda: both.of(document, self.progress, THREADS))
+    def _joined(self, document: Document) -> JoinedSides | str:
+        assert self.both is not None
+        return self.both.of(document, self.progress, THREADS)
 
     @property
     def other_view(self) -> FlattenedView | None:
@@ -171,7 +174,7 @@ class OpenedSession:
             self.frames(base_from_camera, rotation_deg),
             earlier_scores(self.history.folder),
             self.garments,
-            None if self.both is None else partial(self._joined, self.both),
+            None if self.both is None else self._joined,
         )
 
 

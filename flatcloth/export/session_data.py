@@ -45,6 +45,7 @@ class SessionData:
 
     ``scores`` are those of views whose acceptance keeps none, by view; ``garments`` recognises the garment, a
     new service by default. ``both`` joins the other side to a document's shape, if that belongs to it.
+    ``is_growing``: views are still being added, and no garment is recognised for the deviations of the shape.
     """
 
     integration: Integration
@@ -54,6 +55,7 @@ class SessionData:
     scores: Mapping[int, float] = field(default_factory=dict)
     garments: GarmentService | None = None
     both: Callable[[Document], JoinedSides | str] | None = None
+    is_growing: bool = False
 
     @cached_property
     def canonical(self) -> Canonical:
@@ -64,6 +66,8 @@ class SessionData:
         FlatclothError
             If nothing is flattened yet.
         """
+        if not self.is_growing:
+            _ = self.garment  # the shape is as unsure as it is
         canonical = self.integration.canonical(self.document)
         pieces = decided_pieces(self.document.garment, canonical.view, canonical.floating)
         laid = self.sides.laid if isinstance(self.sides, JoinedSides) else ()

@@ -21,6 +21,7 @@ from flatcloth.garments.links import DoubtedLink, side_of
 from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import (
     KNOWN_STD_M,
+    NONE,
     POINT_NEAR_M,
     Recognition,
     dimensions_of,
@@ -74,18 +75,19 @@ def decided(
     shape : FlattenedView
         The canonical view.
     kind : str or None
-        The kind set by hand.
+        The kind set by hand, also ``NONE``: it is another item.
     pulls : sequence of Pull
         Named points held by hand; those that the kind does not have are left out.
     with_pieces : bool
         Whether floating pieces are placed anew on the changed outline: takes a second.
     """
     known = {fit.kind.name: fit for fit in found.fits}
+    by_hand = kind if kind in {*known, NONE} else None
     fit = known.get(kind or "", found.fit)
     names = set(fit.kind.named(fit.parameters[:, None]))
     own = tuple(pull for pull in pulls if pull.name in names)
     if fit is found.fit and not own:
-        return replace(found, by_hand=kind if kind in known else None)
+        return replace(found, by_hand=by_hand)
     if own:
         fit = held_fit(fit, evidence[0], own)
     points = points_of(fit, shape, evidence[0], {pull.name: (pull.uv_m, HELD_STD_M) for pull in own})
@@ -96,7 +98,7 @@ def decided(
         dimensions=dimensions_of(fit, points),
         points=points,
         pieces=pieces,
-        by_hand=kind if kind in known else None,
+        by_hand=by_hand,
         held=frozenset(pull.name for pull in own),
     )
 

@@ -19,6 +19,8 @@ import {
 } from "/static/page/dom.js";
 import { cm2 } from "/static/page/format.js";
 
+const NONE = "none of these";
+
 export class GarmentPanel extends PagePart {
   name = "garment";
   shown = true; // outline and points on the canvas
@@ -91,7 +93,7 @@ export class GarmentPanel extends PagePart {
 
   kinds(/** @type {FoundGarment} */ found, /** @type {string[]} */ names) {
     const options = [["", "automatic"], ...names.map((name) => [name, words(name)])];
-    const select = choice(options, found.by_hand ? found.kind : "", {
+    const select = choice(options, found.by_hand ? (found.kind ?? NONE) : "", {
       key: "garment-kind",
       tip: "The kind of garment. Automatic: by the evidence. A kind set by hand is a decision; Undo takes it back.",
       change: (event) => this.page.send({ type: "garment_kind", kind: event.target.value || null }),
@@ -257,9 +259,10 @@ function summary(/** @type {NonNullable<State["garment"]>} */ told) {
   const { found } = told;
   if (!found) return told.working ? "Recognising the garment." : told.text;
   const again = told.working ? " Recognising it again on the changed shape." : "";
-  if (found.by_hand && found.kind) return `${words(found.kind)}, set by hand.${again}`;
+  if (found.by_hand) return `${words(found.kind ?? NONE)}, set by hand.${again}`;
   /** @param {string | null} name */
   const share = (name) => percent(found.probabilities.find(([each]) => each === name)?.[1] ?? 0);
   if (found.kind) return `${words(found.kind)}, ${share(found.kind)}.${again}`;
-  return `None of the known kinds, ${share("none of these")}; the likeliest is ${words(found.likeliest)}.${again}`;
+  const none = `None of the known kinds, ${share(NONE)}; the likeliest is ${words(found.likeliest)}.`;
+  return `${none} So nothing of the shape is called reliable; if it is right, set the kind.${again}`;
 }

@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -16,7 +16,6 @@ from flatcloth.checking.lens import FOCAL_STD
 from flatcloth.checking.result import LEAST_VIEWS, contradicting_views, is_hopeless, wrong_with
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import object_from_camera
-from flatcloth.engine.following import with_unsure_scale
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.recognition import NONE, Measure, Recognition
@@ -77,24 +76,6 @@ _OFF_ONE = {(2, 4): 0.02, (3, 4): 0.02, (4, 5): 0.02, (4, 6): 0.02}
 _OFF_TWO = {(0, 2): 0.02, (1, 2): 0.02, (2, 3): 0.02}
 
 
-@dataclass(frozen=True)
-class SimpleView:
-    """Three pixels, 0.1 m apart."""
-
-    valid: np.ndarray
-    placement_std_m: np.ndarray
-
-    def uv_from_rc(self, rc):
-        return 0.1 * rc[..., ::-1]
-
-
-@dataclass(frozen=True)
-class SimpleShape:
-    """A shape that is only a view."""
-
-    view: SimpleView
-
-
 def test_surprise_counts_in_stated_deviations():
     registered = _compared(8, {(2, 3): 0.003})
     assert registered.surprises == pytest.approx(
@@ -113,10 +94,10 @@ def test_views_that_contradict_half_of_the_others_are_a_doubt():
 
 
 def test_a_shape_of_no_known_kind_is_no_doubt_alone_but_needs_less():
-    assert wrong_with(None, _compared(8, {}), 0.0, 0.9) == []
+    assert wrong_with(None, _compared(8, {}), 0.0, fits_none=True) == []
     between = _compared(8, {(2, 3): 0.0066, (3, 4): 0.0066})  # 43.6, between the limits
-    assert wrong_with(None, between, 0.0, 0.4) == []
-    assert wrong_with(None, between, 0.0, 0.9)[-1] == "no known kind of garment fits"
+    assert wrong_with(None, between, 0.0) == []
+    assert wrong_with(None, between, 0.0, fits_none=True)[-1] == "no known kind of garment fits"
 
 
 def test_a_run_ends_once_two_views_contradict_or_one_of_a_doubted_recording():
@@ -126,13 +107,6 @@ def test_a_run_ends_once_two_views_contradict_or_one_of_a_doubted_recording():
     doubted = Check(findings=(Finding(name="rotated", text="It hangs upside down", probability=0.9),))
     assert [is_hopeless(Check(), found) for found in (one, two)] == [False, True]
     assert is_hopeless(doubted, one)
-
-
-def test_places_are_as_unsure_as_an_estimated_scale_far_from_the_middle():
-    valid = np.ones((1, 3), bool)
-    view = SimpleView(valid, np.full((1, 3), 0.003))
-    std_m = with_unsure_scale(SimpleShape(view), 0.04).view.placement_std_m
-    assert std_m[0] == pytest.approx([0.005, 0.003, 0.005])
 
 
 def test_cloth_most_of_which_floats_is():
@@ -170,7 +144,7 @@ def test_a_wrong_result_has_no_lengths_and_an_estimated_camera_unsure_ones(
     lengths = service.of(Document()).found.dimensions
     assert [length.std_m for length in lengths.values()] == pytest.approx([] if wrong else [std_m])
     assert service.of(Document()).is_wrong == bool(wrong)
-    assert told == [(shape, 0.1)]
+    assert told == [(Document(), 0.1)]
 
 
 def test_no_garment_is_tried_on_an_unattended_result_that_is_wrong(monkeypatch):

@@ -150,6 +150,7 @@ def test_what_is_not_there_is_refused_in_words(page) -> None:
 def test_points_are_held_on_cloth_and_previewed_for_the_tab_that_asks(page) -> None:
     page.follow()
     assert page.decide(asked.SetKind(kind="towel")) == SetKind("towel")
+    assert page.decide(asked.SetKind(kind="none of these")) == SetKind("none of these")
     held = page.decide(asked.HoldPoint(name="hem_left", u_m=0.1, v_m=0.2))
     assert isinstance(held, HoldPoint)
     assert held.point.uv_m == (0.1, 0.2)

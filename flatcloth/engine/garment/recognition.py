@@ -12,9 +12,9 @@ from flatcloth.checking.result import WRONG
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import MIRROR, FlattenedView, RgbdFrame
-from flatcloth.engine.following import scale_std_of
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
+from flatcloth.engine.trust import scale_std_of
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.surface import crop_to_item
 from flatcloth.garments.deciding import (
@@ -175,7 +175,11 @@ class GarmentService:
             other = self._other(document)
             sides = None if other is None else other[0]
             shape = self._shape
-            if shape is None or shape.canonical is not canonical or shape.sides is not sides:
+            if (
+                shape is None
+                or shape.canonical.view.valid is not canonical.view.valid
+                or shape.sides is not sides
+            ):
                 if integration.algorithm.is_unattended and integration.wrong(document):
                     # No garment fits what was laid out, and to try them all takes long.
                     raise GarmentError(f"{WRONG}. No garment is recognised.")
@@ -184,7 +188,7 @@ class GarmentService:
             if self._last is None or self._last[0] != document.garment:
                 known = self._decided(shape, document.garment)
                 no_kind = 0.0 if known.found.by_hand else known.found.probabilities[NONE]
-                self.integration.trust.recognised(canonical, no_kind)
+                self.integration.trust.recognised(document, no_kind)
                 if self.integration.wrong(document):  # then no length is reliable
                     known = replace(known, found=replace(known.found, dimensions={}), is_wrong=True)
                 else:

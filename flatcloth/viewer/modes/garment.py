@@ -166,7 +166,7 @@ class GarmentController:
         known = self._known()
         match message:
             case asked.SetKind(kind=kind):
-                if kind is not None and kind not in {each.name for each in known_kinds()}:
+                if kind is not None and kind not in _kinds():
                     raise FlatclothError(f"There is no kind of garment {kind!r:.40}.")
                 return SetKind(kind)
             case asked.HoldPoint(name=name, u_m=u_m, v_m=v_m):
@@ -263,9 +263,14 @@ class GarmentController:
             revision=status.revision,
             working=status.working,
             text=status.text,
-            kinds=tuple(kind.name for kind in known_kinds()),
+            kinds=_kinds(),
             found=status.shown,
         )
+
+
+def _kinds() -> tuple[str, ...]:
+    """Return the kinds that a garment can be set to: the known ones, or that it is none of them."""
+    return (*(kind.name for kind in known_kinds()), NONE)
 
 
 def _found_garment(known: KnownGarment) -> FoundGarment:

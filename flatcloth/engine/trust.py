@@ -1,0 +1,129 @@
+"""How far the shape of a recording can be trusted: by its check, its registration and its garment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from flatcloth.checking import result
+from flatcloth.checking.check import known_check
+from flatcloth.checking.lens import FOCAL_STD
+from flatcloth.core.types import FlattenedView, Float64
+from flatcloth.methods.answers import Canonical, JoinedSides
+from flatcloth.recordings.base import Recording
+from flatcloth.registration.registered import Registered
+from flatcloth.session.document import Document
+from flatcloth.session.garment import without_doubts
+
+UNLIKE = 0.5
+"""A shape that is no known kind of garment with a greater probability is none. By definition."""
+
+
+class _Doubts(NamedTuple):
+    """What makes a shape less reliable: its recording, its scale (a share of each length), its kind."""
+
+    is_wrong: bool
+    scale_std: float
+    no_kind: float
+
+
+class Trust:
+    """Whether the shapes of a recording can be trusted.
+
+    A shape that no known kind of garment explains has a false joint somewhere, or is another item. What lies
+    beyond such a joint may be anywhere on the item, and nothing tells where the joint is. So nothing of it is
+    reliable until an operator names the kind.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._no_kind: tuple[Hashable, float] = None, 0.0
+        self._last: tuple[Canonical, _Doubts, Canonical] | None = None
+        self._last_sides: tuple[JoinedSides, _Doubts, JoinedSides] | None = None
+
+    def recognised(self, document: Document, no_kind: float) -> None:
+        """Take the probability that a document's shape is no known kind of garment."""
+        self._no_kind = _recognised_by(document), no_kind
+
+    def wrong(self, document: Document, canonical: Canonical, registered: Registered | None) -> list[str]:
+        """Return what says that something about the recording is wrong."""
+        floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
+        share = floating_m2 / max(floating_m2 + canonical.view.area_m2, 1e-9)
+        fits_none = self._no_kind_of(document) > UNLIKE
+        return result.wrong_with(known_check(self._recording), registered, share, fits_none=fits_none)
+
+    def of(self, document: Document, canonical: Canonical, registered: Registered | None) -> Canonical:
+        """Return a shape as unsure as its scale and its kind; not reliable at all if something is wrong."""
+        doubts = self._doubts(document, canonical, registered)
+        if self._last is None or self._last[0] is not canonical or self._last[1] != doubts:
+            self._last = canonical, doubts, _doubted(canonical, doubts)
+        return self._last[2]
+
+    def of_sides(
+        self, document: Document, canonical: Canonical, registered: Registered | None, sides: JoinedSides
+    ) -> JoinedSides:
+        """Return the other side, and the pieces that it lays, as unsure as the shape that it is joined to."""
+        doubts = self._doubts(document, canonical, registered)
+        if self._last_sides is None or self._last_sides[0] is not sides or self._last_sides[1] != doubts:
+            away_m = _apart_m(canonical.view) * math.sqrt(doubts.no_kind)
+            laid = tuple(replace(each, std_m=math.hypot(each.std_m, away_m)) for each in sides.laid)
+            made = replace(sides, other=_doubted(sides.other, doubts), laid=laid)
+            self._last_sides = sides, doubts, made
+        return self._last_sides[2]
+
+    def _no_kind_of(self, document: Document) -> float:
+        of, no_kind = self._no_kind
+        return no_kind if of == _recognised_by(document) else 0.0
+
+    def _doubts(self, document: Document, canonical: Canonical, registered: Registered | None) -> _Doubts:
+        no_kind = self._no_kind_of(document)
+        return _Doubts(
+            is_wrong=bool(self.wrong(document, canonical, registered)),
+            scale_std=scale_std_of(self._recording),
+            no_kind=no_kind if no_kind > UNLIKE else 0.0,
+        )
+
+
+def _recognised_by(document: Document) -> Hashable:
+    """Return the key of what a garment is recognised by; what a run doubts follows from the garment."""
+    return replace(document, garment=without_doubts(document.garment)).shape_key
+
+
+def scale_std_of(recording: Recording) -> float:
+    """Return the deviation of the scale of a recording, as a share: that of a mended focal length, or 0."""
+    mends = getattr(recording, "mends", None)
+    return 0.0 if mends is None or mends.focal_factor == 1.0 else FOCAL_STD
+
+
+def _doubted(canonical: Canonical, doubts: _Doubts) -> Canonical:
+    """Return a shape with the deviations that doubts leave it: none that is known if something is wrong.
+
+    An unsure scale is the worse the farther from the middle. A place is right, or (probability ``no_kind``)
+    anywhere on the item: as far away as two places of the shape are from each other, in the root mean square.
+    """
+    view = canonical.view
+    std_m = view.placement_std_m
+    if std_m is None or not any(doubts):
+        return canonical
+    if doubts.is_wrong:
+        std_m = np.full_like(std_m, np.nan)
+    else:
+        away_m = doubts.scale_std * _from_middle_m(view)
+        std_m = np.sqrt(std_m**2 + away_m**2 + doubts.no_kind * _apart_m(view) ** 2).astype(std_m.dtype)
+    return replace(canonical, view=replace(view, placement_std_m=std_m))
+
+
+def _from_middle_m(view: FlattenedView) -> Float64:
+    """Return how far (R, C) the pixels of a view are from the middle of its cloth."""
+    uv_m = view.uv_from_rc(np.moveaxis(np.indices(view.valid.shape), 0, -1))
+    away_m: Float64 = np.linalg.norm(uv_m - uv_m[view.valid].mean(axis=0), axis=-1)
+    return away_m
+
+
+def _apart_m(view: FlattenedView) -> float:
+    """Return the root mean square distance of two places of the cloth of a view."""
+    return math.sqrt(2.0 * float(np.square(_from_middle_m(view)[view.valid]).mean()))

@@ -1,0 +1,93 @@
+"""What makes a shape less reliable: a wrong recording, an estimated scale, a kind that nobody knows."""
+
+import math
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flatcloth.checking.lens import FOCAL_STD
+from flatcloth.core.types import LaidPiece, Rigid2
+from flatcloth.engine.trust import Trust
+from flatcloth.methods.answers import Canonical, JoinedSides
+from flatcloth.recordings.mending import Mends
+from flatcloth.session.document import Document
+from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
+
+STD_M = 0.003
+TWO = Document(start_view=0)
+APART_M = math.sqrt(2.0 * np.mean([0.1**2, 0.0, 0.1**2]))
+"""Of two of three pixels, 0.1 m apart, in the root mean square."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Three pixels, 0.1 m apart, and their deviations."""
+
+    valid: np.ndarray
+    placement_std_m: np.ndarray | None
+    area_m2: float = 0.1
+
+    def uv_from_rc(self, rc):
+        return 0.1 * rc[..., ::-1]
+
+
+def _shape(std_m: float | None = STD_M) -> Canonical:
+    std = None if std_m is None else np.full((1, 3), std_m)
+    return Canonical(view=Row(np.ones((1, 3), bool), std), current_from_view={})  # type: ignore[arg-type]
+
+
+def _trust(focal_factor: float = 1.0) -> Trust:
+    return Trust(SimpleNamespace(mends=Mends(focal_factor=focal_factor)))  # type: ignore[arg-type]
+
+
+def _std_m(shape: Canonical) -> np.ndarray:
+    assert shape.view.placement_std_m is not None
+    return shape.view.placement_std_m[0]
+
+
+def test_a_shape_without_doubts_stays_the_same_object():
+    shape = _shape()
+    assert _trust().of(TWO, shape, None) is shape
+
+
+def test_places_are_as_unsure_as_an_estimated_scale_far_from_the_middle():
+    far = math.hypot(STD_M, 0.1 * FOCAL_STD)
+    assert _std_m(_trust(0.8).of(TWO, _shape(), None)) == pytest.approx([far, STD_M, far])
+
+
+def test_a_shape_of_no_known_kind_may_be_anywhere_on_the_item():
+    trust, shape = _trust(), _shape()
+    trust.recognised(TWO, 0.8)
+    doubted = trust.of(TWO, shape, None)
+    assert _std_m(doubted) == pytest.approx(3 * [math.hypot(STD_M, math.sqrt(0.8) * APART_M)])
+    assert trust.of(TWO, shape, None) is doubted  # or the garment is fitted anew
+    assert trust.of(replace(TWO, start_view=1), shape, None) is shape
+    trust.recognised(TWO, 0.5)
+    assert trust.of(TWO, shape, None) is shape
+
+
+def test_links_that_a_run_doubts_do_not_change_what_the_garment_says():
+    trust, cloth = _trust(), ClothPlaces(points_m=((0.0, 0.0, 1.0),), uv_m=((0.0, 0.0),))
+    part = DoubtedPart(taken_off=False, part=cloth, rest=cloth, probability=0.7, std_m=0.1)
+    trust.recognised(TWO, 0.8)
+    doubting = replace(TWO, garment=GarmentDecisions(parts=(part,)))
+    assert _std_m(trust.of(doubting, _shape(), None)).min() > 0.1
+    off = replace(TWO, garment=GarmentDecisions(parts=(replace(part, taken_off=True, std_m=0.0),)))
+    assert _std_m(trust.of(off, _shape(), None)).max() == STD_M
+
+
+def test_the_other_side_and_what_it_lays_is_as_unsure_as_this_one():
+    trust, shape = _trust(), _shape()
+    laid = (LaidPiece(index=0, shape_from_piece=Rigid2(0.0, 0.0, 0.0), std_m=STD_M),)
+    sides = JoinedSides(other=_shape(), seams=(), is_related=True, laid=laid)
+    assert trust.of_sides(TWO, shape, None, sides).laid == laid
+    trust.recognised(TWO, 0.8)
+    doubted = trust.of_sides(TWO, shape, None, sides)
+    far = math.hypot(STD_M, math.sqrt(0.8) * APART_M)
+    assert _std_m(doubted.other) == pytest.approx(3 * [far])
+    assert doubted.laid[0].std_m == pytest.approx(far)
+    assert trust.of_sides(TWO, shape, None, sides) is doubted
+    floating = replace(sides, other=_shape(None))
+    assert trust.of_sides(TWO, shape, None, floating).other.view.placement_std_m is None
