@@ -41,7 +41,7 @@ def learn(garments: GarmentService, document: Document, views: int, goal: Goal) 
     if goal.about == "shape" or knowledge.is_reached(goal) or len(document.used_views) < 2:
         return Learnt(known=known, knowledge=knowledge, views=views)
     both, by_both = known_by_both(garments.integration, document)
-    if not isinstance(by_both, str) and by_both.sides is not None:
+    if isinstance(by_both, KnownGarment):
         known, knowledge = by_both, knowledge_of(views, area_m2, by_both)
     other = of_other_side(both, document, known, knowledge, goal)
     return Learnt(known=known, knowledge=knowledge, both=both, other=other, views=views)

@@ -254,8 +254,16 @@ def _cleared(mask: Bool, frame: RgbdFrame, noisy: bool) -> Bool:
     return mask & ~this
 
 
-def known_by_both(integration: Integration, document: Document) -> tuple[BothSides, KnownGarment | str]:
-    """Return the garment as :func:`known_with_pieces`, by both sides, and these, integrated anew."""
+def known_by_both(
+    integration: Integration, document: Document
+) -> tuple[BothSides, KnownGarment | str | None]:
+    """Return the garment as :func:`known_with_pieces`, by both sides, and these, integrated anew.
+
+    None if nothing relates the sides: then it is known by this one.
+    """
     both = BothSides(integration)
     both.of(document)
+    sides = both.known(document)
+    if sides is None or not sides[0].is_related:
+        return both, None
     return both, known_with_pieces(GarmentService(integration, both, doubts_links=False), document)

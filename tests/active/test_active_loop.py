@@ -329,10 +329,10 @@ def test_both_sides_are_asked_while_the_item_turns_until_enough_is_known(
 ) -> None:
     asked, turned, sure = list[int](), threading.Event(), known_by_the_other_side("waist_left")
 
-    def by_both(integration: Integration, document: Document) -> tuple[BothSides, KnownGarment | str]:
+    def by_both(integration: Integration, document: Document) -> tuple[BothSides, KnownGarment | None]:
         turned.wait()
         asked.append(len(integration.views.angles_deg))
-        return BothSides(integration), sure if len(asked) == 2 else "unknown"
+        return BothSides(integration), sure if len(asked) == 2 else None
 
     monkeypatch.setattr("flatcloth.active.learning.known_by_both", by_both)
     cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", parse_goal("points:waist_left"))

@@ -422,7 +422,8 @@ def seams_of(joined: JoinedSide, pieces: Sequence[FlattenedView]) -> tuple[Seam,
     matches, found = joined.matches, []
     cloth = [cKDTree(piece.uv_from_rc(np.argwhere(piece.valid))) for piece in pieces]
     for link in joined.links:
-        own = link.members
+        has_place = np.isfinite(matches.other_uv_m[link.members, 0])
+        own = link.members[has_place] if has_place.any() else link.members
         there = np.nan_to_num(matches.other_uv_m[own])
         away_m = [float(np.median(tree.query(there)[0])) for tree in cloth]
         found.append(
