@@ -1,15 +1,19 @@
-"""How much the flattened lengths of each garment are off within a few centimetres, beside its ripples.
+"""How much longer or shorter flattened cloth is than true cloth, beside its ripples.
 
-A sensor smooths ripples away, and their lengths with them. ``rms`` is that of the relative error of lengths
-within the distance over which the program takes them as independent, against the truth; ``ripples`` are
-those that the program sees, from the angles between normals of neighbouring nodes, rad^2. The share of the
-one in the other is fitted to all garments, and to all but each.
+A noisy sensor smooths ripples away, and their lengths with them. In circles of cloth a similarity is fitted
+to the true places of the nodes: its scale, less 1, is the strain, before the program lengthens anything.
+``ripples`` are those that the program sees there under noise, from the angles between normals, rad^2. The
+share ``lost`` is that of the ripples in the strain, and ``share`` that of the ripples in what is left of it,
+fitted to all garments, and to all but each; recordings count alike. A circle averages much of the strain
+away: what is left is divided by what circles leave of the random strain by which the program computes
+deviations. Pairs of neighbours teach nothing: true places by pixels are off by a tenth of their length.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,54 +26,116 @@ from flatcloth.core.types import Float64
 from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust import uncertainty
+from flatcloth.methods.robust.joint import settled
+from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.session.document import Document
 
-_MOST_OFF = 0.3
-"""Pairs whose length is off by more join different cloth. Chosen."""
-_LEAST_PAIRS = 60
-"""Places with fewer pairs around them are left out. Chosen."""
+_RADIUS_M = 0.12
+"""Of the circles: 3 times the distance over which strain is alike. Chosen: 300 nodes are in one, so that true
+places that are off by 2 mm make its scale unsure by 0.1 %."""
+_LEAST_NODES = 100
+"""Places with fewer nodes around them are left out. Chosen: a third of a circle."""
+_MOST_OFF_M = 0.01
+"""Nodes farther off their true places, by the similarity, lie on other cloth. Chosen."""
+
+
+@dataclass(frozen=True)
+class Strained:
+    """The strain and the ripples (K,) of the circles of a recording; ``left`` of a random strain in them."""
+
+    strain: Float64
+    ripples: Float64
+    left: float
 
 
 def run(options: Options) -> None:
     """Measure, fit and print; write ``results/strain.json`` unless ``quick``."""
-    rows = []
+    seen: dict[str, Strained] = {}
     for source in sources(options.recordings):
         integration, document, truth = unattended(source)
-        off, ripples = strains(integration, document, truth)
-        rows.append(
-            {
-                "recording": integration.recording.name,
-                "rms": round(float(np.sqrt(np.square(off).mean())), 5),
-                "mean": round(float(off.mean()), 5),
-                "ripples": round(ripples, 4),
-            }
-        )
-        say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
+        seen[integration.recording.name] = strains(integration, document, truth)
+        say(str(_row(integration.recording.name, seen[integration.recording.name], 0.0)))
+    garments = sorted({name.split("-")[0] for name in seen})
     fits = {
-        garment: share_of([row for row in rows if row["recording"].split("-")[0] != garment])
-        for garment in sorted({row["recording"].split("-")[0] for row in rows})
+        garment: fitted([own for name, own in seen.items() if name.split("-")[0] != garment])
+        for garment in (garments if len(garments) > 1 else [])
     }
-    found = {"share": share_of(rows), "without": fits if len(fits) > 1 else {}}
+    found = {**fitted([*seen.values()]), "without": fits}
     say(str(found))
     if not options.quick:
-        rows.sort(key=lambda row: -float(row["rms"]))
-        save("strain", {**found, "rows": rows}, [Path(str(row["recording"])).name for row in rows])
+        rows = [_row(name, own, fits.get(name.split("-")[0], found)["lost"]) for name, own in seen.items()]
+        rows.sort(key=lambda row: -row["rms_left"])
+        save("strain", {**found, "rows": rows}, sorted(seen))
 
 
-def share_of(rows: Sequence[dict[str, Any]]) -> float | None:
-    """Fit ``rms^2 = constant^2 + (share ripples)^2`` to recordings with the program's constant."""
-    beyond = [max(float(row["rms"]) ** 2 - uncertainty._STRAIN**2, 0.0) ** 0.5 for row in rows]
-    ripples = [float(row["ripples"]) for row in rows]
-    return round(float(np.dot(beyond, ripples) / np.dot(ripples, ripples)), 3) if any(ripples) else None
+def _row(name: str, own: Strained, lost: float) -> dict[str, Any]:
+    left = own.strain + lost * own.ripples
+    figures = {
+        "mean": own.strain.mean(),
+        "ripples": own.ripples.mean(),
+        "mean_left": left.mean(),
+        "rms_left": math.sqrt(np.square(left).mean()) / own.left,
+    }
+    return {"recording": name, **{key: round(float(value), 5) for key, value in figures.items()}}
 
 
-def strains(integration: Integration, document: Document, truth: Any) -> tuple[Float64, float]:
-    """Return the relative error of lengths around places (K,) of the shape, and its ripples."""
+def fitted(some: Sequence[Strained]) -> dict[str, float]:
+    """Fit ``strain = -lost ripples``, and ``left^2 = constant^2 + (share ripples)^2``.
+
+    Means over the circles of each recording are summed.
+    """
+    square = max(sum(float(np.square(own.ripples).mean()) for own in some), 1e-12)
+    lost = -sum(float((own.ripples * own.strain).mean()) for own in some) / square
+    left = [(own.strain + lost * own.ripples) / own.left for own in some if own.ripples.any()]
+    beyond = sum(max(float(np.square(each).mean()) - uncertainty._STRAIN**2, 0.0) for each in left)
+    return {"lost": round(lost, 3), "share": round(math.sqrt(beyond / square), 3)}
+
+
+def strains(integration: Integration, document: Document, truth: Any) -> Strained:
+    """Return the strain and the ripples of circles of a shape, where its cloth is not gathered."""
     algorithm = integration.algorithm
     assert isinstance(algorithm, RobustMethod)
-    shape = algorithm.shapes.settled(document)
-    true = [np.zeros((0, 2)) for _ in range(len(shape.nodes))]
+    shape = settled(algorithm.shapes.shape(document))
+    true = _true_places(algorithm, shape, truth)
+    below_m = np.linalg.norm(shape.nodes.xyz_m - integration.views.held_point_m, axis=1)
+    known = np.flatnonzero(
+        shape.placed & np.isfinite(true[:, 0]) & (below_m > uncertainty._GATHERED_EXTENT_M)
+    )
+    ripples = uncertainty.ripples_under_noise(shape)[known]
+    random = uncertainty._smooth(shape.uv_m[known], 1, np.random.default_rng(0))[:, 0]
+    tree, found = cKDTree(shape.uv_m[known]), []
+    for place in shape.uv_m[known][:: len(known) // 400 + 1]:
+        near = tree.query_ball_point(place, _RADIUS_M)
+        if len(near) >= _LEAST_NODES:
+            strain, kept = _strain(shape.uv_m[known[near]], true[known[near]])
+            if kept >= _LEAST_NODES:
+                found.append((strain, ripples[near].mean(), *random[near].mean(axis=0)))
+    strain, there, *left = np.array(found).T if found else np.zeros((3, 1))
+    return Strained(strain, there, max(float(np.std(left)), 1e-9))
+
+
+def _strain(flat_m: Float64, true_m: Float64) -> tuple[float, int]:
+    """Return by how much places (K, 2) are farther apart than true ones, and how many of them say so.
+
+    The scale is that from the flat to the true places, which alone have errors.
+    """
+    flat, true = (places @ np.array([1.0, 1j]) for places in (flat_m, true_m))
+    off_m = np.abs(true - flat - np.median(true - flat))
+    kept, turned = off_m <= np.median(off_m), 1.0 + 0.0j
+    for _ in range(5):
+        middle = flat[kept].mean(), true[kept].mean()
+        turned = np.vdot(flat[kept] - middle[0], true[kept] - middle[1]) / np.vdot(
+            flat[kept] - middle[0], flat[kept] - middle[0]
+        )
+        off_m = np.abs(true - middle[1] - turned * (flat - middle[0]))
+        kept = off_m <= max(_MOST_OFF_M, float(np.median(off_m)))
+    return float(1.0 / np.abs(turned) - 1.0), int((off_m < _MOST_OFF_M).sum())
+
+
+def _true_places(algorithm: RobustMethod, shape: JointShape, truth: Any) -> Float64:
+    """Return the true place (N, 2) of each node, the median of all views that see it; NaN if none does."""
+    seen: list[list[Float64]] = [[] for _ in range(len(shape.nodes))]
     for observation in shape.observations:
         view = truth[observation.view_index]
         offset = algorithm.seen.surfaces(shape)[observation.view_index].frame.offset_rc
@@ -78,26 +144,5 @@ def strains(integration: Integration, document: Document, truth: Any) -> tuple[F
             observation.node, bilinear_on_layer(shown, observation.rc + offset), strict=True
         ):
             if np.isfinite(place[0]):
-                true[node] = np.vstack([true[node], place])
-    placed = np.flatnonzero(shape.placed)
-    known = np.full((len(shape.nodes), 2), np.nan)
-    for node in placed:
-        if len(true[node]):
-            known[node] = np.median(true[node], axis=0)
-    one, other = shape.links.once.T
-    flat_m = np.linalg.norm(shape.uv_m[one] - shape.uv_m[other], axis=1)
-    true_m = np.linalg.norm(known[one] - known[other], axis=1)
-    below_m = np.linalg.norm(shape.nodes.xyz_m[one] - integration.views.held_point_m, axis=1)
-    with np.errstate(invalid="ignore"):
-        good = np.abs(flat_m - true_m) < _MOST_OFF * true_m
-    pair = np.flatnonzero(good & (below_m > uncertainty._GATHERED_EXTENT_M))
-    middle = 0.5 * (shape.uv_m[one] + shape.uv_m[other])[pair]
-    tree = cKDTree(middle)
-    places, around = middle[:: len(middle) // 1000 + 1], []
-    for near in tree.query_ball_point(places, uncertainty.CORRELATED_M):
-        own = pair[near]
-        around.append(flat_m[own].sum() / true_m[own].sum() - 1.0 if len(near) >= _LEAST_PAIRS else np.nan)
-    off = np.array(around)
-    nodes = shape.nodes
-    ripples = uncertainty.ripples_of(shape.uv_m[placed], nodes.xyz_m[placed], nodes.normal[placed])
-    return off[np.isfinite(off)], ripples
+                seen[node].append(place)
+    return np.array([np.median(places, axis=0) if places else (np.nan, np.nan) for places in seen])

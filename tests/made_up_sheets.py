@@ -45,6 +45,7 @@ def observed(
     incidence_deg: float = 0.0,
     evidence: float = 1.0,
     std_m: float = 0.0003,
+    is_noisy: bool = False,
 ) -> Observation:
     """Observe nodes ``which`` (N,) exactly, with all pairs up to the diagonals of the grid."""
     node = np.flatnonzero(which).astype(np.int32)
@@ -65,6 +66,7 @@ def observed(
         edge_std_m=np.full(len(edges), std_m),
         edge_evidence=np.full(len(edges), evidence),
         offset=np.stack([along, -along], axis=1) * np.array([1.0, -1.0]),
+        is_noisy=is_noisy,
     )
 
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from flatcloth.flattening.banded import BandedLaplacian, banding, bandwidth_of, cuthill_mckee, narrow_order
 from flatcloth.flattening.flatten import Level, _solve_level
-from flatcloth.flattening.minimisation import energy_of, minimise
+from flatcloth.flattening.minimisation import _lay_onto, energy_of, minimise
 from flatcloth.flattening.sampling import Samples
 
 Sheet = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]
@@ -141,3 +141,17 @@ def test_a_banded_laplacian_solves_as_the_full_one(held: float | None) -> None:
     diagonal = random.uniform(0.1, 1.0, len(start)) if held is None else held
     found = BandedLaplacian(banding(len(start), edges), weight, diagonal).solve(rhs)
     np.testing.assert_allclose((full + diagonal * np.eye(len(start))) @ found, rhs, atol=1e-9)
+
+
+def test_points_are_laid_onto_others_by_the_rotation_between_them() -> None:
+    random = np.random.default_rng(3)
+    points = random.standard_normal((2, 7))
+    points -= points.mean(axis=1)[:, None]
+    cos, sin = np.cos(2.2), np.sin(2.2)
+    target = np.array([[cos, -sin], [sin, cos]]) @ points
+    laid = points + np.array([[0.4], [-0.1]])
+    _lay_onto(laid, target, (0.02, 0.03))
+    np.testing.assert_allclose(laid, target + np.array([[0.02], [0.03]]), atol=1e-12)
+    single = np.array([[0.4], [-0.1]])
+    _lay_onto(single, np.zeros((2, 1)), (0.02, 0.03))  # of one point no rotation is known
+    np.testing.assert_allclose(single, [[0.02], [0.03]])

@@ -73,3 +73,16 @@ def test_a_piece_may_lie_over_cloth_of_the_other_side_but_not_of_its_own() -> No
     on_itself = dataclasses.replace(fit, garment_from_piece=(Rigid2(), Rigid2(0.0, -0.2, 0.0)))
     assert contradiction(there, both, piece) == pytest.approx(contradiction(there, this, piece))
     assert contradiction(on_itself, both, piece) > 10.0 + contradiction(there, both, piece)
+
+
+@pytest.mark.parametrize("name", ["skirt", "towel"])
+def test_sides_that_do_not_bulge_are_straight_between_the_corners(name: str) -> None:
+    kind = kind_named(name)
+    curved = ["bulge" in each.name or "curve" in each.name for each in kind.parameters]
+    straight = np.where(curved, 0.0, kind.mean)[:, None]
+    outline = kind.outline(straight)[:, :, 0].astype(np.float32)
+    corners = cv2.convexHull(np.array([at[:, 0] for at in kind.named(straight).values()], np.float32))
+    assert len(corners) == 4
+    off = [abs(cv2.pointPolygonTest(corners, tuple(map(float, at)), True)) for at in outline]
+    assert max(off) < 1e-5
+    assert cv2.contourArea(outline) == pytest.approx(cv2.contourArea(corners), rel=1e-5)

@@ -18,7 +18,7 @@ from flatcloth.export.garment import garment_document, lines_of, outcome_entry
 from flatcloth.garments.deciding import DecidedPieces, decided_pieces
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.placing import Placed
-from flatcloth.garments.recognition import recognise
+from flatcloth.garments.recognition import NONE, recognise
 from flatcloth.methods.answers import Canonical
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, SetKind, without_doubts
@@ -58,13 +58,18 @@ class Service:
         self.cloth = cloth_of(at, xyz, edges, np.ones(len(edges)))
         self.links: tuple[DoubtedLink, ...] = ()
         self.error: Exception | None = None
+        self.is_none = False
 
     def of(self, document: Document) -> KnownGarment:
         if self.error is not None:
             raise self.error
         decided = decided_pieces(document.garment, self.canonical.view, self.canonical.floating)
         links = () if without_doubts(document.garment).parts else self.links
-        return dataclasses.replace(self._known, pieces=decided, cloth=self.cloth, links=links)
+        found, kind = self._known.found, document.garment.kind
+        if kind is not None or self.is_none:
+            sure = {**dict.fromkeys(found.probabilities, 0.0), NONE: 1.0}
+            found = dataclasses.replace(found, probabilities=sure, by_hand=kind)
+        return dataclasses.replace(self._known, found=found, pieces=decided, cloth=self.cloth, links=links)
 
     def known(self, document: Document) -> KnownGarment | str:
         return self.of(document)
@@ -83,8 +88,12 @@ class Page:
         self.answers: list[dict] = []
         self.heard = threading.Event()
         self.controller = GarmentController(
-            service, lambda job: job(), self.told.set, self.tell, lambda _: SetKind("towel")
+            service, lambda job: job(), self.told.set, self.tell, lambda _: SetKind("towel"), self.doubt
         )
+        self.doubts = 0
+
+    def doubt(self) -> None:
+        self.doubts += 1
 
     def tell(self, _client, message) -> None:
         self.answers.append(msgspec.to_builtins(message))
@@ -261,3 +270,21 @@ def test_run_places_sure_pieces_once_and_leaves_refused_ones(service) -> None:
     known = place_sure_pieces(service, session)
     assert outcome_entry(known)["placed_by_the_garment"] == []
     assert not garment_document(known)["pieces"]["floating-2.npz"]["placed"]
+
+
+def test_the_shape_is_drawn_again_when_no_kind_explains_it_and_when_its_kind_is_set_by_hand(service) -> None:
+    page = Page(service)
+    page.follow()
+    assert page.doubts == 0
+    service.is_none = True
+    try:
+        for kind, doubts in [(None, 1), (NONE, 2), ("towel", 2), (None, 3)]:
+            page.controller.forget()
+            decided = dataclasses.replace(TWO_VIEWS.garment, kind=kind)
+            page.follow(dataclasses.replace(TWO_VIEWS, garment=decided))
+            assert page.doubts == doubts
+    finally:
+        service.is_none = False
+    page.controller.forget()
+    page.follow()
+    assert page.doubts == 4

@@ -79,7 +79,7 @@ class Observation:
     this view added the node. ``edges`` (M, 2) int32 index these K; ``edge_length_m`` (M,) along the
     surface, ``edge_std_m`` (M,) its standard deviation; ``edge_evidence`` (M,) from 0 to 1, the
     evidence of a pair that its ends are one piece of cloth; ``offset`` (M, 2) complex, the other end
-    in the tangent plane of each end, right and down the image.
+    in the tangent plane of each end, right and down the image. ``is_noisy``: its depth was smoothed.
     """
 
     view_index: int
@@ -94,6 +94,7 @@ class Observation:
     edge_std_m: Float64
     edge_evidence: Float64
     offset: Complex128
+    is_noisy: bool
 
 
 _SURROUND = 4
@@ -215,6 +216,7 @@ def observe(
         edge_std_m=std,
         edge_evidence=evidence,
         offset=offset,
+        is_noisy=surface.noisy,
     )
     return averaged(nodes, observation, object_from_camera), observation
 

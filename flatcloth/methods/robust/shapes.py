@@ -25,7 +25,7 @@ from flatcloth.methods.robust.joint import settled
 from flatcloth.methods.robust.joint_shape import JointShape, with_largest_piece, with_poses
 from flatcloth.methods.robust.observations import Association, Observation, associate
 from flatcloth.methods.robust.scoring import TextureFeatures, texture_features
-from flatcloth.methods.robust.uncertainty import placement_std_m, undetermined
+from flatcloth.methods.robust.uncertainty import lengthened, placement_std_m, undetermined
 from flatcloth.registration.cameras import (
     begin_registration,
     confirmed_by,
@@ -245,7 +245,7 @@ class JointShapes:
 
     def settled(self, document: Document) -> JointShape:
         """Return the joint shape, relaxed as a whole: what is shown and exported."""
-        return self._settled.get(prefix(document), lambda: settled(self.shape(document)))
+        return self._settled.get(prefix(document), lambda: lengthened(settled(self.shape(document))))
 
     def certainty(self, document: Document) -> Certainty:
         """Return the certainty of the nodes of the settled shape."""

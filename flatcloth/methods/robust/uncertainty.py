@@ -31,15 +31,16 @@ from flatcloth.methods.robust.articulated import (
     rigid_parts,
 )
 from flatcloth.methods.robust.connectivity import both_ends, renumbered
-from flatcloth.methods.robust.joint_shape import OUTGROWN, TWICE_M, JointShape
+from flatcloth.methods.robust.joint_shape import OUTGROWN, TWICE_M, JointShape, anchored
 
 Complex128 = NDArray[np.complex128]
 
 _STRAIN = 0.0035
 """Standard deviation of the strain that the flattening cannot know. Set by hand."""
-_OF_RIPPLES = 0.41
-"""Strain for each rad^2 of ``ripples_of``, which a sensor smooths away. Measured: ``python -m benchmarks
-strain``."""
+_LOST = 0.16
+"""Share of lengths that is lost under noise for each rad^2 of :func:`ripples_of`, ..."""
+_OF_RIPPLES = 0.37
+"""... and the deviation of the strain that is left. Both measured: ``python -m benchmarks strain``."""
 _GATHERED_EXTENT_M = 0.26
 """At this distance from the held point the strain is doubled; it grows with the cube towards it, ..."""
 _GATHERED_M = 0.07
@@ -106,7 +107,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
     more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _GATHERED_M), 3)
-    more *= strain_by_ripples(shape)
+    more *= strain_by_ripples(shape)[placed][edges].mean(axis=1)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True
     sheet = _Sheet(len(uv), edges, along, weight, stars)
@@ -138,15 +139,36 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     return result
 
 
-def strain_by_ripples(shape: JointShape) -> float:
-    """Return how many times the strain of smooth cloth that of a shape is for its ripples, at least 1."""
-    placed = np.flatnonzero(shape.placed)
-    ripples = ripples_of(shape.uv_m[placed], shape.nodes.xyz_m[placed], shape.nodes.normal[placed])
-    return math.hypot(1.0, _OF_RIPPLES / _STRAIN * ripples)
+def lengthened(shape: JointShape) -> JointShape:
+    """Return a settled shape with the lengths that a noisy sensor took of its ripples, by one factor for all.
+
+    Views that are lengthened one by one drift, and pairs by their own ripples bend necks (``docs/tried.md``).
+    """
+    factor = 1.0 + _LOST * float(ripples_under_noise(shape)[shape.placed].mean())
+    if factor == 1.0:
+        return shape
+    links = shape.links
+    longer = replace(links, length_m=links.length_m * factor, offset=links.offset * factor)
+    return anchored(replace(shape, links=longer, all_uv_m=shape.all_uv_m * factor))
 
 
-def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> float:
-    """Return how strong the ripples of cloth are: angles between neighbouring normals, squared, rad^2.
+def strain_by_ripples(shape: JointShape) -> Float64:
+    """Return how many times the strain of smooth cloth that at each node (N,) is, by ripples; at least 1."""
+    times: Float64 = np.hypot(1.0, _OF_RIPPLES / _STRAIN * ripples_under_noise(shape))
+    return times
+
+
+def ripples_under_noise(shape: JointShape) -> Float64:
+    """Return the ripples (N,) at the nodes, rad^2; 0 without noise, which alone smooths any away."""
+    found = np.zeros(len(shape.nodes))
+    if any(seen.is_noisy for seen in shape.observations):
+        own = np.flatnonzero(shape.has_place)
+        found[own] = ripples_of(shape.all_uv_m[own], shape.nodes.xyz_m[own], shape.nodes.normal[own])
+    return found
+
+
+def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> Float64:
+    """Return how strong the ripples of cloth are around each node: angles between normals, squared, rad^2.
 
     The angle of bent cloth grows with the distance, that of ripples hardly: what nodes farther apart differ
     by is taken off. ``uv`` (N, 2) are the places on the plane, ``xyz_m`` and ``normal`` (N, 3) in space.
@@ -158,12 +180,23 @@ def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> float:
     cosine = np.clip(np.einsum("ij,ij->i", unit[one], unit[other]), -1.0, 1.0)
     # Nodes far apart in space, or that face away from each other as two sides do, are not neighbours.
     same = np.linalg.norm(xyz_m[one] - xyz_m[other], axis=1) < np.where(is_near, TWICE_M, CORRELATED_M)
-    near, far = is_near & same & (cosine > 0.0), ~is_near & same & (cosine > 0.0)
-    if not near.any() or not far.any():
-        return 0.0
-    angle = np.arccos(cosine)
-    bent = angle[far].mean() ** 2 * np.mean(apart_m[near] ** 2) / np.mean(apart_m[far] ** 2)
-    return max(0.0, float(angle[near].mean() ** 2 - bent))
+    same &= cosine > 0.0
+    ends = np.stack([one[same], other[same]])
+    around = coo_matrix((np.ones(same.sum()), ends), shape=(len(uv),) * 2).tocsr()
+    around = around + around.T + eye_array(len(uv), format="csr")
+
+    def mean(values: Float64, chosen: Bool) -> Float64:
+        """Return the mean (N,) of values of chosen pairs around each node; 0 where there is none."""
+        at = ends[:, chosen].ravel()
+        total = np.bincount(at, np.tile(values[chosen], 2), len(uv))
+        found: Float64 = (around @ total) / np.maximum(around @ np.bincount(at, minlength=len(uv)), 1)
+        return found
+
+    angle, apart_m, is_near = np.arccos(cosine[same]), apart_m[same], is_near[same]
+    near, far = (mean(angle, chosen) ** 2 for chosen in (is_near, ~is_near))
+    near_m2, far_m2 = (mean(apart_m**2, chosen) for chosen in (is_near, ~is_near))
+    bent = far * near_m2 / np.where(far_m2 > 0.0, far_m2, np.inf)
+    return np.where(far_m2 > 0.0, np.maximum(near - bent, 0.0), 0.0)
 
 
 def _on_one_part(nodes: Int32 | NDArray[np.int64], rigid_part: Int32) -> NDArray[np.int64]:

@@ -66,6 +66,9 @@ class GarmentController:
         Sends a message to a tab.
     of_joint : callable
         Returns the decision about a joint of the shape.
+    doubted : callable
+        Called on the application thread when a shape is no known kind any more, or one again: its places are
+        as unsure as that.
     """
 
     def __init__(
@@ -75,9 +78,11 @@ class GarmentController:
         changed: Callable[[], None],
         tell: Callable[[int | None, ServerMessage], None],
         of_joint: Callable[[asked.DecideJoint], GarmentCommand],
+        doubted: Callable[[], None],
     ) -> None:
         self._service, self._put, self._changed, self._tell = service, put, changed, tell
-        self._of_joint = of_joint
+        self._of_joint, self._doubted = of_joint, doubted
+        self._is_none = False
         self._worker = Worker("flatcloth-garment")
         self._asked: Document | None = None
         self._answered: Document | None = None
@@ -136,6 +141,11 @@ class GarmentController:
         self._answered = document
         self.status = replace(status, revision=self.status.revision + 1)
         self.status = replace(self.status, working=self._is_outdated())
+        known = status.known
+        is_none = known is not None and known.found.kind == NONE and not known.found.by_hand
+        if is_none != self._is_none:
+            self._is_none = is_none
+            self._doubted()
         self._changed()
 
     # --- decisions ----------------------------------------------------------------------------------

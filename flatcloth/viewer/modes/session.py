@@ -100,7 +100,7 @@ class Application(PageController):
         )
         self._joints = JointService(integration, self.garments, lambda: self._picture)
         self._garment = GarmentController(
-            self.garments, on_thread, self._publish, sink.tell, self._joints.decision
+            self.garments, on_thread, self._publish, sink.tell, self._joints.decision, self._draw_again
         )
 
     @property
@@ -300,9 +300,12 @@ class Application(PageController):
     def _turned_about(self, axis: RotationAxis, text: str) -> None:
         self._picks.turn_about(axis)
         self._scene_view.set_axis(axis)
+        self._draw_again()
+        self._tell(None, "info", text)
+
+    def _draw_again(self) -> None:
         self._work.forget_picture()
         self._settle()
-        self._tell(None, "info", text)
 
     def _by_hand(self, command: Command) -> None:
         # A decision by hand stops Auto, unless Auto waits for it.

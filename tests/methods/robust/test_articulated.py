@@ -156,9 +156,11 @@ def shape_of(uv: np.ndarray, edges: np.ndarray, plate: np.ndarray) -> Any:
                 std_m=np.full(len(edges), 3e-4),
             ),
             placed=np.ones(len(uv), dtype=bool),
+            has_place=np.ones(len(uv), dtype=bool),
             uv_m=uv,
+            all_uv_m=uv,
             weight=np.ones(len(edges)),
-            observations=[SimpleNamespace(node=np.flatnonzero(plate == 0))],
+            observations=[SimpleNamespace(node=np.flatnonzero(plate == 0), is_noisy=False)],
             node_evidence=np.full(len(uv), 9.0),
         ),
     )
@@ -223,11 +225,14 @@ def test_the_part_that_is_least_unsure_is_the_shape_even_where_nothing_is_sure()
 def test_ripples_make_strain_and_flat_cloth_has_none() -> None:
     uv, edges, plate = plates(2, STEP_M)
     shape = shape_of(uv, edges, plate)
-    assert strain_by_ripples(shape) == 1.0
+    shape.observations[0].is_noisy = True
+    assert (strain_by_ripples(shape) == 1.0).all()
     column = np.rint(uv[:, 0] / STEP_M)
     lean = np.where(column % 2 == 0, 0.2, -0.2)
     shape.nodes.normal = np.stack([np.sin(lean), np.zeros(len(uv)), -np.cos(lean)], axis=1)
-    assert strain_by_ripples(shape) > 2.0
+    assert (strain_by_ripples(shape) > 2.0).all()
+    shape.observations[0].is_noisy = False
+    assert (strain_by_ripples(shape) == 1.0).all()
 
 
 def test_cloth_gathered_at_the_held_point_is_the_least_sure_and_none_is_surer_than_the_least() -> None:

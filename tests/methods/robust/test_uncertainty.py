@@ -6,13 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up_sheets import STEP_M, grid, nodes_at, observed
+from made_up_sheets import shape_of as sheet_shape
 from scenes import AXIS, frame, plane
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.types import Bool, Float64
 from flatcloth.flattening.surface import observe_surface
-from flatcloth.methods.robust.uncertainty import _layer_rims, ripples_of
+from flatcloth.methods.robust.uncertainty import (
+    _LOST,
+    _layer_rims,
+    lengthened,
+    ripples_of,
+    ripples_under_noise,
+)
 
+GRID = grid(12, 12)
 EDGE = 120
 """The first column of the sheet; another layer ends where it begins."""
 
@@ -71,19 +80,46 @@ def rolled(lean_rad: Float64) -> tuple[Float64, Float64, Float64]:
 def test_ripples_are_told_from_bending() -> None:
     column = np.arange(24 * 24) % 24
     bent = ripples_of(*rolled(np.zeros(24 * 24)))
-    assert bent < 0.002  # the cylinder turns by 0.06 rad, 0.0036 rad^2, from node to node
+    assert bent.max() < 0.002  # the cylinder turns by 0.06 rad, 0.0036 rad^2, from node to node
     weak, strong = (ripples_of(*rolled(lean * np.where(column % 2 == 0, 1.0, -1.0))) for lean in (0.1, 0.2))
-    assert 4.0 * bent < weak < 0.5 * strong  # neighbours differ by twice the lean
-    assert 0.02 < strong < 0.4**2
+    assert 4.0 * bent.mean() < weak.mean() < 0.5 * strong.mean()  # neighbours differ by twice the lean
+    assert 0.02 < strong.mean() < 0.4**2
+
+
+def test_ripples_are_those_of_the_cloth_around() -> None:
+    column = np.arange(24 * 24) % 24
+    ripples = ripples_of(*rolled(np.where(column < 12, 0.2 * (-1.0) ** column, 0.0)))
+    assert ripples[column > 18].max() < 0.002 < 0.02 < ripples[column < 6].min()
 
 
 def test_cloth_that_lies_on_other_cloth_is_no_ripple() -> None:
     at, xyz_m, normal = rolled(np.zeros(24 * 24))
     above = xyz_m + np.array([0.0, 0.0, 0.2])
     both = [np.concatenate(two) for two in ((at, at + 0.003), (xyz_m, above), (normal, -normal))]
-    assert ripples_of(*both) == pytest.approx(ripples_of(at, xyz_m, normal), abs=1e-3)
+    assert ripples_of(*both)[: len(at)] == pytest.approx(ripples_of(at, xyz_m, normal), abs=1e-3)
 
 
 def test_too_few_nodes_have_no_ripples() -> None:
     at, xyz_m, normal = rolled(np.zeros(24 * 24))
-    assert ripples_of(at[:1], xyz_m[:1], normal[:1]) == 0.0
+    assert ripples_of(at[:1], xyz_m[:1], normal[:1]).tolist() == [0.0]
+
+
+def test_lengths_that_noise_took_of_ripples_are_given_back_to_places_and_pairs_alike() -> None:
+    nodes = nodes_at(GRID)
+    lean = 0.2 * (-1.0) ** np.rint(GRID[:, 0] / STEP_M)
+    rippled = replace(nodes, normal=np.stack([np.sin(lean), 0.0 * lean, -np.cos(lean)], axis=1))
+    everything = np.ones(len(GRID), dtype=np.bool_)
+    for noisy in (False, True):
+        shape = replace(
+            sheet_shape(GRID, [observed(GRID, everything, 0, is_noisy=noisy)], everything), nodes=rippled
+        )
+        longer = lengthened(shape)
+        if not noisy:
+            assert longer is shape
+            continue
+        factor = 1.0 + _LOST * ripples_under_noise(shape).mean()
+        assert factor > 1.003
+        np.testing.assert_allclose(longer.links.length_m, factor * shape.links.length_m)
+        np.testing.assert_allclose(longer.links.offset, factor * shape.links.offset)
+        np.testing.assert_allclose(np.ptp(longer.uv_m, axis=0), factor * np.ptp(GRID, axis=0))
+        np.testing.assert_allclose(longer.uv_m.mean(axis=0), GRID.mean(axis=0), atol=1e-9)  # it stays there

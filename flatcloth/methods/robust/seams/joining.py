@@ -376,7 +376,9 @@ def _other_of(
         if seam.size:
             std_m = np.hypot(other_std_m, shift_m[cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]])
         # Ripples make lengths unsure; seams hold both sides all the same.
-        unreliable = undetermined(made, std_m, MOST_STD_M * strain_by_ripples(both))
+        unreliable = undetermined(
+            made, std_m, MOST_STD_M * float(np.median(strain_by_ripples(both)[both.placed]))
+        )
     return JoinedSide(
         shape=made,
         std_m=std_m,
