@@ -226,7 +226,6 @@ const SOURCES = { place: ["Space", "Place in space"], lines: ["Lines", "Z-angle 
 /** @type {Record<string, string>} what the parts of the score mean, by their names in both methods */
 const PARTS = {
   place_agreement: "Agreement of the positions in space where both have cloth: 1 is the same place",
-  color_agreement: "Agreement of the colour where both have cloth: 1 is the same colour",
   height_agreement: "Agreement of the height along the turning axis: 1 is the same height",
   outline_agreement: CHECKS.outline.replace("outside", "within"),
   other_cloth_share: "Share of the overlap where the two are different cloth: far apart in space, or facing away",

@@ -115,7 +115,7 @@ def test_a_proposal_tells_its_hypotheses_margin_and_score() -> None:
     assert 0 < placement.margin <= 1
     assert placement.hypotheses[0].undetermined == ()
     assert placement.cameras.startswith("Recorded angles and axis are confirmed")
-    assert {"place_agreement", "color_agreement", "height_agreement", "outline_agreement", "overlap_cm2",
+    assert {"place_agreement", "height_agreement", "outline_agreement", "overlap_cm2",
             "twice_share", "other_cloth_share"} <= set(placement.alignment.score.parts)  # fmt: skip
 
 

@@ -209,8 +209,7 @@ class PlacementSearch:
         def make() -> ReferenceShape:
             shape = self._shapes.shape(document)
             surfaces = self._seen.surfaces(shape)
-            textures = self._seen.textures(surfaces)
-            return ReferenceShape(shape, surfaces, textures, self._views.axis, self.around(document))
+            return ReferenceShape(shape, surfaces, self._views.axis, self.around(document))
 
         return self._references.get(prefix(document), make)
 
@@ -266,7 +265,6 @@ class PlacementSearch:
         flattening = self._views.flattening(view_index)
         _, object_from_camera, associated = self._seen.associated(self._shapes.shape(document), view_index)
         component_of_pixel = self._seen.component_of_pixel(view_index)
-        texture = self._seen.textures({view_index: flattening.surface})[view_index]
         pixel = np.rint(associated.rc).astype(np.int32)
         component_of_node = component_of_pixel[pixel[:, 0], pixel[:, 1]]
         sampled = {}
@@ -287,7 +285,6 @@ class PlacementSearch:
                 uv[known],
                 rc[known],
                 flattening.surface,
-                texture,
                 object_from_camera,
                 associated.rc[own],
                 associated.node[own],

@@ -2,8 +2,8 @@
 
 The rotation is known, so cloth at one position of the plane must be at one place in space: where a component
 covers the shape, its points in the object frame must coincide with the shape's. Conversely, cloth that the
-view shows and the shape contains (the same place and normal in space) must be placed on itself. Color is
-compared with the accepted view that saw the place best.
+view shows and the shape contains (the same place and normal in space) must be placed on itself.
+Color is not compared: where the place in space agrees, it had next to no weight.
 """
 
 from __future__ import annotations
@@ -11,20 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
-import cv2
 import numpy as np
 
 from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries
-from flatcloth.core.types import Bool, Float16, Float32, Float64, Int32, Int64, Rigid2, RotationAxis
+from flatcloth.core.types import Bool, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.flattening.patches import median
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
 from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
-from flatcloth.methods.paper.matching import COARSE_SMOOTHING_M, FINE_SMOOTHING_M
 from flatcloth.methods.refining import Nodes, Samples, fitted
 from flatcloth.methods.robust.joint_shape import TWICE_M, JointShape
 
@@ -32,63 +30,26 @@ PLACE_STD_M = 0.003
 """Standard deviation of the distance of equal cloth in space, in addition to the views' noise, and of a
 length between a seam and the cloth beside it. Set by hand; in ``outcome.json`` of the shared recordings, the
 places of a seam fit its motion to 2 to 4 mm in the median (``residual_mm``)."""
-_COLOR_STD = 20.0
-"""Difference of equal color in two views, grey levels. Set by hand."""
 _REFINE_RADIUS_M = 0.02
 """Initial scale of the robust refinement, distance in space. Set by hand."""
 _CORRELATED_SAMPLES = 20.0
 """Number of samples that count as one independent measurement. Set by hand."""
-CONFIDENCE_WEIGHTS = (4.49, 1.28, 0.04, 0.38, -2.38, -2.17, -0.19, -1.58)
-"""Logistic regression of a right placement: constant, place, color and outline agreement, shares of other
+CONFIDENCE_WEIGHTS = (4.51, 1.28, 0.38, -2.38, -2.17, -0.19, -1.58)
+"""Logistic regression of a right placement: constant, place and outline agreement, shares of other
 cloth and of cloth that is present twice, log10 of the overlap in cm2, median distance in cm. Set by hand."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TextureFeatures:
-    """Features of a view's texture: ``texture`` (H, W, 3) float16 in grey levels, accurate to a tenth.
-
-    They are the intensity without its local mean, which depends on the light, and two color
-    differences relative to the intensity, which shading does not change. NaN off the surface.
-    """
-
-    texture: Float16
-
-
-def texture_features(surface: Surface) -> TextureFeatures:
-    """Compute the features of a surface."""
-    inside = surface.usable.astype(np.float32)
-    fine_px, sigma_px = (size_m / surface.pixel_pitch_m for size_m in (FINE_SMOOTHING_M, COARSE_SMOOTHING_M))
-
-    def mean(image: Float32, sigma: float) -> Float32:
-        return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), dtype=np.float32)
-
-    def mean_share(sigma: float) -> Float32:
-        return np.asarray(np.maximum(mean(inside, sigma), 1e-6), dtype=np.float32)
-
-    known, off = mean_share(fine_px), ~surface.usable
-    color = cv2.copyTo(surface.frame.color, surface.usable.astype(np.uint8))  # 0 off the surface
-    fine = mean(color.astype(np.float32), fine_px)
-    red, green, blue = (plane / known for plane in cv2.split(fine))
-    gray: Float32 = np.asarray((red + green + blue) / 3.0, dtype=np.float32)
-    coarse = mean(gray * inside, sigma_px) / mean_share(sigma_px)
-    brightness = np.maximum(gray, 1.0)
-    coarse[off] = brightness[off] = np.nan
-    texture = cv2.merge([gray - coarse, *(0.5 * 255.0 * (tint / brightness - 1.0) for tint in (red, blue))])
-    return TextureFeatures(texture=texture.astype(np.float16))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SampledComponent:
     """Samples of a component of a view, in the view's own plane.
 
-    ``uv_m`` (K, 2); ``xyz_m``, ``normal`` (K, 3) object frame; ``texture`` (K, 3); ``node`` (K,) int32 the
-    node of the shape that the view shows there, -1 for none; ``area_m2`` of the whole component.
+    ``uv_m`` (K, 2); ``xyz_m``, ``normal`` (K, 3) object frame; ``node`` (K,) int32 the node of the
+    shape that the view shows there, -1 for none; ``area_m2`` of the whole component.
     """
 
     uv_m: Float64
     xyz_m: Float64
     normal: Float64
-    texture: Float64
     node: Int32
     area_m2: float
 
@@ -106,7 +67,7 @@ class ReferenceShape:
     ----------
     shape : JointShape
         The shape.
-    surfaces, textures : mapping
+    surfaces : mapping
         Those of its views, by view index.
     axis : RotationAxis
         Axis of the recording, for heights.
@@ -118,7 +79,6 @@ class ReferenceShape:
         self,
         shape: JointShape,
         surfaces: Mapping[int, Surface],
-        textures: Mapping[int, TextureFeatures],
         axis: RotationAxis,
         around: Neighbourhoods | None = None,
     ) -> None:
@@ -131,14 +91,6 @@ class ReferenceShape:
         self.frames = _space_from_plane(shape, around or neighbourhoods_of(shape))[self.number]
         self.noise_m = max(surfaces[v].noise_m for v in shape.views)
         self.place_std_m = PLACE_STD_M + 2.0 * self.noise_m
-        self._pixels = [textures[v].texture.reshape(-1, 3) for v in shape.views]
-        self._sizes_px = np.array([textures[v].texture.shape[:2] for v in shape.views])
-        self._best_view = _best_view(shape)[self.number]
-        self._turns = np.stack([held.rotation for held in shape.object_from_camera])
-        self._shifts_m = np.stack([held.translation_m for held in shape.object_from_camera])
-        cameras = [surfaces[v].frame.intrinsics for v in shape.views]
-        self._focal_px = np.array([(k.fy, k.fx) for k in cameras])
-        self._center_px = np.array([(k.cy, k.cx) for k in cameras])
         self._near = NearPoints(self.uv_m, LEAST_INTERVAL_M)
         self._place = np.full(len(shape.nodes), -1, dtype=np.int32)
         self._place[self.number] = np.arange(self.number.size)
@@ -170,31 +122,6 @@ class ReferenceShape:
             near.cell_uv_m, near.first, near.by_cell, near.within_m,
         )  # fmt: skip
 
-    def texture_at(self, node: Int32, xyz_m: Float64) -> Float64:
-        """Return the features (K, 3) of points in the accepted view that observed the node best."""
-        view = self._best_view[node]
-        seen = np.einsum("nji,nj->ni", self._turns[view], xyz_m - self._shifts_m[view])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            rc = seen[:, 1::-1] / seen[:, 2:] * self._focal_px[view] + self._center_px[view]
-        return _read_nearest(self._pixels, self._sizes_px, view, rc)
-
-
-def _read_nearest(images: Sequence[Float16], sizes: Int64, image: Int32, rc: Float64) -> Float64:
-    """Return the values (K, 3) of places ``rc`` (K, 2), each in one of the images (K,); NaN outside it.
-
-    The images are rows of pixels (H W, 3), of ``sizes`` (H, W).
-    """
-    size, found = sizes[image], np.full((len(rc), 3), np.nan)
-    within = (rc > -0.5) & (rc < size - 0.5)
-    inside = np.flatnonzero(within[:, 0] & within[:, 1])
-    inside = inside[np.argsort(image[inside], kind="stable")]
-    row, col = np.rint(rc[inside]).astype(np.int64).T
-    pixel, ends = row * size[inside, 1] + col, np.cumsum(np.bincount(image[inside])).tolist()
-    for one, start, end in zip(images, [0, *ends], ends, strict=False):
-        if end > start:
-            found[inside[start:end]] = one.take(pixel[start:end], axis=0)
-    return found
-
 
 def neighbourhoods_of(shape: JointShape) -> Neighbourhoods:
     """Return the sums over the neighbours of each node of a shape."""
@@ -210,17 +137,6 @@ def _space_from_plane(shape: JointShape, around: Neighbourhoods) -> Float64:
     )
 
 
-def _best_view(shape: JointShape) -> Int32:
-    """Return the number (N,) of the view that saw each node at the smallest incidence."""
-    incidence = np.full(len(shape.nodes), np.inf)
-    view = np.zeros(len(shape.nodes), dtype=np.int32)
-    for n, observation in enumerate(shape.observations):
-        better = observation.incidence_deg < incidence[observation.node]
-        node = observation.node[better]
-        incidence[node], view[node] = observation.incidence_deg[better], n
-    return view
-
-
 def score_placement(
     reference: ReferenceShape, sampled: SampledComponent, shape_from_component: Rigid2
 ) -> AlignmentScore:
@@ -231,7 +147,7 @@ def score_placement(
     AlignmentScore
         ``total`` is the confidence, i.e. the probability that the placement is right, learned from
         right and wrong placements (``python -m benchmarks confidence``). ``parts``: agreement in
-        place, color, height and outline, 0 to 1; contradictions (shares); the overlap; the median
+        place, height and outline, 0 to 1; contradictions (shares); the overlap; the median
         distance in space.
     """
     uv = shape_from_component.apply(sampled.uv_m)
@@ -241,7 +157,7 @@ def score_placement(
     overlap_m2 = at.size * each_m2
     scale = reference.place_std_m
     parts = {
-        "place_agreement": 0.0, "color_agreement": 0.0, "height_agreement": 0.0, "outline_agreement": 0.0,
+        "place_agreement": 0.0, "height_agreement": 0.0, "outline_agreement": 0.0,
         "other_cloth_share": 1.0, "twice_share": 1.0, "place_median_mm": math.nan,
         "overlap_cm2": 1e4 * overlap_m2, "overlap_share": at.size / max(len(uv), 1),
     }  # fmt: skip
@@ -254,7 +170,6 @@ def score_placement(
         parts["place_median_mm"] = 1e3 * median(apart)
         up = height_m(sampled.xyz_m[at], reference._axis) - height_m(there, reference._axis)
         parts["height_agreement"] = float((1.0 / (1.0 + np.square(up / scale))).mean())
-        parts["color_agreement"] = _color_agreement(reference, sampled, at, node, there)
     known = np.flatnonzero(sampled.node >= 0)
     own = reference.node_uv(sampled.node[known])
     placed = np.isfinite(own[:, 0])
@@ -271,32 +186,6 @@ def _share(which: Bool) -> float:
     return int(np.count_nonzero(which)) / which.size
 
 
-def _color_agreement(
-    reference: ReferenceShape, sampled: SampledComponent, at: Int32, node: Int32, there: Float64
-) -> float:
-    """Agreement of color relative to randomly paired samples; 0.5 without information."""
-    seen = reference.texture_at(node, there)
-    own = sampled.texture[at]
-    known = np.flatnonzero(np.isfinite(seen[:, 0]) & np.isfinite(own[:, 0]))
-    if known.size < 10:
-        return 0.5
-    seen, own = seen[known], own[known]
-
-    def disagreement(a: Float64, b: Float64) -> float:
-        off = (a - b) / _COLOR_STD
-        square = np.einsum("ki,ki->k", off, off)
-        return float((square / (1.0 + square)).mean())
-
-    chance = disagreement(seen, own[_shuffled(len(own))])
-    return 1.0 - min(1.0, disagreement(seen, own) / max(chance, 1e-6))
-
-
-@lru_cache(maxsize=256)
-def _shuffled(count: int) -> Int64:
-    """Return the numbers below ``count`` (count,) in random order, always the same."""
-    return np.random.default_rng(0).permutation(count)
-
-
 def confidence_of(parts: Mapping[str, float], weights: Sequence[float] = CONFIDENCE_WEIGHTS) -> float:
     """Return the probability that a placement with these parts is right (logistic regression)."""
     logit = sum(w * v for w, v in zip(weights, features_of(parts), strict=True))
@@ -306,7 +195,6 @@ def confidence_of(parts: Mapping[str, float], weights: Sequence[float] = CONFIDE
 FEATURES = (
     "constant",
     "place_agreement",
-    "color_agreement",
     "outline_agreement",
     "other_cloth_share",
     "twice_share",
@@ -367,7 +255,6 @@ def sample_component(
     uv_m: Float64,
     rc: Int32,
     surface: Surface,
-    own_texture: TextureFeatures,
     object_from_camera: Rigid3,
     associated_rc: Float64,
     associated_node: Int32,
@@ -386,7 +273,6 @@ def sample_component(
         uv_m=uv_m,
         xyz_m=xyz,
         normal=normal,
-        texture=own_texture.texture[at].astype(np.float64),
         node=node,
         area_m2=area_m2,
     )

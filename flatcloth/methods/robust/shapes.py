@@ -24,7 +24,6 @@ from flatcloth.methods.robust.connectivity import NO_LINKS, links_of
 from flatcloth.methods.robust.joint import settled
 from flatcloth.methods.robust.joint_shape import JointShape, with_largest_piece, with_poses
 from flatcloth.methods.robust.observations import Association, Observation, associate
-from flatcloth.methods.robust.scoring import TextureFeatures, texture_features
 from flatcloth.methods.robust.uncertainty import lengthened, placement_std_m, undetermined
 from flatcloth.registration.cameras import (
     begin_registration,
@@ -37,7 +36,7 @@ from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.document import Accepted, Document
 
 MOST_KEPT = 64
-"""Values that are kept of each kind (shapes, textures, scores). Chosen: more than the views of a session."""
+"""Values that are kept of each kind (shapes, scores). Chosen: more than the views of a session."""
 KEPT_BYTES = 48 * 2**20
 """Memory of the shapes that are kept for undo, trials and exports. Chosen: the shapes after each of
 35 views of shirt-sleeve-clean take less."""
@@ -81,14 +80,12 @@ class RegisteredViews:
         self._registered: WeakValueDictionary[tuple[int, ...], Registered] = WeakValueDictionary()
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
         self._component_maps: Cache[Int32] = Cache(2)
-        self._textures: Cache[TextureFeatures] = Cache(MOST_KEPT)
         self._costs: Cache[Float32] = Cache(MOST_KEPT)
         self._observed: WeakKeyDictionary[Observation, PlacesInView] = WeakKeyDictionary()
         self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(1)
 
     def release(self, *, surfaces: bool) -> None:
         """Free what only the search for placements needs; with ``surfaces``, also those of all views."""
-        self._textures.drop()
         self._associations.drop()
         self._component_maps.drop()
         if surfaces:
@@ -132,14 +129,6 @@ class RegisteredViews:
             return self._views.surface(view) if seen is None or seen.surface is None else seen.surface
 
         return {view: of(view) for view in shape.views}
-
-    def textures(self, surfaces: Mapping[int, Surface]) -> dict[int, TextureFeatures]:
-        """Return the texture features of views."""
-
-        def of(view: int, surface: Surface) -> TextureFeatures:
-            return self._textures.get(view, lambda: texture_features(surface))
-
-        return {view: of(view, surface) for view, surface in surfaces.items()}
 
     def pixel_costs(self, surfaces: Mapping[int, Surface]) -> dict[int, Float32]:
         """Return the cost (H, W) of each pixel of views, by which they are composited."""

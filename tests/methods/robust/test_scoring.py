@@ -32,7 +32,6 @@ from flatcloth.methods.robust.scoring import (
     refine,
     sample_component,
     score_placement,
-    texture_features,
 )
 
 DEPTH_M = 0.85
@@ -53,9 +52,8 @@ def surface_of() -> Surface:
 @pytest.fixture(scope="module")
 def reference() -> ReferenceShape:
     surface = surface_of()
-    textures = {0: texture_features(surface)}
     shape = begin_joint(surface, STILL, surface.xyz_m[..., :2].astype(float), FlatteningConfig())
-    return ReferenceShape(shape, {0: surface}, textures, AXIS)
+    return ReferenceShape(shape, {0: surface}, AXIS)
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +63,7 @@ def component() -> SampledComponent:
     rc = np.argwhere(surface.usable)[::37].astype(np.int32)
     uv = surface.xyz_m[rc[:, 0], rc[:, 1]][:, :2].astype(float)
     none = np.zeros(0, dtype=np.int32)
-    return sample_component(
-        uv, rc, surface, texture_features(surface), STILL, np.zeros((0, 2)), none, (2 * HALF_M) ** 2
-    )
+    return sample_component(uv, rc, surface, STILL, np.zeros((0, 2)), none, (2 * HALF_M) ** 2)
 
 
 def test_the_right_placement_agrees_in_everything(
@@ -75,7 +71,6 @@ def test_the_right_placement_agrees_in_everything(
 ) -> None:
     score = score_placement(reference, component, Rigid2())
     assert score.parts["place_agreement"] > 0.99
-    assert score.parts["color_agreement"] > 0.95
     assert score.parts["place_median_mm"] < 0.1
     assert score.parts["overlap_share"] > 0.98
     assert score.parts["overlap_cm2"] == pytest.approx(1e4 * (2 * HALF_M) ** 2, rel=0.02)
@@ -139,26 +134,13 @@ def test_cloth_that_the_shape_has_elsewhere_is_there_twice(
     assert score_placement(reference, known, Rigid2(0.0, 0.03, 0.0)).parts["twice_share"] == 1.0
 
 
-def test_texture_tells_a_sheet_from_the_same_sheet_upside_down(
-    reference: ReferenceShape, component: SampledComponent
-) -> None:
-    other = replace(component, texture=component.texture[::-1])
-    right = score_placement(reference, component, Rigid2()).parts["color_agreement"]
-    assert score_placement(reference, other, Rigid2()).parts["color_agreement"] < 0.7 < right
-
-
-def test_plain_cloth_says_nothing_about_color(reference: ReferenceShape, component: SampledComponent) -> None:
-    unknown = replace(component, texture=np.full_like(component.texture, np.nan))
-    assert score_placement(reference, unknown, Rigid2()).parts["color_agreement"] == 0.5
-
-
 def test_the_confidence_is_the_logistic_function_of_its_features() -> None:
     parts = {
-        "place_agreement": 0.8, "color_agreement": 0.6, "outline_agreement": 0.9, "other_cloth_share": 0.1,
+        "place_agreement": 0.8, "outline_agreement": 0.9, "other_cloth_share": 0.1,
         "twice_share": 0.2, "overlap_cm2": 100.0, "place_median_mm": 5.0,
     }  # fmt: skip
     values = features_of(parts)
-    assert values == pytest.approx((1.0, 0.8, 0.6, 0.9, 0.1, 0.2, 2.0, 0.5))
+    assert values == pytest.approx((1.0, 0.8, 0.9, 0.1, 0.2, 2.0, 0.5))
     assert len(values) == len(FEATURES) == len(CONFIDENCE_WEIGHTS)
     logit = float(np.dot(CONFIDENCE_WEIGHTS, values))
     assert confidence_of(parts) == pytest.approx(1.0 / (1.0 + math.exp(-logit)))
@@ -187,7 +169,6 @@ def test_refinement_says_which_direction_a_strip_leaves_open(
         uv_m=component.uv_m[few],
         xyz_m=component.xyz_m[few],
         normal=component.normal[few],
-        texture=component.texture[few],
         node=component.node[few],
         area_m2=component.area_m2,
     )
