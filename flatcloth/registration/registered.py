@@ -113,15 +113,20 @@ class Registered:
         return math.degrees(turn), float(axis), math.degrees(swing)
 
     @property
+    def is_confirmed(self) -> bool:
+        """Whether the views say that the recorded poses are exact: more probably than not."""
+        return bool(self.posterior[0] > 0.5)
+
+    @property
     def is_loose(self) -> bool:
-        """Whether the views show that the recorded poses are wrong."""
-        levels = self.prior.turn_stds_deg, self.prior.axis_stds_m, self.prior.swing_stds_deg
-        # Errors between the second level and the third are as those of a careful recording.
-        return any(
-            std > math.sqrt(level[1] * level[2])
-            for std, level in zip(self.error_stds, levels, strict=True)
-            if len(level) > 2
-        )
+        """Whether the views show that the recorded poses are wrong by more than a sensor's errors look like.
+
+        Those of exact recordings look like a turn and a shift of the axis of up to 0.3 degrees and 1.3 mm,
+        but like no swing.
+        """
+        turn, axis, swing = self.prior.turn_stds_deg, self.prior.axis_stds_m, self.prior.swing_stds_deg
+        between = zip(self.error_stds, (turn[1:], axis[1:], swing), strict=True)
+        return any(std > math.sqrt(level[0] * level[1]) for std, level in between if len(level) > 1)
 
     @property
     def fattening_px(self) -> float:
@@ -194,14 +199,22 @@ def describe(registered: Registered) -> str:
         return "No two views share enough cloth for registration; the recorded poses are used."
     paired = np.unique([end for pair in registered.pairs for end in (pair.first, pair.second)])
     sure_mm = 1e3 * float(np.median(np.linalg.norm(registered.stds[paired, 3:], axis=1)))
+    agree = f"neighbouring views agree to about {sure_mm:.1f} mm."
     if not registered.is_loose:
-        return f"Recorded angles and axis are confirmed; neighbouring views agree to about {sure_mm:.1f} mm."
+        if registered.is_confirmed:
+            return f"Recorded angles and axis are confirmed; {agree}"
+        turn, axis, swing = registered.error_stds
+        return (
+            f"Recorded angles and axis are used, though the views differ from them by some {turn:.2f} "
+            f"degrees of turn, {1e3 * axis:.1f} mm and {swing:.2f} degrees of swing, as errors of depth "
+            f"may; {agree}"
+        )
     turned = math.degrees(np.abs(registered.own[:, 0]).max())
     swung = math.degrees(np.hypot(registered.own[:, 1], registered.own[:, 2]).max())
     return (
         f"Cameras registered: the axis moved by {1e3 * registered.axis_moved_m:.1f} mm "
         f"(+-{1e3 * registered.axis_std_m:.1f}), angles by up to {turned:.1f} degrees, swing up to "
-        f"{swung:.1f} degrees; neighbouring views agree to about {sure_mm:.1f} mm."
+        f"{swung:.1f} degrees; {agree}"
     )
 
 

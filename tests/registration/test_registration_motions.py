@@ -285,6 +285,23 @@ def test_the_registration_before_is_left_as_it_was() -> None:
         np.testing.assert_array_equal(now.translation_m, then.translation_m)
 
 
+def test_an_item_that_sways_is_not_confirmed_and_one_that_is_still_is() -> None:
+    """It sways as one of 0.9 m whose lower end moves by 3 mm."""
+    sways = Loose(swung_deg=((0.0, 0.0), (0.2, -0.15), (-0.15, 0.25), (0.2, 0.15)))
+    found = registered(features_of_views(loose=sways, spoiled=noise))
+    assert not found.is_confirmed
+    assert found.is_loose
+    assert "confirmed" not in describe(found)
+    assert slips_m(found, sways).max() < 0.5 * slips_m(found, sways, known=True).max()
+    still = registered(features_of_views(spoiled=noise))
+    assert not still.is_loose
+    assert describe(still).startswith("Recorded angles and axis are confirmed")
+    few = len(still.prior.swing_stds_deg)
+    doubted = replace(still, posterior=np.roll(still.posterior, few))  # an axis off by 1 mm
+    assert not doubted.is_loose
+    assert "confirmed" not in describe(doubted)
+
+
 def test_the_report_says_what_was_changed() -> None:
     found = registered(features_of_views(loose=LOOSE))
     assert "Cameras registered: the axis moved by" in describe(found)
