@@ -14,7 +14,7 @@ ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch", "strokes")
 ASKED_FOR = (
     *("soak", "confidence", "accuracy", "stability", "paper_steps", "paper_candidates"),
     *("same", "sides", "seams", "strain", "constants", "mutants", "mistakes", "unmended"),
-    *("mended_results", "active", "operating", "tables"),
+    *("mended_results", "active", "operating", "sensor", "tables"),
 )
 """Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, the others
 are about given recordings."""
