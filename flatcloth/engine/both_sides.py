@@ -203,7 +203,7 @@ def _as_seen(document: Document) -> Document:
 
 def one_side(side: Integration, document: Document) -> OneSide:
     """Return a side by itself as its method joins it to another, by the decisions about it."""
-    canonical = side.canonical(document)
+    canonical = side.canonical(document, alone=True)
     return OneSide(
         document=document,
         parts=side.parts_taken_off(document),

@@ -191,8 +191,10 @@ class Integration:
         """The settings of the rotation (paper, 4.1), with S_0 as it is by the size of the item."""
         return replace(self.config.planning, overlap_area_m2=overlap_area_m2(self.views))
 
-    def canonical(self, document: Document) -> Canonical:
+    def canonical(self, document: Document, *, alone: bool = False) -> Canonical:
         """Return the canonical view of a document's accepted views (cached).
+
+        Once the other side is joined, both may lay out this one better; ``alone``: as without it.
 
         Raises
         ------
@@ -200,9 +202,9 @@ class Integration:
             If the session has no start view.
         """
         self.views.segment(document.strokes)
-        whole = self.algorithm.canonical(document)
+        whole = self.algorithm.alone(document) if alone else self.algorithm.canonical(document)
         if document.garment.parts:
-            whole = self._by_garment(document, whole).canonical
+            whole = self._by_garment(document, whole, alone=alone).canonical
         return self.trust.of(document, whole, self.algorithm.cameras(document))
 
     def wrong(self, document: Document) -> list[str]:
@@ -233,7 +235,7 @@ class Integration:
         cloth = self._cloth(document) if document.garment.parts else None
         return [] if cloth is None else parts_taken_off(cloth, document.garment.parts)
 
-    def _by_garment(self, document: Document, whole: Canonical) -> _ByGarment:
+    def _by_garment(self, document: Document, whole: Canonical, *, alone: bool = False) -> _ByGarment:
         """Return a shape and its cloth after the decisions about links that no garment allows (cached).
 
         Removed parts float; parts joined by a doubted link are as uncertain as the link.
@@ -244,13 +246,14 @@ class Integration:
             if cloth is None:
                 return _ByGarment(made, None, None)
             parts = parts_taken_off(cloth, document.garment.parts)
-            apart = self.algorithm.apart(document, parts) if parts else None
+            apart = self.algorithm.apart(document, parts, alone=alone) if parts else None
             if apart is not None:
                 made, cloth = apart
             made = replace(made, view=with_doubts(made.view, cloth, document.garment.parts))
             return _ByGarment(made, cloth, np.any(parts, axis=0) if parts else None)
 
-        return self._decided.get((*_shape_of(document), document.garment.parts), make)
+        decided = document.garment.parts, document.garment.seams
+        return self._decided.get((*_shape_of(document), *decided, alone, self.algorithm.times_joined), make)
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
         """Return the outermost accepted view on each side and its rotation from the start view (deg)."""

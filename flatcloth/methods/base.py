@@ -94,6 +94,8 @@ class Method(Protocol):
     """Whether it joins the other side of an item to the shape: :meth:`with_other_side`."""
     is_unattended: bool = False
     """Set by a run without an operator: it ends where further views cannot help."""
+    times_joined: int = 0
+    """How often the other side has changed what is shown of a shape."""
     is_limited: bool = False
     """Set by a run that uses no more than a number of views; otherwise what a view would add decides."""
 
@@ -123,6 +125,10 @@ class Method(Protocol):
         FlatclothError
             If the session has no start view.
         """
+
+    def alone(self, document: Document) -> Canonical:
+        """Return the canonical view without what the other side, once joined, says of it."""
+        return self.canonical(document)
 
     def earlier(self, earlier: Document, document: Document) -> Canonical:
         """Return the canonical view of an ``earlier`` state of a document, for pictures of its growth.
@@ -209,10 +215,12 @@ class Method(Protocol):
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of Eq. (2) of the shape."""
 
-    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, Cloth] | None:
+    def apart(
+        self, document: Document, parts: Sequence[Bool], *, alone: bool = False
+    ) -> tuple[Canonical, Cloth] | None:
         """Return the canonical view, and its edges, with ``parts`` (N,) of the edges' samples floating.
 
-        None if the method's edges have no evidence.
+        ``alone``: as :meth:`alone`. None if the method's edges have no evidence.
         """
         return None
 

@@ -15,6 +15,7 @@ from flatcloth.api.integrating import integrate
 from flatcloth.cli import main
 from flatcloth.core.resources import sample_recordings
 from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.evaluation import compare
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
@@ -65,6 +66,15 @@ def test_a_place_on_a_seam_is_one_place_of_both_planes(shape):
         at = (seam.other_uv_m - its) @ motion[:2, :2].T + motion[:2, 2]
         off = np.linalg.norm(at - (seam.this_uv_m - own), axis=1)
         assert np.median(off) < 0.012
+
+
+def test_this_side_is_no_worse_for_the_other(shape):
+    integration, document = shape.data.integration, shape.data.document
+    together, alone = (integration.canonical(document, alone=one).view for one in (False, True))
+    truth, recording = read_truth(place()), open_recording(place())
+    off = [compare(view, truth, recording).evaluation.absolute_median_mm for view in (together, alone)]
+    assert off[0] < off[1] + 0.2
+    assert np.array_equal(shape.view.valid, together.valid)
 
 
 def test_what_run_writes_is_read_back(shape, tmp_path: Path):

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.types import Bool, Float64, LaidPiece, Progress, RgbdFrame, Rigid2, Uint8, no_progress
@@ -26,6 +27,7 @@ from flatcloth.methods.answers import (
     OneSide,
     Placement,
     Plan,
+    Seam,
 )
 from flatcloth.methods.base import Focus, Method, Views
 from flatcloth.methods.robust.acceptance import joined_piece, same_cloth, with_piece_moved
@@ -40,6 +42,7 @@ from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placemen
 from flatcloth.methods.robust.seams.joining import Seamed, join_sides, other_of, seams_of
 from flatcloth.methods.robust.shapes import (
     MOST_KEPT,
+    Certainty,
     JointShapes,
     RegisteredViews,
     prefix,
@@ -63,6 +66,8 @@ class RobustMethod(Method):
         self.search = PlacementSearch(views, self.seen, self.shapes, angles_deg)
         self._scores: Cache[AlignmentScore] = Cache(MOST_KEPT)
         self._drawn: Cache[Canonical] = Cache(2)
+        self._apart: Cache[JointShape] = Cache(2)
+        self._relaid: Cache[JointShape] = Cache(2)  # by both sides
         self._seamed: Cache[Seamed] = Cache(1)
 
     # ------------------------------------------------- 1. next best view (in place of the paper's 4.1)
@@ -209,12 +214,35 @@ class RobustMethod(Method):
 
     def canonical(self, document: Document) -> Canonical:
         """Return the canonical view, composited from the joint shape, with its floating pieces."""
+        return self._drawn_of(document, *self._shown(document))
 
-        def make() -> Canonical:
-            shape = self.shapes.settled(document)  # 3d. the minimum of Eq. (2) over all pairs
-            return self._draw(document, shape, self.shapes.certainty(document))
+    def alone(self, document: Document) -> Canonical:
+        """Return the canonical view as this side alone lays it out."""
+        shape = self._settled(document)  # 3d. the minimum of Eq. (2) over all pairs
+        return self._drawn_of(document, shape, self.shapes.certainty_of(shape))
 
-        return self._drawn.get(prefix(document), make)
+    def _settled(self, document: Document, parts: Sequence[Bool] = ()) -> JointShape:
+        """Return the shape at its minimum, without some parts, which float (cached)."""
+        settled = self.shapes.settled(document)
+        if not parts:
+            return settled
+        key = settled, *(part.tobytes() for part in parts)
+        return self._apart.get(key, lambda: taken_apart(settled, parts))
+
+    def _shown(self, document: Document, parts: Sequence[Bool] = ()) -> tuple[JointShape, Certainty]:
+        """Return the shape as it is shown: laid out by both sides, if these were joined."""
+        shape = self._settled(document, parts)
+        relaid = self._relaid.kept((shape, document.garment.seams))
+        return relaid or shape, self.shapes.certainty_of(shape)
+
+    def _drawn_of(
+        self,
+        document: Document,
+        shape: JointShape,
+        certainty: Certainty,
+        taken_off: Bool | None = None,
+    ) -> Canonical:
+        return self._drawn.get(shape, lambda: self._draw(document, shape, certainty, taken_off))
 
     def release(self, *, surfaces: bool = False) -> None:
         """Free what only further views or earlier shapes need; with ``surfaces``, those of the views too."""
@@ -246,11 +274,15 @@ class RobustMethod(Method):
         motions = self.seen.current_from_view(shape, document.placed_components)
         return draw(shape, surfaces, self._views.axis, self._config, costs, certainty, motions, taken_off)
 
-    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, Cloth]:
+    def apart(
+        self, document: Document, parts: Sequence[Bool], *, alone: bool = False
+    ) -> tuple[Canonical, Cloth]:
         """Return the canonical view without some parts, which float, and its edges (doubted links)."""
-        shape = taken_apart(self.shapes.settled(document), parts)
-        canonical = self._draw(document, shape, self.shapes.certainty_of(shape), np.any(parts, axis=0))
-        return canonical, _edges_of(shape)
+        shape, certainty = self._shown(document, parts)
+        if alone:
+            shape = self._settled(document, parts)
+            certainty = self.shapes.certainty_of(shape)
+        return self._drawn_of(document, shape, certainty, np.any(parts, axis=0)), _edges_of(shape)
 
     # ------------------------------------------------- the other side
 
@@ -271,26 +303,27 @@ class RobustMethod(Method):
         pieces = [(side.canonical.view, *side.canonical.floating) for side in (own, its)]
         held_point_m, seams = self._views.held_point_m, own.document.garment.seams
         check()
-        shapes, ends = (self._without_parts(own), other._without_parts(its)), (own.ends, its.ends)
+        shapes = self._settled(own.document, own.parts), other._settled(its.document, its.parts)
+        ends = own.ends, its.ends
         seamed = other._seamed.get(  # where a garment lays floating pieces changes no seam
             (*shapes, seams),
             lambda: join_sides(*shapes, (pieces[0], pieces[1]), ends, held_point_m, seams, check),
         )
-        joined = other_of(seamed, laid)
+        joined, key = other_of(seamed, laid), (shapes[0], seams)
+        shown = self._relaid.kept(key)
+        if shown is None:
+            shown = self._relaid.put(key, _relaid_by(seamed))
+            self.times_joined += 1
         check()
         drawn = other._draw(its.document, joined.shape, (np.nan_to_num(joined.std_m), joined.unreliable))
         if not joined.is_related:  # it floats, and has no deviation from this side's shape
             drawn = replace(drawn, view=replace(drawn.view, placement_std_m=None))
         return JoinedSides(
             other=drawn,
-            seams=seams_of(joined, (drawn.view, *drawn.floating)),
+            seams=_on_shown(seams_of(joined, (drawn.view, *drawn.floating)), shapes[0], shown),
             is_related=joined.is_related,
             laid=joined.laid,
         )
-
-    def _without_parts(self, side: OneSide) -> JointShape:
-        settled = self.shapes.settled(side.document)
-        return taken_apart(settled, side.parts) if side.parts else settled
 
     # ------------------------------------------------- 4. acceptance without an operator
 
@@ -340,8 +373,7 @@ class RobustMethod(Method):
         self, document: Document, frame: RgbdFrame, item: Bool, taken_off: Bool | None = None
     ) -> Uint8 | None:
         """Return what became of each pixel of an accepted view: that of the node that carries it."""
-        shape = self.shapes.settled(document)
-        _, unreliable = self.shapes.certainty(document)
+        shape, (_, unreliable) = self._shown(document)
         state = states_of_nodes(shape, unreliable, taken_off)
         observation = shape.observations[shape.views.index(frame.view_index)]
         surface = self.seen.surfaces(shape)[frame.view_index]
@@ -350,7 +382,39 @@ class RobustMethod(Method):
 
     def surface_edges(self, document: Document) -> Cloth:
         """Return the edges of the joint flattening, each once per view that saw it."""
-        return _edges_of(self.shapes.settled(document))
+        return _edges_of(self._shown(document)[0])
+
+
+def _relaid_by(seamed: Seamed) -> JointShape:
+    """Return this side where both sides together lay it, if its own pairs say so, too.
+
+    A tube of two sheets is stiffer than one of them, whose layout alone may have ended beside its minimum:
+    the own pairs fit better then where both lay it.
+    """
+    both, this, n = seamed.both, seamed.this, len(seamed.this.nodes)
+    held = this.placed & (both.piece[:n] == 0)
+    relaid = replace(this, all_uv_m=np.where(held[:, None], both.all_uv_m[:n], this.all_uv_m))
+    return relaid if _misfit(relaid) < _misfit(this) else this
+
+
+def _misfit(shape: JointShape) -> float:
+    """Return the sum of the squared residuals of a shape's pairs, in deviations, each 3 at most."""
+    links, used = shape.links, both_ends(shape.placed, shape.links.edges) & ~shape.is_cut
+    apart_m = np.linalg.norm(np.diff(shape.all_uv_m[links.edges[used]], axis=1)[:, 0], axis=1)
+    off = np.abs(apart_m - links.length_m[used]) / links.std_m[used]
+    return float(np.square(np.minimum(off, 3.0)).sum())
+
+
+def _on_shown(seams: Sequence[Seam], alone: JointShape, shown: JointShape) -> tuple[Seam, ...]:
+    """Return seams at their places on the shape as it is shown, moved as the nodes next to them."""
+    placed = np.flatnonzero(alone.placed)
+    tree, moved_m = cKDTree(alone.uv_m[placed]), (shown.all_uv_m - alone.all_uv_m)[placed]
+    return tuple(
+        seam
+        if seam.this_piece
+        else replace(seam, this_uv_m=seam.this_uv_m + moved_m[tree.query(seam.this_uv_m)[1]])
+        for seam in seams
+    )
 
 
 def _edges_of(shape: JointShape) -> Cloth:

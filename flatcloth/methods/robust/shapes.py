@@ -219,7 +219,7 @@ class JointShapes:
         self._shapes: Cache[JointShape] = Cache(2)
         self._prefixes: Cache[JointShape] = Cache(MOST_KEPT, KEPT_BYTES, _own_bytes)
         self._settled: Cache[JointShape] = Cache(2)
-        self._certainties: Cache[Certainty] = Cache(MOST_KEPT)
+        self._certainties: Cache[Certainty] = Cache(2)
 
     def release(self) -> None:
         """Free the shapes that are kept for undo and trials; settled ones stay."""
@@ -238,12 +238,16 @@ class JointShapes:
 
     def certainty(self, document: Document) -> Certainty:
         """Return the certainty of the nodes of the settled shape."""
-        return self._certainties.get(prefix(document), lambda: self.certainty_of(self.settled(document)))
+        return self.certainty_of(self.settled(document))
 
     def certainty_of(self, shape: JointShape) -> Certainty:
-        """Return the certainty of the nodes of any shape."""
-        std = placement_std_m(shape, self._held_point_m)
-        return std, undetermined(shape, std)
+        """Return the certainty of the nodes of any shape (cached)."""
+
+        def make() -> Certainty:
+            std = placement_std_m(shape, self._held_point_m)
+            return std, undetermined(shape, std)
+
+        return self._certainties.get(shape, make)
 
     def _grown(self, document: Document) -> JointShape:
         """Extend the longest prefix of the decisions whose shape is kept."""

@@ -42,9 +42,8 @@ _LOST = 0.16
 _OF_RIPPLES = 0.37
 """... and the deviation of the strain that is left. Both measured: ``python -m benchmarks strain``."""
 _GATHERED_EXTENT_M = 0.26
-"""At this distance from the held point the strain is doubled; it grows with the cube towards it, ..."""
-_GATHERED_M = 0.07
-"""... down to this distance, within which all cloth is gathered in folds. Set by hand."""
+"""At this distance from the held point the strain is doubled; it grows with the cube towards it, down to
+twice :data:`CORRELATED_M`, within which all cloth is gathered in the same folds. Set by hand."""
 LEAST_STD_M = 0.002
 """Smallest standard deviation of a node: the reference piece itself is strained. Set by hand."""
 _DRAWS = 48
@@ -106,7 +105,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     off_m = np.sqrt(np.bincount(pair, np.square(error_m)))
     random = np.random.default_rng(0)
     below_m = np.linalg.norm(shape.nodes.xyz_m[placed][edges].mean(axis=1) - held_point_m, axis=1)
-    more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, _GATHERED_M), 3)
+    more = 1.0 + np.power(_GATHERED_EXTENT_M / np.maximum(below_m, 2.0 * CORRELATED_M), 3)
     more *= strain_by_ripples(shape)[placed][edges].mean(axis=1)
     stars = np.zeros(len(uv), dtype=np.bool_)
     stars[edges[loose]] = True

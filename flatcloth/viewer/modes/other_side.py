@@ -145,7 +145,7 @@ class OtherSideController:
             revision=self._revision,
             key=key,
             sides=sides,
-            this=sheet_of(this.canonical, document, sides.laid, this),
+            this=sheet_of(integration.canonical(document), document, sides.laid, this),
             sheet=sheet,
             legends=typed(found, dict[str, Legend]),
         )

@@ -378,8 +378,8 @@ class Application(PageController):
         """Show the other side beside the shape that it was joined to."""
         made, picture = self.other.status.made, self._picture
         if picture is not None and picture.sheet is not None:
-            if made is not None and made.this.placed != picture.sheet.placed:
-                self._work.forget_picture()  # seams lay pieces of this side, too
+            if made is not None and made.this is not picture.sheet:
+                self._work.forget_picture()  # both sides lay out this one, and its pieces
             self._picture = replace(picture, other=made)
             self._scene_view.show(self._picture)
         self._garment.forget()  # one outline fits the edges of both sides

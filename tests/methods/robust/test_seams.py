@@ -14,8 +14,9 @@ from flatcloth.core.types import MIRROR, FlattenedView, Float64, LaidPiece, Rigi
 from flatcloth.methods.answers import Seam
 from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
+from flatcloth.methods.robust.method import _on_shown, _relaid_by
 from flatcloth.methods.robust.observations import Nodes
-from flatcloth.methods.robust.seams.joining import JoinedSide, join_sides, other_of, seams_of
+from flatcloth.methods.robust.seams.joining import JoinedSide, Seamed, join_sides, other_of, seams_of
 from flatcloth.methods.robust.seams.links import LEAST_MATCHES
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.session.garment import DecidedSeam
@@ -116,7 +117,11 @@ def joined(
         ]
         for shape, at, is_other in ((this, this_at, False), (other, other_at, True))
     )
-    return other_of(join_sides(this, other, pieces, ends or endless(pieces), HELD_M, decided), laid)
+    return other_of(seamed(this, other, pieces, ends or endless(pieces), decided), laid)
+
+
+def seamed(this: JointShape, other: JointShape, pieces, ends, decided=()) -> Seamed:
+    return join_sides(this, other, pieces, ends, HELD_M, decided)
 
 
 def seams(found: JoinedSide) -> tuple[Seam, ...]:
@@ -318,3 +323,23 @@ def test_the_shape_stays_the_main_piece_when_the_other_side_floats_and_is_larger
     apart = joined(side(left, is_other=False), OTHER, UV[left], decided=(decision(seam, kept=False),))
     assert found.is_related
     assert not apart.is_related
+
+
+def test_this_side_lies_where_both_lay_it_if_its_own_pairs_fit_better_there() -> None:
+    pieces = ([raster(THIS, UV, 0, is_other=False)], [raster(OTHER, UV, 0, is_other=True)])
+    made = seamed(THIS, OTHER, pieces, endless(pieces))
+    assert _relaid_by(made) is THIS  # its pairs fit exactly as it lies
+    bent = replace(THIS, all_uv_m=np.where(COLUMN[:, None] < 10, Rigid2(0.05, 0.0, 0.0).apply(UV), UV))
+    relaid = _relaid_by(replace(made, this=bent))
+    np.testing.assert_allclose(relaid.uv_m, made.both.all_uv_m[: len(UV)])
+    cut = replace(bent, is_cut=np.ones_like(bent.is_cut))
+    assert _relaid_by(replace(made, this=cut)) is cut  # no pair says so
+
+
+def test_seams_lie_on_this_side_as_it_is_shown() -> None:
+    found = seams(joined(THIS, OTHER))
+    shown = replace(THIS, all_uv_m=THIS.all_uv_m + 0.003)
+    (moved,) = _on_shown(found, THIS, shown)
+    np.testing.assert_allclose(moved.this_uv_m, found[0].this_uv_m + 0.003)
+    floating = tuple(replace(seam, this_piece=1) for seam in found)
+    assert _on_shown(floating, THIS, shown) == floating
