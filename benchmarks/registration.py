@@ -175,15 +175,15 @@ def _seen(points: Float64, by: ViewFeatures, held: Rigid3) -> np.ndarray:
 
 def _error_in_stds(found: Registered, true: Sequence[Rigid3]) -> float:
     """Root mean square of the errors of place, against the views compared with, by what is claimed."""
-    number = {seen.view_index: n for n, seen in enumerate(found.features)}
     errors = []
     for n, view in enumerate(found.views):
-        if not view.views:
+        ends = [{pair.first, pair.second} for pair in found.pairs if n in (pair.first, pair.second)]
+        if not ends:
             continue
         middle = found.known[n].apply(np.median(found.features[n].points_m, axis=0))
         off = {
             k: (found.object_from_camera[k] @ true[k].inverse()).apply(middle) - middle
-            for k in (n, *(number[v] for v in view.views))
+            for k in set().union(*ends)
         }
         own = off.pop(n)
         errors.append((own - np.mean(list(off.values()), axis=0)) / view.std_m)

@@ -36,7 +36,8 @@ _CORRELATED_SAMPLES = 20.0
 """Number of samples that count as one independent measurement. Set by hand."""
 CONFIDENCE_WEIGHTS = (4.51, 1.28, 0.38, -2.38, -2.17, -0.19, -1.58)
 """Logistic regression of a right placement: constant, place and outline agreement, shares of other
-cloth and of cloth that is present twice, log10 of the overlap in cm2, median distance in cm. Set by hand."""
+cloth and of cloth that is present twice, log10 of the overlap in cm2, median distance in cm.
+Measured: ``python -m benchmarks confidence --learn``, when color had a weight that changed none by 1 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
