@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.errors import FlatclothError, SurfaceError
 from flatcloth.core.types import Progress, Rigid2, no_progress
 from flatcloth.engine.integration import Integration
 from flatcloth.session.machine import (
@@ -40,15 +40,19 @@ def accept_by_score(integration: Integration, state: SessionState) -> Accept | R
     """Accept proposals with a sufficient score; reject the others as uncertain, to be tried again later.
 
     If the other views contradict an accepted placement (:meth:`Method.is_contradicted`), the next best
-    hypothesis with a sufficient score is tried; if there is none, the view is rejected.
+    hypothesis with a sufficient score is tried; if there is none, the view is rejected. One that shows too
+    little to be flattened with the others is uncertain, too.
     """
     pending = state.document.pending
     assert pending is not None
     if integration.score(state.document).total < integration.accept_score:
         return Reject(pending.view_index, UNSURE)
     accept = Accept(pending.view_index)
-    if not integration.algorithm.is_contradicted(apply(state, accept).document):
-        return accept
+    try:
+        if not integration.algorithm.is_contradicted(apply(state, accept).document):
+            return accept
+    except SurfaceError:
+        return Reject(pending.view_index, UNSURE)
     hypotheses = integration.proposal(state.document).placement.hypotheses
     if pending.nudge == Rigid2() and len(hypotheses) > 1:
         second = hypotheses[1]

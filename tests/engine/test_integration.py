@@ -9,7 +9,7 @@ import pytest
 from scenes import AXIS, Cylinder
 
 from flatcloth.core.config import Config, FlatteningConfig, PlanningConfig
-from flatcloth.core.errors import CancelledError, ConfigError, FlatclothError, FlatteningError
+from flatcloth.core.errors import CancelledError, ConfigError, FlatclothError, FlatteningError, SurfaceError
 from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
@@ -198,6 +198,19 @@ def test_the_policy_goes_by_the_score() -> None:
     assert request is not None
     low = apply(apply(started(made, 0), Propose()), Proposed(request.token, 3, Rigid2(), Side.LEFT, 0.1))
     assert accept_by_score(made, low) == Reject(3, UNSURE)
+
+
+def test_a_view_that_shows_too_little_to_be_flattened_is_unsure(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = integration()
+    state = stepped(made, started(made, 0), Propose())
+    pending = state.document.pending
+    assert pending is not None
+
+    def fails(_document: object) -> bool:
+        raise SurfaceError("View 1: it shows no two places of cloth side by side; use another.")
+
+    monkeypatch.setattr(made.algorithm, "is_contradicted", fails)
+    assert accept_by_score(made, state) == Reject(pending.view_index, UNSURE)
 
 
 def test_a_longer_overlap_asked_for_means_smaller_rotations() -> None:
