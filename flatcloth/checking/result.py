@@ -23,7 +23,7 @@ _MOST_STDS = 4.0
 """Corrections beyond this many of the largest deviations of recordings are none: one in 16,000 is. Chosen."""
 _MOST_FLOATING = 0.75
 """Share of the cloth that floats, at most: of right recordings of garments seen from behind up to 0.71 does.
-Measured: ``python -m benchmarks sides``."""
+Measured: ``python -m benchmarks accuracy``."""
 _MOST_SURPRISE, _MOST_OF_NO_KIND = (float(chdtri(UNKNOWNS, chance)) for chance in (1e-7, 1e-6))
 """Two views that contradict the registered poses by more do not fit: one in ten million does if the stated
 deviations are right. Of the views of the 34 recordings, half of their pairs reach 32 at most, and 64 and more

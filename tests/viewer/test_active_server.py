@@ -136,7 +136,8 @@ def test_what_becomes_known_is_pushed_without_a_page(
     assert shapes[-1] == {**shapes[-1], "revision": 3, "views": [0, 1, 2]}
     last = [event for event in events if event["type"] == "points"][-1]
     assert (last["kind"], last["revision"]) == ("towel", 3)
-    assert {point["name"] for point in last["points"]} >= {"corner_0"}
+    names = {point["name"] for point in last["points"]}  # of one end: which is the first one, nothing tells
+    assert names in ({"corner_0", "corner_1"}, {"corner_2", "corner_3"})
 
 
 def test_poses_of_named_points_are_pushed_once_at_the_rotation_of_the_item(tmp_path: Path) -> None:
