@@ -19,8 +19,8 @@ from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document
 from flatcloth.session.garment import without_doubts
 
-UNLIKE = 0.5
-"""A shape that is no known kind of garment with a greater probability is none. By definition."""
+_UNLIKE = 0.5
+"""If a shape is no known kind of garment with a greater probability, none fits. By definition."""
 
 
 class _Doubts(NamedTuple):
@@ -53,7 +53,7 @@ class Trust:
         """Return what says that something about the recording is wrong."""
         floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
         share = floating_m2 / max(floating_m2 + canonical.view.area_m2, 1e-9)
-        fits_none = self._no_kind_of(document) > UNLIKE
+        fits_none = self._no_kind_of(document) > _UNLIKE
         return result.wrong_with(known_check(self._recording), registered, share, fits_none=fits_none)
 
     def of(self, document: Document, canonical: Canonical, registered: Registered | None) -> Canonical:
@@ -84,7 +84,7 @@ class Trust:
         return _Doubts(
             is_wrong=bool(self.wrong(document, canonical, registered)),
             scale_std=scale_std_of(self._recording),
-            no_kind=no_kind if no_kind > UNLIKE else 0.0,
+            no_kind=no_kind if no_kind > _UNLIKE else 0.0,
         )
 
 

@@ -109,7 +109,7 @@ class OpenedSession:
         """The other side joined to the shape, or why there is none; None: the session has one side."""
         if self.both is None:
             return None
-        _ = self.garment  # they are as unsure as it is
+        _ = self.garment  # recognised first: their deviations depend on it
         return self._joined(self.history.begun)
 
     def _joined(self, document: Document) -> JoinedSides | str:

@@ -67,7 +67,7 @@ class SessionData:
             If nothing is flattened yet.
         """
         if not self.is_growing:
-            _ = self.garment  # the shape is as unsure as it is
+            _ = self.garment  # recognised first: the deviations of the shape depend on it
         canonical = self.integration.canonical(self.document)
         pieces = decided_pieces(self.document.garment, canonical.view, canonical.floating)
         laid = self.sides.laid if isinstance(self.sides, JoinedSides) else ()

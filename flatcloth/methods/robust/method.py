@@ -218,8 +218,7 @@ class RobustMethod(Method):
 
     def alone(self, document: Document) -> Canonical:
         """Return the canonical view as this side alone lays it out."""
-        shape = self._settled(document)  # 3d. the minimum of Eq. (2) over all pairs
-        return self._drawn_of(document, shape, self.shapes.certainty_of(shape))
+        return self._drawn_of(document, *self._shown(document, alone=True))
 
     def _settled(self, document: Document, parts: Sequence[Bool] = ()) -> JointShape:
         """Return the shape at its minimum, without some parts, which float (cached)."""
@@ -229,10 +228,15 @@ class RobustMethod(Method):
         key = settled, *(part.tobytes() for part in parts)
         return self._apart.get(key, lambda: taken_apart(settled, parts))
 
-    def _shown(self, document: Document, parts: Sequence[Bool] = ()) -> tuple[JointShape, Certainty]:
-        """Return the shape as it is shown: laid out by both sides, if these were joined."""
-        shape = self._settled(document, parts)
-        relaid = self._relaid.kept((shape, document.garment.seams))
+    def _shown(
+        self, document: Document, parts: Sequence[Bool] = (), *, alone: bool = False
+    ) -> tuple[JointShape, Certainty]:
+        """Return the shape as it is shown, without some parts, and how certain its nodes are.
+
+        Once both sides are joined, it is the layout of both if that is the better one; not if ``alone``.
+        """
+        shape = self._settled(document, parts)  # 3d. the minimum of Eq. (2) over all pairs
+        relaid = None if alone else self._relaid.kept((shape, document.garment.seams))
         return relaid or shape, self.shapes.certainty_of(shape)
 
     def _drawn_of(
@@ -278,10 +282,7 @@ class RobustMethod(Method):
         self, document: Document, parts: Sequence[Bool], *, alone: bool = False
     ) -> tuple[Canonical, Cloth]:
         """Return the canonical view without some parts, which float, and its edges (doubted links)."""
-        shape, certainty = self._shown(document, parts)
-        if alone:
-            shape = self._settled(document, parts)
-            certainty = self.shapes.certainty_of(shape)
+        shape, certainty = self._shown(document, parts, alone=alone)
         return self._drawn_of(document, shape, certainty, np.any(parts, axis=0)), _edges_of(shape)
 
     # ------------------------------------------------- the other side

@@ -152,13 +152,13 @@ def lengthened(shape: JointShape) -> JointShape:
 
 
 def strain_by_ripples(shape: JointShape) -> Float64:
-    """Return how many times the strain of smooth cloth that at each node (N,) is, by ripples; at least 1."""
+    """Return the strain at each node (N,) for its ripples, in multiples of smooth cloth's; at least 1."""
     times: Float64 = np.hypot(1.0, _OF_RIPPLES / _STRAIN * ripples_under_noise(shape))
     return times
 
 
 def ripples_under_noise(shape: JointShape) -> Float64:
-    """Return the ripples (N,) at the nodes, rad^2; 0 without noise, which alone smooths any away."""
+    """Return the ripples (N,) at the nodes, rad^2; 0 if no view is noisy: then none was smoothed away."""
     found = np.zeros(len(shape.nodes))
     if any(seen.is_noisy for seen in shape.observations):
         own = np.flatnonzero(shape.has_place)

@@ -67,8 +67,8 @@ class GarmentController:
     of_joint : callable
         Returns the decision about a joint of the shape.
     doubted : callable
-        Called on the application thread when a shape is no known kind any more, or one again: its places are
-        as unsure as that.
+        Called on the application thread when no known kind fits the shape any more, or one does again: the
+        deviations of its places change with that.
     """
 
     def __init__(
