@@ -149,7 +149,7 @@ def _swinging(recording: Recording, n: int, std_deg: float) -> ViewImages:
     order = np.argsort(-moved[:, 2])  # the nearest is drawn last
     order = order[((at >= 0) & (at < (k.width, k.height))).all(axis=1)[order]]
     rows_to, cols_to = at[order, 1], at[order, 0]
-    depth, color = np.zeros_like(frame.depth_m), np.zerosaltered(frame.color)
+    depth, color = np.zeros_like(frame.depth_m), np.zeros_like(frame.color)
     depth[rows_to, cols_to] = moved[order, 2]
     color[rows_to, cols_to] = frame.color[rows[order], cols[order]]
     mask = None

@@ -32,6 +32,7 @@ from flatcloth.checking.images import (
 )
 from flatcloth.checking.lens import focal_findings, focal_length
 from flatcloth.checking.order import order_findings
+from flatcloth.checking.slips import closes
 from flatcloth.checking.turning import Seen, turning_findings
 from flatcloth.checking.turns import NEAR_DEG, Pair, features_of, item_pixels, pairs_of
 from flatcloth.core.config import SurfaceConfig
@@ -162,7 +163,7 @@ def _turning(
         return []
     share, step = float(np.median(seen.share)), float(np.median(seen.recorded_deg))
     likeliest = [pair.turns[0] for pair in pairs if pair.turns]
-    found, factor = turning_findings(seen)
+    found, factor = turning_findings(seen, lambda sense: closes(views, about, sense))
     if factor is None or factor == 0.0 or factor == -1.0:
         rotated = rotated_findings(views, about, likeliest, factor == -1.0, step, recording.held_point_m)
         if rotated:
@@ -187,7 +188,7 @@ def _turning(
     if any(finding.is_certain for finding in tilted):
         return tilted  # about the recorded axis the item turns less than about its own
     found += order_findings(views, pairs, about, factor)
-    if share < _LEAST_SHARE and not found:
+    if share < _LEAST_SHARE and not found and not (factor and closes(views, about, factor)):
         return [nothing_common(share, likeliest)]
     if factor is None or any(finding.is_certain for finding in found):
         return found

@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from flatcloth.checking.findings import Finding
 from flatcloth.checking.slips import closure, slipped_after
-from flatcloth.checking.turns import NEAR_DEG, Pair, pair_of, share_at, turns_between
+from flatcloth.checking.turns import LOOSE_DEG, NEAR_DEG, Pair, Reach, pair_of, share_at, turns_between
 from flatcloth.core.types import RotationAxis
 from flatcloth.recordings.mending import Mends
 from flatcloth.registration.view_features import ViewFeatures
@@ -28,6 +28,8 @@ _LEAST_SHARE = 0.5
 least 0.65 on the 34 recordings."""
 _FITS = 0.6
 """A view stands where this share agrees, of that of the other pairs; between the two measured above."""
+_AROUND = 3
+"""What is usual is told by so many pairs of neighbours on either side. Chosen: most of them are right."""
 _FEW_SINGLE, _MOST_SINGLE = 0.1, 0.25
 """Up to the first share of the views single ones are likelier wrong than the order; beyond the second they
 are not looked for. Chosen."""
@@ -37,6 +39,9 @@ _WRONG = 0.1
 """Probability of a wrong order, before the views are looked at. Chosen."""
 _BESIDE = 0.4
 """Views are not taken nearer to each other than this share of a step. Chosen."""
+
+_HELD = Reach(turn_std_deg=0.25 * LOOSE_DEG)
+"""For comparing views after a turn that is given. Chosen: they leave it by less than careless angles do."""
 
 
 class Chain:
@@ -48,8 +53,12 @@ class Chain:
         self._views = {view.view_index: view for view in views}
         self._axis, self.factor = axis, factor
         self._pairs = {(pair.first, pair.second): pair for pair in pairs}
-        self.usual = float(np.percentile([pair.share for pair in pairs], 75))
         self.order = [view.view_index for view in views]
+        shares = [pair.share for pair in pairs]
+        self._usual = dict.fromkeys(self.order, float(np.percentile(shares, 75)))
+        for n, pair in enumerate(pairs):  # what an item shows edge-on is steep, and agrees less
+            near = shares[max(0, n - _AROUND) : n + _AROUND + 1]
+            self._usual[pair.first] = self._usual[pair.second] = float(np.percentile(near, 75))
         self._neighbours = frozenset(pairwise(self.order))
         self.recorded_deg = {view.view_index: view.angle_deg for view in views}
 
@@ -59,6 +68,10 @@ class Chain:
             recorded = self.turn_deg(one, other)
             self._pairs[one, other] = pair_of(self._views[one], self._views[other], self._axis, recorded)
         return self._pairs[one, other]
+
+    def usual(self, view: int) -> float:
+        """Return the share of points that usually agrees between the views about one."""
+        return self._usual[view]
 
     def turn_deg(self, one: int, other: int) -> float:
         """Return the recorded turn between two views, the shorter way."""
@@ -76,11 +89,17 @@ class Chain:
             one, other = other, one
         pair = self.pair(one, other)
         expected = self.factor * pair.recorded_deg
-        if not pair.turns or pair.share < _LEAST_SHARE * self.usual:
+        if not pair.turns or pair.share < _LEAST_SHARE * self.usual(one):
             return False
+        off_deg = abs(pair.turns[0].seen_deg - expected)
         # A turn that is not the likeliest may have stopped on the way to it.
-        near = pair.share_near(expected, 0.5 * NEAR_DEG)
-        return abs(pair.turns[0].seen_deg - expected) < NEAR_DEG or near >= pair.share - _WORSE
+        if off_deg < NEAR_DEG or pair.share_near(expected, 0.5 * NEAR_DEG) >= pair.share - _WORSE:
+            return True
+        if off_deg > 4.0 * math.hypot(pair.turn_std_deg, LOOSE_DEG):
+            return False
+        # Noise leads away from the turn, where many fit: the views are compared after the turn itself.
+        held = turns_between(self._views[one], self._views[other], self._axis, (expected,), _HELD)
+        return bool(held) and held[0].share >= pair.share - _WORSE
 
     def turns_further(self, one: int, other: int, more_deg: float) -> bool:
         """Return whether two views fit better after so much more than the recorded turn."""
@@ -94,6 +113,11 @@ class Chain:
     def step_deg(self) -> float:
         """The usual recorded turn between neighbours."""
         return float(np.median(np.diff(list(self.recorded_deg.values()))))
+
+    @property
+    def is_even(self) -> bool:
+        """Whether all steps between neighbours are alike, as they are not if the turntable slipped."""
+        return float(np.ptp(np.diff(list(self.recorded_deg.values())))) < 0.5 * self.step_deg
 
     def bad_links(self, order: Sequence[int]) -> list[int]:
         """Return the places in an order after which the next view contradicts."""
@@ -128,7 +152,8 @@ class Chain:
             for a, b in pairwise(order)
         ]
         agreeing = [
-            pair.share_near(pair.recorded_deg, NEAR_DEG) >= max(_FITS * self.usual, pair.share - _WORSE)
+            pair.share_near(pair.recorded_deg, NEAR_DEG)
+            >= max(_FITS * self.usual(pair.first), pair.share - _WORSE)
             for pair in seen
         ]
         return float(np.mean(agreeing)) > 1.0 - 2.0 / len(agreeing)
@@ -138,7 +163,7 @@ class Chain:
         found = []
         for other in among:
             pair = pair_of(self._views[other], self._views[view], self._axis, 0.0)
-            if pair.turns and pair.share >= _FITS * self.usual:
+            if pair.turns and pair.share >= _FITS * self.usual(other):
                 found.append((pair.share, self._place_by(pair)))
         if not found:
             return None
@@ -157,7 +182,7 @@ class Chain:
             )
             for other in sides
         ]
-        told = [self._place_by(pair) for pair in pairs if pair.share >= _FITS * self.usual]
+        told = [self._place_by(pair) for pair in pairs if pair.share >= _FITS * self.usual(pair.first)]
         near = [one for one in told if abs(one - place) < NEAR_DEG]
         return float(np.mean(near)) if len(near) == 2 else place
 
@@ -200,20 +225,21 @@ def order_findings(
     in_time = [] if bad else chain.bad_in_time()  # where it slipped while the angles go round again
     by_chance = (_ODDS * len(pairs)) ** len(bad or in_time) / math.factorial(min(len(bad), 100))
     sure = 1.0 if factor is None else _WRONG / (_WRONG + (1.0 - _WRONG) * by_chance)
+    shown = (chain.order[bad[0]], chain.order[bad[0] + 1]) if bad else (0, 0)
+    told = len(bad), len(pairs), sure, shown
+    numbered = _numbered(chain, *told) if bad else None
+    if factor is None and bad:
+        return [numbered or _whole_order(chain, *told)]
     slip = None
-    if factor is not None:
+    if factor is not None and not (numbered and chain.is_even):
         slip = (_slip(chain, sure) if bad or in_time else None) or _slip_by_closure(chain, views, axis)
     if slip or not bad:
         found = slip or _single_in_time(chain, in_time, sure)
         return [found] if found else []
-    shown = chain.order[bad[0]], chain.order[bad[0] + 1]
-    told = len(bad), len(pairs), sure, shown
-    if factor is None:
-        return [_numbered(chain, *told) or _whole_order(chain, *told)]
     few, many = (max(1, int(share * len(views))) for share in (_FEW_SINGLE, _MOST_SINGLE))
     return [
         _single(chain, few, sure, shown)
-        or _numbered(chain, *told)
+        or numbered
         or _single(chain, many, sure, shown)
         or _whole_order(chain, *told)
     ]
@@ -298,7 +324,7 @@ def _slip(chain: Chain, sure: float) -> Finding | None:
     n = bad[0]
     pair = chain.pair(order[n], order[n + 1])
     turn = pair.turns[0] if pair.turns else None
-    if turn is None or pair.share < _FITS * chain.usual:
+    if turn is None or pair.share < _FITS * chain.usual(order[n]):
         return None
     more = turn.seen_deg / chain.factor - pair.recorded_deg
     # If a single view stood elsewhere, the views around it would turn as recorded.

@@ -9,7 +9,7 @@ that the pair is a wrong match.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,12 +87,21 @@ class Seen:
         return float(ratio[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def probabilities(seen: Seen) -> dict[float | None, float]:
-    """Return the probability of each factor, 1 and -1 and 0 among them; None: turns follow no rule."""
+def probabilities(
+    seen: Seen, closes: Callable[[float], bool] = lambda sense: False
+) -> dict[float | None, float]:
+    """Return the probability of each factor, 1 and -1 and 0 among them; None: turns follow no rule.
+
+    ``closes`` is asked, with the sense of the turn, whether the ends of a full turn meet: then no others are.
+    """
     found = seen.factor
     size = abs(found)
     candidates = {1.0, -1.0, 0.0}
-    if _MOST_FACTORS[0] / 1.2 <= size <= _MOST_FACTORS[1] * 1.2 and abs(size - 1) > _LEAST_CHANGE:
+    if (
+        _MOST_FACTORS[0] / 1.2 <= size <= _MOST_FACTORS[1] * 1.2
+        and abs(size - 1) > _LEAST_CHANGE
+        and not closes(math.copysign(1.0, found))
+    ):
         candidates.add(math.copysign(_rounded(size), found))
         candidates |= {math.copysign(f, found) for f in _ROUND if abs(math.log(f / size)) < _NEAR_ROUND}
     log = {factor: float(np.log(seen.fits(factor)).sum()) for factor in candidates}
@@ -113,9 +122,9 @@ def _rounded(factor: float) -> float:
     return near if abs(math.log(near / factor)) < _LEAST_CHANGE else round(factor, 3)
 
 
-def turning_findings(seen: Seen) -> tuple[list[Finding], float | None]:
+def turning_findings(seen: Seen, closes: Callable[[float], bool]) -> tuple[list[Finding], float | None]:
     """Return what is wrong with all turns, and the factor of the angles; None if they follow no rule."""
-    chance = probabilities(seen)
+    chance = probabilities(seen, closes)
     best = max(chance, key=lambda factor: chance[factor])
     if best is None or np.mean(np.abs(seen.seen_deg - best * seen.recorded_deg) > NEAR_DEG) > _MOST_OFF:
         return [], None

@@ -3,6 +3,7 @@
 import dataclasses
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -34,6 +35,26 @@ def test_nothing_is_wrong_with_a_right_recording(name):
     assert check.findings == ()
     assert check.views == 36
     assert check.pairs == 35
+
+
+@pytest.mark.parametrize(("name", "noise_px"), [("trousers-waist-d435", 0.17), ("shirt-sleeve-clean", 0.2)])
+def test_nothing_is_wrong_where_only_the_sensor_is_noisier(name, noise_px):
+    # Noise that partly stays where it is in the image lets turns between neighbours look shorter.
+    recording = open_recording(name)
+
+    def field(seed):
+        made = cv2.GaussianBlur(
+            np.random.default_rng(seed).standard_normal(recording[0].depth_m.shape), (0, 0), 2.0
+        )
+        return made / made.std()
+
+    def noisier(frame):
+        error_px = noise_px * (0.5 * field(99) + 0.87 * field(frame.view_index))
+        depth_m, scale = frame.depth_m, frame.intrinsics.fy * 0.05
+        changed = 1.0 / (1.0 / np.where(depth_m > 0, depth_m, 1.0) + error_px / scale)
+        return ViewImages(frame.color, np.where(depth_m > 0, changed, 0).astype(np.float32), frame.mask)
+
+    assert check_recording(_with(recording, noisier)).findings == ()
 
 
 @pytest.mark.parametrize(
