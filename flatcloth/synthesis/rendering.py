@@ -31,6 +31,9 @@ _DIFFUSE, _DOTS = 0.15, 0.85
 """Infrared light without and with a pattern. Chosen: indoors nearly all of it is the projector's."""
 _DYED = 0.5
 """Share of the contrast of dyes that is left in infrared light. Chosen: most are nearly clear there."""
+_WEAVE, _WEAVE_M = 0.15, 0.002
+"""Deviation of the brightness of cloth in infrared light by its yarns, a share, and their size.
+Measured: boards deviate from planes by as much as a real D435's frame (``python -m benchmarks sensor``)."""
 _NOT_ITSELF = 0.999
 """Share of the way to a surface on which anything in between casts a shadow. Chosen."""
 _TRUTH_UNITS_PER_M, _TRUTH_OFFSET_M, _TRUTH_OUTER = 20000.0, 1.5, 16
@@ -112,6 +115,7 @@ class Scene:
         for number, panel in enumerate(panels, start=1):
             self._panel[panel.members] = number
             self._flat[panel.members] = panel.corner_uv_m
+        self._yarns = np.random.default_rng([seed, 4]).standard_normal((1024, 1024)).clip(-2.0, 2.0)
         self._normals = _vertex_normals(points_m, mesh.triangles)
 
     def view(
@@ -170,10 +174,19 @@ class Scene:
         lit = projector.light(at_m) * facing * (float(np.median(distance)) / distance) ** 2
         lit[caster.is_hidden(projector.at_m, ray)] = 0.0
         bright = (1 - _DYED) + _DYED * self._colors(triangle, weights).mean(axis=1)
+        bright *= self._weave(triangle, weights)
         fine = np.zeros(seen.shape)
         fine[seen] = bright * (_DIFFUSE * facing + _DOTS * lit)
         image[rows, cols] = _averaged(fine[..., None])[..., 0]
         return image
+
+    def _weave(self, triangle: Int32, weights: Float64) -> Float64:
+        """Return the brightness (N,) that yarns and their shadows give to hits, 1 in the mean."""
+        flat = np.nan_to_num((self._flat[triangle] * weights[..., None]).sum(axis=1))
+        found: Float64 = 1.0 + _WEAVE * ndimage.map_coordinates(
+            self._yarns, flat.T / _WEAVE_M, np.float64, order=1, mode="grid-wrap"
+        )
+        return found
 
     def _normal(self, triangle: Int32, weights: Float64, camera_from_points: Rigid3) -> Float64:
         """Return the outward unit normals (N, 3) of hits, camera frame."""
