@@ -316,6 +316,19 @@ def test_a_floating_piece_takes_with_it_what_lies_on_the_same_back() -> None:
     assert (found.std_m[its == 1] >= known.std_m).all()
 
 
+def test_a_piece_is_counted_as_it_is_drawn_where_smaller_ones_are_not() -> None:
+    left, small, lower = COLUMN < 10, UV[:, 1] < 3 * STEP_M, UV[:, 1] > 6 * STEP_M
+    seen = left | ((COLUMN > 15) & (small | lower))
+    number, at = np.where(left, 0, np.where(small, 1, 2))[seen].astype(np.int32), UV[seen]
+    own = at + np.outer(number * PIECES_APART_M, [1.0, 0.0])
+    this = replace(side(seen, is_other=False), all_uv_m=own, piece=number)
+    pieces = [raster(this, at, n, is_other=False) for n in (0, 2)], [raster(OTHER, UV, is_other=True)]
+    (laid,) = other_of(seamed(this, OTHER, pieces, endless(pieces))).laid
+    assert laid.index == 0
+    there = laid.shape_from_piece.apply(own[number == 2])
+    assert np.linalg.norm(there - at[number == 2], axis=1).max() < 0.006
+
+
 def test_the_shape_stays_the_main_piece_when_the_other_side_floats_and_is_larger() -> None:
     left = COLUMN < 12
     found = joined(side(left, is_other=False), OTHER, UV[left], decided=(), ends=None)
