@@ -322,8 +322,9 @@ def test_a_piece_is_counted_as_it_is_drawn_where_smaller_ones_are_not() -> None:
     number, at = np.where(left, 0, np.where(small, 1, 2))[seen].astype(np.int32), UV[seen]
     own = at + np.outer(number * PIECES_APART_M, [1.0, 0.0])
     this = replace(side(seen, is_other=False), all_uv_m=own, piece=number)
-    pieces = [raster(this, at, n, is_other=False) for n in (0, 2)], [raster(OTHER, UV, is_other=True)]
-    (laid,) = other_of(seamed(this, OTHER, pieces, endless(pieces))).laid
+    back = side(EVERYTHING, is_other=True, strength=200.0)
+    pieces = [raster(this, at, n, is_other=False) for n in (0, 2)], [raster(back, UV, is_other=True)]
+    (laid,) = other_of(seamed(this, back, pieces, endless(pieces))).laid
     assert laid.index == 0
     there = laid.shape_from_piece.apply(own[number == 2])
     assert np.linalg.norm(there - at[number == 2], axis=1).max() < 0.006
