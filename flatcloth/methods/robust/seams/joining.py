@@ -23,6 +23,7 @@ from flatcloth.methods.robust.layout import MOST_DRIFT_M
 from flatcloth.methods.robust.observations import PAIR_INTERVALS, Nodes
 from flatcloth.methods.robust.scoring import PLACE_STD_M
 from flatcloth.methods.robust.seams.decisions import CUT, with_decisions
+from flatcloth.methods.robust.seams.laying import joined_pieces, laid_piece, nodes_on, with_laid
 from flatcloth.methods.robust.seams.links import (
     Matches,
     SeamLink,
@@ -127,7 +128,7 @@ def join_sides(
     check()
     joint_std_m, n = placement_std_m(both, held_point_m), len(this.nodes)
     return Seamed(
-        floating=tuple(_nodes_on(this, piece) for piece in pieces[0][1:]),
+        floating=tuple(nodes_on(this, piece) for piece in pieces[0][1:]),
         both=both,
         this=this,
         other=other,
@@ -147,15 +148,15 @@ def other_of(seamed: Seamed, laid: Sequence[LaidPiece] = ()) -> JoinedSide:
     ``laid`` are floating pieces of this side with a known place: what seams join to them has one, too.
     """
     # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
-    both, std_m = seamed.both, [each.copy() for each in seamed.std_m]
-    laid_before = _joined_pieces(both, seamed, std_m[0])
+    both, this, std_m = seamed.both, seamed.this, [each.copy() for each in seamed.std_m]
+    laid_before = joined_pieces(both, this, seamed.floating, std_m[0])
     for piece in laid:
-        both = _with_laid(both, seamed, piece, std_m)
-    joined_now = set(_joined_pieces(both, seamed, std_m[0])) - {piece.index for piece in laid}
-    found = tuple(_laid(both, seamed, k, std_m[0]) for k in sorted(joined_now.union(laid_before)))
-    joined = _other_of(
-        both, seamed.this, seamed.other, std_m[1], seamed.joining, seamed.matches, seamed.links
+        both = with_laid(both, this, seamed.floating[piece.index], piece, std_m)
+    joined_now = set(joined_pieces(both, this, seamed.floating, std_m[0])) - {piece.index for piece in laid}
+    found = tuple(
+        laid_piece(both, this, seamed.floating[k], k, std_m[0]) for k in sorted(joined_now.union(laid_before))
     )
+    joined = _other_of(both, this, seamed.other, std_m[1], seamed.joining, seamed.matches, seamed.links)
     return replace(joined, laid=found)
 
 
@@ -329,26 +330,6 @@ def _listed(parts: Sequence[Links], n: int) -> Links:
     )
 
 
-def _with_laid(both: JointShape, seamed: Seamed, piece: LaidPiece, std_m: Sequence[Float64]) -> JointShape:
-    """Return both sides with a floating piece of this side, and what seams join to it, at a known place.
-
-    Adds its standard deviation to those of the nodes (N,) of this side and (M,) of the other one.
-    """
-    this, n = seamed.this, len(seamed.this.nodes)
-    own = seamed.floating[piece.index]
-    own = own[both.piece[own] > 0]
-    if not own.size:
-        return both  # seams join it to the shape
-    group = both.piece == np.bincount(both.piece[own]).argmax()
-    motion = fit_rigid2(both.all_uv_m[own], piece.shape_from_piece.apply(this.all_uv_m[own]))
-    uv = both.all_uv_m.copy()
-    uv[group] = motion.apply(uv[group])
-    for side, begin in zip(std_m, (0, n), strict=True):
-        moved = group[begin : begin + len(side)]
-        side[moved] = np.hypot(np.nan_to_num(side[moved]), piece.std_m)
-    return replace(both, all_uv_m=uv, piece=np.where(group, 0, both.piece).astype(np.int32))
-
-
 def _other_of(
     both: JointShape,
     this: JointShape,
@@ -392,40 +373,6 @@ def _other_of(
         matches=_moved(matches, links, other, made),
         links=tuple(links),
         is_related=is_related,
-    )
-
-
-def _nodes_on(shape: JointShape, piece: FlattenedView) -> Int64:
-    """Return the nodes of a shape that lie on the cloth of a piece of it, as it is drawn."""
-    placed = np.flatnonzero(shape.has_place)
-    rc = np.rint(piece.rc_from_uv(shape.all_uv_m[placed])).astype(np.int64)
-    kept = ((rc >= 0) & (rc < piece.shape)).all(axis=1)
-    on_cloth: Int64 = placed[kept][piece.valid[tuple(rc[kept].T)]]
-    return on_cloth
-
-
-def _joined_pieces(both: JointShape, seamed: Seamed, std_m: Float64) -> list[int]:
-    """Return the floating pieces of this side that the main piece of both sides determines, by index.
-
-    A part that floats because this side alone leaves its place open (``std_m`` (N,)) may be one of them.
-    """
-    return [
-        k
-        for k, own in enumerate(seamed.floating)
-        if own.size > 2
-        and (both.piece[own] == 0).mean() > 0.5
-        and (seamed.this.piece[own].max() > 0 or np.median(std_m[own]) <= MOST_STD_M)
-    ]
-
-
-def _laid(both: JointShape, seamed: Seamed, index: int, std_m: Float64) -> LaidPiece:
-    """Return a floating piece of this side where the main piece of both sides lays it."""
-    own = seamed.floating[index]
-    own = own[both.has_place[own] & (both.piece[own] == 0)]
-    return LaidPiece(
-        index=index,
-        shape_from_piece=fit_rigid2(seamed.this.all_uv_m[own], both.all_uv_m[own]),
-        std_m=float(np.sqrt(np.square(std_m[own]).mean())),
     )
 
 
