@@ -127,6 +127,8 @@ def observe_surface(
     axis: RotationAxis,
     config: SurfaceConfig,
     item: Bool | None = None,
+    *,
+    torn: bool = False,
 ) -> Surface:
     """Find the surface of the side of interest in one frame.
 
@@ -140,6 +142,8 @@ def observe_surface(
         Limits.
     item : (H, W) bool, optional
         The measured pixels to use; by default those of :func:`item_mask`.
+    torn : bool
+        Whether it rather ends where noise may be a step than go on over one: for what must not be joined.
 
     Returns
     -------
@@ -156,7 +160,7 @@ def observe_surface(
     inverse_depth = _inverse(frame.depth_m, item)
     step_limit = math.tan(math.radians(config.grazing_limit_deg)) / math.sqrt(k.fx * k.fy)
     inverse_depth = fill_dropouts(inverse_depth, frame.depth_m > 0, NOISY_WINDOW_PX**2, frame.mask)
-    inverse_depth, rough_m = smooth_noise(inverse_depth, k, step_limit)
+    inverse_depth, rough_m = (inverse_depth, 0.0) if torn else smooth_noise(inverse_depth, k, step_limit)
     inverse_depth[find_ramps(inverse_depth, k)] = 0.0
     steps = cut_small_jumps(inverse_depth, find_steps(inverse_depth, step_limit))
     wanted = off_edges(inverse_depth > 0, steps)

@@ -214,7 +214,7 @@ def _surfaces(
 
 def _surface(frame: RgbdFrame, item: Bool, axis: RotationAxis, config: Config) -> Surface | None:
     try:
-        return observe_surface(replace(frame, mask=None), axis, config.surface, item)
+        return observe_surface(replace(frame, mask=None), axis, config.surface, item, torn=True)
     except SurfaceError:
         return None
 

@@ -96,6 +96,9 @@ def test_cloth_whose_depth_jumps_between_matched_windows_is_kept_whole():
     clean = plane(0.5, 0.2)
     # A sensor that matches windows errs alike within each: here 5 mm, over nine pixels.
     windows = np.random.default_rng(0).normal(0.0, 0.005, (27, 27)).repeat(9, 0).repeat(9, 1)[:240, :240]
-    surface = observe_surface(frame(clean + windows, box(0.12, clean)), AXIS, SurfaceConfig())
+    view = frame(clean + windows, box(0.12, clean))
+    surface = observe_surface(view, AXIS, SurfaceConfig())
     inner = cv2.erode((surface.inverse_depth > 0).astype(np.uint8), np.ones((13, 13))) > 0
-    assert surface.usable[inner].mean() > 0.95  # without that: 0.38
+    assert surface.usable[inner].mean() > 0.95
+    torn = observe_surface(view, AXIS, SurfaceConfig(), torn=True)
+    assert torn.usable[inner].mean() < 0.5
