@@ -87,9 +87,7 @@ class Seen:
         return float(ratio[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
-def probabilities(
-    seen: Seen, closes: Callable[[float], bool] = lambda sense: False
-) -> dict[float | None, float]:
+def probabilities(seen: Seen, closes: Callable[[float], bool]) -> dict[float | None, float]:
     """Return the probability of each factor, 1 and -1 and 0 among them; None: turns follow no rule.
 
     ``closes`` is asked, with the sense of the turn, whether the ends of a full turn meet: then no others are.
