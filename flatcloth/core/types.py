@@ -203,13 +203,6 @@ class FlattenedView:
         rc: Float64 = p[..., ::-1]
         return rc
 
-    @property
-    def from_middle_m(self) -> Float64:
-        """How far (R, C) the pixels are from the middle of the cloth."""
-        uv_m = self.uv_from_rc(np.moveaxis(np.indices(self.valid.shape), 0, -1))
-        away_m: Float64 = np.linalg.norm(uv_m - uv_m[self.valid].mean(axis=0), axis=-1)
-        return away_m
-
 
 def finite(value: float | None) -> float | None:
     """Return the value, or None if it is not finite, which JSON cannot express."""

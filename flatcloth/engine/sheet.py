@@ -251,10 +251,7 @@ def sheet_of(
 def with_placed_pieces(canonical: Canonical, pieces: DecidedPieces) -> Canonical:
     """Return a shape with the cloth of the floating pieces that have a place on it; they stay listed.
 
-    Their standard deviations are those of their places; unknown if those of the shape are. A place is a rigid
-    motion with a root mean square error over the cloth. If what tells it is spread evenly, least squares
-    leave two thirds of the variance to the shift and one to the turn, which grows with the squared distance
-    from the middle.
+    Their standard deviations are those of their places; unknown if those of the shape are.
     """
     if not pieces.shape_from_piece:
         return canonical
@@ -263,9 +260,7 @@ def with_placed_pieces(canonical: Canonical, pieces: DecidedPieces) -> Canonical
         moved = _moved(canonical.floating[index], motion, main)
         if main.placement_std_m is not None:
             is_known = moved.valid & np.isfinite(main.placement_std_m).any()
-            away_m2 = np.square(moved.from_middle_m)
-            of_place = pieces.std_m[index] * np.sqrt((2.0 + away_m2 / away_m2[moved.valid].mean()) / 3.0)
-            std = np.where(is_known, of_place, np.nan).astype(np.float32)
+            std = np.where(is_known, pieces.std_m[index], np.nan).astype(np.float32)
             moved = replace(moved, placement_std_m=std)
         laid.append(moved)
     return replace(canonical, view=_joined(main, laid)[0])

@@ -12,7 +12,7 @@ import numpy as np
 from flatcloth.checking import result
 from flatcloth.checking.check import known_check
 from flatcloth.checking.lens import FOCAL_STD
-from flatcloth.core.types import FlattenedView
+from flatcloth.core.types import FlattenedView, Float64
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings.base import Recording
 from flatcloth.registration.registered import Registered
@@ -112,11 +112,18 @@ def _doubted(canonical: Canonical, doubts: _Doubts) -> Canonical:
     if doubts.is_wrong:
         std_m = np.full_like(std_m, np.nan)
     else:
-        away_m = doubts.scale_std * view.from_middle_m
+        away_m = doubts.scale_std * _from_middle_m(view)
         std_m = np.sqrt(std_m**2 + away_m**2 + doubts.no_kind * _apart_m(view) ** 2).astype(std_m.dtype)
     return replace(canonical, view=replace(view, placement_std_m=std_m))
 
 
+def _from_middle_m(view: FlattenedView) -> Float64:
+    """Return how far (R, C) the pixels of a view are from the middle of its cloth."""
+    uv_m = view.uv_from_rc(np.moveaxis(np.indices(view.valid.shape), 0, -1))
+    away_m: Float64 = np.linalg.norm(uv_m - uv_m[view.valid].mean(axis=0), axis=-1)
+    return away_m
+
+
 def _apart_m(view: FlattenedView) -> float:
     """Return the root mean square distance of two places of the cloth of a view."""
-    return math.sqrt(2.0 * float(np.square(view.from_middle_m[view.valid]).mean()))
+    return math.sqrt(2.0 * float(np.square(_from_middle_m(view)[view.valid]).mean()))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flatcloth.checking.lens import FOCAL_STD
-from flatcloth.core.types import FlattenedView, LaidPiece, Rigid2
+from flatcloth.core.types import LaidPiece, Rigid2
 from flatcloth.engine.trust import Trust
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings.mending import Mends
@@ -28,7 +28,6 @@ class Row:
     valid: np.ndarray
     placement_std_m: np.ndarray | None
     area_m2: float = 0.1
-    from_middle_m = FlattenedView.from_middle_m
 
     def uv_from_rc(self, rc):
         return 0.1 * rc[..., ::-1]
