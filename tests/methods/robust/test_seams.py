@@ -9,11 +9,12 @@ import pytest
 from made_up_sheets import STEP_M, grid, observed, shape_of
 from scipy.spatial import cKDTree
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, FlattenedView, Float64, LaidPiece, Rigid2
 from flatcloth.methods.answers import Seam
 from flatcloth.methods.robust.joint import flatten_jointly
-from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
+from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, JointShape
 from flatcloth.methods.robust.method import _on_shown, _relaid_by
 from flatcloth.methods.robust.observations import Nodes
 from flatcloth.methods.robust.seams.joining import JoinedSide, Seamed, join_sides, other_of, seams_of
@@ -314,6 +315,14 @@ def test_a_floating_piece_takes_with_it_what_lies_on_the_same_back() -> None:
     assert np.linalg.norm(there - pattern[number == 2], axis=1).max() < 0.006
     assert follows.std_m >= known.std_m
     assert (found.std_m[its == 1] >= known.std_m).all()
+
+
+def test_another_side_of_a_few_places_only_is_refused_in_words() -> None:
+    few = (COLUMN < 3) & (UV[:, 1] < 2.5 * STEP_M)
+    other = side(few, is_other=True)
+    assert 1 < few.sum() < LEAST_PIECE
+    with pytest.raises(FlatclothError, match="too little cloth of the other side"):
+        joined(THIS, replace(other, piece=np.zeros_like(other.piece)), other_at=UV[few])
 
 
 def test_a_piece_is_counted_as_it_is_drawn_where_smaller_ones_are_not() -> None:

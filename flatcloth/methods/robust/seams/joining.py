@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int64, LaidPiece
 from flatcloth.methods.answers import Ends, Seam
@@ -146,6 +147,11 @@ def other_of(seamed: Seamed, laid: Sequence[LaidPiece] = ()) -> JoinedSide:
     """Return the other side on its own plane.
 
     ``laid`` are floating pieces of this side with a known place: what seams join to them has one, too.
+
+    Raises
+    ------
+    FlatclothError
+        If no cloth of the other side has a place.
     """
     # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
     both, this, std_m = seamed.both, seamed.this, [each.copy() for each in seamed.std_m]
@@ -342,6 +348,8 @@ def _other_of(
     n, m = len(this.nodes), len(other.nodes)
     own, pairs = np.s_[n : n + m], np.s_[len(this.weight) : len(this.weight) + len(other.weight)]
     piece = both.piece[own]
+    if not (piece >= 0).any():
+        raise FlatclothError("too little cloth of the other side hangs together.")
     is_related = bool((piece == 0).any())
     if not is_related and (piece > 0).any():  # its largest piece is the main one, on a plane of its own
         piece = np.where(piece == np.bincount(piece[piece > 0]).argmax(), 0, piece)
