@@ -97,7 +97,7 @@ class Chain:
             return True
         if off_deg > 4.0 * math.hypot(pair.turn_std_deg, LOOSE_DEG):
             return False
-        # Noise leads away from the turn, where many fit: the views are compared after the turn itself.
+        # Where many turns fit, noise decides among them: the views are compared after the expected one.
         held = turns_between(self._views[one], self._views[other], self._axis, (expected,), _HELD)
         return bool(held) and held[0].share >= pair.share - _WORSE
 

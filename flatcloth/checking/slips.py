@@ -68,9 +68,9 @@ def closes(views: Sequence[ViewFeatures], axis: RotationAxis, sense: float) -> b
 
     Noise lets all turns between neighbours look shorter than they are, by up to a fifth; the ends meet only
     if the angles are right. What they share is compared with what views as near to each other do, and with
-    what views do that are a quarter, half, or three quarters of a turn further; it must be nearer to the
-    first, in proportion. ``sense`` is 1, or -1 if the item turns the other way; views are in order of their
-    angles.
+    what views do that are a quarter, half, or three quarters of a turn further: it must be above the
+    geometric mean of the two. ``sense`` is 1, or -1 if the item turns the other way; views are in order of
+    their angles.
     """
     count = len(views)
     gap_deg = 360.0 - (views[-1].angle_deg - views[0].angle_deg)

@@ -143,7 +143,7 @@ def observe_surface(
     item : (H, W) bool, optional
         The measured pixels to use; by default those of :func:`item_mask`.
     torn : bool
-        Whether it rather ends where noise may be a step than go on over one: for what must not be joined.
+        Whether the surface ends wherever noise may be a step between layers, in place of going on over it.
 
     Returns
     -------
