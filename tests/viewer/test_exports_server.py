@@ -288,5 +288,7 @@ def test_a_hand_eye_file_that_the_page_sends_gives_poses_in_the_robots_frame(ser
         refused = post(server, "/hand-eye", content=content)
         assert (refused.status_code, said in refused.json()["error"]) == (400, True)
     file = {"format": "flatcloth-hand-eye/1", "base_from_camera": matrix}
+    with Tab(server) as tab:
+        tab.until("state", lambda s: s["layers"])  # the session that was opened is drawn
     assert post(server, "/hand-eye", content=json.dumps(file).encode()).status_code == 200
     assert get(server, "/export/grasps.json").json()["base_from_camera"] == matrix
