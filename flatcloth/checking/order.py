@@ -54,11 +54,12 @@ class Chain:
         self._axis, self.factor = axis, factor
         self._pairs = {(pair.first, pair.second): pair for pair in pairs}
         self.order = [view.view_index for view in views]
+        # What usually agrees around a view: less where the item is seen edge-on, as cloth is steep there.
         shares = [pair.share for pair in pairs]
-        self._usual = dict.fromkeys(self.order, float(np.percentile(shares, 75)))
-        for n, pair in enumerate(pairs):  # what an item shows edge-on is steep, and agrees less
+        self.usual = dict.fromkeys(self.order, float(np.percentile(shares, 75)))
+        for n, pair in enumerate(pairs):
             near = shares[max(0, n - _AROUND) : n + _AROUND + 1]
-            self._usual[pair.first] = self._usual[pair.second] = float(np.percentile(near, 75))
+            self.usual[pair.first] = self.usual[pair.second] = float(np.percentile(near, 75))
         self._neighbours = frozenset(pairwise(self.order))
         self.recorded_deg = {view.view_index: view.angle_deg for view in views}
 
@@ -68,10 +69,6 @@ class Chain:
             recorded = self.turn_deg(one, other)
             self._pairs[one, other] = pair_of(self._views[one], self._views[other], self._axis, recorded)
         return self._pairs[one, other]
-
-    def usual(self, view: int) -> float:
-        """Return the share of points that usually agrees between the views about one."""
-        return self._usual[view]
 
     def turn_deg(self, one: int, other: int) -> float:
         """Return the recorded turn between two views, the shorter way."""
@@ -89,7 +86,7 @@ class Chain:
             one, other = other, one
         pair = self.pair(one, other)
         expected = self.factor * pair.recorded_deg
-        if not pair.turns or pair.share < _LEAST_SHARE * self.usual(one):
+        if not pair.turns or pair.share < _LEAST_SHARE * self.usual[one]:
             return False
         off_deg = abs(pair.turns[0].seen_deg - expected)
         # A turn that is not the likeliest may have stopped on the way to it.
@@ -153,7 +150,7 @@ class Chain:
         ]
         agreeing = [
             pair.share_near(pair.recorded_deg, NEAR_DEG)
-            >= max(_FITS * self.usual(pair.first), pair.share - _WORSE)
+            >= max(_FITS * self.usual[pair.first], pair.share - _WORSE)
             for pair in seen
         ]
         return float(np.mean(agreeing)) > 1.0 - 2.0 / len(agreeing)
@@ -163,7 +160,7 @@ class Chain:
         found = []
         for other in among:
             pair = pair_of(self._views[other], self._views[view], self._axis, 0.0)
-            if pair.turns and pair.share >= _FITS * self.usual(other):
+            if pair.turns and pair.share >= _FITS * self.usual[other]:
                 found.append((pair.share, self._place_by(pair)))
         if not found:
             return None
@@ -182,7 +179,7 @@ class Chain:
             )
             for other in sides
         ]
-        told = [self._place_by(pair) for pair in pairs if pair.share >= _FITS * self.usual(pair.first)]
+        told = [self._place_by(pair) for pair in pairs if pair.share >= _FITS * self.usual[pair.first]]
         near = [one for one in told if abs(one - place) < NEAR_DEG]
         return float(np.mean(near)) if len(near) == 2 else place
 
@@ -324,7 +321,7 @@ def _slip(chain: Chain, sure: float) -> Finding | None:
     n = bad[0]
     pair = chain.pair(order[n], order[n + 1])
     turn = pair.turns[0] if pair.turns else None
-    if turn is None or pair.share < _FITS * chain.usual(order[n]):
+    if turn is None or pair.share < _FITS * chain.usual[order[n]]:
         return None
     more = turn.seen_deg / chain.factor - pair.recorded_deg
     # If a single view stood elsewhere, the views around it would turn as recorded.

@@ -72,9 +72,8 @@ def closes(views: Sequence[ViewFeatures], axis: RotationAxis, sense: float) -> b
     geometric mean of the two. ``sense`` is 1, or -1 if the item turns the other way; views are in order of
     their angles.
     """
-    count = len(views)
-    gap_deg = 360.0 - (views[-1].angle_deg - views[0].angle_deg)
-    if abs(gap_deg) > NEAR_DEG + _MOST_DEG or count < 4 * _AROUND:
+    count, gap_deg = len(views), _gap_deg(views)
+    if gap_deg is None:
         return False
     quarters = [round(count * part) for part in (0.25, 0.5, 0.75)]
 
@@ -106,8 +105,7 @@ def closure(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) ->
     factor : float
         1, or -1 if the item turns the other way than recorded.
     """
-    gap_deg = 360.0 - (views[-1].angle_deg - views[0].angle_deg)
-    if abs(gap_deg) > NEAR_DEG + _MOST_DEG or len(views) < 4 * _AROUND:
+    if _gap_deg(views) is None:
         return None
     pairs = [
         (one, other, factor * (other.angle_deg + 360.0 - one.angle_deg))
@@ -135,6 +133,13 @@ def closure(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) ->
         ),
         gain=float(1.0 - usual[len(further) // 2] / max(usual[best], 1e-9)),
     )
+
+
+def _gap_deg(views: Sequence[ViewFeatures]) -> float | None:
+    """Return the turn from the last view to the first one; None if the angles are no full turn."""
+    gap_deg = 360.0 - (views[-1].angle_deg - views[0].angle_deg)
+    is_full = abs(gap_deg) <= NEAR_DEG + _MOST_DEG and len(views) >= 4 * _AROUND
+    return gap_deg if is_full else None
 
 
 def slipped_after(
