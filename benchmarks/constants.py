@@ -9,7 +9,6 @@ measured before an interruption; several processes with the same folder share th
 from __future__ import annotations
 
 import ast
-import fcntl
 import hashlib
 import importlib.abc
 import importlib.machinery
@@ -19,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,23 +28,28 @@ import numpy as np
 from benchmarks.free_numbers import ROOT, Constant, Identity, all_constants, is_number, package_of, place_of
 from benchmarks.inputs import Remembered, sources
 from benchmarks.kept_kernels import keep_kernels, stale_kernels
-from benchmarks.output import RESULTS, Options, save, say
+from benchmarks.output import RESULTS, Options, once, save, say
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
 
 if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
+    from flatcloth.core.types import FlattenedView
+    from flatcloth.engine.garment.recognition import GarmentService
+    from flatcloth.methods.answers import JoinedSides
     from flatcloth.session.document import Document
 
 FACTORS = (0.5, 2.0)
 LIMIT_S, TIME_NOISE = 300, 0.3
 """A variant is ended after this time, and listed as slower if it takes more by this share."""
 COMPARED = {
-    "absolute_median_mm": 0.05, "absolute_p95_mm": 0.3, "coverage": 0.005, "firm_far_share": 0.001,
-    "within_3_std_share": 0.002, "true_kind_probability": 0.02, "points_median_mm": 1.0,
+    "absolute_median_mm": 0.05, "absolute_p95_mm": 0.3, "coverage": 0.005,
+    "this_seen": 0.005, "this_firm_share": 0.005, "this_firm_median_mm": 0.05, "this_firm_far_share": 0.001,
+    "this_within_3_std_share": 0.002, "other_seen": 0.005, "other_firm_share": 0.005,
+    "other_firm_median_mm": 0.05, "other_firm_far_share": 0.001, "other_within_3_std_share": 0.002,
+    "related_median_mm": 0.2, "related_p95_mm": 0.5, "true_kind_probability": 0.02, "points_median_mm": 1.0,
 }  # fmt: skip
-"""Figures of ``accuracy`` and, for constants of garments, of ``garments``, each with the smallest change that
-is listed: as processors differ."""
+"""Figures of ``sides`` and ``garments`` or, for the method ``paper``, of ``accuracy``, each with the smallest
+change that is listed: as processors differ."""
 
 
 def scaled(module: ast.Module, places: Sequence[tuple[int, int]], factor: float) -> ast.Module:
@@ -106,25 +111,36 @@ class Read:
 
     def figures(self, package: str) -> dict[str, Any]:
         """Integrate; return the figures and a digest of all that was computed."""
-        from benchmarks import accuracy, segmented, unattended
-
         began_s = time.process_time()
+        figures, arrays, text = (self._one_side if package == "paper" else self._both_sides)(package)
+        digest = hashlib.sha256(text.encode())
+        for array in arrays:
+            if array is not None:  # the method ``paper`` has no standard deviations
+                digest.update(np.ascontiguousarray(array).tobytes())
+        seconds = time.process_time() - began_s
+        return {**figures, "seconds": round(seconds, 2), "digest": digest.hexdigest()[:16]}
+
+    def _one_side(self, package: str) -> tuple[dict[str, Any], list[Any], str]:
+        from benchmarks import accuracy, unattended
+
+        integration, document = unattended.integrated(self.recording, package)
+        figures = accuracy.figures_of(integration, document, self.truth)
+        return figures, _arrays_of(integration.canonical(document).view), ""
+
+    def _both_sides(self, package: str) -> tuple[dict[str, Any], list[Any], str]:
+        from benchmarks import segmented, sides, unattended
+
         recording: Any = self.recording
         if package == "segmentation":
             recording = segmented.after_one_stroke(recording, self.truth)
-        integration, document = unattended.integrated(recording, "paper" if package == "paper" else "robust")
-        view = integration.canonical(document).view
-        seconds = time.process_time() - began_s
-        figures = accuracy.figures_of(integration, document, self.truth)
-        digest = hashlib.sha256(repr(document.garment).encode())
-        for array in (view.xyz_m, view.valid, view.placement_std_m):
-            if array is not None:  # the method ``paper`` has no standard deviations
-                digest.update(np.ascontiguousarray(array).tobytes())
-        if package == "garments":
-            garment = garment_figures(integration, document, self.truth)
-            digest.update(repr(garment).encode())
-            figures |= garment
-        return {**figures, "seconds": round(seconds, 2), "digest": digest.hexdigest()[:16]}
+        service, both, document = unattended.integrated_sides(recording)
+        this, joined = sides.shown(service.integration, both, document), both.of(document)
+        figures = sides.figures_of(this, joined, self.truth, self.recording)
+        figures |= garment_figures(service, document, self.truth, joined)
+        arrays = _arrays_of(this)
+        if not isinstance(joined, str):
+            arrays += _arrays_of(joined.other.view)
+        return figures, arrays, repr((document.garment, figures))
 
     def measured(self, package: str, constant: Constant | None = None, factor: float = 1.0) -> dict[str, Any]:
         """Return the figures of a variant, or its error, from a process that is forked off."""
@@ -158,16 +174,21 @@ class Read:
             there.send({"error": f"{type(error).__name__}: {error}"[:200]})
 
 
-def garment_figures(integration: Integration, document: Document, truth: Any) -> dict[str, float]:
+def _arrays_of(view: FlattenedView) -> list[Any]:
+    return [view.xyz_m, view.valid, view.placement_std_m]
+
+
+def garment_figures(
+    service: GarmentService, document: Document, truth: Any, joined: JoinedSides | str
+) -> dict[str, float]:
     """Return how probable the true kind of garment is, and how far off the named points are that are seen."""
-    from flatcloth.engine.garment.recognition import GarmentService
     from flatcloth.engine.garment.truth import compare_garment, read_true_points
 
-    known = GarmentService(integration).of(document)
-    points = read_true_points(Path(integration.recording.location))
-    assert points is not None, f"{integration.recording.location}: no truth/points.json"
+    known = service.of(document)
+    points = read_true_points(Path(service.integration.recording.location))
+    assert points is not None, f"{service.integration.recording.location}: no truth/points.json"
     shape = known.canonical
-    compared = compare_garment(known.found, shape.view, shape.floating, truth, points)
+    compared = compare_garment(known.found, shape.view, shape.floating, truth, points, joined)
     errors_mm = list(compared.seen_mm.values())
     return {
         "true_kind_probability": compared.probability,
@@ -184,7 +205,9 @@ def run(options: Options) -> None:
     rows = {identity(row): row for row in before}
     reads = [Read(source) for source in sources(options.recordings)]
     for constant in all_constants():
-        if constant.identity not in rows and (row := measured_once(constant, reads, kept)):
+        if constant.identity not in rows and (
+            row := once(kept / f"{constant.key}.json", partial(measured_row, constant, reads))
+        ):
             rows[constant.identity] = row
             say("   ".join(f"{key} {value}" for key, value in row.items()))
     if not options.quick:
@@ -195,22 +218,6 @@ def run(options: Options) -> None:
 def identity(row: dict[str, Any]) -> Identity:
     """Return the constant of a row."""
     return row["file"], row["name"], tuple(row["values"])
-
-
-def measured_once(constant: Constant, reads: Sequence[Read], kept: Path) -> dict[str, Any] | None:
-    """Return the row of a constant, measured unless it is kept; None while another process measures it."""
-    with (kept / f"{constant.key}.json").open("a+") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return None
-        file.seek(0)
-        text = file.read()
-        if not text:
-            text = json.dumps(measured_row(constant, reads))
-            file.write(text)
-    row: dict[str, Any] = json.loads(text)
-    return row
 
 
 def measured_row(constant: Constant, reads: Sequence[Read]) -> dict[str, Any]:
@@ -250,7 +257,9 @@ def effect_of(own: dict[str, Any], before: dict[str, Any], *, is_timed: bool) ->
         return {"error": own["error"]}
     found: dict[str, Any] = {}
     for key, least in COMPARED.items():
-        if key in own and abs(own[key] - before[key]) >= least:
+        if (key in own) != (key in before):
+            found[key] = "gone" if key in before else "new"
+        elif key in own and abs(own[key] - before[key]) >= least:
             found[key] = round(own[key] - before[key], 4)
     if is_timed and own["seconds"] > (1.0 + TIME_NOISE) * before["seconds"]:
         found["time"] = f"time x {own['seconds'] / before['seconds']:.1f}"

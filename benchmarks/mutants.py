@@ -3,7 +3,8 @@
 Cosmic Ray changes one operator, comparison or number of a module of the numerics; the tests of the folder of
 the same name must fail then. A mutant that they do not notice is used to integrate recordings: if no result
 changes, to the last bit, it does not count as a change of behaviour. The sample is drawn with a fixed seed.
-With ``--keep DIR`` what was found of each mutant is kept, and not repeated.
+With ``--keep DIR`` what was found of each mutant is kept, and not repeated; several processes with the same
+folder share the work.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +31,7 @@ from cosmic_ray.mutating import mutate_code
 from benchmarks.free_numbers import NUMERICS, ROOT, package_of
 from benchmarks.inputs import sources
 from benchmarks.kept_kernels import importers, keep_kernels
-from benchmarks.output import Options, save, say
+from benchmarks.output import Options, once, save, say
 
 SEED, COUNT, QUICK_COUNT = 29, 300, 20
 LIMIT_S = 900
@@ -55,11 +59,13 @@ def run(options: Options) -> None:
     kept = Path(options.keep or tempfile.mkdtemp(prefix="mutants-"))
     kept.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
+    digests = Digests(kept, sources(options.recordings))
     for file, operator, occurrence in sample(QUICK_COUNT if options.quick else COUNT):
         own = kept / f"{file.replace('/', '-')}--{operator.partition('/')[2]}-{occurrence}.json"
-        if not own.exists():
-            own.write_text(json.dumps(row_of(file, operator, occurrence, sources(options.recordings))))
-        rows.append(json.loads(own.read_text()))
+        row = once(own, partial(row_of, file, operator, occurrence, digests))
+        if row is None:
+            continue
+        rows.append(row)
         counts = Counter(row["found"] for row in rows)
         share = counts["noticed"] / max(counts["noticed"] + counts["missed"], 1)
         say("   ".join([*map(str, rows[-1].values()), f"{share:.1%} of {len(rows)}"]))
@@ -111,7 +117,36 @@ def _code(source: str) -> str | None:
     return ast.dump(module)
 
 
-def row_of(file: str, operator: str, occurrence: int, recordings: list[str]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Digests:
+    """Digests of what is computed from recordings without a change; each is computed once and kept."""
+
+    kept: Path
+    recordings: list[str]
+
+    def is_same(self, package: str, tree: Path, environment: Mapping[str, str]) -> bool:
+        """Return whether a copy of the program with a mutant computes the same from each recording."""
+        for recording in self.recordings:
+            file = self.kept / f"as-it-is--{package}--{Path(recording).name}.json"
+            if not file.exists():
+                file.write_text(self._digest_of(recording, package, ROOT, os.environ))
+            try:
+                own = self._digest_of(recording, package, tree, environment)
+            except (subprocess.SubprocessError, ValueError):
+                return False
+            if own != file.read_text():
+                return False
+        return True
+
+    def _digest_of(self, recording: str, package: str, tree: Path, environment: Mapping[str, str]) -> str:
+        words = [sys.executable, "-c", INTEGRATED, str(Path(recording).resolve()), package]
+        done = subprocess.run(
+            words, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=True
+        )
+        return str(json.loads(done.stdout)["digest"])
+
+
+def row_of(file: str, operator: str, occurrence: int, digests: Digests) -> dict[str, Any]:
     """Return what became of one mutant: noticed, missed, or without effect."""
     source = (ROOT / file).read_text()
     mutated = mutate_code(source, plugins.get_operator(operator)(), occurrence)
@@ -134,28 +169,27 @@ def row_of(file: str, operator: str, occurrence: int, recordings: list[str]) -> 
             "NUMBA_CACHE_DIR": str(kernels),
             "OPENBLAS_NUM_THREADS": "1",
         }
-        folder = f"tests/{file.split('/')[1]}"
-        words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", folder]
-        try:
-            passed = _passes(words, tree, environment)
-        except subprocess.TimeoutExpired:
-            passed = False
-        if not passed:
+        words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests_of(file)]
+        if not _passes(words, tree, environment):
             return {**row, "found": "noticed"}
-        for recording in recordings:
-            words = [sys.executable, "-c", INTEGRATED, str(Path(recording).resolve()), package_of(file)]
-            try:
-                found = subprocess.run(
-                    words, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT_S
-                ).stdout
-            except subprocess.TimeoutExpired:
-                return {**row, "found": "missed"}
-            before = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-            if not found or json.loads(found)["digest"] != json.loads(before)["digest"]:
-                return {**row, "found": "missed"}
+        if not digests.is_same(package_of(file), tree, environment):
+            return {**row, "found": "missed"}
     return {**row, "found": "without effect"}
 
 
-def _passes(words: list[str], tree: Path, environment: dict[str, str]) -> bool:
-    done = subprocess.run(words, cwd=tree, env=environment, capture_output=True, timeout=LIMIT_S)
+def tests_of(file: str) -> list[str]:
+    """Return the test files of a module's folder, those that import the module first."""
+    name = file.removesuffix(".py").replace("/", ".")
+    parent, _, stem = name.rpartition(".")
+    imported = re.compile(rf"from {re.escape(name)} import|from {re.escape(parent)} import .*\b{stem}\b")
+    tests = sorted((ROOT / "tests" / file.split("/")[1]).rglob("test_*.py"))
+    ordered = sorted(tests, key=lambda path: imported.search(path.read_text()) is None)
+    return [str(path.relative_to(ROOT)) for path in ordered]
+
+
+def _passes(words: list[str], tree: Path, environment: Mapping[str, str]) -> bool:
+    try:
+        done = subprocess.run(words, cwd=tree, env=environment, capture_output=True, timeout=LIMIT_S)
+    except subprocess.TimeoutExpired:
+        return False
     return done.returncode == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import platform
@@ -49,6 +50,22 @@ def provenance(recordings: Sequence[str]) -> dict[str, Any]:
         "machine": f"{os.cpu_count()} cores, {processor()}, Python {platform.python_version()}",
         "recordings": list(dict.fromkeys(Path(name).name for name in recordings)),
     }
+
+
+def once(file: Path, measured: Callable[[], dict[str, Any]]) -> dict[str, Any] | None:
+    """Return a row, measured unless the file has it; None while another process measures it."""
+    with file.open("a+") as opened:
+        try:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return None
+        opened.seek(0)
+        text = opened.read()
+        if not text:
+            text = json.dumps(measured())
+            opened.write(text)
+    row: dict[str, Any] = json.loads(text)
+    return row
 
 
 def save(name: str, found: Any, recordings: Sequence[str] = ()) -> None:

@@ -12,10 +12,15 @@ from typing import Any
 
 from benchmarks.output import Options
 from benchmarks.unattended import both_sides, measure_each, unattended
+from flatcloth.core.types import FlattenedView
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.evaluation import compare
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.sides_truth import compare_sides
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.session_data import SessionData
+from flatcloth.methods.answers import JoinedSides
+from flatcloth.session.machine import Document
 
 _COLUMNS = {
     "this_seen": "this side: share of seen cloth",
@@ -53,21 +58,31 @@ def row_of(source: str) -> dict[str, Any]:
     sides = both.of(document)
     ended_s = time.process_time()
     integration, one_s = service.integration, between_s - began_s
-    frames = GraspFrames(axis=integration.axis, rotation_deg=0.0)
-    this = SessionData(integration, document, (), frames, both=both.of).canonical.view
+    figures = figures_of(shown(integration, both, document), sides, truth, integration.recording)
+    figures |= {"seconds_this": one_s, "seconds_other": ended_s - between_s - one_s}
     row: dict[str, Any] = {"recording": integration.recording.name}
-    own = compare(this, truth, integration.recording).evaluation
-    figures: dict[str, float] = {"seconds_this": one_s, "seconds_other": ended_s - between_s - one_s}
-    figures |= {f"this_{key}": getattr(own, key) for key in _EVALUATED}
-    if not isinstance(sides, str):
-        compared = compare_sides(this, sides, truth, integration.recording)
-        figures |= {f"other_{key}": getattr(compared.other, key) for key in _EVALUATED}
-        figures |= {key: getattr(compared, key) for key in _COLUMNS if hasattr(compared, key)}
     for key in _COLUMNS:
         value = figures.get(key, float("nan"))
         digits = 1 if key.startswith("seconds") else 2 if key.endswith("_mm") else 4
         row[key] = round(value, digits) if value == value else None
     return row
+
+
+def shown(integration: Integration, both: BothSides, document: Document) -> FlattenedView:
+    """Return this side as it is written and shown: placed by both sides."""
+    frames = GraspFrames(axis=integration.axis, rotation_deg=0.0)
+    return SessionData(integration, document, (), frames, both=both.of).canonical.view
+
+
+def figures_of(this: FlattenedView, sides: JoinedSides | str, truth: Any, recording: Any) -> dict[str, float]:
+    """Return the figures of both sides, or of this one if there is no other."""
+    own = compare(this, truth, recording).evaluation
+    figures: dict[str, float] = {f"this_{key}": getattr(own, key) for key in _EVALUATED}
+    if not isinstance(sides, str):
+        compared = compare_sides(this, sides, truth, recording)
+        figures |= {f"other_{key}": getattr(compared.other, key) for key in _EVALUATED}
+        figures |= {key: getattr(compared, key) for key in _COLUMNS if hasattr(compared, key)}
+    return figures
 
 
 _EVALUATED = (*("firm_share", "firm_median_mm", "firm_far_share", "within_3_std_share", "wrong_side_share"),)

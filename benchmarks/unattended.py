@@ -35,12 +35,17 @@ def integrated(recording: Any, method: str | None = None) -> tuple[Integration, 
 def both_sides(source: str) -> tuple[GarmentService, BothSides, Document, Remembered]:
     """Integrate both sides of a recording by ``robust`` without an operator; return also its truth."""
     recording = Remembered(open_recording(source))
+    return *integrated_sides(recording), Remembered(read_truth(recording.location))
+
+
+def integrated_sides(recording: Any) -> tuple[GarmentService, BothSides, Document]:
+    """Integrate both sides of an open recording by ``robust`` without an operator."""
     integration = Integration(recording)
     both = BothSides(integration)
     service = GarmentService(integration, both)
     run = Run(integration, MemorySession(SessionState(len(recording))))
     both.of(run.finish().document)
-    return service, both, _placed(service, run), Remembered(read_truth(recording.location))
+    return service, both, _placed(service, run)
 
 
 def _placed(service: GarmentService, run: Run) -> Document:
