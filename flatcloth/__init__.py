@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from flatcloth.api.integrating import flatten as flatten
     from flatcloth.api.integrating import integrate as integrate
+    from flatcloth.api.integrating import integration_of as integration_of
     from flatcloth.api.integrating import open_session as open_session
     from flatcloth.api.shape import Shape as Shape
     from flatcloth.checking.check import check_recording as check_recording
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from flatcloth.core.types import RgbdFrame as RgbdFrame
     from flatcloth.core.types import RotationAxis as RotationAxis
     from flatcloth.engine.headless import ViewDecision as ViewDecision
+    from flatcloth.engine.integration import Integration as Integration
     from flatcloth.export.data import read_shape as read_shape
     from flatcloth.flattening.flatten import Flattening as Flattening
     from flatcloth.garments.recognition import Recognition as Recognition
@@ -51,7 +53,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
-    "flatcloth.api.integrating": ("flatten", "integrate", "open_session"),
+    "flatcloth.api.integrating": ("flatten", "integrate", "integration_of", "open_session"),
     "flatcloth.api.shape": ("Shape",),
     "flatcloth.checking.check": ("check_recording",),
     "flatcloth.checking.findings": ("Check", "Finding"),
@@ -61,6 +63,7 @@ _HOMES = {
     "flatcloth.core.strokes": ("Cut", "ImageStroke", "SpaceStroke"),
     "flatcloth.core.types": ("FlattenedView", "Intrinsics", "RgbdFrame", "RotationAxis"),
     "flatcloth.engine.headless": ("ViewDecision",),
+    "flatcloth.engine.integration": ("Integration",),
     "flatcloth.export.data": ("read_shape",),
     "flatcloth.flattening.flatten": ("Flattening",),
     "flatcloth.garments.recognition": ("Recognition",),

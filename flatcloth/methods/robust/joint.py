@@ -2,7 +2,8 @@
 
 Nodes are points of the cloth, shared by the views that see them; every view contributes its pairs. Eq. (2)
 is minimised over all pairs together, each weighted by its accuracy; pairs that contradict the others lose
-their weight. :func:`flatten_jointly` is the algorithm: its steps are those of ``docs/robust.md``.
+their weight (iteratively reweighted least squares: Holland and Welsch, 1977). :func:`flatten_jointly` is the
+algorithm, with the steps 3d to 3h of ``docs/robust.md``.
 """
 
 from __future__ import annotations
@@ -121,6 +122,7 @@ def extend_joint(
     placed_by_hand : (H, W) bool, optional
         Pixels of the view that the operator placed where they share no cloth with the shape in space.
     """
+    # 3c. New nodes, and the lengths between neighbouring nodes that the view measures.
     nodes, added = observe(shape.nodes, associated, surface, object_from_camera, flattening)
     before_uv = np.concatenate([shape.all_uv_m, np.full((len(nodes) - len(shape.nodes), 2), np.nan)])
     row, col = np.rint(added.rc).astype(np.int32).T
@@ -156,7 +158,8 @@ def flatten_jointly(
         is_whole = len(shape.links.edges) > OUTGROWN * shape.settled_pairs
         number = np.full(len(shape.nodes), -1, dtype=np.int32)
         uv, weight = np.full((len(shape.nodes), 2), np.nan), shape.weight.copy()
-        pieces, n = _find_pieces(shape, is_whole), 0  # pieces: connectivity.py
+        pieces, n = _find_pieces(shape, is_whole), 0  # 3d. pieces
+        # 3e to 3h for each of them: its own nodes alone determine its layout.
         for piece in pieces:
             own_uv, cut = _flattened(shape, piece, weight, is_whole, most_cut, precise)
             if cut.size:  # a false link: all pieces are found again without it, and none is cut after that
@@ -238,7 +241,7 @@ class _Piece:
 
 
 def _find_pieces(shape: JointShape, is_whole: bool) -> list[_Piece]:
-    """Return the pieces of cloth that the pairs connect, the main one first, then by size.
+    """Return the pieces of cloth that the pairs connect (connectivity.py), the main one first, then by size.
 
     The main piece remains the main one unless another is clearly larger.
     """
@@ -310,20 +313,20 @@ def _flattened(
         return shape.all_uv_m, none
     links = shape.links
     within = np.flatnonzero(links.both_ends(piece.members) & ~shape.is_cut)
-    # Initialisation: new nodes from their neighbours, joined pieces as they were (layout.py).
+    # 3e. Initialisation: new nodes from their neighbours, joined pieces as they were (layout.py).
     z = _initialised(shape, piece, within)
     inside = within[links.both_ends(np.isfinite(z.real))[within]]
-    # Extent of the update: a small change moves only what lies around the new nodes.
+    # 3f. Extent of the update: a small change moves only what lies around the new nodes.
     nearby = None if is_whole else _relaxed_around(shape, piece, z, inside)
     if nearby is not None:
         uv, weight[inside] = nearby
         return uv, none
-    # Minimisation: as rigid as possible (Sorkine and Alexa, 2007), then Eq. (2) with robust weights, then
+    # 3g. Minimisation: as rigid as possible (Sorkine and Alexa, 2007), then Eq. (2) with robust weights, then
     # strips and necks by lengths and directions (articulated.py).
     uv, weight[inside] = minimise_piece(z, links, inside, shape.weight[inside], precise=precise)
     if most_cut is None:
         return uv, none
-    # Contradictions: cloth that overlaps is laid out again, or cut (consistency.py).
+    # 3h. Contradictions: cloth that overlaps is laid out again, or cut (consistency.py).
     return without_overlap(shape, uv, within, weight, most_cut)
 
 

@@ -1,6 +1,7 @@
 """The method ``robust``: placements from 3D, several hypotheses, one joint flattening of all views.
 
-Start here: :class:`RobustMethod` has the steps of ``docs/robust.md`` in order. A step that takes a document
+Start here: :class:`RobustMethod` has the steps of ``docs/robust.md``, by the
+numbers that they have there. A step that takes a document
 is cached by the part of the document that it depends on (:mod:`flatcloth.methods.robust.shapes`). The plane
 is always the start view's: a placement ``current_from_new`` maps to it.
 """
@@ -206,7 +207,7 @@ class RobustMethod(Method):
             shape, shown, places, added, flattening, joins_piece=joined is not None
         )
         placed = self.seen.component_of_pixel(view) == added.component if by_hand else None
-        made = extend_joint(  # 3c. new nodes, pairs (Eq. 2), pieces, initialisation, minimisation
+        made = extend_joint(  # 3c to 3h: joint.py
             shape, flattening.surface, pose, self._config.flattening, shown, placed
         )
         self.seen.observed_places(made.observations[-1])  # while the view's flattening is cached
@@ -235,7 +236,7 @@ class RobustMethod(Method):
 
         Once both sides are joined, it is the layout of both if that is the better one; not if ``alone``.
         """
-        shape = self._settled(document, parts)  # 3d. the minimum of Eq. (2) over all pairs
+        shape = self._settled(document, parts)  # 3d to 3h again, to the minimum of Eq. (2)
         relaid = None if alone else self._relaid.kept((shape, document.garment.seams))
         return relaid or shape, self.shapes.certainty_of(shape)
 
@@ -256,7 +257,7 @@ class RobustMethod(Method):
         self.seen.release(surfaces=surfaces)
 
     def earlier(self, earlier: Document, document: Document) -> Canonical:
-        """Return the canonical view as views extended it, without 3d and 3f, a third of the time.
+        """Return the canonical view as views extended it, without the minimum over all pairs.
 
         What floats because its place is not determined is that of the ``document``.
         """
@@ -272,7 +273,7 @@ class RobustMethod(Method):
         certainty: tuple[Float64 | None, Bool],
         taken_off: Bool | None = None,
     ) -> Canonical:
-        """Composite a shape (3e), with its placement uncertainty (3f); some nodes (N,) were taken off it."""
+        """Composite a shape (3i), with its placement uncertainty (3j); some nodes (N,) were taken off it."""
         surfaces = self.seen.surfaces(shape)
         costs = self.seen.pixel_costs(surfaces)
         motions = self.seen.current_from_view(shape, document.placed_components)
