@@ -129,7 +129,7 @@ function takeNote(/** @type {Note} */ message) {
 // --- show --------------------------------------------------------------------------------------
 
 function show(/** @type {State} */ state) {
-  page.told = state;
+  page.thisSide = state;
   page.state = seen(state, canvas.side);
   page.each("update", page.state);
   if (page.isLive) showLive(state);
@@ -187,7 +187,7 @@ function whyEmpty(/** @type {State} */ { trouble, start_view, phase }) {
 function decide(/** @type {string} */ name, more = {}) {
   const action = /** @type {import("/static/page/messages").Do["action"]} */ (name);
   nudges.flush();
-  const { pending } = page.told;
+  const { pending } = page.thisSide;
   // The view that this user sees is the view that is meant, whatever has changed meanwhile.
   const view = ["accept", "reject", "skip"].includes(action) && pending ? { view_index: pending.view_index } : {};
   send({ type: "do", action, ...view, ...more });

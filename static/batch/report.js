@@ -2,7 +2,7 @@
 
 import { showDetails } from "/static/batch/details.js";
 import { makeHistograms } from "/static/batch/histograms.js";
-import { makeTable } from "/static/batch/table.js";
+import { Table } from "/static/batch/table.js";
 import { post } from "/static/page/connection.js";
 import { byId, make, optionsOf, setText } from "/static/page/dom.js";
 
@@ -97,27 +97,21 @@ const shownColumns = Object.entries(LOOKS)
   .map(([name, { width }]) => ({ .../** @type {Column} */ (named.get(name)), node: NODES[name], width }));
 
 let sort = { name: "reliability", descending: false };
-const table = makeTable({
-  scroller: byId("scroller"),
-  head: byId("head"),
-  body: byId("body"),
-  columns: [
-    { name: "picture", title: "shape", width: 64, sortable: false, node: picture, show: () => "" },
-    ...shownColumns,
-  ],
-  /** @param {Row} row @param {boolean} isOpen @param {Event} event */
-  onChoose(row, isOpen, event) {
+const table = new Table(
+  { scroller: byId("scroller"), head: byId("head"), body: byId("body") },
+  [{ name: "picture", title: "shape", width: 64, sortable: false, node: picture, show: () => "" }, ...shownColumns],
+  (row, isOpen, event) => {
     choose(row);
     if (isOpen) {
       event.preventDefault();
       openSession();
     }
   },
-  onSort(/** @type {string} */ name) {
+  (name) => {
     sort = { name, descending: sort.name === name ? !sort.descending : false };
     refresh();
   },
-});
+);
 
 /** For tests and scripts that control the page. */
 const state = { revision: 0, shown: 0, rows: rows.length, chosen: /** @type {string | null} */ (null) };
@@ -195,7 +189,7 @@ function choose(/** @type {Row | null} */ row) {
   state.chosen = row?.name ?? null;
 }
 
-function told() {
+function showProgress() {
   const decided = rows.filter((row) => row.review).length;
   const all = rows.filter((row) => row.review || row.outcome === "done").length;
   const count = (/** @type {string} */ name) => rows.filter((row) => row.review === name).length;
@@ -222,7 +216,7 @@ async function decide(/** @type {string | null} */ review) {
   const answer = await post("verdict", { name: row.name, verdict: review });
   if (!answer?.ok) return say((await answer?.text()) ?? NO_CONNECTION);
   row.review = review;
-  told();
+  showProgress();
   refresh();
   if (review) next();
   else choose(row);
@@ -238,7 +232,7 @@ async function openSession() {
   if (answer?.ok) {
     const { url } = await answer.json();
     (tab ?? window).location.href = url;
-    told();
+    showProgress();
   } else {
     tab?.close();
     say((await answer?.text()) ?? NO_CONNECTION);
@@ -286,6 +280,6 @@ byId("title").textContent = data.title;
 byId("counts").textContent = data.counts;
 byId("notes").textContent = data.notes;
 byId("notes").hidden = !data.notes;
-told();
+showProgress();
 refresh();
 choose(table.rows[0] ?? null);

@@ -110,8 +110,8 @@ export class BothSides extends PagePart {
   // --- the panel ---------------------------------------------------------------------------------
 
   show(/** @type {NonNullable<State["other"]>} */ other) {
-    const { told } = this.page;
-    const own = told.layers?.area_cm2;
+    const { thisSide } = this.page;
+    const own = thisSide.layers?.area_cm2;
     rebuild(this.section, ["both"], () => [
       make("h2", "Both sides"),
       this.page.group("Sides, shown", ["beside", "seams", "joints"]),
@@ -126,12 +126,12 @@ export class BothSides extends PagePart {
 
   progress(/** @type {NonNullable<State["other"]>} */ { working, progress, text, layers }) {
     if (!working) return !layers && make("p.note", { role: "status" }, text);
-    const told =
+    const stage =
       progress?.text ?? (layers ? "The other side is joined again." : "The other side waits for its turn.");
     return make(
       "div.both-progress",
       { role: "status" },
-      make("p.note", layers && !progress ? told : `Other side: ${told}`),
+      make("p.note", layers && !progress ? stage : `Other side: ${stage}`),
       make("progress", { max: 1, value: progress?.share ?? 0, label: "Progress of the other side" }),
     );
   }

@@ -140,7 +140,7 @@ export class FlatCanvas {
     this.refit();
   }
 
-  /** Live mode: the picks that lie on the frame; none while frames pass by faster than they are told. */
+  /** Live mode: the picks that lie on the frame; none while frames pass by faster than the picks are sent. */
   showMarks(/** @type {{ id: number | null; uv_m: UV | null; side?: SideName }[]} */ picks) {
     this.marks = picks.flatMap(({ id, uv_m, side }) => {
       const at = uv_m && this.shownAt(side ?? "this", uv_m);

@@ -94,9 +94,9 @@ export class Comparison extends PagePart {
     this.handle.hidden = !overlay || this.mode !== "wipe";
     this.placeHandle();
     const view = state.pending?.view_index;
-    const told = { shape: "A: the shape alone", proposal: `B: view ${view} alone` }[this.mode];
-    this.chip.hidden = !overlay || !told;
-    setText(this.chip, told ?? "");
+    const label = { shape: "A: the shape alone", proposal: `B: view ${view} alone` }[this.mode];
+    this.chip.hidden = !overlay || !label;
+    setText(this.chip, label ?? "");
     this.canvas.redraw();
   }
 

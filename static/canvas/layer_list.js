@@ -33,7 +33,7 @@ export class LayerList {
     this.page = page;
     this.looking = looking;
     this.pictures = /** @type {Map<string, Picture>} */ (new Map()); // of the layers that lie over the chosen one
-    this.told = ""; // what the 3D scene was last told
+    this.sentLook = ""; // what the 3D scene last got
   }
 
   /** The layers that lie over the chosen one, from the bottom. */
@@ -68,9 +68,9 @@ export class LayerList {
     /** @type {import("/static/page/messages").Look} */
     const message = { type: "look", layer, map: map || null, low, high };
     const text = JSON.stringify(message);
-    if (this.told === text) return;
-    const first = this.told === "";
-    this.told = text;
+    if (this.sentLook === text) return;
+    const first = this.sentLook === "";
+    this.sentLook = text;
     if (!first || this.page.layer !== "color") this.page.send(message);
   }
 

@@ -84,9 +84,9 @@ export class Looking extends PagePart {
     const degrees = Math.round((angle * 180) / Math.PI) % 360;
     this.chip.hidden = degrees === 0 && !flipped;
     const turned = degrees ? `turned ${number(degrees > 180 ? degrees - 360 : degrees, 0)}°` : "";
-    const told = [turned, flipped ? "flipped" : ""].filter(Boolean).join(", ");
-    setText(this.chip, told);
-    this.chip.setAttribute("aria-label", `${told}: undo turn and flip`);
+    const text = [turned, flipped ? "flipped" : ""].filter(Boolean).join(", ");
+    setText(this.chip, text);
+    this.chip.setAttribute("aria-label", `${text}: undo turn and flip`);
   }
 
   // --- colour map and window -------------------------------------------------------------------
@@ -199,16 +199,16 @@ export class Looking extends PagePart {
    * @param {boolean} ramp
    */
   windowFields(layer, setting, legend, ramp) {
-    const told = (/** @type {number} */ share) =>
+    const textAt = (/** @type {number} */ share) =>
       ramp && legend ? number(legend.low + share * (legend.high - legend.low), 0) : `${Math.round(100 * share)} %`;
     const names = ramp ? { low: "From", high: "To" } : { low: "Black", high: "White" };
     return ENDS.map((end) => {
-      const output = make("output", told(setting[end]));
+      const output = make("output", textAt(setting[end]));
       /** @type {HTMLInputElement} */
       const input = slider([0, 1, 0.01], setting[end], {
         key: `look-${end}`,
         label: names[end],
-        input: () => setText(output, told(this.clamped(end, input.valueAsNumber, setting))),
+        input: () => setText(output, textAt(this.clamped(end, input.valueAsNumber, setting))),
         change: () => this.set(layer, { [end]: this.clamped(end, input.valueAsNumber, setting) }),
       });
       return make("label.field", make("span", names[end]), input, output);

@@ -24,7 +24,7 @@ const NONE = "none of these";
 export class GarmentPanel extends PagePart {
   name = "garment";
   shown = true; // outline and points on the canvas
-  told = /** @type {State["garment"]} */ (null); // what the server says
+  known = /** @type {State["garment"]} */ (null); // what the server says
   pointed = /** @type {string | null} */ (null); // the name of the point that is pointed at
   decided = -1; // the revision of which a link was decided
   finished = false; // whether the finished shape was turned upright
@@ -49,7 +49,7 @@ export class GarmentPanel extends PagePart {
   }
 
   get found() {
-    return this.told?.found ?? null;
+    return this.known?.found ?? null;
   }
 
   get pressed() {
@@ -57,32 +57,32 @@ export class GarmentPanel extends PagePart {
   }
 
   get status() {
-    return { told: this.told, shown: this.shown, pointed: this.pointed, preview: this.drawing.preview };
+    return { known: this.known, shown: this.shown, pointed: this.pointed, preview: this.drawing.preview };
   }
 
   update(/** @type {State} */ state) {
     this.finishUpright(state);
-    this.told = state.garment ?? null;
-    this.section.hidden = !this.told || !state.layers;
+    this.known = state.garment ?? null;
+    this.section.hidden = !this.known || !state.layers;
     if (!this.found?.points.some((point) => point.name === this.pointed)) this.pointed = null;
-    this.drawing.update(this.told?.revision ?? 0);
+    this.drawing.update(this.known?.revision ?? 0);
     if (!this.section.hidden) this.show();
   }
 
   // --- the panel -----------------------------------------------------------------------------------
 
   show() {
-    const { told, found } = this;
-    if (!told) return;
-    setText(byId("garment-text"), summary(told));
+    const { known, found } = this;
+    if (!known) return;
+    setText(byId("garment-text"), summary(known));
     /** @param {string} part @param {unknown[]} key @param {() => Child} build */
     const show = (part, key, build) => rebuild(byId(`garment-${part}`), key, build);
     const kind = found?.kind;
     show("tools", [Boolean(found)], () => found && this.tools());
-    show("kinds", [found?.probabilities, kind, found?.by_hand], () => found && this.kinds(found, told.kinds));
+    show("kinds", [found?.probabilities, kind, found?.by_hand], () => found && this.kinds(found, known.kinds));
     // While the shape is drawn without a part, its link is none to decide about.
-    const links = told.working || this.decided === told.revision ? [] : (found?.links ?? []);
-    show("links", [links, told.revision], () => links.map(this.link, this));
+    const links = known.working || this.decided === known.revision ? [] : (found?.links ?? []);
+    show("links", [links, known.revision], () => links.map(this.link, this));
     show("points", [kind, found?.points], () => kind && this.points(found));
     show("dimensions", [kind, found?.dimensions], () => kind && dimensions(found));
   }
@@ -103,7 +103,7 @@ export class GarmentPanel extends PagePart {
 
   /** A part that is joined where no garment allows it, to be taken off or kept like a proposal. */
   link(/** @type {FoundGarment["links"][number]} */ { probability, area_cm2 }, /** @type {number} */ index) {
-    const revision = this.told?.revision ?? 0;
+    const revision = this.known?.revision ?? 0;
     const area = cm2(area_cm2);
     /** @param {string} title @param {boolean} taken_off @param {string} tip */
     const decide = (title, taken_off, tip) =>
@@ -196,14 +196,14 @@ export class GarmentPanel extends PagePart {
     if (phase !== "finished") this.finished = false;
     if (phase !== "finished" || this.finished || !garment?.found) return;
     this.finished = true;
-    this.told = garment;
+    this.known = garment;
     const { angle, flipped } = this.page.canvas.transform;
     if (!this.turnedFrom && angle === 0 && !flipped) this.toggleUpright();
   }
 
   toggleUpright() {
     const { looking, canvas } = this.page;
-    if (!this.found) return this.page.notify("info", this.told?.text || "The garment is not known yet.");
+    if (!this.found) return this.page.notify("info", this.known?.text || "The garment is not known yet.");
     if (this.turnedFrom) {
       looking.turn(this.turnedFrom.angle, this.turnedFrom.flipped);
       this.turnedFrom = null;
@@ -255,10 +255,10 @@ export class GarmentPanel extends PagePart {
 }
 
 /** What is known of the garment, in a line. */
-function summary(/** @type {NonNullable<State["garment"]>} */ told) {
-  const { found } = told;
-  if (!found) return told.working ? "Recognising the garment." : told.text;
-  const again = told.working ? " Recognising it again on the changed shape." : "";
+function summary(/** @type {NonNullable<State["garment"]>} */ known) {
+  const { found } = known;
+  if (!found) return known.working ? "Recognising the garment." : known.text;
+  const again = known.working ? " Recognising it again on the changed shape." : "";
   if (found.by_hand) return `${words(found.kind ?? NONE)}, set by hand.${again}`;
   /** @param {string | null} name */
   const share = (name) => percent(found.probabilities.find(([each]) => each === name)?.[1] ?? 0);

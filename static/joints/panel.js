@@ -19,7 +19,7 @@ export class JointsPanel extends PagePart {
   found = /** @type {JointsInfo | null} */ (null);
   wanted = 0; // the revision that was asked for
   chosen = /** @type {number | null} */ (null);
-  told = ""; // about the place that was clicked
+  notice = ""; // about the place that was clicked
   actions = { joints: () => this.toggle() };
   section = byId("joints");
 
@@ -39,7 +39,7 @@ export class JointsPanel extends PagePart {
   toggle() {
     this.shown = !this.shown;
     this.chosen = null;
-    this.told = "";
+    this.notice = "";
     this.page.changed();
     this.page.redrawMarks();
     if (this.shown) this.section.scrollIntoView({ block: "nearest" });
@@ -48,8 +48,8 @@ export class JointsPanel extends PagePart {
   update(/** @type {State} */ state) {
     this.section.hidden = !this.shown || !state.layers || state.mode === "live";
     if (this.section.hidden) return;
-    this.load(this.page.told.layers?.revision ?? 0);
-    const key = [this.found, this.chosen, this.told, this.wanted, state.drawing];
+    this.load(this.page.thisSide.layers?.revision ?? 0);
+    const key = [this.found, this.chosen, this.notice, this.wanted, state.drawing];
     rebuild(this.section, key, () => this.build(state.drawing));
   }
 
@@ -62,7 +62,7 @@ export class JointsPanel extends PagePart {
     if (!found) this.wanted = 0;
     // The weakest is what is asked about first.
     this.chosen = found?.joints.length ? 0 : null;
-    this.told = "";
+    this.notice = "";
     this.page.changed();
     this.page.redrawMarks();
   }
@@ -87,7 +87,7 @@ export class JointsPanel extends PagePart {
             ? "Where the least evidence joins parts of the shape, the weakest first. Click cloth to ask about it."
             : "No part of the shape is joined by less evidence than it has within.",
         ),
-      this.told && make("p.note", { role: "status" }, this.told),
+      this.notice && make("p.note", { role: "status" }, this.notice),
       make("ul", ...joints.map((joint, n) => this.row(joint, n, waits))),
     ];
   }
@@ -185,7 +185,7 @@ export class JointsPanel extends PagePart {
     if (!this.shown || !this.found || this.page.state.pending || this.page.canvas.side === "other") return false;
     const joint = this.jointAt(u, v);
     const none = "This cloth belongs to the largest part: nothing within it is joined by little evidence.";
-    this.told = joint === null ? none : "";
+    this.notice = joint === null ? none : "";
     this.choose(joint);
     return true;
   }

@@ -31,7 +31,7 @@ const POINTS = {
 
 export class CloudView {
   /**
-   * `scene`: cloth, around (by step), axis, cameras (by step). `pick(n)` is told the pixel of cloth that was
+   * `scene`: cloth, around (by step), axis, cameras (by step). `pick(n)` gets the pixel of cloth that was
    * clicked.
    * @param {HTMLCanvasElement} canvas @param {HTMLCanvasElement} marks @param {CloudScene} scene
    * @param {(n: number) => void} pick

@@ -89,12 +89,12 @@ export function showDecisions(/** @type {OfflinePage} */ page) {
 /** @param {OfflinePage} page @param {number | null} u @param {number} v */
 export function showValues({ cloth, step }, u, v) {
   const n = u === null ? -1 : cloth.pixelAt(u, v, step);
-  const told = (/** @type {() => string} */ text) => (n < 0 ? "–" : text());
+  const known = (/** @type {() => string} */ text) => (n < 0 ? "–" : text());
   showReadout([
-    ["u, v", "mm on the plane", told(() => `${vector([1000 * (u ?? 0), 1000 * v])} mm`)],
-    ["x y z", "mm, object frame", told(() => `${vector(cloth.point(n), 1, 1000)} mm`)],
-    ["Z-angle", "deg", told(() => degrees(cloth.zAngle(n)))],
-    ["Source", "view", told(() => `view ${cloth.views[cloth.source[n]]}`)],
+    ["u, v", "mm on the plane", known(() => `${vector([1000 * (u ?? 0), 1000 * v])} mm`)],
+    ["x y z", "mm, object frame", known(() => `${vector(cloth.point(n), 1, 1000)} mm`)],
+    ["Z-angle", "deg", known(() => degrees(cloth.zAngle(n)))],
+    ["Source", "view", known(() => `view ${cloth.views[cloth.source[n]]}`)],
   ]);
 }
 

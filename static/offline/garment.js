@@ -11,10 +11,10 @@ export function showGarment(/** @type {OfflinePage} */ page) {
     if (!found) return [title, make("p.nothing", text)];
     const [name, share] = found.probabilities[0];
     const { kind, by_hand, points, probabilities } = found;
-    const told = by_hand && kind ? `${words(kind)}, set by hand.` : `${words(name)}, ${percent(share)}.`;
+    const kindText = by_hand && kind ? `${words(kind)}, set by hand.` : `${words(name)}, ${percent(share)}.`;
     return [
       title,
-      make("p", told),
+      make("p", kindText),
       shares(probabilities),
       kind && make("ul.named", { label: "Named points" }, ...points.map((p) => row(page, p))),
       kind && dimensions(found),

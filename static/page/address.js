@@ -61,8 +61,8 @@ export class PageAddress extends PagePart {
     }
     const answer = await post("/start/open", this.asked.place);
     if (answer?.ok) return location.reload();
-    const told = /** @type {{ error?: string } | null} */ ((await answer?.json().catch(() => null)) ?? null);
-    this.page.notify("warning", `This address cannot be opened here. ${told?.error ?? ""}`);
+    const body = /** @type {{ error?: string } | null} */ ((await answer?.json().catch(() => null)) ?? null);
+    this.page.notify("warning", `This address cannot be opened here. ${body?.error ?? ""}`);
     this.asked.place = null;
     this.known = true;
     this.page.changed();

@@ -30,9 +30,9 @@ async function takeHandEye(/** @type {Notify} */ notify) {
   if (!chosen) return;
   const answer = await ask("/hand-eye", { method: "POST", body: await chosen.text() });
   const { error } = answer ? await answer.json() : { error: "there is no connection" };
-  const told = error ? `${chosen.name}: ${error}` : `${chosen.name} is used: grasps.json has robot poses now.`;
-  setText(byId("hand-eye-told"), told);
-  notify(error ? "error" : "info", told);
+  const notice = error ? `${chosen.name}: ${error}` : `${chosen.name} is used: grasps.json has robot poses now.`;
+  setText(byId("hand-eye-notice"), notice);
+  notify(error ? "error" : "info", notice);
 }
 
 const TOOK = "flatcloth-export-seconds";

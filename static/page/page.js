@@ -11,7 +11,7 @@ export class Page {
     /** @type {State} the last state that the server sent; no panel acts before the first */
     this.state = later;
     /** @type {State} the same, also while the garment is turned over: `state` has the layers of the shown side then */
-    this.told = later;
+    this.thisSide = later;
     this.layer = "color"; // of the flattened view
     this.canvas = /** @type {FlatCanvas} */ (later);
     this.comparison = /** @type {Comparison} */ (later);
@@ -56,7 +56,7 @@ export class Page {
 
   /** Draw the page again, after something of this tab has changed. */
   changed() {
-    if (this.told) this.handlers.show(this.told);
+    if (this.thisSide) this.handlers.show(this.thisSide);
   }
 
   /** Draw the marks on the flattened view and over the scene again. */
@@ -116,7 +116,7 @@ export class Page {
     return null;
   }
 
-  /** Give a message of the server to the panels that take its type. */
+  /** Hand a message of the server to each panel that has a function for messages of its type. */
   take(/** @type {ServerMessage} */ message) {
     for (const { messages } of this.panels) {
       const take = /** @type {((message: ServerMessage) => void) | undefined} */ (messages?.[message.type]);

@@ -4,7 +4,7 @@ import { byId, find, findAll } from "/static/page/dom.js";
 import { notify } from "/static/page/notices.js";
 import { isDark, onTheme } from "/static/page/theme.js";
 
-const TOLD = "flatcloth-scene-told"; // the warnings of viser's page that this browser has shown
+const SEEN = "flatcloth-scene-told"; // the warnings of viser's page that this browser has shown
 const SOFTWARE =
   "The 3D scene is drawn without a graphics card, so it moves slowly. If this computer has one, turn on hardware " +
   "acceleration in the browser's settings.";
@@ -42,9 +42,9 @@ function foldWarnings(/** @type {Document} */ inside) {
       warning.dataset.folded = "";
       warning.style.display = "none";
       find("button", warning)?.click();
-      const told = JSON.parse(localStorage.getItem(TOLD) ?? "[]");
-      if (told.includes(title)) continue;
-      localStorage.setItem(TOLD, JSON.stringify([...told, title]));
+      const seen = JSON.parse(localStorage.getItem(SEEN) ?? "[]");
+      if (seen.includes(title)) continue;
+      localStorage.setItem(SEEN, JSON.stringify([...seen, title]));
       const description = find(".mantine-Notification-description", warning)?.textContent ?? "";
       notify("info", /software/i.test(title) ? SOFTWARE : `3D scene: ${title}. ${description}`);
     }

@@ -19,7 +19,7 @@ export class StatusLines extends PagePart {
     document.title = `${name} · flatcloth`;
     byId("live").hidden = state.mode !== "live";
     byId("hint").hidden = state.mode === "live";
-    setText(byId("hint"), hint(this.page.told)); // of this side, also while the garment is turned over
+    setText(byId("hint"), hint(this.page.thisSide)); // of this side, also while the garment is turned over
     this.showProgress(state.progress);
     this.showNotes(state);
     this.showBusy(Boolean(state.drawing));

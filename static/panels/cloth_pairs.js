@@ -32,7 +32,7 @@ export class ClothPairs {
     );
   }
 
-  told(/** @type {number | null} */ n) {
+  textOf(/** @type {number | null} */ n) {
     if (n === null || !this.pairs) return "";
     const { residual_mm: off, apart_mm: apart } = this.pairs;
     return `This pair: ${number(off[n])} mm apart on the plane, ${number(apart[n])} mm in space.`;

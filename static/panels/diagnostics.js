@@ -25,7 +25,7 @@ export class Diagnostics extends PagePart {
   wantsCurves = false; // though pairs are known
   showsLines = true;
   showsEdges = false;
-  known = /** @type {Known | null} */ (null); // what the server told
+  known = /** @type {Known | null} */ (null); // what the server said
   asked = /** @type {string | null} */ (null);
   marked = /** @type {Partial<Record<Side, number>>} */ ({}); // column (mm) of each plot
   plots = /** @type {Partial<Record<Side, Plot>>} */ ({});
@@ -122,7 +122,7 @@ export class Diagnostics extends PagePart {
   showChoices() {
     const edges = this.known?.edges;
     const count = (/** @type {"shape" | "new"} */ of) => edges?.[of].strain.length ?? 0;
-    const told = edges ? ` (${count("shape") + count("new")} of ${edges.shape.total + edges.new.total})` : "";
+    const shown = edges ? ` (${count("shape") + count("new")} of ${edges.shape.total + edges.new.total})` : "";
     /** @param {string} label @param {string} tip @param {boolean} checked @param {(on: boolean) => void} change */
     const box = (label, tip, checked, change) =>
       make("label", { tip }, tickBox(checked, change, { key: label }), label);
@@ -141,11 +141,11 @@ export class Diagnostics extends PagePart {
         this.showsLines = on;
         this.canvas.redraw();
       });
-    rebuild(this.choices, [told, this.showsLines, this.showsEdges, showsPairs, Boolean(curves)], () => [
+    rebuild(this.choices, [shown, this.showsLines, this.showsEdges, showsPairs, Boolean(curves)], () => [
       ...(curves ? [curves] : []),
       ...(showsPairs ? [] : [lines()]),
       box(
-        `Strained edges${told}`,
+        `Strained edges${shown}`,
         "Edges that are over 4 % longer (orange) or shorter (blue) on the plane than along the cloth; on the " +
           "canvas and in 3D",
         this.showsEdges,
@@ -232,7 +232,7 @@ export class Diagnostics extends PagePart {
     this.marked = marked;
     const { known } = this;
     if (!known) return;
-    const told = PLOTS.flatMap((of) => {
+    const texts = PLOTS.flatMap((of) => {
       const x = marked[of];
       if (x === undefined) return [];
       const { u_mm: u, h, a_z_deg: a, pixel_size_mm } = known[of];
@@ -241,7 +241,7 @@ export class Diagnostics extends PagePart {
       const values = off ? "no cloth" : `h ${h[at]} px, A_z ${degrees(a[at])}`;
       return [`${of === "new" ? "New" : "Shape"} u ${number(x, 0)} mm: ${values}`];
     });
-    this.column.replaceChildren(...withSubscripts(told.join("  ·  ")));
+    this.column.replaceChildren(...withSubscripts(texts.join("  ·  ")));
     this.draw();
     this.canvas.redraw();
   }
@@ -249,7 +249,7 @@ export class Diagnostics extends PagePart {
   markPair(/** @type {number | null} */ n) {
     if (n === this.pairs.marked) return;
     this.pairs.marked = n;
-    setText(this.column, this.pairs.told(n));
+    setText(this.column, this.pairs.textOf(n));
     this.drawAll();
   }
 

@@ -86,13 +86,13 @@ export class PiecesPanel extends PagePart {
         key: `garment-${piece.label}-${accepted}`,
         tip: `${tip}\nUndo takes it back.`,
       });
-    const told = `By the garment: ${percent(place.probability)}, ± ${mm(place.std_mm, 0)}`;
+    const text = `By the garment: ${percent(place.probability)}, ± ${mm(place.std_mm, 0)}`;
     const accept = button("Place there", true, "It becomes part of the shape that is shown, where it is outlined.");
     const refuse = button("Refuse", false, "The garment has no place for it there.");
     return make(
       "div.by-garment",
       { role: "group", label: `Place of piece ${piece.label} by the garment` },
-      make("p.note", place.state === "proposed" ? `${told}.` : `${told}: ${place.state}.`),
+      make("p.note", place.state === "proposed" ? `${text}.` : `${text}: ${place.state}.`),
       place.state !== "placed" && accept,
       place.state !== "refused" && refuse,
     );

@@ -182,14 +182,14 @@ function placesOf(
 }
 
 /** What accepting would do. */
-function foreseen(/** @type {Pending["foreseen"]} */ told) {
-  if (!told) return null;
+function foreseen(/** @type {Pending["foreseen"]} */ cloth) {
+  if (!cloth) return null;
   return make(
     "dl#foreseen.values",
     ...valueRows(
-      ["adds", cm2(told.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
-      ["seen again", cm2(told.again_cm2), "Cloth of the proposal that the shape or a piece already has"],
-      told.joins.length > 0 && ["joins", told.joins.join(", "), "Pieces that it would connect (A is the shape)"],
+      ["adds", cm2(cloth.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
+      ["seen again", cm2(cloth.again_cm2), "Cloth of the proposal that the shape or a piece already has"],
+      cloth.joins.length > 0 && ["joins", cloth.joins.join(", "), "Pieces that it would connect (A is the shape)"],
     ),
   );
 }

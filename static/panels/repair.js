@@ -16,7 +16,7 @@ const LEAST_GAIN = 0.005; // of the score
 export class Repair {
   name = "repair";
 
-  /** `page.canvas` shows the markers; `nudges` holds what the keys have moved but not told yet. */
+  /** `page.canvas` shows the markers; `nudges` holds what the keys have moved but not sent yet. */
   constructor(/** @type {Page} */ page, /** @type {KeyNudges} */ nudges) {
     this.page = page;
     this.canvas = page.canvas;
@@ -247,7 +247,7 @@ export class Repair {
 
   row(/** @type {Pair} */ pair, /** @type {number} */ index) {
     const residual = this.fit?.residual_mm[index];
-    const told = !pair.shape
+    const text = !pair.shape
       ? "…"
       : residual === undefined
         ? "–"
@@ -261,7 +261,7 @@ export class Repair {
     return make(
       "li",
       make("b", String(index + 1)),
-      make("span", told),
+      make("span", text),
       numberBox({ low: 0.1, high: 10, step: 0.1 }, pair.weight, {
         label: `Weight of pair ${index + 1}`,
         key: `weight-${index}`,

@@ -84,7 +84,7 @@ export class SettingsSheet extends PagePart {
                   ? (box.value = String(value))
                   : set(box.valueAsNumber),
             });
-    const usual = setting.options?.find(([of]) => of === setting.default)?.[1] ?? told(setting.default);
+    const usual = setting.options?.find(([of]) => of === setting.default)?.[1] ?? textOf(setting.default);
     const reset = () => set(setting.default);
     const tip = `Reset: default: ${usual}`;
     return [
@@ -113,7 +113,7 @@ export class SettingsSheet extends PagePart {
             "dl.values",
             ...values.flatMap((v) => [
               make("dt", { tip: v.about }, v.name.replaceAll("_", " ")),
-              make("dd", { class: told(v.value) === told(v.default) ? "" : "changed" }, told(v.value)),
+              make("dd", { class: textOf(v.value) === textOf(v.default) ? "" : "changed" }, textOf(v.value)),
             ]),
           ),
         ),
@@ -123,8 +123,8 @@ export class SettingsSheet extends PagePart {
 }
 
 /** @returns {string} */
-function told(/** @type {unknown} */ value) {
-  if (Array.isArray(value)) return value.map(told).join(", ");
+function textOf(/** @type {unknown} */ value) {
+  if (Array.isArray(value)) return value.map(textOf).join(", ");
   if (typeof value === "number")
     return number(value, Number.isInteger(value) ? 0 : Math.abs(value) >= 0.1 ? 2 : 5)
       .replace(/(\.\d*?)0+$/, "$1")

@@ -39,17 +39,17 @@ export class CheckPanel extends PagePart {
 
   async ask() {
     /** @type {{ as_recorded: boolean; findings: Finding[] } | null} */
-    const told = await askJson("/check.json");
-    if (!told?.findings.length || told.as_recorded) return;
+    const checked = await askJson("/check.json");
+    if (!checked?.findings.length || checked.as_recorded) return;
     // What is certain is shown; doubts wait, as one line, until somebody wants to know.
-    const certain = told.findings.some((finding) => finding.certain);
+    const certain = checked.findings.some((finding) => finding.certain);
     const title = certain ? "Something about this recording is wrong" : "Is this recording right?";
     this.panel.replaceChildren(
       make(
         "details",
         { open: certain },
         make("summary", title),
-        ...told.findings.map((finding, n) => this.card(finding, n)),
+        ...checked.findings.map((finding, n) => this.card(finding, n)),
       ),
       closeButton("Go on as recorded", () => (this.panel.hidden = true)),
     );
@@ -72,8 +72,8 @@ export class CheckPanel extends PagePart {
   async mend(/** @type {Record<string, unknown>} */ mends) {
     this.panel.setAttribute("aria-busy", "true");
     const answer = await post("/start/mend", { mends });
-    const told = await answer?.json().catch(() => null);
+    const body = await answer?.json().catch(() => null);
     this.panel.removeAttribute("aria-busy");
-    if (!answer?.ok) this.page.notify("error", told?.error ?? "There is no connection to flatcloth.");
+    if (!answer?.ok) this.page.notify("error", body?.error ?? "There is no connection to flatcloth.");
   }
 }

@@ -39,7 +39,7 @@ export class ResultPanel extends PagePart {
     const end = endedBy(state);
     const ended = end !== null && this.closed !== end;
     if (end === null) this.closed = null;
-    const { layers } = this.page.told; // the result is that of this side; the other one follows below
+    const { layers } = this.page.thisSide; // the result is that of this side; the other one follows below
     this.section.hidden = !state.review || !layers || Boolean(state.pending) || !(ended || this.asked);
     if (this.section.hidden || !layers) return;
     if (this.loading !== layers.revision) this.load(layers.revision);
@@ -75,7 +75,7 @@ export class ResultPanel extends PagePart {
     const letters = pieces.map((piece) => piece.label).join(", ");
     return [
       heading(
-        finished === null ? "Result so far" : endOf(this.page.told),
+        finished === null ? "Result so far" : endOf(this.page.thisSide),
         closeButton("Close the result", () => this.toggle(), { key: "close-result" }),
       ),
       finished && make("p.note", finished),
@@ -156,14 +156,14 @@ export class ResultPanel extends PagePart {
     const likely = (/** @type {number} */ area) => cm2(share === null ? area : share * area);
     const best = open.slice(0, 3);
     const total = best.reduce((sum, one) => sum + one.area_cm2, 0);
-    const told =
+    const basis =
       share === null
         ? "by the planner's estimate"
         : `of ${number(total, 0)} estimated: the last views added ${percent(share)} of their estimates`;
     return [
       make("h3", "Another view"),
       best.length
-        ? make("p.note", `${count(best.length, "more view")} would add up to about ${likely(total)}, ${told}.`)
+        ? make("p.note", `${count(best.length, "more view")} would add up to about ${likely(total)}, ${basis}.`)
         : make("p.note", reason),
       make(
         "ul",

@@ -90,7 +90,7 @@ export class Verdicts {
     close.append(make("kbd", "Esc"));
     this.card.replaceChildren(
       make("h2#view-card-title", `View ${view.index}, ${number(view.angle_deg, 0)}°`),
-      make("p", told(view)),
+      make("p", aboutView(view)),
       ...this.flags(view),
       ...(view.follows && view.state !== "later" ? [make("p.note", followers(view.follows))] : []),
       make("div.group", main, close),
@@ -130,7 +130,7 @@ const followers = (/** @type {number} */ n) =>
     ? "1 view was accepted after it, and follows what you decide."
     : `${count(n, "view")} were accepted after it, and follow what you decide.`;
 
-function told(/** @type {ViewRow} */ view) {
+function aboutView(/** @type {ViewRow} */ view) {
   const score = view.score === null ? "" : `, score ${number(view.score, 2)}`;
   switch (view.state) {
     case "accepted":

@@ -1,4 +1,4 @@
-// A file that is dropped on the page is not sent anywhere: how to import it is told.
+// A file that is dropped on the page is not sent anywhere: a notice says how to import it.
 
 import { make } from "/static/page/dom.js";
 

@@ -64,12 +64,12 @@ async function open(kind, name, title) {
   show("opening", `Opening ${title} …`);
   const longer = "The first start after an installation takes longer, because code is compiled.";
   const slow = setTimeout(() => show("opening", `Opening ${title} … ${longer}`), SLOW_MS);
-  const told = await answerTo(post("/start/open", { kind, name }));
+  const opened = await answerTo(post("/start/open", { kind, name }));
   clearTimeout(slow);
   show("opening", "");
   main.removeAttribute("aria-busy");
-  if (!told.error) return location.assign("/");
-  show("trouble", told.error);
+  if (!opened.error) return location.assign("/");
+  show("trouble", opened.error);
   if (kind === "camera") showCamera(true);
 }
 
@@ -148,10 +148,10 @@ function showPlaces(/** @type {Places} */ { examples, sessions, root, current })
 
 async function showFolder(/** @type {string} */ path, /** @type {string} */ root) {
   /** @type {{ path: string; entries: Entry[]; error?: string }} */
-  const told = await answerTo(ask(`/start/folder.json?path=${encodeURIComponent(path)}`));
-  if (told.error) return show("trouble", told.error);
+  const folder = await answerTo(ask(`/start/folder.json?path=${encodeURIComponent(path)}`));
+  if (folder.error) return show("trouble", folder.error);
   show("trouble", "");
-  const here = told.path;
+  const here = folder.path;
   const inside = (/** @type {string} */ name) => (here ? `${here}/${name}` : name);
   const input = make("input", {
     type: "text",
@@ -174,8 +174,8 @@ async function showFolder(/** @type {string} */ path, /** @type {string} */ root
     make("button.button", { type: "submit" }, "Open"),
     here && button("Up", () => showFolder(here.split("/").slice(0, -1).join("/"), root)),
   );
-  const folders = told.entries.filter(({ kind }) => kind === "folder");
-  const openable = told.entries.filter(({ kind }) => kind !== "folder");
+  const folders = folder.entries.filter(({ kind }) => kind === "folder");
+  const openable = folder.entries.filter(({ kind }) => kind !== "folder");
   const entries = folders.map(({ name, kind }) =>
     make(
       "li",
@@ -191,11 +191,11 @@ async function showFolder(/** @type {string} */ path, /** @type {string} */ root
     const about = kind === "session" ? aboutSession(summary ?? null) : [WORDS[kind]];
     return card("folder", inside(name), name, ...about, ...(used ? [dated(used)] : []));
   });
-  rebuild(byId("folder"), [told], () => [
+  rebuild(byId("folder"), [folder], () => [
     form,
     entries.length > 0 && make("ul.entries", ...entries),
     cards.length > 0 && make("div.cards", ...cards),
-    !told.entries.length && make("p.soft", "There is nothing to open in this folder."),
+    !folder.entries.length && make("p.soft", "There is nothing to open in this folder."),
   ]);
 }
 

@@ -10,9 +10,7 @@ import { Plot, ticks } from "/static/teaching/plot.js";
 import { viewName } from "/static/teaching/rotation.js";
 
 const POOR = 0.5; // of the score: more likely wrong than right
-const [KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH] = [1, 2, 3, 4]; // as flatcloth/teaching.py numbers them
-
-// --- the new view ----------------------------------------------------------------------------------
+const [KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH] = [1, 2, 3, 4]; // as flatcloth/engine/teaching.py numbers them
 
 // --- lines -----------------------------------------------------------------------------------------
 

@@ -47,8 +47,6 @@ function drawEdges(sheet, map, { array }, radius) {
 const shapeName = (/** @type {GarmentLesson} */ lesson) => (lesson.flat ? "The shape" : "An example");
 const detailOf = (/** @type {GarmentLesson} */ lesson) => (lesson.flat ? "" : "no shape of two views yet");
 
-// --- true edges --------------------------------------------------------------------------------------
-
 // --- starts and fits ---------------------------------------------------------------------------------
 
 /** The outlines at a time between the recorded steps, one a start, and their energies. */

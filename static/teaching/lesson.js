@@ -6,7 +6,7 @@ import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
 export class LessonError extends Error {}
 
 /**
- * Ask for a part (flattening, planning, alignment). `query` holds the parameters, `progress(share, text)` is told
+ * Ask for a part (flattening, planning, alignment). `query` holds the parameters, `progress(share, text)` gets
  * how far it is; aborting `signal` gives the computation up.
  * @param {string} part @param {Record<string, number>} query @param {AbortSignal} signal
  * @param {(share: number, text: string) => void} progress

@@ -201,9 +201,9 @@ export class Teaching {
         Object.assign(entry, { lesson, stale: false });
       } catch (error) {
         if (abort.signal.aborted) return;
-        const told = error instanceof LessonError;
-        Object.assign(entry, { lesson: null, error: told ? error.message : `Unexpected error: ${error}` });
-        if (!told) console.error(error);
+        const expected = error instanceof LessonError;
+        Object.assign(entry, { lesson: null, error: expected ? error.message : `Unexpected error: ${error}` });
+        if (!expected) console.error(error);
       }
       entry.abort = null;
       if (this.lessons[part] === entry) this.update();
@@ -359,8 +359,8 @@ export class Teaching {
     rebuild(list, names, () => names.map((name) => [make("dt", { data: { name } }, symbols(name)), make("dd")]));
     facts.forEach(([, value], i) => setText(list.children[2 * i + 1], value));
     const { name: title, probe } = STAGES[this.at];
-    const told = facts.map(([name, value]) => `${name}: ${value}`).join("; ");
-    this.canvas.setAttribute("aria-label", `${title}. ${told}.${probe ? " The arrow keys move the pointer." : ""}`);
+    const text = facts.map(([name, value]) => `${name}: ${value}`).join("; ");
+    this.canvas.setAttribute("aria-label", `${title}. ${text}.${probe ? " The arrow keys move the pointer." : ""}`);
   }
 
   showSliders(/** @type {Stage} */ stage) {

@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
-FOUND = "flatcloth.garment.told && flatcloth.garment.told.found && !flatcloth.garment.told.working"
+FOUND = "flatcloth.garment.known && flatcloth.garment.known.found && !flatcloth.garment.known.working"
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def program(tmp_path, program_of):
 
 def point(tab, name):
     return tab.page.evaluate(
-        "(name) => flatcloth.garment.told.found.points.find((p) => p.name === name)", name
+        "(name) => flatcloth.garment.known.found.points.find((p) => p.name === name)", name
     )
 
 
@@ -39,7 +39,7 @@ def test_the_garment_is_named_held_picked_and_undone(open_tab):
     expect(panel).to_contain_text("%")
     # The operator says what it is: the panel has its points, and the decision is in the history.
     panel.get_by_role("combobox", name="Kind").select_option("towel")
-    tab.until(f"{FOUND} && flatcloth.garment.told.found.by_hand")
+    tab.until(f"{FOUND} && flatcloth.garment.known.found.by_hand")
     expect(panel).to_contain_text("towel, set by hand.")
     assert tab.state()["undo"] == "garment: towel"
     rows = panel.get_by_role("button", name="corner", exact=False)
@@ -70,7 +70,7 @@ def test_the_garment_is_named_held_picked_and_undone(open_tab):
     tab.page.keyboard.press("Shift+ArrowRight")
     tab.until(f"{FOUND} && flatcloth.state.undo === 'hold corner_1'")
     # A click picks a point that was seen as a grasp, with its name; one that was not has no pose.
-    seen = next(p for p in tab.page.evaluate("flatcloth.garment.told.found.points") if p["seen"])
+    seen = next(p for p in tab.page.evaluate("flatcloth.garment.known.found.points") if p["seen"])
     count = len(tab.state()["picks"])
     panel.locator(f'[data-id="point-{seen["name"]}"]').click()
     tab.until(f"flatcloth.state.picks.length === {count + 1}")
@@ -82,9 +82,9 @@ def test_the_garment_is_named_held_picked_and_undone(open_tab):
     tab.until("document.querySelector('[data-action=upright]').getAttribute('aria-pressed') === 'true'")
     tab.page.keyboard.press("Shift+T")
     panel.get_by_role("button", name="Release all").click()
-    tab.until(f"{FOUND} && !flatcloth.garment.told.found.points.some((p) => p.held)")
+    tab.until(f"{FOUND} && !flatcloth.garment.known.found.points.some((p) => p.held)")
     for _ in range(4):
         undo = tab.state()["undo"]
         tab.page.keyboard.press("u")
         tab.until(f"flatcloth.state.undo !== {json.dumps(undo)}")
-    tab.until(f"{FOUND} && !flatcloth.garment.told.found.by_hand")
+    tab.until(f"{FOUND} && !flatcloth.garment.known.found.by_hand")
