@@ -13,7 +13,7 @@ from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import FlattenedView, Intrinsics, Rigid2
 from flatcloth.garments.distance import inside_outline, outside, straight_inside, to_edges
-from flatcloth.garments.evidence import PieceEvidence, SeenFrom, evidence_of
+from flatcloth.garments.evidence import PieceEvidence, evidence_of
 from flatcloth.garments.fit import Pull, crossing_energy, refine, starts
 from flatcloth.garments.kinds import kind_named, known_kinds
 from flatcloth.garments.model import with_slope
@@ -27,6 +27,7 @@ from flatcloth.garments.recognition import (
     probabilities_by,
     recognise,
 )
+from flatcloth.garments.true_edges import SeenFrom
 
 KINDS = (
     "long_sleeved_shirt",

@@ -27,7 +27,7 @@ from flatcloth.garments.deciding import (
     pulls_of,
     with_placed_cloth,
 )
-from flatcloth.garments.evidence import FARTHEST_M, PieceEvidence, SeenFrom, evidence_of
+from flatcloth.garments.evidence import PieceEvidence, evidence_of
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.links import DoubtedLink, doubted_links, is_offered, is_wrong
 from flatcloth.garments.placing import Placed
@@ -42,6 +42,7 @@ from flatcloth.garments.recognition import (
     pixel_near,
     recognise,
 )
+from flatcloth.garments.true_edges import FARTHEST_M, SeenFrom
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
