@@ -6,14 +6,15 @@ here.
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks import code_tables
+from benchmarks.markdown import origin, percent, result, table
 from benchmarks.mended_results import summary as summary_of_mended
 from benchmarks.output import RESULTS, Options, say
 from benchmarks.unmended import summary as summary_of_unmended
@@ -56,33 +57,6 @@ def run(options: Options) -> None:
 def filled(page: str) -> str:
     """Return a page with its tables made from the results."""
     return BLOCK.sub(lambda found: f"{found[1]}{TABLES[found[2]]()}\n{found[3]}", page)
-
-
-def result(name: str) -> Any:
-    """Return the figures of ``results/NAME.json``."""
-    return json.loads((RESULTS / f"{name}.json").read_text())["figures"]
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Return a Markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
-
-
-def percent(share: float, digits: int = 0) -> str:
-    """Return a share in percent; 0 without digits if there is none at all."""
-    return f"{100 * share:.{digits}f} %" if share else "0"
-
-
-def origin(name: str) -> str:
-    """Return the commit, the day and the machine of a result."""
-    found = json.loads((RESULTS / f"{name}.json").read_text())["provenance"]
-    return (
-        f"(`benchmarks/results/{name}.json`: commit {found['commit']}, {found['date']}, {found['machine']})"
-    )
-
-
-# ------------------------------------------------- results of recordings
 
 
 def accuracy_of_bundled() -> str:
@@ -445,4 +419,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "segmented": segmented,
     "active": active,
     "active-other": active_other,
+    "constants": code_tables.constants,
+    "mutants": code_tables.mutants,
 }

@@ -187,13 +187,13 @@ class AngleFinder:
         new, count = _surface_of(view.frame, axis, config), len(self._seen)
         self._new = view.color, new
         poses = [object_from_camera(axis, angle) for angle in self._views.angles_deg]
-        held = np.concatenate(
+        known_m = np.concatenate(
             [pose.apply(each.points_m[::count]) for pose, each in zip(poses, self._seen, strict=True)]
         )
         some_new = new.points_m[::count]
 
         def in_new(angle_deg: float) -> Float64:
-            return _votes(camera_from_object(axis, angle_deg).apply(held), new)
+            return _votes(camera_from_object(axis, angle_deg).apply(known_m), new)
 
         def agreement(angle_deg: float) -> float:
             back = object_from_camera(axis, angle_deg).apply(some_new)

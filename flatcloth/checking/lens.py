@@ -167,10 +167,10 @@ def adjusted(
     found = np.zeros(len(known))
     for scale_m in _JOINT_SCALES_M:
         seen = [_with_focal_factor(view, math.exp(log)) for view in views]
-        held = poses(axis, held_point_m, angles_deg, found[:COMMON], found[COMMON:].reshape(-1, OWN))
+        cameras = poses(axis, held_point_m, angles_deg, found[:COMMON], found[COMMON:].reshape(-1, OWN))
         matrix, right = np.diag(known), -known * found
         for i, j in _pairs(views, abs(factor)):
-            form, gradient = _form((seen[i], seen[j]), (held[i], held[j]), center_m, scale_m)
+            form, gradient = _form((seen[i], seen[j]), (cameras[i], cameras[j]), center_m, scale_m)
             rows = np.zeros((UNKNOWNS, COMMON + 2 * OWN))
             rows[:MOTION, :_FOCAL] = by[i][:, OWN:] - by[j][:, OWN:]
             rows[:MOTION, COMMON:] = np.hstack([by[i][:, :OWN], -by[j][:, :OWN]])
@@ -187,11 +187,11 @@ def adjusted(
 
 
 def _form(
-    ends: tuple[ViewFeatures, ViewFeatures], held: tuple[Rigid3, Rigid3], center_m: Float64, scale_m: float
+    ends: tuple[ViewFeatures, ViewFeatures], cameras: tuple[Rigid3, Rigid3], center_m: Float64, scale_m: float
 ) -> tuple[Float64, Float64]:
     """Return matrix (7, 7) and gradient (7,) of a pair's negative log likelihood: its motion and the lens."""
     spread = np.array([scale_m / 3.0, *[0.0] * CHANNELS])  # the weight is a quarter at three times the spread
-    found = compare(*ends, *held, center_m, 0.0, 3.0 * scale_m, spread, 2, of_focal=True)
+    found = compare(*ends, *cameras, center_m, 0.0, 3.0 * scale_m, spread, 2, of_focal=True)
     # Points of the same block of the image share their errors.
     blocks = found.parts.sum() ** 2 / max(float(np.square(found.parts).sum()), 1.0)
     variance_m2 = found.tally[2] / max(found.tally[1], 1.0) + NOISELESS_STD_M**2

@@ -33,14 +33,14 @@ def _rotation(vector: Float64) -> Float64:
 def _compare(
     moving: ComparedView,
     still: ComparedView,
-    held: tuple[Float64, Float64],
+    pose: tuple[Float64, Float64],
     center_m: Float64,
     limits: Limits,
     sums: Sums,
 ) -> None:
-    """Compare both ways; ``held`` is the pose (rotation, shift) of the view that moves."""
+    """Compare both ways; ``pose`` is the pose (rotation, shift) of the view that moves."""
     sums.matrix[:], sums.scores[:], sums.parts[:], sums.tally[:], sums.counts[:] = 0.0, 0.0, 0.0, 0.0, 0
-    rotation, shift = held
+    rotation, shift = pose
     back = np.ascontiguousarray(rotation.T)
     accumulate(moving, still, Transforms(rotation, shift, np.eye(3), -center_m, 1.0), limits, sums)
     away = Transforms(back, -(back @ shift), rotation, shift - center_m, -1.0)
@@ -113,11 +113,11 @@ def follow(
         views have nothing in common.
     """
     twist, matrix, nothing = np.zeros(_MOTION), precision.copy(), np.zeros(3)
-    held = start
+    pose = start
     for scale_m in scales_m:
         limits = _limits(like, scale_m)
         for _ in range(steps):
-            _compare(moving, still, held, center_m, limits, sums)
+            _compare(moving, still, pose, center_m, limits, sums)
             if sums.tally[1] < LEAST_WEIGHT:
                 return twist, matrix, nothing
             # Points of the same block of the image share their errors.
@@ -129,6 +129,6 @@ def follow(
                 gradient[a] += weight * sums.scores[_DISTANCE, :, a].sum()
             twist = twist - np.linalg.solve(matrix, gradient)
             turn = _rotation(twist[:3])
-            held = (turn @ start[0], turn @ start[1] + center_m - turn @ center_m + twist[3:])
-    _compare(moving, still, held, center_m, _limits(like, scales_m[-1]), sums)
+            pose = (turn @ start[0], turn @ start[1] + center_m - turn @ center_m + twist[3:])
+    _compare(moving, still, pose, center_m, _limits(like, scales_m[-1]), sums)
     return twist, matrix, sums.tally.copy()

@@ -178,8 +178,8 @@ def _followed(
 
 def share_at(one: ViewFeatures, other: ViewFeatures, axis: RotationAxis, turn_deg: float) -> float:
     """Return the share of points that roughly agree if the second view is turned by this."""
-    held = object_from_camera(axis, turn_deg)
-    *_, tally = _followed(one, other, held, np.zeros((6, 6)), _SCALES_M[1:2], 0, 4)
+    pose = object_from_camera(axis, turn_deg)
+    *_, tally = _followed(one, other, pose, np.zeros((6, 6)), _SCALES_M[1:2], 0, 4)
     return float(tally[1] / max(tally[0], 1.0))
 
 

@@ -21,17 +21,17 @@ def read_attributes(
     axis: RotationAxis,
     pixel_size_m: float,
     low: Float64,
-    held: Rigid3 | None = None,
+    pose: Rigid3 | None = None,
 ) -> FlattenedView:
     """Return a view of which the attributes are read at positions (H, W, 2) of the source image.
 
-    ``low`` (2,) is the plane position of pixel (0, 0), in pixels. ``held`` is the camera's pose in
+    ``low`` (2,) is the plane position of pixel (0, 0), in pixels. ``pose`` is the camera's pose in
     the object frame, if it is known more accurately than from the view's angle. Positions around which
     there is no surface become NaN.
     """
     valid = _leave_out_unseen(source_rc, surface.depth_m)
-    held = held or object_from_camera(axis, surface.frame.angle_deg)
-    return ReadView.of(_Places(source_rc, stretch, surface, axis, held), valid, pixel_size_m, low)
+    pose = pose or object_from_camera(axis, surface.frame.angle_deg)
+    return ReadView.of(_Places(source_rc, stretch, surface, axis, pose), valid, pixel_size_m, low)
 
 
 @dataclass(frozen=True)
@@ -123,10 +123,10 @@ class ReadView(FlattenedView):
 
     def _read(self, *, is_quality: bool) -> tuple[Float32, Float32, Float64]:
         of, k = self._places, self._places.surface.frame.intrinsics
-        camera, held = np.array([k.fx, k.fy, k.cx, k.cy]), of.object_from_camera
+        camera, pose = np.array([k.fx, k.fy, k.cx, k.cy]), of.object_from_camera
         return _read_cloth(
-            of.rc, of.surface.depth_m, of.surface.normal, of.stretch, camera, held.rotation,
-            held.translation_m, is_quality,
+            of.rc, of.surface.depth_m, of.surface.normal, of.stretch, camera, pose.rotation,
+            pose.translation_m, is_quality,
         )  # fmt: skip
 
 

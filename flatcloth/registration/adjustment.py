@@ -118,8 +118,8 @@ def _linear(registered: Registered) -> _Linear | None:
         rows=rows,
         at=at,
         share=_shares(registered.features, pairs),
-        known_turns=np.array([held.rotation for held in registered.known]),
-        known_shifts_m=np.array([held.translation_m for held in registered.known]),
+        known_turns=np.array([pose.rotation for pose in registered.known]),
+        known_shifts_m=np.array([pose.translation_m for pose in registered.known]),
     )
 
 

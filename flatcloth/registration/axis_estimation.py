@@ -320,7 +320,7 @@ def _equations(
     axis, center_m = state.axis, state.axis.point_m
     spread = np.zeros(TERMS)
     spread[0] = scale_m / 3.0  # compare's weight is a quarter at three times its spread
-    held = [object_from_camera(axis, view.angle_deg) for view in views]
+    poses = [object_from_camera(axis, view.angle_deg) for view in views]
     by_axis = [at_center(jacobian(axis, center_m, v.angle_deg), center_m)[:, OWN:] for v in views]
     matrix, right, tally = np.zeros((5, 5)), np.zeros(5), np.zeros(3)
     level = (scale_m / _USUAL_TILT) ** 2
@@ -331,7 +331,7 @@ def _equations(
     for pair in pairs:
         i, j = pair.first, pair.second
         found = compare(
-            views[i], views[j], held[i], held[j], center_m, state.fattening_px,
+            views[i], views[j], poses[i], poses[j], center_m, state.fattening_px,
             3.0 * scale_m, spread, every, _GATES,
         )  # fmt: skip
         contraction[:6, :4] = by_axis[i] - by_axis[j]

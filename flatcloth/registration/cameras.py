@@ -173,7 +173,7 @@ def _solved_again(registered: Registered, fits: Sequence[PairFit | None], thread
 
 def _partners(registered: Registered, n: int) -> list[int]:
     """Return the views with near enough directions, nearest first."""
-    looks = np.array([held.rotation[:, 2] for held in registered.known])
+    looks = np.array([pose.rotation[:, 2] for pose in registered.known])
     cos = looks[:n] @ looks[n]
     order = np.argsort(-cos, kind="stable")[:_PARTNERS]
     return [int(i) for i in order if cos[i] >= math.cos(math.radians(MOST_APART_DEG))]
@@ -182,17 +182,17 @@ def _partners(registered: Registered, n: int) -> list[int]:
 def _fitted(registered: Registered, first: int, second: int) -> PairFit | None:
     """Compare two views, from their present poses on."""
     one, other = registered.features[first], registered.features[second]
-    held = registered.known[first], registered.known[second]
-    center: Float64 = 0.5 * (held[0].apply(one.middle_m) + held[1].apply(other.middle_m))
+    poses = registered.known[first], registered.known[second]
+    center: Float64 = 0.5 * (poses[0].apply(one.middle_m) + poses[1].apply(other.middle_m))
     now = registered.object_from_camera[first], registered.object_from_camera[second]
     about = at_center(registered.jacobians[first], center), at_center(registered.jacobians[second], center)
     return fit_pair(
         (one, other),
-        held,
+        poses,
         (first, second),
         pair_covariance(*about, registered.prior),
         center_m=center,
         uncertainty_m=expected_displacement_m(*about, registered.prior, registered.posterior),
         fattening_px=registered.fattening_px,
-        twist=twist_of((now[1] @ held[1].inverse()).inverse() @ now[0] @ held[0].inverse(), center),
+        twist=twist_of((now[1] @ poses[1].inverse()).inverse() @ now[0] @ poses[0].inverse(), center),
     )

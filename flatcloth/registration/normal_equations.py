@@ -40,8 +40,8 @@ class Transforms(NamedTuple):
 
     rotation: Float64
     translation_m: Float64
-    held_rotation: Float64
-    held_shift_m: Float64
+    object_rotation: Float64
+    object_shift_m: Float64
     sign: float
 
 
@@ -193,7 +193,7 @@ def accumulate(
     Blocks of the image are always those of the view that moves.
     """
     found, (points, textured) = sums.found, sums.counts
-    shift, held, back = transforms.translation_m, transforms.held_rotation, transforms.held_shift_m
+    shift, to_object, back = transforms.translation_m, transforms.object_rotation, transforms.object_shift_m
     least, full, fattening_px = limits.least_facing_cos, limits.full_facing_cos, limits.fattening_px
     fx, fy, cx, cy = target.camera
     spread, sign, rows, cols = limits.spread, transforms.sign, target.usable.shape[0], target.usable.shape[1]
@@ -238,12 +238,12 @@ def accumulate(
         r_own, c_own = source.pixel[i, 0], source.pixel[i, 1]
         of = (r_own, c_own) if sign > 0 else (r, c)
         block = int(of[0] * limits.blocks_per_px) * limits.block_cols + int(of[1] * limits.blocks_per_px)
-        turned = _rotate(held, p)
+        turned = _rotate(to_object, p)
         x = (back[0] + turned[0], back[1] + turned[1], back[2] + turned[2])
         sums.parts[block] += 1.0
         _add_moments(x, sums.moments)
         if spread[0] > 0.0:
-            h = _rotate(held, (sign * n[0], sign * n[1], sign * n[2]))
+            h = _rotate(to_object, (sign * n[0], sign * n[1], sign * n[2]))
             _add((0, block), x, h, by, weight / unlikely, distance, sums.matrix, sums.scores)
         if not (source.inner[r_own, c_own] and target.inner[r, c]):
             continue
@@ -256,7 +256,7 @@ def accumulate(
             d = (right * fx / p[2], down * fy / p[2], 0.0)
             d = (d[0], d[1], -(d[0] * p[0] + d[1] * p[1]) / p[2])
             by = own_fat * (d[0] * g[0] + d[1] * g[1] + d[2] * g[2])
-            h = _rotate(held, (sign * d[0], sign * d[1], sign * d[2]))
+            h = _rotate(to_object, (sign * d[0], sign * d[1], sign * d[2]))
             robust = 1.0 / (1.0 + ((value - own) / (2.0 * spread[1 + k])) ** 2) ** 2
             _add((1 + k, block), x, h, by, robust, value - own, sums.matrix, sums.scores)
             sums.products[k, 0] += robust * value * value

@@ -60,7 +60,7 @@ class PairFit:
 
 def fit_pair(
     features: tuple[ViewFeatures, ViewFeatures],
-    held: tuple[Rigid3, Rigid3],
+    poses: tuple[Rigid3, Rigid3],
     numbers: tuple[int, int],
     covariance: Float64,
     *,
@@ -75,7 +75,7 @@ def fit_pair(
     ----------
     features : (ViewFeatures, ViewFeatures)
         The view that is moved, and the other one.
-    held : (Rigid3, Rigid3)
+    poses : (Rigid3, Rigid3)
         Their known poses.
     numbers : (int, int)
         Their view indices.
@@ -103,7 +103,7 @@ def fit_pair(
         if is_settled and every > 1:
             continue
         found = compare(
-            features[0], features[1], motion(twist, center_m) @ held[0], held[1], center_m,
+            features[0], features[1], motion(twist, center_m) @ poses[0], poses[1], center_m,
             fattening_px, search_radius_m, spread, every,
         )  # fmt: skip
         if found.count * every < _LEAST_POINTS:

@@ -83,7 +83,7 @@ def scaled(root: Float64, matrix: Float64) -> Float64:
 class Registered:
     """All accepted views, registered together. Immutable: undo by keeping the previous object.
 
-    ``axis``, ``held_point_m`` as recorded; ``features`` and ``known`` (held from camera) in order of
+    ``axis``, ``held_point_m`` as recorded; ``features`` and ``known`` (object from camera) in order of
     acceptance; ``pairs`` the result of each pair. ``common`` (5,): shift (m) and tilt (rad) of the
     axis, fattening (px); ``own`` (N, 3): turn and swing of each view, rad; ``spread`` of both, in this
     order; ``posterior`` (G,): probability of each grade of the pose prior.
@@ -242,7 +242,7 @@ def _relative_stds(registered: Registered) -> Float64:
         points[p.first, p.second] = points[p.second, p.first] = p.count
     share = np.eye(views) - points / np.maximum(points.sum(axis=1, keepdims=True), 1.0)
     middles = [
-        held.apply(seen.middle_m) for seen, held in zip(registered.features, registered.known, strict=True)
+        pose.apply(seen.middle_m) for seen, pose in zip(registered.features, registered.known, strict=True)
     ]
     of, by = np.nonzero(share)
     change = at_center(np.stack(registered.jacobians)[by], np.stack(middles)[of]) * share[of, by, None, None]

@@ -272,8 +272,8 @@ def _blurred_share(inside: Float32, sigma_px: float) -> Float32:
 def compare(
     one: ViewFeatures,
     other: ViewFeatures,
-    one_held: Rigid3,
-    other_held: Rigid3,
+    object_from_one: Rigid3,
+    object_from_other: Rigid3,
     center_m: Float64,
     fattening_px: float,
     search_radius_m: float,
@@ -289,7 +289,7 @@ def compare(
     ----------
     one, other : ViewFeatures
         The views.
-    one_held, other_held : Rigid3
+    object_from_one, object_from_other : Rigid3
         Their camera poses, ``object_from_camera``.
     center_m : (3,) float64
         Object frame; centre of the rotation of ``one`` against ``other``.
@@ -312,16 +312,16 @@ def compare(
         search_radius_m=search_radius_m, fattening_px=fattening_px, spread=spread, of_focal=of_focal
     )
     ends = one.compared(), other.compared()
-    for source, target, source_held, target_held, sign in (
-        (*ends, one_held, other_held, 1.0),
-        (*ends[::-1], other_held, one_held, -1.0),
+    for source, target, object_from_source, object_from_target, sign in (
+        (*ends, object_from_one, object_from_other, 1.0),
+        (*ends[::-1], object_from_other, object_from_one, -1.0),
     ):
-        moved = target_held.inverse() @ source_held
+        moved = object_from_target.inverse() @ object_from_source
         transforms = Transforms(
             rotation=np.ascontiguousarray(moved.rotation),
             translation_m=moved.translation_m,
-            held_rotation=np.ascontiguousarray(target_held.rotation),
-            held_shift_m=target_held.translation_m - center_m,
+            object_rotation=np.ascontiguousarray(object_from_target.rotation),
+            object_shift_m=object_from_target.translation_m - center_m,
             sign=sign,
         )
         accumulate(source, target, transforms, limits, sums)

@@ -20,18 +20,18 @@ class Camera:
     focal_px: float
     center_px: tuple[float, float]
 
-    def project(self, xyz_held_m: Floats, angle_deg: float) -> tuple[Float64, Float64]:
+    def project(self, xyz_m: Floats, angle_deg: float) -> tuple[Float64, Float64]:
         """Return pixels (x, y) (N, 2) and depths (N,) of points at a rotation of the item."""
-        seen = camera_from_object(self.axis, angle_deg).apply(xyz_held_m)
+        seen = camera_from_object(self.axis, angle_deg).apply(xyz_m)
         depth = np.maximum(seen[:, 2], 1e-3)
         return seen[:, :2] / depth[:, None] * self.focal_px + np.array(self.center_px), seen[:, 2]
 
 
-def camera_around(xyz_held_m: Floats, axis: RotationAxis, width: int, height: int) -> Camera:
+def camera_around(xyz_m: Floats, axis: RotationAxis, width: int, height: int) -> Camera:
     """Return the camera of the recording, with a focal length that shows the points at every rotation."""
     angles = np.arange(0.0, 360.0, 30.0)
     plain = Camera(axis=axis, width=width, height=height, focal_px=1.0, center_px=(0.0, 0.0))
-    some = np.asarray(xyz_held_m, dtype=np.float64)[:: max(1, len(xyz_held_m) // 5000)]
+    some = np.asarray(xyz_m, dtype=np.float64)[:: max(1, len(xyz_m) // 5000)]
     places = np.concatenate([plain.project(some, angle)[0] for angle in angles])
     low, high = np.percentile(places, 0.2, axis=0), np.percentile(places, 99.8, axis=0)
     extent = np.maximum(high - low, 1e-6)
@@ -50,7 +50,7 @@ def paint_points(
     image: Uint8,
     camera: Camera,
     angle_deg: float,
-    xyz_held_m: Floats,
+    xyz_m: Floats,
     rgb: Uint8,
     size_m: float,
     behind_m: Floats,
@@ -60,7 +60,7 @@ def paint_points(
     ``behind_m`` (N,) is added to the depths for the comparison of two layers of points on one
     surface, so that one of them does not show through.
     """
-    place, depth = camera.project(xyz_held_m, angle_deg)
+    place, depth = camera.project(xyz_m, angle_deg)
     known = np.flatnonzero(np.isfinite(place).all(axis=1) & (depth > 0.05))
     if not known.size:
         return
