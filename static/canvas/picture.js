@@ -2,10 +2,10 @@
 
 import { boxOf, pixelAt } from "/static/canvas/geometry.js";
 import { askPicture } from "/static/page/connection.js";
-import { contextOf } from "/static/page/dom.js";
+import { contextOf, WAYS } from "/static/page/dom.js";
 import { Pyramid } from "/static/canvas/pyramid.js";
 
-const OUTLINE = [230, 126, 0];
+const OUTLINE = "#e67e00";
 
 /** One picture with its position on the plane; `onReady(anew)`: it is shown, `anew` if its revision is new. */
 export class Picture {
@@ -36,7 +36,7 @@ export class Picture {
     const shape = !withOutline
       ? {}
       : anew
-        ? outlineOf(image)
+        ? { alpha: alphaOf(image), outline: new Pyramid(outlineOf(image)) }
         : { alpha: this.shown?.alpha, outline: this.shown?.outline };
     this.shown = { address, revision, grid, box: boxOf(grid), image: new Pyramid(image), ...shape };
     this.onReady(anew);
@@ -48,25 +48,28 @@ export class Picture {
   }
 }
 
-function outlineOf(/** @type {ImageBitmap} */ image) {
+/** The outermost pixels of a picture's opaque part, in a colour. */
+export function outlineOf(/** @type {Drawable} */ image, color = OUTLINE) {
   const { width, height } = image;
-  const canvas = new OffscreenCanvas(width, height);
-  const context = contextOf(canvas, { willReadFrequently: true });
+  const [inner, outline] = [0, 1].map(() => contextOf(new OffscreenCanvas(width, height)));
+  inner.drawImage(image, 0, 0);
+  inner.globalCompositeOperation = "destination-in";
+  for (const way of Object.values(WAYS)) inner.drawImage(image, ...way);
+  outline.drawImage(image, 0, 0);
+  outline.globalCompositeOperation = "source-in";
+  outline.fillStyle = color;
+  outline.fillRect(0, 0, width, height);
+  outline.globalCompositeOperation = "destination-out";
+  outline.drawImage(inner.canvas, 0, 0);
+  return outline.canvas;
+}
+
+function alphaOf(/** @type {ImageBitmap} */ image) {
+  const { width, height } = image;
+  const context = contextOf(new OffscreenCanvas(width, height), { willReadFrequently: true });
   context.drawImage(image, 0, 0);
-  const data = context.getImageData(0, 0, width, height);
+  const { data } = context.getImageData(0, 0, width, height);
   const alpha = new Uint8Array(width * height);
-  for (let i = 0; i < alpha.length; i++) alpha[i] = data.data[4 * i + 3];
-  const pixels = new Uint32Array(data.data.buffer);
-  pixels.fill(0);
-  const [red, green, blue] = OUTLINE;
-  const edge = new Uint32Array(new Uint8ClampedArray([red, green, blue, 255]).buffer)[0];
-  for (let row = 0, i = 0; row < height; row++) {
-    for (let col = 0; col < width; col++, i++) {
-      if (!alpha[i]) continue;
-      const rim = row === 0 || col === 0 || row === height - 1 || col === width - 1;
-      if (rim || !alpha[i - 1] || !alpha[i + 1] || !alpha[i - width] || !alpha[i + width]) pixels[i] = edge;
-    }
-  }
-  context.putImageData(data, 0, 0);
-  return { alpha, outline: new Pyramid(canvas) };
+  for (let i = 0; i < alpha.length; i++) alpha[i] = data[4 * i + 3];
+  return alpha;
 }

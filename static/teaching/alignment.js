@@ -1,8 +1,9 @@
 // What stages 12 to 16 draw: the new view, the lines, the overlay, the search, the renewed view.
 
 import { cm2, degrees, mm, number } from "/static/page/format.js";
-import { applied, boxOf, cornersOf, grown, union, boxOfPoints } from "/static/canvas/geometry.js";
-import { contextOf, within } from "/static/page/dom.js";
+import { applied, boxOf, cornersOf, union, boxOfPoints } from "/static/canvas/geometry.js";
+import { outlineOf } from "/static/canvas/picture.js";
+import { within } from "/static/page/dom.js";
 import { lastOf } from "/static/teaching/lesson.js";
 import { columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
 import { imageBox } from "/static/teaching/detail.js";
@@ -36,22 +37,6 @@ function drawLine(sheet, map, line, pixels, /** @type {Motion | null} */ moved =
   sheet.ring(map.at(...place(line.point_uv_m)), 7, sheet.color.mark, 3);
 }
 
-/** The outline of a picture's opaque part, one pixel wide. */
-function outline(/** @type {Drawable} */ image, /** @type {string} */ color) {
-  const canvas = new OffscreenCanvas(image.width + 2, image.height + 2);
-  const context = contextOf(canvas);
-  for (const side of [0, 2]) {
-    context.drawImage(image, side, 1);
-    context.drawImage(image, 1, side);
-  }
-  context.globalCompositeOperation = "source-in";
-  context.fillStyle = color;
-  context.fillRect(0, 0, canvas.width, canvas.height);
-  context.globalCompositeOperation = "destination-out";
-  context.drawImage(image, 1, 1);
-  return canvas;
-}
-
 // --- overlay and search ----------------------------------------------------------------------------
 
 /** @param {Box} box @param {Motion} motion */
@@ -65,15 +50,11 @@ function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
   const [currentBox, newBox] = [boxOf(lesson.current), boxOf(lesson.new)];
   const ends = [lesson.initial, lesson.found, motion].map((m) => movedBox(newBox, m));
   const { current_color, new_color } = lesson.picture;
-  const [currentRim, newRim] = [
-    grown(currentBox, lesson.current.pixel_size_m),
-    grown(newBox, lesson.new.pixel_size_m),
-  ];
   sheet.show(key, ends.reduce(union, currentBox), rect, { margin: 10, bar: true }, (map) => {
     sheet.picture(map, current_color, currentBox, 0.75);
     sheet.movedPicture(map, new_color, newBox, motion, 0.6);
-    sheet.picture(map, outline(current_color, sheet.color.kept), currentRim);
-    sheet.movedPicture(map, outline(new_color, sheet.color.new), newRim, motion);
+    sheet.picture(map, outlineOf(current_color, sheet.color.kept), currentBox);
+    sheet.movedPicture(map, outlineOf(new_color, sheet.color.new), newBox, motion);
     if (!withLines || !lesson.lines) return;
     drawLine(sheet, map, lesson.lines.current, lesson.array.current_pixels_uv);
     drawLine(sheet, map, lesson.lines.new, lesson.array.new_pixels_uv, motion);
