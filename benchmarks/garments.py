@@ -1,7 +1,7 @@
 """What garment, how large, where its points are: against the truth of synthetic recordings.
 
 Nothing is fitted to recordings but three constants of ``flatcloth.garments.recognition`` (temperature,
-misfit and its width); the table tells what they become when each garment is left out.
+misfit and its width); a table tells what the limit of the misfit is when each garment is left out.
 """
 
 from __future__ import annotations

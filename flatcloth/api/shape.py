@@ -221,7 +221,9 @@ class Shape:
     def write(
         self, folder: str | os.PathLike[str], *, base_from_camera: Rigid3 | ArrayLike | None = None
     ) -> list[Path]:
-        """Write what ``flatcloth run`` writes (docs/exports.md) to a folder, and return the files.
+        """Write the data files of ``flatcloth run`` (docs/exports.md) to a folder, and return them.
+
+        Those of the other side are written if both sides were integrated.
 
         Parameters
         ----------
