@@ -52,6 +52,13 @@ COMPARED = {
 change that is listed: as processors differ."""
 
 
+CONVERGENCE = "STILL_M"
+"""The constant that ends the minimisation. How far results move with it is their own noise: where few places
+of a seam hold a large piece, any change moves it by millimetres. ..."""
+_NOISE_FACTOR = 1.5
+"""... Changes by other constants are listed if they are larger by this factor."""
+
+
 def scaled(module: ast.Module, places: Sequence[tuple[int, int]], factor: float) -> ast.Module:
     """Return the module with the numbers at some places multiplied by a factor."""
 
@@ -100,6 +107,7 @@ class Read:
         self.name = Path(source).name
         self.recording, self.truth = Remembered(open_recording(source)), Remembered(read_truth(source))
         self._as_it_is: dict[str, dict[str, Any]] = {}
+        self._noise: dict[str, dict[str, float]] = {}
 
     def as_it_is(self, package: str) -> dict[str, Any]:
         """Return the figures without a change, computed once."""
@@ -108,6 +116,19 @@ class Read:
                 self.recording[view], self.truth[view]
             self._as_it_is[package] = self.measured(package)
         return self._as_it_is[package]
+
+    def noise(self, package: str) -> dict[str, float]:
+        """Return how far each figure moves with :data:`CONVERGENCE`, computed once."""
+        if package not in self._noise:
+            before = self.as_it_is(package)
+            (limit,) = (constant for constant in all_constants() if constant.name == CONVERGENCE)
+            moved = [self.measured(package, limit, factor) for factor in FACTORS]
+            self._noise[package] = {
+                key: max(abs(own.get(key, before[key]) - before[key]) for own in moved)
+                for key in COMPARED
+                if key in before
+            }
+        return self._noise[package]
 
     def figures(self, package: str) -> dict[str, Any]:
         """Integrate; return the figures and a digest of all that was computed."""
@@ -232,11 +253,11 @@ def measured_row(constant: Constant, reads: Sequence[Read]) -> dict[str, Any]:
     effects: dict[float, dict[str, Any]] = {factor: {} for factor in FACTORS}
     changed, count = False, 0
     for read in reads:
-        before = read.as_it_is(package_of(constant.file))
+        before, noise = read.as_it_is(package_of(constant.file)), read.noise(package_of(constant.file))
         for factor in FACTORS:
             own = read.measured(package_of(constant.file), constant, factor)
             changed |= own.get("digest") != before["digest"]
-            effects[factor] |= effect_of(own, before, is_timed=not stale_kernels(constant))
+            effects[factor] |= effect_of(own, before, noise, is_timed=not stale_kernels(constant))
         count += 1
         if any(effects.values()):
             break
@@ -255,15 +276,20 @@ def measured_row(constant: Constant, reads: Sequence[Read]) -> dict[str, Any]:
     }
 
 
-def effect_of(own: dict[str, Any], before: dict[str, Any], *, is_timed: bool) -> dict[str, Any]:
-    """Return the figures of a variant that differ from those before by more than :data:`COMPARED`."""
+def effect_of(
+    own: dict[str, Any], before: dict[str, Any], noise: dict[str, float], *, is_timed: bool
+) -> dict[str, Any]:
+    """Return the figures of a variant that differ from those before by more than their noise.
+
+    And by more than :data:`COMPARED`.
+    """
     if "error" in own:
         return {"error": own["error"]}
     found: dict[str, Any] = {}
     for key, least in COMPARED.items():
         if (key in own) != (key in before):
             found[key] = "gone" if key in before else "new"
-        elif key in own and abs(own[key] - before[key]) >= least:
+        elif key in own and abs(own[key] - before[key]) >= max(least, _NOISE_FACTOR * noise[key]):
             found[key] = round(own[key] - before[key], 4)
     if is_timed and own["seconds"] > (1.0 + TIME_NOISE) * before["seconds"]:
         found["time"] = f"time x {own['seconds'] / before['seconds']:.1f}"

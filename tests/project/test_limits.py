@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import free_numbers
+from benchmarks.constants import identity
 from benchmarks.free_numbers import all_constants, package_of
 
 ROOT = Path(__file__).parents[2]
@@ -111,6 +113,14 @@ def test_the_numerics_have_no_more_constants_than_before() -> None:
     """Inline floats and defaults of fields count, too; lower the limit with their number, never raise it."""
     count = Counter(package_of(constant.file) for constant in all_constants())
     assert sum(count.values()) <= MOST_CONSTANTS, count
+
+
+def test_what_each_constant_changes_was_measured() -> None:
+    """Beside each number of the numerics stands in docs/numbers.md what it changes, halved and doubled."""
+    rows = json.loads((ROOT / "benchmarks" / "results" / "constants.json").read_text())["figures"]
+    measured = {identity(row) for row in rows}
+    unknown = [constant.identity for constant in all_constants() if constant.identity not in measured]
+    assert unknown == [], "measure them: python -m benchmarks constants --recordings ..."
 
 
 def test_inline_numbers_and_defaults_are_constants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
