@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import struct
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -253,6 +255,19 @@ def test_a_damaged_tiff_whose_directory_comes_first_is_not_taken_for_whole(tmp_p
     assert (read(folder)[0].depth_m == np.float32(0.8)).all()
     (folder / "depth" / "00000.tif").write_bytes(data[:-30])
     refused(folder, "truncated")
+
+
+@pytest.mark.parametrize("step", [0, 1])
+def test_a_tiff_of_thousands_of_long_tags_is_refused_at_once(tmp_path: Path, step: int) -> None:
+    """2 MB of them took 3 GB and 20 s."""
+    count = 4000
+    tags = [struct.pack("<HHII", 273 + step * (1000 + n), 3, 2**20, 0) for n in range(count)]
+    data = b"II*\0\x08\0\0\0" + struct.pack("<H", count) + b"".join(tags) + bytes(2 * 2**20)
+    folder = write_open3d(tmp_path / "scan", 1, suffix=".tif")
+    (folder / "depth" / "00000.tif").write_bytes(data)
+    begun_s = time.process_time()
+    refused(folder, "truncated, damaged or not supported")
+    assert time.process_time() - begun_s < 5.0
 
 
 def test_without_the_exr_library_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

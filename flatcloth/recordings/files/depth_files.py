@@ -22,6 +22,8 @@ from flatcloth.recordings.files.exr import read_exr_header, read_exr_pixels
 from flatcloth.recordings.files.images import ImageHeader, decode_raw, read_bytes, read_header
 
 _TIFF = {b"II*\0": "<", b"MM\0*": ">"}
+_TIFF_TAGS = frozenset((256, 257, 258, 273, 277, 279, 324, 325, 339))
+"""TIFF 6.0: width, height, bits, samples and their format, and where strips and tiles lie."""
 _EXR = b"v/1\x01"
 _NPY = b"\x93NUMPY"
 FARTHEST_M = 100.0
@@ -136,11 +138,12 @@ def _tiff_header(file: BinaryIO, order: str) -> ImageHeader | None:
     count = struct.unpack(order + "H", file.read(2))[0]
     table = file.read(12 * count)
     size = file.seek(0, 2)
-    tags = {}
+    tags: dict[int, tuple[int, ...]] = {}
     for n in range(count):
         tag, kind, many = struct.unpack(order + "HHI", table[12 * n : 12 * n + 8])
         letter = {1: "B", 3: "H", 4: "I"}.get(kind)
-        if letter is None or many > 2**20:
+        # A small file can announce thousands of long tags, also the same one over and over.
+        if letter is None or many > 2**20 or tag not in _TIFF_TAGS or tag in tags:
             continue
         width = struct.calcsize(letter)
         raw = table[12 * n + 8 : 12 * n + 12]
