@@ -2,7 +2,7 @@
 
 import { boxOf, dot, pixelAt, unit } from "/static/canvas/geometry.js";
 import { contextOf } from "/static/page/dom.js";
-import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
+import { opened } from "/static/offline/parcel.js";
 
 const OTHER = "other "; // before the names of the other side's data
 
@@ -15,9 +15,7 @@ export async function unpack(/** @type {string} */ historyText, /** @type {strin
   const history = JSON.parse(historyText);
   const packed = Uint8Array.from(atob(packedText.trim()), (c) => c.charCodeAt(0));
   const unzipped = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const bytes = new Uint8Array(await new Response(unzipped).arrayBuffer());
-  const end = 8 + lengthsOf(bytes)[0];
-  const arrays = partsOf(valuesOf(bytes.subarray(8, end)).parts, bytes.subarray(end));
+  const arrays = opened(new Uint8Array(await new Response(unzipped).arrayBuffer()));
   const steps = history.steps.map((step) => step.view_index);
   const own = { layers: await layersOf(history, arrays), cloth: new Cloth(history, history, arrays, steps) };
   const { other } = history;

@@ -37,3 +37,10 @@ export function partsOf(parts, body) {
   }
   return made;
 }
+
+/** The JSON of a whole parcel, and its parts. */
+export function opened(/** @type {Uint8Array<ArrayBuffer>} */ bytes) {
+  const end = 8 + lengthsOf(bytes)[0];
+  const values = valuesOf(bytes.subarray(8, end));
+  return { values, ...partsOf(values.parts, bytes.subarray(end)) };
+}

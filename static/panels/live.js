@@ -3,18 +3,10 @@
 import { byId, optionsOf, setText } from "/static/page/dom.js";
 import { boxOf } from "/static/canvas/geometry.js";
 import { number } from "/static/page/format.js";
+import { opened } from "/static/offline/parcel.js";
 
 const RATES = [1, 2, 5, 10, 15, 30, 60];
 const RATE_WINDOW_MS = 1000;
-
-/** Split a frame's message: the length of its JSON (4 bytes, little-endian), JSON, PNG. */
-export function unpack(/** @type {ArrayBuffer} */ buffer) {
-  const length = new DataView(buffer).getUint32(0, true);
-  /** @type {FrameInfo} */
-  const about = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-  const rest = new Uint8Array(buffer, 4 + length);
-  return { about, png: rest.length ? new Blob([rest], { type: "image/png" }) : null };
-}
 
 export class LiveBar {
   name = "live";
@@ -68,9 +60,10 @@ export class LiveBar {
 
   /** Decode and draw a frame; the server sends the next one only after `then`. */
   async take(/** @type {ArrayBuffer} */ buffer, /** @type {() => void} */ then) {
-    const { about, png } = unpack(buffer);
+    const { values, pictures } = opened(new Uint8Array(buffer));
+    const about = /** @type {FrameInfo} */ (values);
     const arrival = ++this.arrived;
-    const image = png === null ? null : await createImageBitmap(png).catch(() => null);
+    const image = pictures.frame ? await createImageBitmap(pictures.frame).catch(() => null) : null;
     const { grid } = about;
     const shown = image && grid && { revision: about.sequence, grid, box: boxOf(grid), image };
     requestAnimationFrame(() => {

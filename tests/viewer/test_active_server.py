@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import importlib.util
+import io
 import json
 import os
 import signal
@@ -23,6 +24,7 @@ import numpy as np
 import pytest
 from cells import SHAPE, loop_in, seen, sheet_cell
 from garment_meshes import arc, write_obj
+from PIL import Image as PillowImage
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -33,6 +35,7 @@ from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.recognition import Point, Recognition
 from flatcloth.recordings import open_recording
+from flatcloth.viewer.protocol.posted import Image, PostedView
 from flatcloth.viewer.protocol.robot import Hello, PointsChanged, ShapeChanged
 from flatcloth.viewer.routes.active import active_routes, loop_events
 from flatcloth.viewer.routes.robot_answers import Told
@@ -271,6 +274,15 @@ def test_a_sent_view_that_is_wrong_is_refused_in_words(tmp_path: Path, served: S
     assert again["taken"]["number"] == 0
     assert "not taken twice" in again["taken"]["told"][0]
     assert again["views"] == 1
+
+
+def test_the_transparency_of_a_sent_png_is_no_fourth_channel() -> None:
+    values, file = np.arange(12, dtype=np.uint8).reshape(2, 2, 3), io.BytesIO()
+    PillowImage.fromarray(values).save(file, "PNG", transparency=(0, 1, 2))
+    depth = Image(raw=bytes(8), shape=(2, 2), dtype="uint16")
+    camera = ((2.0, 0.0, 1.0), (0.0, 2.0, 1.0), (0.0, 0.0, 1.0))
+    posted = PostedView(angle_deg=0.0, color=Image(png=file.getvalue()), depth=depth, K=camera)
+    assert np.array_equal(posted.view().color, values)
 
 
 def test_views_sent_at_the_same_time_are_taken_one_after_the_other(tmp_path: Path, served: Served) -> None:

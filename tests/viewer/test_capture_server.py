@@ -11,16 +11,15 @@ from typing import Any
 
 import cv2
 import httpx
-import msgspec
 import numpy as np
 import pytest
 from page_tabs import decoded, get, open_socket, post
 from scene_camera import SceneCamera, opened
 
 from flatcloth.cli import main
+from flatcloth.core.parcel import unpack
 from flatcloth.recordings import open_recording
 from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
-from flatcloth.viewer.modes.live import unpacked
 from flatcloth.viewer.server.app import PageServer
 
 WAIT_S = 60
@@ -185,8 +184,8 @@ class Tab:
             if isinstance(data, str):
                 message = decoded(data)
             else:
-                info, png = unpacked(data)
-                message = msgspec.to_builtins(info) | {"png": png}
+                info, pictures = unpack(io.BytesIO(data).read)
+                message = info | {"png": pictures.get("frame")}
             if message["type"] == "state":
                 self.notes = [note["text"] for note in message["log"]]
             if message["type"] == "note":
@@ -208,7 +207,7 @@ def test_a_tab_sees_the_camera_and_leads_a_capture(
         assert state["capture"]["phase"] == "idle"
         tab.say(type="ready", layer="color")
         frame = tab.until(lambda m: m["type"] == "frame" and m["grid"])
-        assert frame["png"].startswith(b"\x89PNG")
+        assert frame["png"].tobytes().startswith(b"\x89PNG")
         assert frame["view_index"] == -1
         tab.say(type="capture", action="begin")
         tab.until(lambda m: m["type"] == "capture" and m["phase"] == "take")

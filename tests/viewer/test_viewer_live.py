@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import threading
 import time
 from types import SimpleNamespace
 
 import cv2
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,10 +17,9 @@ from viewer_fakes import CylinderIntegration, CylinderPlayer, MemoryFolder, poin
 
 from flatcloth.cli import main
 from flatcloth.core.errors import FlatteningError
+from flatcloth.core.parcel import unpack
 from flatcloth.viewer import PageServer
-from flatcloth.viewer.modes.live import packed, unpacked
 from flatcloth.viewer.modes.player import Playhead, RateMeter, ticks_due
-from flatcloth.viewer.protocol.answers import FrameInfo
 
 STILL = 1e-4
 """Frames a second: the clock does not tick while a test runs."""
@@ -62,14 +61,6 @@ def test_the_rate_is_that_of_the_last_second():
     for i in range(1, 100):
         rate = meter.count(0.05 * i)
     assert rate == pytest.approx(20)
-
-
-def test_a_frame_comes_out_as_it_was_packed():
-    info = FrameInfo(
-        sequence=3, view_index=1, angle_deg=20.0, reason="zu wenig Stoff ä", flatten_ms=None,
-        playing=True, forward=False, layer="color",
-    )  # fmt: skip
-    assert unpacked(packed(info, b"\x00PNG")) == (info, b"\x00PNG")
 
 
 # --- the server ------------------------------------------------------------------------------------
@@ -117,9 +108,8 @@ class LiveTab(Tab):
             if message["type"] == "state":
                 self.state = message
             return message
-        info, image = unpacked(data)
-        frame = msgspec.to_builtins(info)
-        picture = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_UNCHANGED) if image else None
+        frame, pictures = unpack(io.BytesIO(data).read)
+        picture = cv2.imdecode(pictures["frame"], cv2.IMREAD_UNCHANGED) if pictures else None
         self.frames.append({**frame, "image": picture})
         return self.frames[-1]
 

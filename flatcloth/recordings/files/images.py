@@ -73,20 +73,19 @@ def read_header(path: Path) -> ImageHeader:
         open_plain(path) as file,
     ):
         start = file.read(33)
-        if start.startswith(_PNG_SIGNATURE):
-            header = _png_header(start)
-        elif start.startswith(b"\xff\xd8"):
+        if start.startswith(b"\xff\xd8"):
             file.seek(2)
             header = _jpeg_header(file)
         else:
-            header = None
+            header = png_header(start)
     if header is None:
         raise RecordingError(f"{path}: not a readable PNG or JPEG image. Export it again.")
     return header
 
 
-def _png_header(start: bytes) -> ImageHeader | None:
-    if len(start) < 33 or start[12:16] != b"IHDR":
+def png_header(start: bytes) -> ImageHeader | None:
+    """Return the header of a PNG, which its first 33 bytes contain; None if it is damaged, or no PNG."""
+    if not start.startswith(_PNG_SIGNATURE) or len(start) < 33 or start[12:16] != b"IHDR":
         return None
     width, height, bits, color_type = struct.unpack(">IIBB", start[16:26])
     channels = _PNG_CHANNELS.get(color_type)
@@ -186,19 +185,25 @@ def read_bytes(path: Path) -> bytes:
 
 
 def _decode(path: Path, flags: int, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) -> NDArray[Any]:
-    import cv2
-
     data = read_bytes(path)
     # OpenCV returns a truncated image with its missing pixels set to zero or gray, without an error.
     if not is_whole(data):
         raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.")
+    pixels = pixels_of(data, flags, dtype)
+    if pixels is None:
+        raise RecordingError(f"{path}: cannot be decoded. Export the image again.")
+    return pixels
+
+
+def pixels_of(data: bytes, flags: int, dtype: np.dtype[Any] | type[Any]) -> NDArray[Any] | None:
+    """Return the pixels of an image's data as OpenCV decodes them; None if they are not of this type."""
+    import cv2
+
     try:
         pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
     except cv2.error:
-        pixels = None
-    if pixels is None or pixels.dtype != dtype:
-        raise RecordingError(f"{path}: cannot be decoded. Export the image again.")
-    return pixels
+        return None
+    return None if pixels is None or pixels.dtype != dtype else pixels
 
 
 def is_whole(data: bytes) -> bool:

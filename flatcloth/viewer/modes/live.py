@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from dataclasses import replace
 
@@ -11,6 +10,7 @@ import numpy as np
 from msgspec import structs
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
+from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import Floats
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
@@ -31,8 +31,6 @@ DEFAULT_FPS = 30.0
 """Rate of a film without a recorded rate: that of a D435."""
 STATE_INTERVAL_S = 0.25
 """Interval of updates of picks and numbers while playing; when paused they are immediate."""
-
-_LENGTH = struct.Struct("<I")
 
 
 class LiveApplication(PageController):
@@ -177,7 +175,7 @@ class LiveApplication(PageController):
         picture, integration = shown.picture, self._integration
         info = self._frame_info(shown, layer)
         if picture is None:
-            return packed(info, b"")
+            return _parcel(info).pack()
         axis, angles_deg = integration.axis, integration.recording.angles_deg
         info = structs.replace(
             info,
@@ -186,7 +184,9 @@ class LiveApplication(PageController):
             legend=typed(layers.legend(picture.view, layer, axis, angles_deg), Legend),
             pick_uv_m=self._pick_uv_m(picture),
         )
-        return packed(info, layers.png(layers.rgba(picture.view, layer, axis, len(angles_deg))))
+        parcel, rgba = _parcel(info), layers.rgba(picture.view, layer, axis, len(angles_deg))
+        parcel.picture("frame", layers.png(rgba), rgba.shape[:2])
+        return parcel.pack()
 
     def _frame_info(self, shown: Shown, layer: str) -> FrameInfo:
         """Return the data sent with every frame, also with one that could not be flattened."""
@@ -213,16 +213,9 @@ class LiveApplication(PageController):
         return u_m, v_m
 
 
-def packed(info: FrameInfo, image: bytes) -> bytes:
-    """Return a frame as sent: the length of its JSON (4 bytes, little-endian), JSON, PNG."""
-    text = encoded(info)
-    return _LENGTH.pack(len(text)) + text + image
-
-
-def unpacked(data: bytes) -> tuple[FrameInfo, bytes]:
-    """Return what :func:`packed` packed, as the page decodes it."""
-    end = _LENGTH.size + _LENGTH.unpack_from(data)[0]
-    return msgspec.json.decode(data[_LENGTH.size : end], type=FrameInfo), data[end:]
+def _parcel(info: FrameInfo) -> Parcel:
+    """Return what is sent with a frame; encoding makes NaN null."""
+    return Parcel(msgspec.json.decode(encoded(info)))
 
 
 def _changed(head: Playhead, wish: messages.Play) -> Playhead:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -12,12 +11,11 @@ from numpy.typing import NDArray
 
 from flatcloth.active.incoming import SeenView
 from flatcloth.core.types import Float64, Intrinsics, RotationAxis
-from flatcloth.recordings.files.images import is_whole
+from flatcloth.recordings.files.images import is_whole, pixels_of, png_header
 from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
 
 MAX_SIDE_PX = 4096
 """Largest side of a sent image. Chosen: above any depth camera's."""
-_PNG = b"\x89PNG\r\n\x1a\n"
 
 Angle = Annotated[float, Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
 Near = Annotated[float, Meta(ge=-10.0, le=10.0)]
@@ -135,15 +133,16 @@ def _decoded(image: Image, name: str, dtype: type[Any], channels: int) -> NDArra
 def _from_png(data: bytes, name: str, dtype: type[Any], channels: int) -> NDArray[Any]:
     import cv2
 
-    if not data.startswith(_PNG) or len(data) < 33 or not is_whole(data):
+    header, bits = png_header(data), 8 * np.dtype(dtype).itemsize
+    if header is None or not is_whole(data):
         raise ValueError(f"{name} is no whole PNG.")
-    width, height, bits, color_type = struct.unpack(">IIBB", data[16:26])
-    if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
-        raise ValueError(f"{name} is {width}x{height} pixels; the limit is {MAX_SIDE_PX}.")
-    if bits != 8 * np.dtype(dtype).itemsize or color_type != (2 if channels == 3 else 0):
-        kind = "RGB" if channels == 3 else "grey"
-        raise ValueError(f"{name} must be a PNG of {8 * np.dtype(dtype).itemsize} bits, {kind}.")
-    pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if pixels is None or pixels.dtype != dtype:
+    if not (0 < header.width <= MAX_SIDE_PX and 0 < header.height <= MAX_SIDE_PX):
+        raise ValueError(f"{name} is {header.width}x{header.height} pixels; the limit is {MAX_SIDE_PX}.")
+    if (header.bits, header.channels) != (bits, channels):
+        raise ValueError(f"{name} must be a PNG of {bits} bits, {'RGB' if channels == 3 else 'grey'}.")
+    # Without the transparency of a palette, or of one color.
+    flags = cv2.IMREAD_COLOR if channels == 3 else cv2.IMREAD_UNCHANGED
+    pixels = pixels_of(data, flags | cv2.IMREAD_IGNORE_ORIENTATION, dtype)
+    if pixels is None:
         raise ValueError(f"{name} cannot be decoded.")
     return np.ascontiguousarray(pixels[..., ::-1]) if channels == 3 else pixels
