@@ -3,7 +3,7 @@
 import { PagePart } from "/static/page/page.js";
 import { nearest } from "/static/canvas/geometry.js";
 import { drawSeamInScene, drawSeams, strokeLoop } from "/static/canvas/marks.js";
-import { askJson } from "/static/page/connection.js";
+import { askJson, Fetched } from "/static/page/connection.js";
 import { byId, closeButton, heading, make, rebuild, smallButton, swatch } from "/static/page/dom.js";
 import { cm2, count, number, percent } from "/static/page/format.js";
 
@@ -16,8 +16,8 @@ const MOST_ROWS = 8;
 export class JointsPanel extends PagePart {
   name = "joints";
   shown = false;
-  found = /** @type {JointsInfo | null} */ (null);
-  wanted = 0; // the revision that was asked for
+  /** @type {Fetched<JointsInfo>} */
+  fetched = new Fetched(askJson, () => this.choose(this.joints.length ? 0 : null)); // the weakest is asked about first
   chosen = /** @type {number | null} */ (null);
   notice = ""; // about the place that was clicked
   actions = { joints: () => this.toggle() };
@@ -26,6 +26,10 @@ export class JointsPanel extends PagePart {
   constructor(/** @type {Page} */ page) {
     super(page);
     page.sourceMarks.push((view) => this.pixels(view));
+  }
+
+  get found() {
+    return this.fetched.value;
   }
 
   get joints() {
@@ -38,40 +42,23 @@ export class JointsPanel extends PagePart {
 
   toggle() {
     this.shown = !this.shown;
-    this.chosen = null;
-    this.notice = "";
-    this.page.changed();
-    this.page.redrawMarks();
+    this.choose(null);
     if (this.shown) this.section.scrollIntoView({ block: "nearest" });
   }
 
   update(/** @type {State} */ state) {
     this.section.hidden = !this.shown || !state.layers || state.mode === "live";
     if (this.section.hidden) return;
-    this.load(this.page.thisSide.layers?.revision ?? 0);
-    const key = [this.found, this.chosen, this.notice, this.wanted, state.drawing];
-    rebuild(this.section, key, () => this.build(state.drawing));
-  }
-
-  async load(/** @type {number} */ revision) {
-    if (revision === this.wanted) return;
-    this.wanted = revision;
-    const found = /** @type {JointsInfo | null} */ (await askJson(`/joints/${revision}.json`));
-    if (this.wanted !== revision) return;
-    this.found = found;
-    if (!found) this.wanted = 0;
-    // The weakest is what is asked about first.
-    this.chosen = found?.joints.length ? 0 : null;
-    this.notice = "";
-    this.page.changed();
-    this.page.redrawMarks();
+    const revision = this.page.thisSide.layers?.revision;
+    if (this.fetched.want(revision ? `/joints/${revision}.json` : null)) this.chosen = null;
+    rebuild(this.section, [this.found, this.chosen, this.notice, state.drawing], () => this.build(state.drawing));
   }
 
   // --- the panel ---------------------------------------------------------------------------------
 
   build(/** @type {boolean} */ drawing) {
     const { found, joints } = this;
-    const waits = drawing || !found || found.revision !== this.wanted;
+    const waits = drawing || !found;
     return [
       heading(
         "Why joined",
@@ -166,14 +153,16 @@ export class JointsPanel extends PagePart {
       title,
       () => {
         if (waits) this.page.notify("info", "The shape is being drawn; wait a moment.");
-        else this.page.send({ type: "decide_joint", revision: this.wanted, index: n, cut });
+        else this.page.send({ type: "decide_joint", revision: this.found?.revision ?? 0, index: n, cut });
       },
       { key: cut ? "joint-cut" : "joint-keep", tip: `${tip}\nUndo takes it back.`, "aria-disabled": waits || null },
     );
   }
 
-  choose(/** @type {number | null} */ joint) {
+  /** Choose a part, or none, with a notice about the place that was clicked. */
+  choose(/** @type {number | null} */ joint, notice = "") {
     this.chosen = joint;
+    this.notice = notice;
     this.page.changed();
     this.page.redrawMarks();
   }
@@ -185,8 +174,7 @@ export class JointsPanel extends PagePart {
     if (!this.shown || !this.found || this.page.state.pending || this.page.canvas.side === "other") return false;
     const joint = this.jointAt(u, v);
     const none = "This cloth belongs to the largest part: nothing within it is joined by little evidence.";
-    this.notice = joint === null ? none : "";
-    this.choose(joint);
+    this.choose(joint, joint === null ? none : "");
     return true;
   }
 
