@@ -3,10 +3,9 @@
 import { cm2, mm, number } from "/static/page/format.js";
 import { boxOf, pixelAt, boxOfPoints } from "/static/canvas/geometry.js";
 import { imageBox, middleOf, onImage, shareOf, withDetail } from "/static/teaching/detail.js";
-import { columns, rows } from "/static/teaching/draw.js";
+import { columns } from "/static/teaching/draw.js";
 import { lastOf, strains } from "/static/teaching/lesson.js";
 import {
-  drawForeshortening,
   drawMinimisation,
   fillTriangles,
   histogram,
@@ -63,7 +62,6 @@ export const FLATTENING_STAGES = {
       ["Cloth in the image", `${number(f.surface_px, 0)} px`],
       ["Distance", mm(f.depth_mm, 0)],
     ],
-    /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
     draw(sheet, rect, { flattening: lesson }, ui) {
       onImage(sheet, rect, lesson, ui, (map, size) =>
         sheet.dots(map, lesson.levels[0].xy, dotSize(size), sheet.color.sample),
@@ -79,7 +77,6 @@ export const FLATTENING_STAGES = {
       ["Mean length E", f.levels[0].mean_length_mm === null ? "–" : mm(f.levels[0].mean_length_mm)],
       ["Connected", partsNote(f.levels[0])],
     ],
-    /** @param {Sheet} sheet @param {Rect} rect @param {Lessons} parts @param {Ui} ui */
     draw(sheet, rect, { flattening: lesson }, ui) {
       const level = lesson.levels[0];
       onImage(sheet, rect, lesson, ui, (map, size) => {
@@ -101,18 +98,11 @@ export const FLATTENING_STAGES = {
         ["Connected", partsNote(level)],
       ];
     },
-    draw(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect, /** @type {Lessons} */ { flattening: lesson }) {
+    draw(sheet, rect, { flattening: lesson }) {
       const [left, right] = columns(rect, [planeShare, 1 - planeShare]);
-      const [top, bottom] = rows(right, [1.1, 1]);
-      const { strain } = statePane(
-        sheet,
-        sheet.titled(left, "The plane", "every sample at its pixel"),
-        lesson.levels[0],
-        0,
-        "coarse",
-      );
-      histogram(sheet, sheet.titled(top, "Lengths"), strain, 25);
-      drawForeshortening(sheet, sheet.titled(bottom, "Why too short", "seen from above"));
+      const plane = sheet.titled(left, "The plane", "every sample at its pixel");
+      const { strain } = statePane(sheet, plane, lesson.levels[0], 0, "coarse");
+      histogram(sheet, sheet.titled(right, "Lengths"), strain, 25);
     },
   },
   minimisation: {

@@ -91,43 +91,6 @@ export function statePane(sheet, rect, level, time, key) {
   return { strain, now: energy(level, strain) };
 }
 
-/** A bent cloth seen from above: equal steps along it make unequal steps in the image. */
-export function drawForeshortening(/** @type {Sheet} */ sheet, /** @type {Rect} */ rect) {
-  const { context, em } = sheet;
-  const steps = 9;
-  const r = Math.min((rect.w - 2 * em) / 2, rect.h - 6.6 * em);
-  const [x, y] = [rect.x + rect.w / 2, rect.y + 2 * em];
-  const ground = y + r + 2.2 * em;
-  const angle = (/** @type {number} */ t) => Math.PI * (0.04 + 0.92 * t);
-  /** @type {(t: number) => UV} */
-  const place = (t) => [x - r * Math.cos(angle(t)), y + r * Math.sin(angle(t))];
-  context.beginPath();
-  for (let i = 0; i <= 60; i++) context[i ? "lineTo" : "moveTo"](...place(i / 60));
-  context.strokeStyle = sheet.color.text;
-  context.lineWidth = 2;
-  context.stroke();
-  const samples = Array.from({ length: steps + 1 }, (_, i) => place(i / steps));
-  const along = (r * Math.PI * 0.92) / steps;
-  samples.forEach((p, i) => {
-    sheet.line([p[0], p[1] + 6], [p[0], ground], sheet.color.line, 1, [3, 3]);
-    if (i)
-      sheet.line(
-        [samples[i - 1][0], ground],
-        [p[0], ground],
-        strainColor(sheet, (p[0] - samples[i - 1][0]) / along - 1),
-        6,
-      );
-  });
-  for (const [px, py] of samples) {
-    sheet.ring([px, py], 3, sheet.color.text, 2);
-    sheet.ring([px, ground], 2, sheet.color.text, 2);
-  }
-  /** @type {TextLook} */
-  const small = { align: "center", size: 0.85, color: sheet.color.soft };
-  sheet.text("cloth: equal steps along it", x, y + 0.5 * em, small);
-  sheet.text("image: the steps at the sides are too short", x, ground + 1.8 * em, small);
-}
-
 /** @param {Level} level @param {number} h */
 export const rms = (level, h) => Math.sqrt(h / Math.max(1, level.mainLength.length));
 export const planeShare = 0.46;
