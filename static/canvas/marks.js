@@ -8,14 +8,14 @@ export function drawMark(canvas, mark, style) {
 }
 
 /**
- * Stroke what `path` traces, in a colour and with a white rim, so that it is seen on any cloth.
+ * Stroke what `path` traces, in a colour and with a rim, so that it is seen on any cloth.
  * @param {Context} context @param {string} color @param {number} width @param {() => void} path
  */
-export function strokeRimmed(context, color, width, path) {
+export function strokeRimmed(context, color, width, path, rim = "#fff", rimWidth = 2) {
   context.beginPath();
   path();
-  context.strokeStyle = "#fff";
-  context.lineWidth = width + 2;
+  context.strokeStyle = rim;
+  context.lineWidth = width + rimWidth;
   context.stroke();
   context.strokeStyle = color;
   context.lineWidth = width;

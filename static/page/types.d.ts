@@ -44,7 +44,6 @@ declare global {
   type Found = M.ResultInfo;
   type Left = M.LeftOutView;
   type Known = M.DiagnosticsInfo;
-  type Curve = M.CurvesInfo;
   type ZLine = M.LineInfo;
   type Pairs = M.ClothPairs;
   type Seen = M.SeenView;

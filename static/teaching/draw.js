@@ -1,6 +1,6 @@
 // The drawing sheet of the teaching mode: panes that can be zoomed, and what is drawn in them.
 
-import { strokeScale, traceCross } from "/static/canvas/marks.js";
+import { strokeLine, strokeRimmed, strokeScale, traceCross } from "/static/canvas/marks.js";
 import { contextOf, onWheel, sized, within } from "/static/page/dom.js";
 import { length, niceLength } from "/static/page/format.js";
 
@@ -304,16 +304,8 @@ export class Sheet {
 
   /** @param {UV} from @param {UV} to @param {string} color @param {number[]} dash */
   line(from, to, color, width = 1.5, dash = []) {
-    const context = this.context;
-    context.save();
-    context.setLineDash(dash);
-    context.strokeStyle = color;
-    context.lineWidth = width > 1 ? width * this.weight : width;
-    context.beginPath();
-    context.moveTo(...from);
-    context.lineTo(...to);
-    context.stroke();
-    context.restore();
+    const ends = [from, to].map(([x, y]) => ({ x, y }));
+    strokeLine(this.context, ends, color, width > 1 ? width * this.weight : width, dash);
   }
 
   /**
@@ -341,11 +333,12 @@ export class Sheet {
 
   /** @param {UV} place @param {number} radius @param {string} color */
   ring(place, radius, color, width = 2.5) {
-    const context = this.context;
-    context.beginPath();
-    context.arc(...place, radius * this.weight, 0, 2 * Math.PI);
-    this.stroke(this.color.panel, width + 3);
-    this.stroke(color, width);
+    this.rimmed(color, width, () => this.context.arc(...place, radius * this.weight, 0, 2 * Math.PI));
+  }
+
+  /** Stroke what `path` traces, with a rim. @param {string} color @param {number} width @param {() => void} path */
+  rimmed(color, width, path) {
+    strokeRimmed(this.context, color, width * this.weight, path, this.color.panel, 3 * this.weight);
   }
 
   stroke(/** @type {string} */ color, /** @type {number} */ width) {
@@ -355,10 +348,7 @@ export class Sheet {
   }
 
   cross(/** @type {UV} */ [x, y], /** @type {string} */ color) {
-    this.context.beginPath();
-    traceCross(this.context, x, y, 4 * this.weight, 13 * this.weight);
-    this.stroke(this.color.panel, 4.5);
-    this.stroke(color, 2);
+    this.rimmed(color, 2, () => traceCross(this.context, x, y, 4 * this.weight, 13 * this.weight));
     this.ring([x, y], 8, color, 2);
   }
 
