@@ -112,13 +112,15 @@ def _carried_out(options: argparse.Namespace) -> int:
 def run_and_exit() -> NoReturn:
     """Run the command line as a process of its own, and end the process.
 
-    A background thread may still compute. If Python ended it as usual, in the middle of compiled code,
-    the C++ library would abort the process; all decisions are on disk, so the process ends at once. Before,
-    child processes are ended as usual. It also spares taking all modules and compiled kernels apart, 0.2 s.
+    Before, child processes are ended as usual. It spares taking modules and compiled kernels apart, 0.2 s.
     """
     status = main()
     threads = threading.enumerate()
     if len(threads) == 1 or any(thread.daemon for thread in threads):
+        # Not sys.exit: a daemon thread may be in compiled code, which cannot be asked to stop, and may need a
+        # minute (kernels that are compiled ahead), so it is not joined. Python before 3.14 unwinds the stack
+        # of such a thread when it next asks for the interpreter, and the C++ library in the middle of that
+        # stack then aborts the process (status 134 in place of its own). All decisions are on disk by now.
         atexit._run_exitfuncs()
         with contextlib.suppress(BrokenPipeError):
             sys.stdout.flush()

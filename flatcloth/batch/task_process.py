@@ -26,6 +26,8 @@ def _end_with(parent: int) -> None:
     """End when the worker ends, also if it was killed: another worker then runs its task."""
     while os.getppid() == parent:
         time.sleep(_LOOK_EVERY_S)
+    # SystemExit would end this thread only, and an interrupt of the main thread would wait for compiled code,
+    # which takes seconds in which both write the same folder. A killed task is continued from its journal.
     os._exit(1)
 
 
@@ -34,7 +36,7 @@ def _answer(question: Mapping[str, Any], progress: Progress) -> Message:
         try:
             progress(share, text)
         except OSError:  # the worker was killed, which is not a failure of the task
-            os._exit(1)
+            raise SystemExit(1) from None
 
     return Message(jobs.answer(question, guarded_progress))
 
