@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -90,10 +91,16 @@ def shared_count() -> Callable[[], int]:
 
 
 def _work(work: Callable[[], object], there: Connection) -> None:
+    # Ctrl-C reaches both processes. The first one then ends this one, as it does when its own work fails:
+    # what is half written is removed, and no traceback printed.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         work()
     except FlatclothError as error:
         there.send(str(error))
+    except KeyboardInterrupt:
+        return
     else:
         there.send("")
     there.close()

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -32,9 +35,33 @@ def test_its_error_is_that_of_the_whole(tmp_path: Path) -> None:
     assert (tmp_path / "made").exists()
 
 
-def test_when_the_body_fails_its_error_is_raised_and_the_work_ends(tmp_path: Path) -> None:
-    with pytest.raises(FlatclothError, match="the body"), beside(lambda: None):
-        raise FlatclothError("the body")
+@pytest.mark.parametrize("error", [FlatclothError, KeyboardInterrupt])
+def test_when_the_body_fails_its_error_is_raised_and_the_work_ends_quietly(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    error: type[BaseException],
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+
+    def work() -> None:
+        try:
+            (tmp_path / "begun").touch()
+            time.sleep(60.0)
+        finally:
+            (tmp_path / "removed").touch()
+
+    def body() -> None:
+        while not (tmp_path / "begun").exists():
+            time.sleep(0.01)
+        if error is KeyboardInterrupt:  # by Ctrl-C: all processes of the terminal get it
+            os.kill(multiprocessing.active_children()[0].pid or 0, signal.SIGINT)
+        raise error("the body")
+
+    with pytest.raises(error, match="the body"), beside(work):
+        body()
+    assert (tmp_path / "removed").exists()
+    assert capfd.readouterr().err == ""
 
 
 def test_a_copy_that_is_killed_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
