@@ -215,7 +215,8 @@ def _by_either(own: dict[str, Shares], its: dict[str, Shares], novel: Float64) -
 def expected_std_m(std_m: float, new: Float64, again: Float64, grown: Float64) -> Float64:
     """Return the expected standard deviation (K,) of a point after views.
 
-    They show shares of its cloth for the first time, and again, and the whole cloth is so many times as much.
+    ``new`` and ``again`` are the shares of its cloth that they show for the first time, and again; ``grown``
+    is the factor by which the seen cloth grows.
     """
     seen_m2 = min(std_m, OUTLINE_STD_M) ** 2
     after: Float64 = np.sqrt(seen_m2 + (1.0 - new) * (1.0 - AGAIN * again) / grown * (std_m**2 - seen_m2))

@@ -176,7 +176,7 @@ def knowledge_of(views: int, area_m2: float, known: KnownGarment | str) -> Knowl
 def doubt_of_kind_m(name: str, found: Recognition) -> float:
     """Return the deviation of a named point by the other kinds of garment that have it, m, each axis.
 
-    As for other places of the same kind, none if those that agree about the place are sure.
+    Zero if the kinds that agree about the place are sure, as for other places of the same kind.
     """
     shares, off_m = [], []
     for fit in found.fits:

@@ -273,7 +273,7 @@ def _exchanged(
 ) -> dict[int, float]:
     """Return the angles of views that were exchanged: each takes another's exactly.
 
-    If all of them do, they may be off by what no turn between careless recordings is.
+    If this explains all of them, a larger tolerance is allowed.
     """
     views = [view for view, place in places.items() if place is not None]
     off = np.array([[abs(angle - places[view]) for angle in angles_deg.values()] for view in views])  # type: ignore[operator]

@@ -90,7 +90,7 @@ class Seen:
 def probabilities(seen: Seen, closes: Callable[[float], bool]) -> dict[float | None, float]:
     """Return the probability of each factor, 1 and -1 and 0 among them; None: turns follow no rule.
 
-    ``closes`` is asked, with the sense of the turn, whether the ends of a full turn meet: then no others are.
+    ``closes(sense)`` says whether the ends of a full turn match; if so, no other factor is considered.
     """
     found = seen.factor
     size = abs(found)

@@ -38,8 +38,8 @@ class Banding:
     """A numbering of the points that makes the matrices of a graph narrow bands.
 
     ``order`` (N,) lists the points in the new order; ``place`` (N,) is the position of each point in
-    it; ``pairs`` (M, 2) int32 are the pairs in the new numbering, the lower number first; if they are the
-    different ones of a longer list, ``pair`` (L,) int32 is the place of each of that list among them.
+    it; ``pairs`` (M, 2) int32 are the pairs in the new numbering, the lower number first; ``pair``
+    (L,) int32, if any, maps each pair of a longer input list, with repetitions, to its unique pair.
     """
 
     order: Int32

@@ -183,8 +183,8 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
 def _with_witnesses(fits: list[Fit], others: Sequence[PieceEvidence]) -> list[Fit]:
     """Return the fits with the evidence of the other large pieces added, the most probable first.
 
-    A piece that is large enough to be recognised by itself says of which kind it is, wherever it lies. A kind
-    that is hardly likely without it is taken to fit it as badly as the worst of the others does.
+    A piece that is large enough to be recognised by itself is evidence of the kind, wherever it lies. An
+    unlikely kind is given the worst fit of the other kinds.
     """
     for piece in sorted(others, key=lambda piece: -piece.area_m2):
         if piece.area_m2 >= LEAST_AREA_M2 and has_enough_edges(piece):

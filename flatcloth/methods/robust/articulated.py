@@ -116,10 +116,10 @@ def _lengths(along: Float64) -> Float64:
 
 @njit(cache=True, nogil=True)
 def _wide_parts(n: int, edges: Int32, along: Float64, length: Float64, half_m: float, over_m: float) -> Int32:
-    """Return the connected part of each node (n,) that is at most ``over_m`` from one deeper than ``half_m``.
+    """Label the connected parts of the nodes (n,) within ``over_m`` of a node deeper than ``half_m``.
 
-    It is -1 for all others; parts are numbered by their first nodes. ``along`` (M, 2) are the pairs on the
-    plane, ``length`` (M,) their lengths.
+    Parts are numbered by their first nodes; other nodes have the label -1. ``along`` (M, 2) are the pairs on
+    the plane, ``length`` (M,) their lengths.
     """
     first = np.zeros(n + 1, dtype=np.int64)
     for e in range(edges.shape[0]):

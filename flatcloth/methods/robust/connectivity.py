@@ -245,7 +245,7 @@ def links_of(observations: Sequence[Observation]) -> Links:
 
 
 def renumbered(numbers: Int32 | Int64) -> tuple[Int64, Int32]:
-    """Return the different ones (K,) of some numbers from 0 on, of any shape, and these numbered by them."""
+    """Return the unique values (K,) of numbers from 0 on, of any shape, and the index of each among them."""
     found = np.zeros(int(numbers.max(initial=-1)) + 1, dtype=np.bool_)
     found[numbers] = True
     place = np.cumsum(found, dtype=np.int32) - 1
