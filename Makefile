@@ -7,7 +7,7 @@
 # make fuzz    2,500 damaged and hostile inputs; those that make the program fail are kept in fuzz-failures
 # make bench   the benchmarks
 # make docs    the site, in site/: docs, reference of the API, notebook, and the gallery
-# make constraints  the versions in constraints.txt anew: the newest that pyproject.toml allows
+# make constraints  updates the versions in constraints.txt to the newest that pyproject.toml allows
 # make clean   removes everything that make made
 #
 # Python packages go to .venv. System packages are installed where that needs no password (libegl1 for
@@ -19,7 +19,7 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; 
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # Modules are compiled when they are first imported: most never are. What is compiled is kept, also where the
-# environment forbids it, as containers' often does: each of the tests' many processes would compile it anew.
+# environment forbids it, as containers' often does: each of the tests' many processes would compile it again.
 unexport PYTHONDONTWRITEBYTECODE
 PIP_INSTALL := $(PIP) install --quiet --no-compile --constraint constraints.txt --editable
 
@@ -57,7 +57,7 @@ lint: $(VENV)/.test $(VENV)/.page
 		$(NODE) $(PAGE_TOOLS)/typescript/bin/tsc --project . && \
 		$(NODE) $(PAGE_TOOLS)/prettier/bin/prettier.cjs --check --log-level warn $(PRETTIER) "static/**/*.js" "tests/page/*.mjs"; fi
 
-# The page's modules written anew as prettier has them, and its message types as the Python ones are.
+# Formats the page's modules by prettier, and writes its message types from the Python ones.
 format: $(VENV)/.test $(VENV)/.page
 	$(BIN)/ruff format .
 	$(BIN)/python -m flatcloth.viewer.protocol.typescript

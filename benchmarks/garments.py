@@ -155,7 +155,7 @@ def page_of(rows: list[Any], figures: dict[str, float], unknown: dict[str, tuple
         "",
         "## Reliability of the probability of the answer",
         "",
-        "| told | right | answers |",
+        "| stated | right | answers |",
         "|---|---|---|",
     ]
     lines += reliability_of([row[1] for row in rows])
@@ -183,8 +183,8 @@ def page_of(rows: list[Any], figures: dict[str, float], unknown: dict[str, tuple
 def _table_of_links(links: list[tuple[str, DoubtedLink, float]]) -> list[str]:
     lines = [
         "",
-        "| recording | part, cm2 | p that the link is right | evidence per row | told | taken off by `run` | "
-        "more than 60 mm off its true place |",
+        "| recording | part, cm2 | p that the link is right | evidence per row | offered | "
+        "taken off by `run` | more than 60 mm off its true place |",
         "|---|---|---|---|---|---|---|",
     ]
     for name, link, share in sorted(links, key=lambda each: each[1].probability):

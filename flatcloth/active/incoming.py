@@ -73,7 +73,7 @@ class SeenView:
 
 @dataclass(frozen=True, kw_only=True)
 class Taken:
-    """What became of a view: its number, and what to tell about it."""
+    """What became of a view: its number, and the messages about it."""
 
     number: int
     told: tuple[str, ...]
@@ -164,7 +164,7 @@ class FoundAngle:
 
 
 class AngleFinder:
-    """Finds angles of views: points of earlier views must not lie before their surface, nor beside it.
+    """Finds angles of views: points of earlier views must lie neither before their surface nor off the item.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def _surface_of(frame: RgbdFrame, axis: RotationAxis, config: SurfaceConfig) -> 
 
 
 def _votes(points_m: Float64, seen: _Surface) -> Float64:
-    """Return for points (N, 3), camera frame, 1 on the surface, 0 behind it, and -1 before or beside it."""
+    """Return for points (N, 3), camera frame, 1 on the surface, 0 behind it, -1 before it or off the item."""
     rc = np.rint(project(points_m, seen.intrinsics)).astype(np.int64)
     height, width = seen.depth_m.shape
     inside = (rc >= 0).all(axis=1) & (rc[:, 0] < height) & (rc[:, 1] < width) & (points_m[:, 2] > 0)

@@ -1,4 +1,4 @@
-"""What a shape says of a goal: by the side of interest, and by both sides if that is not enough.
+"""What is known of a goal: by the side of interest, and by both sides if that is not enough.
 
 It takes about as long as a turn, and so it is done meanwhile: the next angle follows from the new shape and
 from the garment as it was known before.

@@ -1,4 +1,4 @@
-"""``active.jsonl``: what a loop asked for, expected, got and was told; each line is on disk at once."""
+"""``active.jsonl``: a loop's questions, expectations, results and messages; each line is on disk at once."""
 
 from __future__ import annotations
 

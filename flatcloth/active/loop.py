@@ -2,8 +2,8 @@
 
 It asks and takes views only; whoever turns the item, a person, a robot or a simulated cell, is outside. Every
 view is in the recording on disk before it is used, every decision in the session's journal, and what was
-expected and got in ``active.jsonl``; so a loop that was killed goes on with the next angle. What a view says
-of the garment is learnt while the item turns (:mod:`flatcloth.active.learning`).
+expected and got in ``active.jsonl``; so a loop that was killed continues with the next angle. The garment is
+recognised while the item turns (:mod:`flatcloth.active.learning`).
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ class ActiveLoop:
         return self._lock
 
     def take(self, view: SeenView, answers: int | None = None) -> Taken:
-        """Take a view, and choose the next angle. What the view before says is learnt first.
+        """Take a view, and choose the next angle, once the garment is recognised with the view before.
 
         Parameters
         ----------
@@ -172,7 +172,7 @@ class ActiveLoop:
                 return self._taken(view, answers)
 
     def wait(self) -> None:
-        """Wait until what the last view says is learnt; the loop may have ended by it."""
+        """Wait until the garment is recognised with the last view; the loop may have ended by it."""
         with self._taking:
             self._meanwhile.wait()
 
@@ -285,7 +285,7 @@ class ActiveLoop:
         return self._after(self._written(view), told)
 
     def _checked_angle(self, view: SeenView) -> tuple[SeenView, list[str]]:
-        """Return the view at the angle at which it was taken, and what to tell about it."""
+        """Return the view at the angle at which it was taken, and the messages about it."""
         recording, told = self._recording, []
         if recording is None or self._angles is None:
             return view, []

@@ -123,7 +123,7 @@ def integrate(
         Folder in which each decision is saved when it is made. A session that is there is continued; the
         operator page and :func:`open_session` open it. Without it nothing is written.
     strokes : sequence of ImageStroke, SpaceStroke or Cut
-        What an operator says about the side of interest, for a recording without masks.
+        An operator's strokes about the side of interest, for a recording without masks.
     progress : callable, optional
         Called with a share (0 to 1) and a text.
     cancel : callable, optional
@@ -235,7 +235,7 @@ def _scores_of(run: Run) -> dict[int, float]:
 
 
 def _cancelled_by(cancel: Callable[[], bool] | None, progress: Progress) -> Progress:
-    """Return a progress that stops the work when ``cancel`` says so."""
+    """Return a progress that stops the work when ``cancel`` returns True."""
     if cancel is None:
         return progress
 

@@ -49,7 +49,7 @@ class Shown(Protocol):
 _MARGIN_PX = 12.0
 """Margin of the pictures around the cloth, so that marks at its rim are whole. Chosen."""
 _WIDTH_PX = 360
-"""Width of the picture in a cell. Chosen: beside it the summary has room."""
+"""Width of the picture in a cell. Chosen: leaves room for the summary."""
 
 
 def html_of(shape: Shown) -> str:

@@ -99,7 +99,7 @@ def decide(out: Path, name: str, verdict: str | None) -> None:
                 if before.damage is not None:
                     raise JournalError(f"The verdict is not kept. {before.damage}")
                 if before.length < len(file.data):
-                    file.cut(before.length)  # a crash left half a line, which nobody was told is kept
+                    file.cut(before.length)  # a crash left half a line, which was never acknowledged
                 file.append(body[:-1] + b', "crc": "%08x"}\n' % zlib.crc32(body, before.link))
             finally:
                 file.close()

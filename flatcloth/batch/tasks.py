@@ -73,7 +73,7 @@ def tasks_of(sources: Sequence[str], method: str, options: SourceOptions, out: P
     method : str
         For those whose manifest names none.
     options : SourceOptions
-        What was said for all; a manifest's row counts before it.
+        Options for all; a manifest's row takes precedence.
     out : Path
         The output, in which a source keeps the name that it has there.
 

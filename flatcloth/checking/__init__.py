@@ -1,4 +1,4 @@
-"""Checks whether a recording says the truth: its turning, its images, its camera.
+"""Checks whether a recording is right: its turning, its images, its camera.
 
 Input: a recording. Output: findings, each with a probability and the mends that remove it.
 """

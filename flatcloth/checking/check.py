@@ -74,7 +74,7 @@ def check_recording(
     frame: Callable[[int], RgbdFrame] | None = None,
     progress: Progress = no_progress,
 ) -> Check:
-    """Check whether a recording says the truth.
+    """Check whether a recording is right.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 Each pixel's color gives the odds that it is the item's, from the colors well inside and well outside of the
 outline in depth. Where these odds step up or down is the outline in color. Its four sides are looked for
-beside those in depth, so that an outline that the sensor made wider or narrower is no shift.
+next to those in depth, so that an outline that the sensor made wider or narrower is no shift.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _SHIFT_STD_PX, _SCALE_STD = 1.5, 0.015
 _SCALES = np.exp(np.linspace(-0.3, 0.3, 13))
 """Scales that are tried once color seems scaled. Chosen: color and depth of one camera differ by less."""
 _LEAST_CONTRAST = 0.25
-"""Color that does not show the outline tells nothing: share of its largest possible step. Set by hand."""
+"""Color with a smaller share of its largest possible step does not show the outline. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +135,7 @@ def color_findings(frames: Sequence[tuple[RgbdFrame, Bool]]) -> list[Finding]:
         text = f"Color is {abs(scale):.0%} {'larger' if scale > 0 else 'smaller'} than depth"
         mend = Mends(color_scale=round(1.0 / true, 3))
     else:
-        text = f"Color lies {shift:.0f} pixels beside depth ({right:+.0f} to the right, {down:+.0f} down)"
+        text = f"Color is {shift:.0f} pixels off depth ({right:+.0f} to the right, {down:+.0f} down)"
         mend = Mends(color_shift=(0.0 - round(right), 0.0 - round(down)))
     view = frames[0][0].view_index
     sure = math.erf(far / math.sqrt(2.0))

@@ -12,7 +12,7 @@ CERTAIN = 0.99
 """A finding of at least this probability stops an unattended run. Chosen: one in a hundred of those is wrong
 if the probabilities are right."""
 MOST_SURE = 0.999
-"""No finding is told to be surer, and surer ones are equally sure. Chosen."""
+"""Highest probability that a finding states; it stands for all higher ones. Chosen."""
 
 Picture = Literal["turned", "outline"]
 """``turned``: two views laid on each other; ``outline``: the outline in depth drawn on the color."""

@@ -34,7 +34,7 @@ _WORSE = 0.05
 _SIDEWAYS_PAIRS = 6
 """Pairs with which an item on its side is looked for. Chosen: a handful is enough."""
 _LEAST_SWINGS = 6
-"""Pairs that tell a swing, at least. Chosen: a deviation from fewer is a guess."""
+"""Fewest pairs that show a swing. Chosen: a deviation from fewer is a guess."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +104,7 @@ def axis_findings(turns: Sequence[Turn], axis: RotationAxis | None) -> list[Find
     tilted = (seen.tilt_deg - limit_deg) / max(seen.tilt_std_deg, 0.1)
     if max(far, tilted) < 0:
         return []
-    text = f"The item turns about an axis {1e3 * seen.off_m:.0f} mm beside the recorded one"
+    text = f"The item turns about an axis {1e3 * seen.off_m:.0f} mm off the recorded one"
     if tilted > far:
         text = f"The item turns about an axis {seen.tilt_deg:.0f} degrees from the recorded one"
     sure = 0.5 * (1.0 + math.erf(max(far, tilted) / math.sqrt(2.0)))
@@ -161,7 +161,7 @@ def nothing_common(share: float, turns: Sequence[Turn]) -> Finding:
 def held_end(views: Sequence[ViewFeatures], up: Float64) -> tuple[float, float]:
     """Return how far the upper and the lower end of the item move from view to view, m.
 
-    The end that is held stays on the axis; the other one hangs beside it and goes round.
+    The end that is held stays on the axis; the other one hangs off it and goes round.
     """
     spreads = []
     for direction in (up, -up):

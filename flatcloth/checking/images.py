@@ -26,7 +26,7 @@ millimetres of an L515. By definition."""
 _RIGHT_UNIT = 0.99
 """Probability that the unit is right, before anything is looked at. Chosen."""
 _AXIS_STD = 0.15
-"""Deviation of the logarithm of the item's distance over that of the axis, for folds beside it. Chosen."""
+"""Deviation of the logarithm of the item's distance over that of the axis, for folds off the axis. Chosen."""
 _ON_ITEM = 0.7
 """Share of a mask that lies on the item, at least. Measured: 1.0 on the 34 recordings, whose masks are right;
 masks drawn by hand reach over outlines and holes."""
@@ -160,7 +160,7 @@ def still_share(looks: Sequence[ViewLook]) -> float:
 
 
 def background_findings(looks: Sequence[ViewLook]) -> list[Finding]:
-    """Return whether something that stands still is taken for the item, beside it."""
+    """Return whether something that stands still is taken for a part of the item."""
     if len(looks) < _FEW:
         return []
     share = still_share(looks)

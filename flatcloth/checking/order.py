@@ -29,7 +29,7 @@ least 0.65 on the 34 recordings."""
 _FITS = 0.6
 """A view stands where this share agrees, of that of the other pairs; between the two measured above."""
 _AROUND = 3
-"""What is usual is told by so many pairs of neighbours on either side. Chosen: most of them are right."""
+"""Pairs of neighbours on either side that give the usual value. Chosen: most of them are right."""
 _FEW_SINGLE, _MOST_SINGLE = 0.1, 0.25
 """Up to the first share of the views single ones are likelier wrong than the order; beyond the second they
 are not looked for. Chosen."""
@@ -81,7 +81,7 @@ class Chain:
     def agrees(self, one: int, other: int) -> bool:
         """Return whether two views show the same surface after the recorded turn; far ones may not."""
         if not self.is_near(one, other):
-            return (one, other) in self._neighbours  # too far apart to tell
+            return (one, other) in self._neighbours  # too far apart to compare
         if (other, one) in self._pairs:  # compared already, the other way round
             one, other = other, one
         pair = self.pair(one, other)
@@ -165,7 +165,7 @@ class Chain:
         if not found:
             return None
         place = max(found)[1]
-        # Views fit best after a little less than their turn: those on both sides must tell.
+        # Views fit best after a little less than their turn: those on both sides decide.
         sides = (
             [o for o in among if self.recorded_deg[o] <= place][-1:]
             + [o for o in among if self.recorded_deg[o] > place][:1]
@@ -286,9 +286,9 @@ def _exchanged(
 
 
 def _single_in_time(chain: Chain, bad: Sequence[int], sure: float) -> Finding | None:
-    """Return the finding that a view stands elsewhere, told by its neighbours in time; None if none does.
+    """Return the finding that a view has a wrong angle, by its neighbours in time; None if none has.
 
-    Where the cloth is as smooth as a tube, it may fit its neighbours by angle at its wrong place, too.
+    Where the cloth is as smooth as a tube, it may fit its neighbours by angle at a wrong angle, too.
     """
     order = sorted(chain.order)
     for n in sorted({end for link in bad for end in (link, link + 1)}):

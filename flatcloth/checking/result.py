@@ -1,4 +1,4 @@
-"""What a result says about its recording, beside the check: whether it can be trusted.
+"""Whether a result can be trusted, by the result itself, in addition to the check of the recording.
 
 Views may fit only after corrections that no careful or careless recording needs, they may contradict each
 other by more than their deviations allow, or most of the cloth floats.
@@ -18,7 +18,7 @@ from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import UNKNOWNS
 
 LEAST_VIEWS = 6
-"""Views before which a result says nothing about the recording. Chosen: fewer hardly overlap."""
+"""Fewest views by which a result is judged. Chosen: fewer hardly overlap."""
 _MOST_STDS = 4.0
 """Corrections beyond this many of the largest deviations of recordings are none: one in 16,000 is. Chosen."""
 _MOST_FLOATING = 0.75
@@ -39,7 +39,7 @@ WRONG = "Something about this recording is wrong"
 def wrong_with(
     check: Check | None, registered: Registered | None, floating_share: float, *, fits_none: bool = False
 ) -> list[str]:
-    """Return what says that something about the recording of a result is wrong; empty if nothing does.
+    """Return the reasons why something about the recording of a result is wrong; empty if there are none.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def _corrections(registered: Registered) -> list[str]:
     if swung > _MOST_STDS * math.sqrt(2.0) * prior.swing_stds_deg[-1]:
         found.append(f"views fit only after swings by up to {swung:.1f} degrees")
     if beside_m > _MOST_STDS * prior.axis_stds_m[-1]:
-        found.append(f"views fit only about an axis {1e3 * beside_m:.0f} mm beside the recorded one")
+        found.append(f"views fit only about an axis {1e3 * beside_m:.0f} mm off the recorded one")
     return found
 
 

@@ -96,7 +96,7 @@ def follow(
     steps : int
         Gauss-Newton steps at each scale.
     variance_m2 : float
-        Variance of a distance beside its scatter.
+        Variance of a distance in addition to its scatter.
     like : Limits
         All limits, but for the search radius and the spread.
     sums : Sums

@@ -154,7 +154,7 @@ def slipped_after(
     pairs = [(one, other, factor * (other.angle_deg - one.angle_deg)) for one, other in pairwise(order)]
     recorded, slipped = _shares(pairs, axis, np.array([0.0, factor * slip_deg])).T
     gain = slipped - recorded
-    gain[np.maximum(slipped, recorded) < 0.5 * np.median(recorded)] = -1.0  # nothing in common tells nothing
+    gain[np.maximum(slipped, recorded) < 0.5 * np.median(recorded)] = -1.0  # nothing in common
     second, best = np.sort(gain)[-2:]
     is_there = best > -ALIKE_SHARE and best - second > _MARGIN_PER_DEG * abs(slip_deg)
     return order[int(np.argmax(gain))].view_index if is_there else None

@@ -1,4 +1,4 @@
-"""Is the turning what the recording says? Its sense, its amount, its order, and single views.
+"""Is the turning as recorded? Its sense, its amount, its order, and single views.
 
 Each hypothesis predicts the turn between neighbouring views as a multiple of the recorded one. The likelihood
 of a pair is a normal distribution about that, as wide as the pair's own deviation and the largest errors of
@@ -35,7 +35,7 @@ _NEAR_ROUND = 0.25
 _ODD = 0.01
 """How much less probable another factor is than a round one, before the views are looked at. Chosen."""
 _MOST_OFF = 1 / 3
-"""If more pairs than this turn otherwise than a factor says, it is no rule. Chosen; at most 4 of 35 did."""
+"""A factor is rejected if more pairs than this turn otherwise. Chosen; at most 4 of 35 did."""
 _ROUND = (1 / 3, 1 / 2, 2 / 3, 3 / 4, 5 / 4, 3 / 2, 2.0, 5 / 2, 3.0)
 """Factors that people mistake: 10 degrees for 5, 15 for 10. A factor is rounded to them. By definition."""
 

@@ -1,4 +1,4 @@
-"""The turn between two views, as their surfaces show it, whatever the recording says about it.
+"""The turn between two views, as their surfaces show it, independent of the recorded one.
 
 Thinned views are registered by rigid motions from several starts; the one on which most points agree is
 kept. From a start within about 15 degrees it converges; the recorded turn is a start like others.

@@ -1,4 +1,4 @@
-"""The command ``check``: whether a recording says the truth, and what mends it."""
+"""The command ``check``: whether a recording is right, and what mends it."""
 
 from __future__ import annotations
 

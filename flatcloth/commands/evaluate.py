@@ -72,7 +72,7 @@ def _sides_line(sides: dict[str, Any]) -> str:
     if math.isnan(sides["related_median_mm"]):
         return text + "no seam joins it to this side's shape"
     median_mm, p95_mm = sides["related_median_mm"], sides["related_p95_mm"]
-    text += f"beside this side: median {median_mm:.1f}, 95 % {p95_mm:.1f} mm, "
+    text += f"in relation to this side: median {median_mm:.1f}, 95 % {p95_mm:.1f} mm, "
     return text + f"{sides['related_within_3_std_share']:.1%} in 3 std"
 
 

@@ -164,7 +164,7 @@ def opened_cell(options: argparse.Namespace) -> Opened:
     from flatcloth.active.station import view_of_cell
     from flatcloth.engine.warmup import compile_beside
 
-    goal_of(options)  # what cannot be known is told before the mesh is read
+    goal_of(options)  # an invalid goal is reported before the mesh is read
     compile_beside()
     cell = cell_of(options)
     eye = functools.partial(view_of_cell, cell, masks=not options.no_masks)

@@ -1,4 +1,4 @@
-"""What commands say: results on stdout, progress and errors on stderr, all of it in a log file if wanted.
+"""The output of commands: results on stdout, progress and errors on stderr, all in a log file if wanted.
 
 ``--quiet`` leaves the errors, ``--json`` one JSON document, ``--verbose`` adds details.
 """
@@ -90,7 +90,7 @@ def is_quiet() -> bool:
 
 @contextlib.contextmanager
 def speaking(options: argparse.Namespace) -> Iterator[None]:
-    """Print what commands say, as the options want it.
+    """Print the output of commands, as the options want it.
 
     Raises
     ------
@@ -169,5 +169,5 @@ class _Others(logging.StreamHandler):  # type: ignore[type-arg]
         self.setLevel(level)
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Leave out what commands say, which is printed already."""
+        """Leave out the output of commands, which is printed already."""
         return record.name not in (_said.name, _progress.name, _failed.name)

@@ -12,7 +12,7 @@ from flatcloth.core.errors import FlatclothError
 
 NAMES = ("recording", "outcome", "grasps", "garment", "session", "journal", "robot")
 NAME = "schema"
-SUMMARY = "print the JSON Schema of a file, or of what robots are told"
+SUMMARY = "print the JSON Schema of a file, or of the protocol for robots"
 EXAMPLES = """examples:
   flatcloth schema grasps
   flatcloth schema --out schemas                  all of them, as grasps.schema.json and so on"""

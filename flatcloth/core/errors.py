@@ -58,7 +58,7 @@ class EvaluationError(FlatclothError):
 
 
 class GarmentError(FlatclothError):
-    """A shape says nothing of a garment (too little cloth), or its file cannot be read."""
+    """A shape has too little cloth to recognise a garment, or its file cannot be read."""
 
 
 class ServerError(FlatclothError):

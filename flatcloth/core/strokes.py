@@ -1,4 +1,4 @@
-"""What an operator says about sides: strokes and cuts, as plain values that can be journaled and replayed."""
+"""An operator's evidence of sides: strokes and cuts, as plain values that can be journaled and replayed."""
 
 from __future__ import annotations
 

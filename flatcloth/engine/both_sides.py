@@ -157,7 +157,7 @@ class BothSides:
         )
         place_sure_pieces(GarmentService(other), session)  # links that no garment allows
         found = session.state.document
-        other.trust.recognised(found, 0.0)  # both sides together tell whether it is a garment
+        other.trust.recognised(found, 0.0)  # both sides together decide whether it is a garment
         other.views.release(found.used_views)
         other.algorithm.release()
         return other, found
@@ -197,7 +197,7 @@ class BothSides:
 
 
 def _as_seen(document: Document) -> Document:
-    """Return a document without what a garment says of floating pieces and links."""
+    """Return a document without the decisions of a garment about floating pieces and links."""
     return replace(document, garment=without_doubts(replace(document.garment, pieces=())))
 
 
@@ -257,9 +257,9 @@ def _cleared(mask: Bool, frame: RgbdFrame, noisy: bool) -> Bool:
 def known_by_both(
     integration: Integration, document: Document
 ) -> tuple[BothSides, KnownGarment | str | None]:
-    """Return the garment as :func:`known_with_pieces`, by both sides, and these, integrated anew.
+    """Return both sides, integrated again, and the garment by both, as :func:`known_with_pieces` does.
 
-    None if nothing relates the sides: then it is known by this one.
+    The garment is None if nothing relates the sides: then it is known by this one.
     """
     both = BothSides(integration)
     both.of(document)

@@ -208,7 +208,7 @@ class Integration:
         return self.trust.of(document, whole, self.algorithm.cameras(document))
 
     def wrong(self, document: Document) -> list[str]:
-        """Return what says that something about the recording of a shape is wrong; empty if nothing does."""
+        """Return the reasons why something about the recording of a shape is wrong; empty if none."""
         return self.trust.wrong(document, self.canonical(document), self.algorithm.cameras(document))
 
     def cloth(self, document: Document) -> Cloth | None:

@@ -38,7 +38,7 @@ def masked(recording: Recording, segmentation: Segmentation) -> LazyRecording:
     """Return a recording whose views have the masks of a segmentation; masks of its own are not used.
 
     Its attributes are those of the recording, ``has_masks`` included, so that a session folder takes it
-    for the same recording; its notes also tell the sides found, regions cut off, and conflicts.
+    for the same recording; its notes also list the sides found, regions cut off, and conflicts.
     """
     kinds = sorted({cut.kind for cut in segmentation.cut_off})
     cut = (f"Cut off as no part of the item: {', '.join(kinds)}.",) if kinds else ()
@@ -67,7 +67,7 @@ def prepare(views: RecordedViews, progress: Progress = no_progress) -> SideSolve
 def evidence_of(
     views: RecordedViews, progress: Progress = no_progress, *, confirmed: bool = False
 ) -> Evidence:
-    """Return what all views tell of the sides, where no stroke will ask for more; errors as above.
+    """Return the evidence of all views of the sides, where no stroke will ask for more; errors as above.
 
     The poses of the cameras may be ``confirmed``.
     """

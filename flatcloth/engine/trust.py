@@ -35,8 +35,8 @@ class Trust:
     """Whether the shapes of a recording can be trusted.
 
     A shape that no known kind of garment explains has a false joint somewhere, or is another item. What lies
-    beyond such a joint may be anywhere on the item, and nothing tells where the joint is. So nothing of it is
-    reliable until an operator names the kind.
+    beyond such a joint may be anywhere on the item, and it is not known where the joint is. So nothing of it
+    is reliable until an operator names the kind.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -50,7 +50,7 @@ class Trust:
         self._no_kind = _recognised_by(document), no_kind
 
     def wrong(self, document: Document, canonical: Canonical, registered: Registered | None) -> list[str]:
-        """Return what says that something about the recording is wrong."""
+        """Return the reasons why something about the recording is wrong."""
         floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
         share = floating_m2 / max(floating_m2 + canonical.view.area_m2, 1e-9)
         fits_none = self._no_kind_of(document) > _UNLIKE

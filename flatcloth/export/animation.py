@@ -162,7 +162,7 @@ class _Painter:
         return _page(cropped(flat, growth.view), growth, step, order)
 
     def both_page(self, last: Step, other: FlattenedView) -> Uint8:
-        """Paint both sides beside one another, each as seen from its own outside."""
+        """Paint both sides side by side, each as seen from its own outside."""
         picture = side_by_side(self._growth.view, other)[0]
         return _page(picture, self._growth, last, last.order, "Both sides, each from its own outside")
 

@@ -80,7 +80,7 @@ class SessionData:
 
     @cached_property
     def garment(self) -> KnownGarment | str:
-        """What is known of the garment, or why nothing can be said of it."""
+        """What is known of the garment, or why nothing is."""
         if self.both is not None:
             self.both(self.document)  # the garment is recognised by both sides once they are joined
         return (self.garments or GarmentService(self.integration)).known(self.document)

@@ -237,7 +237,7 @@ def cut_small_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> NDArray
 
 @njit(cache=True, nogil=True)
 def extrapolated_jumps(inverse_depth: Float64, steps: NDArray[np.uint8]) -> tuple[Int32, Float64, Float64]:
-    """Return the positions (K,) of steps, the jumps (K,) there, m, and the slopes (K,) beside them.
+    """Return the positions (K,) of steps, the jumps (K,) there, m, and the slopes (K,) next to them.
 
     Each side's depth in the middle of the step comes from a line through its pixels, three at most (least
     squares); the slopes are the absolute depths gained by a pixel, both sides together, m. Positions are

@@ -91,7 +91,7 @@ class Carrier:
 def _of_pairs(
     uv_m: Float64, points_m: Float64, right: Float64, down: Float64, edges: Int32, edge_length_m: Float64
 ) -> tuple[Float64, Float64, Int32, Int32]:
-    """Return what the pairs say about each sample.
+    """Return the isometry and the strain at each sample, by its pairs.
 
     The isometries (N, 2, 3) from the tangent planes, spanned by ``right`` and ``down``, to the flattened
     plane: their rotation fits the sample's own pairs best. The largest relative change of length among

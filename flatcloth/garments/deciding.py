@@ -69,7 +69,7 @@ def decided(
     Parameters
     ----------
     found : Recognition
-        What the evidence says.
+        The recognition by the evidence alone.
     evidence : sequence of PieceEvidence
         What it was found from, the canonical view first.
     shape : FlattenedView
@@ -79,7 +79,7 @@ def decided(
     pulls : sequence of Pull
         Named points held by hand; those that the kind does not have are left out.
     with_pieces : bool
-        Whether floating pieces are placed anew on the changed outline: takes a second.
+        Whether floating pieces are placed again on the changed outline: takes a second.
     """
     known = {fit.kind.name: fit for fit in found.fits}
     by_hand = kind if kind in {*known, NONE} else None

@@ -18,7 +18,7 @@ from flatcloth.flattening.surface import LEAST_ITEM_M2
 from flatcloth.garments.true_edges import FARTHEST_M, SeenFrom, true_edges
 
 LEAST_AREA_M2 = LEAST_ITEM_M2
-"""Less cloth does not tell kinds apart, and is not placed."""
+"""Less cloth does not distinguish kinds, and is not placed."""
 INSIDE_M = 3 * SPACING_M  # by definition: spacing of the places inside the piece
 
 

@@ -27,12 +27,12 @@ from flatcloth.segmentation.settings import SURE
 
 WRONG_PROBABILITY = 0.5
 """A link less probable than this is taken for wrong without asking: it is more probably so. By definition;
-who looks at the shape sees the part beside it, and can undo that."""
+the operator sees the part next to the shape, and can undo that."""
 WEAK_EVIDENCE = 2.0
 """... and if less evidence joins it for each row of samples along the seam. Set by hand: wrong
 links have 0.2 to 1.8, right ones 0.2 and more, most of them more than this (docs/garments.md)."""
 _SADDLE = 0.8
-"""Two areas are told apart if less than this share of the evidence within the smaller one joins them.
+"""Two areas are separate if less than this share of the evidence within the smaller one joins them.
 Chosen: less than the unevenness of one area."""
 
 

@@ -144,7 +144,7 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
     Raises
     ------
     GarmentError
-        If there is too little cloth or border to say anything.
+        If there is too little cloth or border.
     """
     main = evidence[0]
     if main.area_m2 < LEAST_AREA_M2:
@@ -215,7 +215,7 @@ def best_fits(main: PieceEvidence, kinds: Sequence[Kind]) -> list[Fit]:
 def fits_of(main: PieceEvidence, kinds: Sequence[Kind] = ()) -> list[Fit]:
     """Return the fit of every kind, or of these, to one piece, the most probable first.
 
-    Half of the starts, with some of the edges, tell which kinds are likely; more is asked about these.
+    Half of the starts, with some of the edges, decide which kinds are likely; these get all starts and edges.
     """
     coarse, found = main.thinned(THINNED), []
     begun = [(kind, starts(kind, main, STARTS)) for kind in kinds or known_kinds()]
@@ -369,7 +369,7 @@ def points_of(
         point_std = math.sqrt(float(variance[own].mean()) + OUTLINE_STD_M**2)
         uv, std = held[name] if name in held else _followed(value[own], point_std, outline_uv, main)
         doubt_m = math.sqrt(doubt[n])
-        std = math.hypot(std, doubt_m)  # the edges nearby do not tell which optimum is right
+        std = math.hypot(std, doubt_m)  # the edges nearby do not decide which optimum is right
         pixel = pixel_near(uv, shape) if std <= KNOWN_STD_M else None
         points[name] = Point(uv_m=uv, std_m=std, pixel=pixel, doubt_m=doubt_m)
     return points

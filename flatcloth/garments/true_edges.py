@@ -82,7 +82,7 @@ def true_edges(
     with np.errstate(invalid="ignore", divide="ignore"):
         # One view that faces the edge counts half: it may show a fold's silhouette; six see a hem.
         trust = ended / (ended + 1.0)
-        # Cloth of the other side beside it may lie on it, too, nearer by less than one view can tell.
+        # Cloth of the other side next to it may lie on it, too, nearer by less than one view can measure.
         trust *= np.where(level > 0.5 * ended, ndtr(4.0 * deeper_m / level / _SAME_M), 1.0)
         return moved / ended, trust, known
 
@@ -182,7 +182,7 @@ def _planes(
 def _ends_in(
     view: SeenFrom, start: Float64, normal: Float64, along: Float64, steps: Float64
 ) -> tuple[Float64, Float64, Bool, Float64]:
-    """Return what one view says of each place of the border: whether the cloth ends or continues there.
+    """Return the evidence of one view at each place of the border: whether the cloth ends or continues.
 
     Returns
     -------

@@ -127,7 +127,7 @@ class Method(Protocol):
         """
 
     def alone(self, document: Document) -> Canonical:
-        """Return the canonical view without what the other side, once joined, says of it."""
+        """Return the canonical view without the effect of the other side that was joined to it."""
         return self.canonical(document)
 
     def earlier(self, earlier: Document, document: Document) -> Canonical:

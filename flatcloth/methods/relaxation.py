@@ -95,7 +95,7 @@ def relax_rigidly(
     steps : int
         Number of alternations between rotating the neighbourhoods and moving the nodes.
     narrow : Banding
-        The banding of the pairs, or of the different ones among them.
+        The banding of the pairs, or of the unique ones among them.
     is_held : (N,) bool, optional
         Nodes that keep their places.
     """

@@ -139,7 +139,7 @@ def _plain(value: Any) -> Any:
 
 
 def yes_or_no(value: Any) -> bool:
-    """Return what a switch of a table says; raises ``ValueError`` if it says neither."""
+    """Return the value of a switch in a table; raises ``ValueError`` if it is neither on nor off."""
     known = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
     return known[str(value).lower()] if str(value).lower() in known else _refuse(value)
 

@@ -114,7 +114,7 @@ class Registered:
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether the views say that the recorded poses are exact: more probably than not."""
+        """Whether, by the views, the recorded poses are more probably exact than not."""
         return bool(self.posterior[0] > 0.5)
 
     @property

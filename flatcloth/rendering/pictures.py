@@ -14,7 +14,7 @@ from flatcloth.core.types import Bool, FlattenedView, Floats, Uint8
 OUTLINE_RGB, NEW_RGB = (230, 126, 0), (255, 140, 0)
 """Colors of the outline and of new pixels. Chosen."""
 BESIDE_M = 0.06
-"""Gap between both sides where they are drawn beside one another. Chosen: as on the page."""
+"""Gap between both sides where they are drawn side by side. Chosen: as on the page."""
 
 
 @dataclass(frozen=True, kw_only=True)

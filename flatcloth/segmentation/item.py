@@ -43,7 +43,7 @@ _SMALL_SHARE = 0.3
 share of its outline, and is at most this share of what is seen. Chosen."""
 _FATTENED_PX = 6
 """Depth reaches at most so far over an outline. Chosen: rendered stereo images widen outlines by up to 4
-pixels (docs/tried.md), and colour may lie a pixel or two beside depth."""
+pixels (docs/tried.md), and colour may be a pixel or two off depth."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +60,8 @@ class CutOff:
 class Item:
     """The measured pixels of the item in each view, (H, W) bool, and the regions that were cut off.
 
-    ``outlined`` are those without the color of the background: masks are made of these, while sides are told
-    from all.
+    ``outlined`` are those without the color of the background: masks are made of these, while sides are
+    separated by all.
     """
 
     masks: tuple[Bool, ...]

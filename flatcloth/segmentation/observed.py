@@ -79,7 +79,7 @@ class ObservedView:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """The views and what they tell of sides; immutable.
+    """The views and their evidence of sides; immutable.
 
     ``views`` the views that show the item, by their number in the recording; ``view_numbers`` those of all
     given views; ``clusters``, ``graph`` the evidence; ``inner`` (M,) clusters on inner faces, seen through an
@@ -136,7 +136,7 @@ def gather_evidence(
     progress: Progress = no_progress,
     confirmed: bool = False,
 ) -> Evidence:
-    """Find the item in all views, and what they tell of its sides.
+    """Find the item in all views, and their evidence of its sides.
 
     Parameters
     ----------

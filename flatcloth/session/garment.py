@@ -76,7 +76,7 @@ class DoubtedPart:
 
 @dataclass(frozen=True)
 class DecidedSeam:
-    """A seam between both sides that is cut, or joins them (``kept``) whatever speaks against it.
+    """A seam between both sides that is cut, or joins them in any case (``kept``).
 
     ``points_m`` are some of its places in the object frame.
     """

@@ -34,8 +34,9 @@ class Cell:
     Parameters
     ----------
     request : Request
-        The mesh, its panel of interest, the camera and the noise. ``loose.swing_m`` sways the item anew at
-        each look, ``loose.angle_deg`` is the error of the turntable; ``out`` and ``step_deg`` are not used.
+        The mesh, its panel of interest, the camera and the noise. ``loose.swing_m`` sways the item at
+        random for each view, ``loose.angle_deg`` is the error of the turntable; ``out`` and ``step_deg`` are
+        not used.
     start_deg : float
         How the item is turned when the cell stands at 0 degrees.
     most_seen : bool

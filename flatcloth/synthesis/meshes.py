@@ -249,7 +249,7 @@ def _inside(folder: Path, name: str, mesh: Path) -> Path:
         path = None
     if path is None or not path.is_relative_to(folder) or not name.isprintable():
         raise SynthesisError(
-            f"{mesh}: {shortened(name)} is not a file inside its folder. Copy the file beside the mesh."
+            f"{mesh}: {shortened(name)} is not a file inside its folder. Copy the file into that folder."
         )
     return path
 

@@ -33,7 +33,7 @@ _CLEAN_UNIT_M = 0.0001
 _MOST_FLAT_M = 1.5
 """The range of the truth's 16 bits: twice this, in twentieths of a millimetre."""
 _BESIDE_M, _NEAREST_M = 0.05, 0.25
-"""A stereo sensor searches from the nearest to the farthest point of the item and so much beside it, but not
+"""A stereo sensor searches from the nearest to the farthest point of the item with this margin, but not
 nearer than this. Chosen: an item that sways stays within it; a D435 measures from 0.2 to 0.3 m on."""
 _LARGEST_M = 100.0
 """A larger mesh is in another unit. Chosen."""

@@ -25,7 +25,7 @@ class DepthSensor:
     standard deviation of the matched position; ``fatten_px``: width by which near surfaces extend
     over far ones; ``outline_px``: mean and deviation of the outward shift of the outline;
     ``ramp_px``: sigma of the smoothing across edges, and ``join_m`` the largest depth step that is
-    smoothed; ``unsure_m``: smallest depth step beside which pixels may be lost; ``hole_share``: share
+    smoothed; ``unsure_m``: smallest depth step next to which pixels may be lost; ``hole_share``: share
     of pixels lost at random; ``unit_m``: unit of the depth images.
     """
 
@@ -172,7 +172,7 @@ def _noise(shape: tuple[int, ...], random: np.random.Generator, sensor: DepthSen
 def _lost(disparity: Float32, scale: float, random: np.random.Generator, sensor: DepthSensor) -> Bool:
     """Pixels without depth: between distant layers, along the outline, and a few at random."""
     depth = np.where(disparity > 0, scale / np.maximum(disparity, 1e-6), 0).astype(np.float32)
-    # Only one of the two cameras sees a far pixel beside a near layer.
+    # Only one of the two cameras sees a far pixel next to a near layer.
     far = cv2.dilate(depth, np.ones((3, 3), np.uint8))
     near = cv2.erode(np.where(depth > 0, depth, 99).astype(np.float32), np.ones((5, 5), np.uint8))
     step = np.where(depth > 0, np.maximum(depth - near, 0.75 * (far - depth)), 0)

@@ -148,7 +148,7 @@ def match(first: Uint8, second: Uint8, least_px: int, most_px: int) -> Float32:
 def aligned_color(rgb_above: Uint8, depth_m: Float32, camera: Intrinsics) -> Uint8:
     """Return the image of the color camera (H, W, 3) at the pixels of the depth image, as librealsense does.
 
-    Where there is no depth it is black; beside an outline it shows what the color camera sees there.
+    Where there is no depth it is black; next to an outline it shows what the color camera sees there.
     """
     rows, cols = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float32)
     seen = depth_m > 0

@@ -36,7 +36,7 @@ class Foresee:
 
 @dataclass(frozen=True)
 class Wait:
-    """Wait for the operator, who is told why."""
+    """Wait for the operator, who sees the reason."""
 
     text: str
 

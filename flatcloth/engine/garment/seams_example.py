@@ -54,7 +54,7 @@ def _view(valid: Bool) -> FlattenedView:
 
 
 def _seam(uv_m: np.ndarray, why: str, shown: Bool | None = None, other: FlattenedView | None = None) -> Seam:
-    """Return a seam at places (K, 2) of this side, if the other one has cloth beside them."""
+    """Return a seam at places (K, 2) of this side, if the other one has cloth next to them."""
     its = uv_m * MIRROR
     if shown is not None and other is not None:
         inward = its * (0.95, 1.0)

@@ -296,7 +296,7 @@ def _more(areas: Areas, document: Document) -> More:
 def _share(areas: Areas, document: Document) -> float | None:
     """Return the part of the planner's expectations that the views accepted last fulfilled, at most all.
 
-    So no forecast exceeds the planner's, which the reason of an end tells.
+    So no forecast exceeds the planner's, which is stated in the reason of an end.
     """
     expected = added = 0.0
     first = max(0, len(document.accepted) - _LAST_VIEWS)

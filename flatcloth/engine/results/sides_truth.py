@@ -27,7 +27,7 @@ from flatcloth.recordings.truth import TrueView
 NEAR_SEAM_M = 0.015
 """The truth of a place on a seam is read at most this far away. Chosen: a D435 loses up to 10 mm of a rim."""
 FAR_RELATED_M = 0.030
-"""A pixel of the other side farther than this from its true place beside this side is wrong. Chosen: the
+"""A pixel of the other side is wrong if, in relation to this side, it is farther off than this. Chosen: the
 patterns of both sides agree to 3 to 8 mm only, since cloth stretches."""
 
 

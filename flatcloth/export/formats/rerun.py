@@ -36,7 +36,7 @@ def write_rrd(session: OpenedSession, path: Path) -> None:
     recording, points = session.integration.recording, points_of(session)
     stream = rr.RecordingStream("flatcloth", recording_id=recording.name)
     stream.save(str(path))
-    stream.set_log_time_enabled(False)  # the time of the export says nothing
+    stream.set_log_time_enabled(False)  # the time of the export is irrelevant
     camera = recording.intrinsics
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     stream.log("camera", rr.ViewCoordinates.RDF, static=True)

@@ -31,7 +31,7 @@ def recording_schema() -> dict[str, Any]:
 
 
 def journal_schema() -> dict[str, Any]:
-    """Return the schema of one line of ``journal.jsonl``: the entry's fields, beside those of every line."""
+    """Return the schema of one line of ``journal.jsonl``: the entry's fields, and those of every line."""
     schemas, parts = msgspec.json.schema_components(KINDS.values(), ref_template="#/$defs/{name}")
     lines = []
     for (name, _), reference in zip(KINDS.items(), schemas, strict=True):

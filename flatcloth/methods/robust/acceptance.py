@@ -1,7 +1,7 @@
-"""What an accepted placement says about the nodes that the view shows: which of them are the same cloth.
+"""Which of the nodes that a view shows are the same cloth, by the placement that was accepted.
 
-Association compares places in space, where layers overlap. The accepted placement says where the view's
-cloth lies on the plane, and so which of the associated nodes it shows.
+Association compares places in space, where layers overlap. The accepted placement determines where the
+view's cloth lies on the plane, and so which of the associated nodes it shows.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ _DAMPING = np.sqrt(np.finfo(np.float64).eps)
 class FlexibleSheet:
     """The pairs of a sheet: ``edges`` and ``member`` (M, 2), ``n_members`` memberships of nodes in views.
 
-    ``once`` (P, 2) are the different ones among the edges; ``length_m`` (M,), ``weight`` (M,) and ``offset``
+    ``once`` (P, 2) are the unique ones among the edges; ``length_m`` (M,), ``weight`` (M,) and ``offset``
     (M, 2) complex as in :class:`flatcloth.methods.robust.connectivity.Links`.
     """
 

@@ -89,9 +89,9 @@ def lay_out(z: Complex128, links: Links, inside: Int64) -> Complex128:
 def lay_pieces(z: Complex128, links: Links, inside: Int64, laid: Complex128, piece: Int32) -> Complex128:
     """Place pieces that have a layout of their own (as u + iv) where pairs lead to from placed nodes.
 
-    A piece keeps its layout: nodes laid out again one after the other would lose what all its views say,
-    and could fold. Its rotation is that on which the pairs' directions, seen from both ends, agree in the
-    mean; its shift is that of the places they predict.
+    A piece keeps its layout: nodes laid out again one after the other would lose the evidence of all its
+    views, and could fold. Its rotation is that on which the pairs' directions, seen from both ends, agree in
+    the mean; its shift is that of the places they predict.
 
     Parameters
     ----------
@@ -346,9 +346,9 @@ def _either_end(flags: Bool, edges: Int32) -> Bool:
 def _minimised(
     uv_m: Float64, narrow: Banding, once: Int32, length_m: Float64, weight: Float64, precise: bool
 ) -> Float64:
-    """Minimise Eq. (2) over pairs (M,) that several views contribute; ``once`` (P, 2) are the different ones.
+    """Minimise Eq. (2) over pairs (M,) that several views contribute; ``once`` (P, 2) are the unique ones.
 
-    What several views say of one pair is one term with the mean length: it differs by a constant.
+    The observations of one pair in several views are one term with the mean length: it differs by a constant.
     """
     assert narrow.pair is not None
     total: Float64 = np.bincount(narrow.pair, weight).astype(np.float64)

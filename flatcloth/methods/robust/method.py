@@ -388,10 +388,10 @@ class RobustMethod(Method):
 
 
 def _relaid_by(seamed: Seamed) -> JointShape:
-    """Return this side where both sides together lay it, if its own pairs say so, too.
+    """Return this side as in the joint layout of both sides, if its own pairs fit better there.
 
-    A tube of two sheets is stiffer than one of them, whose layout alone may have ended beside its minimum:
-    the own pairs fit better then where both lay it.
+    A tube of two sheets is stiffer than one of them, whose separate minimisation may have ended in a local
+    minimum.
     """
     both, this, n = seamed.both, seamed.this, len(seamed.this.nodes)
     held = this.placed & (both.piece[:n] == 0)

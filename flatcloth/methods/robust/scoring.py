@@ -28,7 +28,7 @@ from flatcloth.methods.robust.joint_shape import TWICE_M, JointShape
 
 PLACE_STD_M = 0.003
 """Standard deviation of the distance of equal cloth in space, in addition to the views' noise, and of a
-length between a seam and the cloth beside it. Set by hand; in ``outcome.json`` of the shared recordings, the
+length between a seam and the cloth next to it. Set by hand; in ``outcome.json`` of the shared recordings, the
 places of a seam fit its motion to 2 to 4 mm in the median (``residual_mm``)."""
 _REFINE_RADIUS_M = 0.02
 """Initial scale of the robust refinement, distance in space. Set by hand."""

@@ -96,7 +96,7 @@ def placement_std_m(shape: JointShape, held_point_m: Float64) -> Float64:
     loose = flexible(rigid_part, edges)
     normed = (distance_m[pair] - length_m) / std_m
     noise = float(np.sqrt(np.square(np.minimum(np.abs(normed), 3.0)).mean()))
-    # What several views say of one pair is one term with their mean, and its error.
+    # The observations of one pair in several views are one term with their mean, and its error.
     each = shape.weight[inside] / np.square(std_m)
     weight: Float64 = np.bincount(pair, each).astype(np.float64)
     share = each / np.maximum(weight, 1e-30)[pair]

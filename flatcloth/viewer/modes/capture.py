@@ -65,7 +65,7 @@ _NOT_WITH_A_CAMERA = {
 """Why actions that need a whole recording are not allowed here."""
 
 CHECKED_VIEWS = 6
-"""Views on disk after which a capture is checked: fewer pairs tell nothing. Chosen."""
+"""Views on disk after which a capture is checked: fewer pairs are no evidence. Chosen."""
 
 _NOT_BEGUN = "No capture is running; start one first."
 

@@ -142,7 +142,7 @@ def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:
 def fitted(
     document: Document, placed: tuple[Pending, Overlay] | None, pairs: messages.Pairs
 ) -> tuple[Nudge | None, PairsAnswer]:
-    """Return the decision that fits pairs, if that is wanted, and what the page is told of the fit.
+    """Return the decision that fits pairs, if that is wanted, and the page's message about the fit.
 
     Raises
     ------

@@ -375,7 +375,7 @@ class Application(PageController):
         self._garment.follow(shown, busy=self._page_status.auto.is_busy)
 
     def _other_made(self) -> None:
-        """Show the other side beside the shape that it was joined to."""
+        """Show the other side with the shape that it was joined to."""
         made, picture = self.other.status.made, self._picture
         if picture is not None and picture.sheet is not None:
             if made is not None and made.this is not picture.sheet:

@@ -273,7 +273,7 @@ ACTIONS: tuple[Action, ...] = (
         "beside",
         "Side by side",
         ("Shift+j",),
-        "Show both sides of the garment beside one another; again: one.",
+        "Show both sides of the garment side by side; again: one.",
         "sides",
     ),
     Action(

@@ -261,7 +261,7 @@ class BothEdges(Sent, frozen=True):
 
 
 class ClothPairs(Sent, frozen=True):
-    """Pairs of the same cloth, evenly chosen, and what all pairs say."""
+    """Pairs of the same cloth, evenly chosen, and the statistics of all pairs."""
 
     total: int
     median_mm: float

@@ -1,4 +1,4 @@
-"""What the page and the server tell each other about the garment and its seams."""
+"""Messages between the page and the server about the garment and its seams."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ GarmentName = Annotated[str, Meta(min_length=1, max_length=40)]
 
 
 class SetKind(Said, tag="garment_kind", frozen=True, kw_only=True):
-    """Say which kind the garment is; None: let the evidence say."""
+    """Set the kind of the garment; None: the evidence decides."""
 
     kind: GarmentName | None = None
 

@@ -72,7 +72,7 @@ class Move(Said, tag="move", frozen=True, kw_only=True):
 
 
 class Choose(Said, tag="choose", frozen=True, kw_only=True):
-    """Lay the pending view where one of its hypotheses says; ``index`` 0 is the best."""
+    """Lay the pending view at the place of one of its hypotheses; ``index`` 0 is the best."""
 
     view_index: Count
     index: Count

@@ -1,4 +1,4 @@
-"""What robots and the page's server say to each other (docs/robots.md); a version names the protocol."""
+"""Messages between robots and the page's server (docs/robots.md); a version names the protocol."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Routes of an active loop: a robot asks for the next angle, turns, and announces or sends the view.
 
-Without a page, it is also told what is known over the WebSocket that a page has (docs/robots.md).
+Without a page, results are also sent over the WebSocket that a page has (docs/robots.md).
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.robot_answers import RobotAnswers, Told
 
 POLL_S = 0.1
-"""Interval between checks for something new to tell. Chosen."""
+"""Interval between checks for new events. Chosen."""
 MAX_BODY_BYTES = 10_000
 """Limit of a request's body, as for ``/capture``. Chosen: far above what a pick takes."""
 
@@ -57,7 +57,7 @@ def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
 
 
 def events_route(events: Callable[[Told], Iterable[RobotEvent]]) -> WebSocketRoute:
-    """Return the route that pushes events; they are those that a client was not told yet."""
+    """Return the route that pushes the events that a client has not received yet."""
 
     async def serve(robot: WebSocket) -> None:
         await robot.accept()

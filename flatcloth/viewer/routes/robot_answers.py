@@ -37,7 +37,7 @@ _ROTATIONS_KEPT = 16
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shown:
-    """What robots are told of: a shape, and the document of ``grasps.json`` at one rotation."""
+    """What robots receive: a shape, and the document of ``grasps.json`` at one rotation."""
 
     shape: ShapeChanged
     document: dict[str, Any]
@@ -54,7 +54,7 @@ class Present(Shown):
 
 @dataclass
 class Told:
-    """What one client was told last; the events that it misses follow from it."""
+    """What one client received last; the events that it misses follow from it."""
 
     rotation_deg: float | None = None
     greeted: bool = False
@@ -137,7 +137,7 @@ class RobotAnswers:
         return tuple(map(float, points[name].position_held_m))
 
     def events(self, told: Told) -> Iterator[RobotEvent]:
-        """Yield what a client must be told next, and note that it was."""
+        """Yield the events that a client misses, and note that they are sent."""
         yield from news(told, self.integration.recording.name, self.present(told.rotation_deg))
 
     def present(self, rotation_deg: float | None) -> Present | None:
@@ -196,7 +196,7 @@ class RobotAnswers:
 
 
 def news(told: Told, recording: str, shown: Shown | None) -> Iterator[RobotEvent]:
-    """Yield what a client must be told next of what is shown of a recording, and note that it was."""
+    """Yield the events about the shown shape that a client misses, and note that they are sent."""
     if not told.greeted:
         told.greeted = True
         yield Hello(protocol=PROTOCOL, flatcloth=flatcloth.__version__, recording=recording)

@@ -166,6 +166,6 @@ TOPICS: dict[str, Topic] = {
 
 
 def _shape_view(present: Present) -> FlattenedView:
-    """Return the shape as it is exported, without the floating pieces beside it."""
+    """Return the shape as it is exported, without the floating pieces next to it."""
     sheet = present.picture.sheet
     return present.picture.view if sheet is None else sheet.canonical.view

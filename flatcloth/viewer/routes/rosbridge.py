@@ -69,7 +69,7 @@ class RosBridge:
         await push(socket, lambda: self._news(client), hear)
 
     def _answer(self, text: str, client: _Client) -> dict[str, Any] | None:
-        """Carry out an operation; return what is said to the client, None: nothing."""
+        """Carry out an operation; return the answer to the client, None: no answer."""
         try:
             if len(text) > MAX_BODY_BYTES:
                 raise ValueError(f"it is longer than {MAX_BODY_BYTES} characters")

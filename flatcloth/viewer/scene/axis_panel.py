@@ -91,7 +91,7 @@ class AxisPanel:
 
 
 def _within(slider: Any) -> float:
-    """Return a slider's value; viser passes on whatever a browser says."""
+    """Return a slider's value; viser passes on any value of a browser."""
     value = float(slider.value)
     return min(max(value, float(slider.min)), float(slider.max)) if math.isfinite(value) else 0.0
 

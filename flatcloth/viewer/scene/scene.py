@@ -251,7 +251,7 @@ class Scene:
         assert self._view_from is not None
         center, camera, half_width, half_height = self._view_from
         distance = max(float(np.linalg.norm(camera - center)) - half_width, 0.05)
-        aspect = aspect if math.isfinite(aspect) else 1.0  # viser passes on what a browser says
+        aspect = aspect if math.isfinite(aspect) else 1.0  # viser passes on any value of a browser
         tangent = FRAME_MARGIN * max(half_height, half_width / max(aspect, 0.2)) / distance
         return float(np.clip(2 * np.arctan(tangent), 0.2, 2.2))
 

@@ -17,7 +17,7 @@ from flatcloth.viewer.server.guard import given_token, own_token
 def serve_active(
     service: ActiveService, host: str, port: int, token_file: Path | None, ready: Callable[[str, str], None]
 ) -> None:
-    """Serve a loop until a robot was told its end, or Ctrl-C or SIGTERM.
+    """Serve a loop until a robot has received its end, or Ctrl-C or SIGTERM.
 
     Parameters
     ----------

@@ -63,9 +63,9 @@ _REST = """<script>
   const every = setInterval;
   setInterval = (work, ms, ...more) => (ms === 1000 ? 0 : every(work, ms, ...more));
 </script>"""
-"""Keeps viser's page from two things that it does each second: draw the scene anew although nothing has
-changed, which without a graphics card takes 0.2 s of all processors, in which the page answers nothing; and
-connect again, for which our page loads it anew."""
+"""Keeps viser's page from two things that it does each second: redraw the scene although nothing has
+changed, which without a graphics card blocks the page and all processors for 0.2 s; and reconnect, for which
+our page reloads it."""
 
 
 class PageServer:

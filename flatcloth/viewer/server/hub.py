@@ -17,7 +17,7 @@ from flatcloth.viewer.protocol.state import PageState
 WAITING_LIMIT = 1000
 """A tab with more unsent messages is disconnected. Chosen: it bounds memory."""
 _SERVICE_RESTART = 1012
-"""Code of a WebSocket that the server closes, to be opened anew (IANA's registry of close codes)."""
+"""Code of a WebSocket that the server closes, to be opened again (IANA's registry of close codes)."""
 _CLOSING_S = 2.0
 """Longest time to wait until the tabs have left. Chosen: a browser on this machine takes milliseconds."""
 

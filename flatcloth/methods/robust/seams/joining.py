@@ -283,7 +283,7 @@ def _unused(shape: JointShape) -> Bool:
 def _pairs_at(shape: JointShape, seam_uv_m: Float64, first_node: int, first_seam: int) -> Links:
     """Return the pairs between places (K, 2) on seams and the cloth of one side around them.
 
-    They are what one more view would say that sees only the rim: lengths and directions as the side lies.
+    They are those of one more view that sees only the rim: lengths and directions as the side lies.
     Its nodes are numbered from ``first_node``, the places from ``first_seam``.
     """
     placed = np.flatnonzero(shape.has_place & (shape.piece >= 0))

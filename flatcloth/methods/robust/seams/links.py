@@ -1,4 +1,4 @@
-"""Seam links: sets of places where rims meet that agree on one motion, and what they say of the cloth.
+"""Seam links: sets of places where rims meet that agree on one motion, and what follows for the cloth.
 
 Each set fixes how a piece of the other side lies to one of this side. Two sets that fix it differently
 contradict the cloth between them: some of it is joined falsely, as where two parts of a fold touch.
