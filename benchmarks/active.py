@@ -30,12 +30,12 @@ from benchmarks.inputs import Remembered
 from benchmarks.output import Options, kept, save, say
 from benchmarks.speed import unit_s
 from benchmarks.unattended import integrated
-from flatcloth.active.choosing import Next, shorter_deg
+from flatcloth.active.choosing import Next
 from flatcloth.active.ending import End
 from flatcloth.active.goal import Budget, Goal, knowledge_of
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import object_from_camera
+from flatcloth.core.geometry import object_from_camera, wrapped_deg
 from flatcloth.core.types import finite
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.export.garment import garment_points, other_points
@@ -72,11 +72,11 @@ class _Present(ActiveLoop):
         if self.integration is None or self.document.start_view is None:
             return asked
         taken = self.integration.views.angles_deg
-        free = [a for a in np.arange(0.0, 360.0, 10.0) if min(abs(shorter_deg(a - t)) for t in taken) > 5.0]
+        free = [a for a in np.arange(0.0, 360.0, 10.0) if min(abs(wrapped_deg(a - t)) for t in taken) > 5.0]
         plan = self.integration.algorithm.look_ahead(self.document, [*taken, *map(float, free)])
         assert plan.view_index is not None
         angle = float([*taken, *free][plan.view_index])
-        return Next(angle_deg=angle, turn_deg=shorter_deg(angle - self.stands_deg), why="")
+        return Next(angle_deg=angle, turn_deg=wrapped_deg(angle - self.stands_deg), why="")
 
 
 LOOPS = {"active": ActiveLoop, "fixed": _Fixed, "present": _Present}

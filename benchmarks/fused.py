@@ -12,14 +12,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, save_page, say
 from benchmarks.problems import signed_areas
 from benchmarks.unattended import unattended
 from flatcloth.core.geometry import camera_from_object, project, z_angle_deg
+from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, FlattenedView, Float64, Int32, Int64
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.integration import Integration
@@ -132,9 +131,8 @@ def cleaned(points_m: Float64, triangles: Int64) -> Mesh:
     triangles = triangles[area > DEGENERATE_SHARE * VOXEL_M**2]
     triangles, original = igl.split_nonmanifold(triangles)
     points_m = points_m[np.asarray(original).ravel()]
-    a, b = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
-    graph = coo_matrix((np.ones(a.size), (a, b)), shape=(len(points_m), len(points_m)))
-    piece = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
+    piece = components(len(points_m), sides)[triangles[:, 0]]
     kept, corner = np.unique(triangles[piece == np.bincount(piece).argmax()], return_inverse=True)
     return Mesh(
         points_m=np.ascontiguousarray(points_m[kept]), triangles=corner.reshape(-1, 3).astype(np.int32)

@@ -27,6 +27,7 @@ from benchmarks.output import Options, kept, recordings_of, save, say
 from benchmarks.speed import unit_s
 from flatcloth.checking.check import check_recording
 from flatcloth.checking.findings import Check
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import RgbdFrame, RotationAxis
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording, ViewImages, altered, images_of
@@ -214,7 +215,7 @@ def _same(right: Recording, other: Recording) -> bool:
         return False
     turned = np.array(other.angles_deg) - np.array(right.angles_deg)
     turned -= np.median(turned)
-    if np.abs((turned + 180) % 360 - 180).max() > _ANGLE_DEG * (4 if right.name.endswith("loose") else 1):
+    if np.abs(wrapped_deg(turned)).max() > _ANGLE_DEG * (4 if right.name.endswith("loose") else 1):
         return False
     if other.intrinsics.width != right.intrinsics.width:
         return False

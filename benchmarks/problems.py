@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay
 
 from flatcloth.core.config import Config
+from flatcloth.core.graphs import components
 from flatcloth.core.types import Float64, Int32, RgbdFrame, RotationAxis
 from flatcloth.flattening.sampling import sample_surface
 from flatcloth.flattening.surface import observe_surface
@@ -101,11 +100,9 @@ def _joined(triangles: Int32, owner: Int32) -> Int32:
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     _, side = np.unique(sides, axis=0, return_inverse=True)
     count = len(triangles)
-    graph = coo_matrix((np.ones(side.size), (owner.ravel(), count + side.ravel())))
-    size = int(count + side.max() + 1)
-    graph.resize((size, size))
-    _, label = connected_components(graph, directed=False)
-    largest: Int32 = np.flatnonzero(label[:count] == np.bincount(label[:count]).argmax())
+    joined = np.stack([owner.ravel(), count + side.ravel()], axis=1)
+    label = components(int(count + side.max() + 1), joined)[:count]
+    largest: Int32 = np.flatnonzero(label == np.bincount(label).argmax())
     return largest
 
 
@@ -113,7 +110,7 @@ def _fans(triangles: Int32) -> Int32:
     """Tell for each triangle to which further fan around one of its corners it belongs (0: the first)."""
     corner = np.arange(triangles.size).reshape(-1, 3)
     links: dict[tuple[int, int], int] = {}
-    a, b = [], []
+    pairs = []
     for t, points in enumerate(triangles.tolist()):
         for i in range(3):
             p, q = points[i], points[(i + 1) % 3]
@@ -121,10 +118,8 @@ def _fans(triangles: Int32) -> Int32:
             for at, other, own in ((p, q, corner[t, i]), (q, p, corner[t, (i + 1) % 3])):
                 seen = links.setdefault((at, other), own)
                 if seen != own:
-                    a.append(seen)
-                    b.append(own)
-    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(triangles.size, triangles.size))
-    _, label = connected_components(graph, directed=False)
+                    pairs.append((seen, own))
+    label = components(triangles.size, np.array(pairs).reshape(-1, 2))
     point = triangles.ravel()
     size = np.bincount(label)[label]
     order = np.lexsort((label, -size, point))

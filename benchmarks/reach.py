@@ -11,13 +11,12 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import unattended
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.engine.evaluation import CELL_M, Truth, compare, of_interest, reachable_cells
 from flatcloth.engine.integration import Integration
@@ -69,10 +68,8 @@ def largest_chain(
         flat = np.where(of_interest(true, truth.panel_of_interest)[..., None], true.flat_uv_m, np.nan)
         joined.append(neighbouring_cells(surface, flat.astype(np.float64), reachable.shape, origin))
     pairs = np.concatenate(joined)
-    n = reachable.size
-    graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    label = connected_components(graph, directed=False)[1]
-    shown = np.zeros(n, dtype=bool)
+    label = components(reachable.size, pairs)
+    shown = np.zeros(reachable.size, dtype=bool)
     shown[pairs] = True
     shown &= reachable.ravel()
     sizes = np.bincount(label[shown], minlength=1)

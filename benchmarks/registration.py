@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import Rigid3, object_from_camera, project
+from flatcloth.core.geometry import Rigid3, object_from_camera, project, wrapped_deg
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
@@ -121,7 +121,7 @@ def _views(integration: Integration) -> list[int]:
     angles = np.array(integration.recording.angles_deg)
     start = int(np.argmax(integration.views.observed_areas_m2()))
     wanted = [angles[start] + sign * step for step in np.arange(0.0, 181.0, STEP_DEG) for sign in (1, -1)]
-    found = [int(np.abs((angles - angle + 180.0) % 360.0 - 180.0).argmin()) for angle in wanted]
+    found = [int(np.abs(wrapped_deg(angles - angle)).argmin()) for angle in wanted]
     views = []
     for view in dict.fromkeys(found):
         try:

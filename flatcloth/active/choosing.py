@@ -20,6 +20,7 @@ import numpy as np
 
 from flatcloth.active.expecting import GRID_DEG, OtherSide, Shares, in_order, shares_around
 from flatcloth.active.goal import Goal, Knowledge
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import Float64
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
@@ -74,18 +75,13 @@ def seconds_of(turn_deg: float) -> float:
     return LOOK_S + abs(turn_deg) / TURN_DEG_PER_S
 
 
-def shorter_deg(turn_deg: float) -> float:
-    """Return a rotation as the shorter way, -180 to 180 degrees."""
-    return (turn_deg + 180.0) % 360.0 - 180.0
-
-
 def free_angles_deg(taken_deg: Sequence[float]) -> list[float]:
     """Return the angles of a full turn at which no view was taken, from 0 on."""
     taken = np.asarray(taken_deg)
     return [
         float(angle)
         for angle in np.arange(0.0, 360.0, GRID_DEG)
-        if not taken.size or np.abs((taken - angle + 180.0) % 360.0 - 180.0).min() >= APART_DEG
+        if not taken.size or np.abs(wrapped_deg(taken - angle)).min() >= APART_DEG
     ]
 
 
@@ -124,8 +120,8 @@ def choose_next(
         return None
     if not plan.candidates:  # the paper's planning: one rotation, without areas
         angle = angles[plan.view_index]
-        return Next(angle_deg=angle, turn_deg=shorter_deg(angle - stands_deg), why=plan.reason)
-    turns = np.array([shorter_deg(angle - stands_deg) for angle in free])
+        return Next(angle_deg=angle, turn_deg=wrapped_deg(angle - stands_deg), why=plan.reason)
+    turns = np.array([wrapped_deg(angle - stands_deg) for angle in free])
     least_m2, rated = overlap_area_m2(integration.views), in_order(plan)
     overlap = np.minimum(1.0, [c.overlap_m2 / least_m2 for c in rated])
     # Even odds that a view joins what floats, if it shows it with the shape from elsewhere than before.

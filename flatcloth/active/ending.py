@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flatcloth.active.choosing import Next, free_angles_deg, shorter_deg
+from flatcloth.active.choosing import Next, free_angles_deg
 from flatcloth.active.goal import Goal, Knowledge
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.garments.fit import APART_M
 from flatcloth.recordings.film.angles import apart_deg
@@ -47,7 +48,7 @@ def elsewhere(taken_deg: Sequence[float], stands_deg: float) -> Next | End:
     if not free:
         return End(reached=False, reason="No view shows enough cloth to flatten. Re-grasp the item.")
     far = max(free, key=lambda angle: min(apart_deg(angle, taken) for taken in taken_deg))
-    turn_deg = shorter_deg(far - stands_deg)
+    turn_deg = wrapped_deg(far - stands_deg)
     return Next(angle_deg=far, turn_deg=turn_deg, why="no view could be flattened yet")
 
 

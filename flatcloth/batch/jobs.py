@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import functools
 import gc
 import importlib.metadata
@@ -29,6 +28,7 @@ from flatcloth.batch.rows import DONE, FAILED, MEMORY, UNFINISHED, next_attempt,
 from flatcloth.batch.tasks import TASK_FILE, Task, content_signature, quick_signature
 from flatcloth.checking.check import checked
 from flatcloth.core.errors import FlatclothError, JournalError, os_errors_as
+from flatcloth.core.memory import trim
 from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.core.subprocess_worker import memory_limit_bytes
 from flatcloth.core.types import Progress
@@ -100,7 +100,7 @@ def _to_row(task: Task, folder: Path, question: Mapping[str, Any], progress: Pro
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
     }
     gc.collect()
-    _give_back_memory()
+    trim()
     row["memory_after_mb"] = _status_mb("VmRSS")
     write_row(row, folder)
     return {**row, "again": True, "spent": spent}
@@ -273,9 +273,3 @@ def _status_mb(name: str) -> float | None:
     with contextlib.suppress(OSError, StopIteration), open("/proc/self/status") as file:
         return round(next(int(line.split()[1]) for line in file if line.startswith(name)) / 1024, 1)
     return None
-
-
-def _give_back_memory() -> None:
-    """Make the C library return free memory to the system, so that processes do not grow over time."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)

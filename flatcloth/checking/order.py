@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from flatcloth.checking.findings import Finding
 from flatcloth.checking.slips import closure, slipped_after
 from flatcloth.checking.turns import LOOSE_DEG, NEAR_DEG, Pair, Reach, pair_of, share_at, turns_between
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import RotationAxis
 from flatcloth.recordings.mending import Mends
 from flatcloth.registration.view_features import ViewFeatures
@@ -72,7 +73,7 @@ class Chain:
 
     def turn_deg(self, one: int, other: int) -> float:
         """Return the recorded turn between two views, the shorter way."""
-        return (self.recorded_deg[other] - self.recorded_deg[one] + 180.0) % 360.0 - 180.0
+        return wrapped_deg(self.recorded_deg[other] - self.recorded_deg[one])
 
     def is_near(self, one: int, other: int) -> bool:
         """Return whether two views are recorded near enough to each other to be compared."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from flatcloth.core.geometry import rotation_about
 from flatcloth.core.types import Float64
 from flatcloth.registration.normal_equations import ComparedView, Limits, Sums, Transforms, accumulate
 
@@ -17,16 +18,7 @@ _DISTANCE, _MOTION = 0, 6
 """The term of the distance, and the unknowns of a motion. By definition."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _rotation(vector: Float64) -> Float64:
-    """Return the rotation (3, 3) by a rotation vector (3,), by Rodrigues' formula."""
-    angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
-    rotation = np.eye(3)
-    if angle > 0.0:
-        x, y, z = vector[0] / angle, vector[1] / angle, vector[2] / angle
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        rotation += np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
-    return rotation
+_rotation_about = njit(cache=True, nogil=True)(rotation_about)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -128,7 +120,8 @@ def follow(
             for a in range(_MOTION):
                 gradient[a] += weight * sums.scores[_DISTANCE, :, a].sum()
             twist = twist - np.linalg.solve(matrix, gradient)
-            turn = _rotation(twist[:3])
+            angle = np.sqrt(twist[0] ** 2 + twist[1] ** 2 + twist[2] ** 2)
+            turn = _rotation_about(twist[:3] / angle, angle) if angle > 0.0 else np.eye(3)
             pose = (turn @ start[0], turn @ start[1] + center_m - turn @ center_m + twist[3:])
     _compare(moving, still, pose, center_m, _limits(like, scales_m[-1]), sums)
     return twist, matrix, sums.tally.copy()

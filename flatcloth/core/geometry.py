@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
 from flatcloth.core.types import Bool, Float32, Float64, Floats, Intrinsics, Rigid2, RotationAxis
+
+_Angles = TypeVar("_Angles", float, Float64)
 
 
 @dataclass(frozen=True)
@@ -122,10 +125,11 @@ def z_angle_deg(normal: Floats, axis: RotationAxis, angle_deg: float = 0.0) -> F
     return wrapped_deg(np.degrees(np.arctan2(n @ to_right, n @ to_camera)) + angle_deg)
 
 
-def wrapped_deg(angles_deg: Float64) -> Float64:
-    """Return angles (...) in (-180, 180]."""
-    wrapped: Float64 = angles_deg - 360.0 * np.ceil((angles_deg - 180.0) / 360.0)
-    return wrapped
+def wrapped_deg(angles_deg: _Angles) -> _Angles:
+    """Return angles (...), or turns as the shorter way, in (-180, 180]."""
+    wrapped: Any = angles_deg - 360.0 * np.ceil((angles_deg - 180.0) / 360.0)
+    result: _Angles = wrapped if np.ndim(wrapped) else wrapped.item()
+    return result
 
 
 def tangent_basis(normal: Float64) -> tuple[Float64, Float64]:

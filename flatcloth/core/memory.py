@@ -30,7 +30,7 @@ def free(unused: weakref.ref[Any]) -> None:
     The collector by itself comes late: after several changes of the recording.
     """
     gc.collect()
-    _trim()
+    trim()
     if unused() is not None:
         threading.Thread(target=_free_later, args=(unused,), name="flatcloth-free", daemon=True).start()
 
@@ -39,7 +39,7 @@ def _free_later(unused: weakref.ref[Any]) -> None:
     while unused() is not None:
         time.sleep(_TRIM_S)
         gc.collect()
-    _trim()
+    trim()
 
 
 @cache
@@ -67,10 +67,11 @@ def _trim_often() -> None:
     while True:
         time.sleep(_TRIM_S)
         if time.process_time() > trimmed_s + _WORKED_S:
-            _trim()
+            trim()
             trimmed_s = time.process_time()
 
 
-def _trim() -> None:
+def trim() -> None:
+    """Make the C library return free memory to the system, so that processes do not grow over time."""
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError, FlatteningError, SurfaceError
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import Bool, LaidPiece, Progress, RgbdFrame, no_progress
 from flatcloth.engine.following import ended
 from flatcloth.engine.garment.recognition import (
@@ -221,7 +222,7 @@ def _all_views(other: Integration, progress: Progress, cores: int) -> Document:
     start = other.answer(Document(), Request(0, "start"), progress)
     assert isinstance(start, Started)
     document = Document(start_view=start.view_index)
-    turn = np.abs((angles_deg - angles_deg[start.view_index] + 180.0) % 360.0 - 180.0)
+    turn = np.abs(wrapped_deg(angles_deg - angles_deg[start.view_index]))
     order: list[int] = np.argsort(turn, kind="stable")[1:].tolist()
     for n, view in enumerate(order):
         progress((n + 1) / (len(order) + 1), f"other side: view {view}")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flatcloth.core.errors import AlignmentError, FlatclothError
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.methods.answers import ClothPairs, ColumnCurves, Correspondence
@@ -95,7 +96,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
     side, front = integration.algorithm.continued(document, pending.view_index, pending.side)
     canonical = integration.canonical(document)
     front_from_current = canonical.current_from_view[front].inverse()
-    turn = (angles[pending.view_index] - angles[front] + 180.0) % 360.0 - 180.0
+    turn = wrapped_deg(angles[pending.view_index] - angles[front])
     new = integration.views.part(pending.view_index, pending.component)
     limit = config.planning.z_angle_limit_deg
     curves = column_curves(canonical.view, axis, angles[front], limit, front_from_current)

@@ -21,6 +21,7 @@ from flatcloth.core.errors import (
     FlatteningError,
     SurfaceError,
 )
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import (
     Bool,
     FlattenedView,
@@ -417,7 +418,7 @@ class Integration:
     def _turns_from(self, view_index: int) -> Float64:
         """Return the rotation (n_views,) from a view to each, 0 to 180 degrees."""
         angles = np.asarray(self.recording.angles_deg)
-        turns: Float64 = np.abs((angles - angles[view_index] + 180.0) % 360.0 - 180.0)
+        turns: Float64 = np.abs(wrapped_deg(angles - angles[view_index]))
         return turns
 
     def _likely_after(self, plan: Plan) -> list[int]:

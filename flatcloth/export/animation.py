@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.plain_files import replacing
 from flatcloth.core.types import Bool, FlattenedView, Float64, Uint8
 from flatcloth.export.growth import Growth, Step
@@ -97,7 +98,7 @@ def frames(session: OpenedSession) -> Iterator[Frame]:
     for step in growth.steps:
         session.progress(step.order / (last.order + 1), f"painting step {step.order + 1} of {last.order + 1}")
         if step.order:
-            turn = (step.angle_deg - angle_deg + 180.0) % 360.0 - 180.0
+            turn = wrapped_deg(step.angle_deg - angle_deg)
             page = painter.page(step, step.order - 1, False)
             for n in range(1, turn_frames + 1):
                 share = n / (turn_frames + 1)

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import ConfigError, FlatteningError
 from flatcloth.core.geometry import camera_from_object, fit_rigid2, object_from_camera, project
+from flatcloth.core.graphs import components
 from flatcloth.core.types import FlattenedView, Float64, Int32, RotationAxis
 from flatcloth.flattening.minimisation import ENERGY_TOLERANCE, Minimum, minimise
 from flatcloth.flattening.raster import rasterise_pixels, rasterise_triangles, triangulate
@@ -24,7 +25,6 @@ from flatcloth.flattening.sampling import (
     LEAST_INTERVAL_M,
     Samples,
     cut_necks,
-    graph_components,
     sample_surface,
 )
 from flatcloth.flattening.surface import Surface
@@ -190,7 +190,7 @@ def _solve_level(samples: Samples, initial: Float64, least_samples: int, record:
 
 def _components(n: int, edges: Int32) -> Int32:
     """Return the number of each point's connected component (N,); the largest component is 0."""
-    label = graph_components(n, edges)
+    label = components(n, edges)
     order = np.argsort(-np.bincount(label), kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(order.size)

@@ -19,9 +19,10 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.patches import NOISY_WINDOW_PX, fit_patches, normals_from_fit
-from flatcloth.flattening.surface import Surface, numbered, unite
+from flatcloth.flattening.surface import Surface
 
 LEAST_INTERVAL_M = 0.012
 """Samples are at least about this far apart. Set by hand: 6 px of a D435 at 0.85 m. Limits that count samples
@@ -205,23 +206,11 @@ def cut_necks(samples: Samples, least_core: int) -> Samples:
     return replace(samples, edges=samples.edges[inside], edge_length_m=samples.edge_length_m[inside])
 
 
-@njit(cache=True, nogil=True)
-def graph_components(n: int, edges: Int32) -> Int32:
-    """Return the number (n,) of each point's connected component, in the order of their first points.
-
-    SciPy's ``connected_components`` takes five times as long, as it wants a matrix first.
-    """
-    parent = np.arange(n).astype(np.int32)
-    for e in range(edges.shape[0]):
-        unite(parent, edges[e, 0], edges[e, 1])
-    return numbered(parent, np.ones(n, dtype=np.bool_))
-
-
 def _parts(n: int, edges: Int32, least_core: int) -> Int32:
     """Find the core nearest to each sample (N,) along the pairs; -1 if no core can be reached."""
     a, b = edges[:, 0], edges[:, 1]
     whole = np.bincount(edges.ravel(), minlength=n) >= _NEIGHBOURS
-    core = np.where(whole, graph_components(n, edges[whole[a] & whole[b]]), -1)
+    core = np.where(whole, components(n, edges[whole[a] & whole[b]]), -1)
     size = np.bincount(core[core >= 0], minlength=1)
     if (size >= least_core).sum() <= 1:
         return np.zeros(n, dtype=np.int32)  # at most one part

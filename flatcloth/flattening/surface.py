@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import back_project, window_of, z_angle_deg
-from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, RgbdFrame, RotationAxis
+from flatcloth.core.graphs import numbered, unite
+from flatcloth.core.types import Bool, Float32, Float64, Int32, RgbdFrame, RotationAxis
 from flatcloth.flattening.noise import smooth_noise
 from flatcloth.flattening.patches import (
     NOISY_WINDOW_PX,
@@ -282,31 +283,6 @@ def off_edges(item: Bool, steps: NDArray[np.uint8]) -> Bool:
     off[:-1] &= ~cut_down
     off[1:] &= ~cut_down
     return off
-
-
-@njit(cache=True, nogil=True)
-def unite(parent: Int32 | Int64, a: int, b: int) -> None:
-    """Make one set of the sets of two elements; ``parent`` (N,) leads each to the first of its set."""
-    while parent[a] != a:
-        parent[a] = parent[parent[a]]
-        a = parent[a]
-    while parent[b] != b:
-        parent[b] = parent[parent[b]]
-        b = parent[b]
-    parent[max(a, b)] = min(a, b)
-
-
-@njit(cache=True, nogil=True)
-def numbered(parent: Int32 | Int64, used: Bool) -> Int32:
-    """Return the number of each element's set (N,), by their first elements; -1 where it is not used."""
-    number, count = np.full(len(parent), -1, dtype=np.int32), 0
-    for m in range(len(parent)):
-        if parent[m] != m:  # it leads to a smaller element
-            number[m] = number[parent[m]]
-        elif used[m]:
-            number[m] = count
-            count += 1
-    return number
 
 
 @njit(cache=True, nogil=True)

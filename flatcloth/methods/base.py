@@ -14,6 +14,7 @@ import numpy as np
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import (
     Bool,
     FlattenedView,
@@ -293,6 +294,6 @@ class Method(Protocol):
         """
         used = [v for v in (document.start_view, *(a.view_index for a in document.accepted)) if v is not None]
         angles = np.asarray(self.angles_deg)
-        turns = (angles[view_index] - angles[used] + 180.0) % 360.0 - 180.0
+        turns = wrapped_deg(angles[view_index] - angles[used])
         nearest = int(np.argmin(np.abs(turns)))
         return (Side.LEFT if turns[nearest] >= 0 else Side.RIGHT), used[nearest]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.geometry import back_project, object_from_camera
+from flatcloth.core.geometry import back_project, object_from_camera, wrapped_deg
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis
 from flatcloth.flattening.minimisation import ITERATIONS
 from flatcloth.flattening.surface import EXTENT_M, item_mask
@@ -55,7 +55,7 @@ def choose_views(angles_deg: Sequence[float], most: int = VIEWS_USED) -> list[in
     """Return at most ``most`` views spread evenly over the turn, in order of their angle."""
     turned = np.asarray(angles_deg, dtype=np.float64) % 360.0
     wanted = np.arange(most) * 360.0 / most
-    apart = np.abs((turned[None] - wanted[:, None] + 180.0) % 360.0 - 180.0)
+    apart = np.abs(wrapped_deg(turned[None] - wanted[:, None]))
     nearest = set(range(len(turned))) if len(turned) <= most else set(apart.argmin(axis=1).tolist())
     return sorted(nearest, key=lambda n: float(turned[n]))
 
@@ -238,7 +238,7 @@ class _Pair:
 def _pairs(angles_deg: Sequence[float]) -> list[_Pair]:
     """Return the pairs of views with common surface."""
     turns = [
-        _Pair(i, j, abs((angles_deg[j] - angles_deg[i] + 180.0) % 360.0 - 180.0))
+        _Pair(i, j, abs(wrapped_deg(angles_deg[j] - angles_deg[i])))
         for i in range(len(angles_deg))
         for j in range(i)
     ]

@@ -33,9 +33,9 @@ class SignedGraph:
     second: Int64
     weight: Float64
 
-    def components(self, kept: Bool) -> Int64:
+    def components(self, kept: Bool) -> Int32:
         """Return the component number (M,) of each cluster, joined by the kept edges (E,)."""
-        return components(self.count, self.first[kept], self.second[kept])
+        return components(self.count, np.stack([self.first[kept], self.second[kept]], axis=1))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 from scipy.sparse.linalg import splu
 
+from flatcloth.core.graphs import components
 from flatcloth.core.types import Float64, Int32
 from flatcloth.flattening.minimisation import minimise
 from flatcloth.synthesis.meshes import GarmentMesh
@@ -147,10 +148,8 @@ def _pattern_start(corner_m: Float64, corner_uv: Float64) -> Float64 | None:
 
 def _parts(nodes: Int32) -> list[Int32]:
     """Return the triangles of each connected part."""
-    count = int(nodes.max()) + 1
     pairs = np.concatenate([nodes[:, [0, 1]], nodes[:, [1, 2]]])
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    label = connected_components(graph, directed=False)[1][nodes[:, 0]]
+    label = components(int(nodes.max()) + 1, pairs)[nodes[:, 0]]
     return [np.flatnonzero(label == i).astype(np.int32) for i in np.unique(label)]
 
 

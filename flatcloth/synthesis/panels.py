@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 
 from flatcloth.core.errors import SynthesisError
+from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.synthesis.meshes import GarmentMesh
 
@@ -66,12 +67,7 @@ def shared_edges(triangles: Int32) -> tuple[Int32, Int32]:
 def nodes_of(triangles: Int32, joined: Bool, corner: Int32) -> Int32:
     """Return node numbers (T, 3): corners connected around a vertex over joined edges are one node."""
     pairs = corner[joined].transpose(0, 2, 1).reshape(-1, 2)
-    graph = coo_matrix(
-        (np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(triangles.size,) * 2
-    )
-    label = connected_components(graph, directed=False)[1]
-    nodes: Int32 = label.reshape(-1, 3).astype(np.int32)
-    return nodes
+    return components(triangles.size, pairs).reshape(-1, 3)
 
 
 def signed_areas(corner_uv: Float64) -> Float64:
@@ -149,8 +145,7 @@ def _openings(triangles: Int32, inner_edges: Int32) -> Int32:
     rim = every[~np.isin(code, inner)]
     if len(rim) == 0:
         return np.full(0, -1, dtype=np.int32)
-    graph = coo_matrix((np.ones(len(rim)), (rim[:, 0], rim[:, 1])), shape=(n, n))
-    label = connected_components(graph, directed=False)[1]
+    label = components(n, rim)
     result = np.full(n, -1, dtype=np.int32)
     on_rim = np.unique(rim)
     result[on_rim] = np.unique(label[on_rim], return_inverse=True)[1]
@@ -170,10 +165,7 @@ def _pieces(mesh: GarmentMesh) -> Int32:
         side = np.sign(signed_areas(mesh.corner_uv))[corner[:, :, 0] // 3]
         joins.insert(0, near & (side[:, 0] == side[:, 1]))
     for joined in joins:
-        pair = corner[joined][:, :, 0] // 3
-        graph = coo_matrix((np.ones(len(pair)), (pair[:, 0], pair[:, 1])), shape=(len(mesh.triangles),) * 2)
-        count, label = connected_components(graph, directed=False)
-        if count <= MOST_PANELS:
+        pieces = components(len(mesh.triangles), corner[joined][:, :, 0] // 3)
+        if pieces.max(initial=-1) < MOST_PANELS:
             break
-    pieces: Int32 = label.astype(np.int32)
     return pieces

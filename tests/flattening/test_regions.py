@@ -15,7 +15,7 @@ from flatcloth.flattening.patches import (
     median,
 )
 from flatcloth.flattening.ramps import fill_dropouts, long_ones, regions_with
-from flatcloth.flattening.sampling import graph_components, widened
+from flatcloth.flattening.sampling import widened
 from flatcloth.flattening.surface import _label_regions
 
 
@@ -48,11 +48,6 @@ def test_regions_of_an_image_are_numbered_by_their_first_pixel() -> None:
     measured = image("##.#", "..##", "#..#")
     steps = find_steps(np.where(measured, 1.0, 0.0), 0.1)
     assert _label_regions(steps, measured).tolist() == [[0, 0, -1, 1], [-1, -1, 1, 1], [2, -1, -1, 1]]
-
-
-def test_components_of_a_graph_are_numbered_by_their_first_point() -> None:
-    edges = np.array([[4, 1], [5, 2], [4, 5]], dtype=np.int32)
-    assert graph_components(6, edges).tolist() == [0, 1, 1, 2, 1, 1]
 
 
 @pytest.mark.parametrize("values", [[3.0], [4.0, 1.0], [5.0, 1.0, 4.0], [7.0, 1.0, 2.0, 4.0]])

@@ -10,6 +10,7 @@ from viewer_fakes import CENTER_M, CylinderRecording, cylinder_view
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
+from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.rendering.colormaps import (
     MAPS,
     apply_table,
@@ -20,7 +21,6 @@ from flatcloth.session.machine import Accept, Propose, Proposed, SessionState, S
 from flatcloth.viewer.protocol.actions import ACTIONS, REJECT_REASONS
 from flatcloth.viewer.protocol.allowed import action_table, command_of, nudge_about
 from flatcloth.viewer.protocol.picture import values_at
-from flatcloth.viewer.scene.scene import quaternion_from_matrix
 
 AXIS = CylinderRecording().rotation_axis
 # Keys that browsers keep for themselves, or that move the focus.
@@ -185,5 +185,5 @@ def test_quaternions_keep_the_rotation():
 
     rotation = transforms.SO3.from_rpy_radians(0.1, -0.7, 2.0).as_matrix()
     np.testing.assert_allclose(
-        transforms.SO3(quaternion_from_matrix(rotation)).as_matrix(), rotation, atol=1e-9
+        transforms.SO3(np.array(quaternion_wxyz(rotation))).as_matrix(), rotation, atol=1e-9
     )

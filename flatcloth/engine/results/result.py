@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatteningError, SurfaceError
-from flatcloth.core.geometry import back_project, object_from_camera
+from flatcloth.core.geometry import back_project, object_from_camera, wrapped_deg
 from flatcloth.core.types import FlattenedView, Float64, Uint8
 from flatcloth.engine.evaluation import FIRM_M
 from flatcloth.engine.results.pixel_states import NEAR_M, states_of
@@ -286,8 +286,8 @@ def _more(areas: Areas, document: Document) -> More:
     angles_deg = areas.integration.recording.angles_deg
     expected: list[tuple[int, float]] = []
     for c in sorted(plan.candidates, key=lambda candidate: -candidate.new_m2):
-        turns = [(angles_deg[c.view_index] - angles_deg[v] + 180.0) % 360.0 - 180.0 for v, _ in expected]
-        if all(abs(turn) >= _APART_DEG for turn in turns):
+        turns = [abs(wrapped_deg(angles_deg[c.view_index] - angles_deg[v])) for v, _ in expected]
+        if all(turn >= _APART_DEG for turn in turns):
             expected.append((c.view_index, c.new_m2))
     reason = "Another view is planned." if plan.view_index is not None else plan.reason
     return More(reason=reason, expected=tuple(expected), share=_share(areas, document))

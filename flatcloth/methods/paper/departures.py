@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import AlignmentError
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import FlattenedView, Progress, Rigid2
 from flatcloth.methods.answers import Alignment
 from flatcloth.methods.base import Method, Views
@@ -196,7 +197,7 @@ class Departures(Method):
         found = []
         for view in sorted(document.used_views):
             waiting = [n for n in self.sizeable(view) if (view, n) not in placed | document.left_out]
-            turned = abs((self.angles_deg[view] - newest + 180.0) % 360.0 - 180.0)
+            turned = abs(wrapped_deg(self.angles_deg[view] - newest))
             if not waiting or turned > 2.0 * self._config.planning.z_angle_limit_deg:
                 continue  # nothing that the newest view shows is seen in this one
             rest = without(canonical.view, canonical.layers, self._views.part, view)

@@ -12,6 +12,7 @@ from functools import cached_property
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
 from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.methods.answers import Alignment, AlignmentScore, Placement, Plan
@@ -119,7 +120,7 @@ class PaperMethod(Departures):
     ) -> Alignment:
         """Align a component with the shape, or a part of it, continuing the view ``front``."""
         canonical, angles = self.canonical(document), self.angles_deg
-        turn = (angles[view_index] - angles[front] + 180.0) % 360.0 - 180.0
+        turn = wrapped_deg(angles[view_index] - angles[front])
         lines = correspond(
             current or canonical.view,
             self._views.part(view_index, component),

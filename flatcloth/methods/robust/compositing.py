@@ -10,11 +10,10 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.geometry import Rigid3
+from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, Rigid2, RotationAxis, Uint8
 from flatcloth.flattening.pixel_states import PixelState
 from flatcloth.flattening.raster import BLOCK_TRIANGLES, cloth_triangles
@@ -151,10 +150,7 @@ def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[F
     pieces = [shape.piece == n for n in np.unique(shape.piece[shape.piece > 0])]
     if unreliable is not None and unreliable.any():
         inside = shape.links.edges[both_ends(unreliable, shape.links.edges)]
-        graph = coo_matrix(
-            (np.ones(len(inside), dtype=np.int8), tuple(inside.T)), shape=(len(unreliable),) * 2
-        )
-        label = np.where(unreliable, connected_components(graph, directed=False)[1], -1)
+        label = np.where(unreliable, components(len(unreliable), inside), -1)
         sizes = np.bincount(label[unreliable])
         pieces += [label == n for n in np.flatnonzero(sizes >= LEAST_PIECE)]
     pieces.sort(key=lambda own: -int(own.sum()))

@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, Float64, Int32
-from flatcloth.flattening.sampling import graph_components
 from flatcloth.methods.robust.observations import Complex128, Observation
 
 Int64 = NDArray[np.int64]
@@ -49,11 +49,11 @@ def connected_pieces(
         Two cores are joined if the pairs between them have this much evidence together.
     """
     i, j = edges.T.copy()
-    core_of = graph_components(n, edges[_neighbours_in_common(n, i, j) >= _TRIANGLES])
+    core_of = components(n, edges[_neighbours_in_common(n, i, j) >= _TRIANGLES])
     is_core = np.bincount(core_of) >= least_core_nodes
     label = _grown(np.where(is_core[core_of], core_of, -1), i, j, evidence)
     rest = label < 0
-    label[rest] = n + graph_components(n, edges[rest[i] & rest[j]])[rest]
+    label[rest] = n + components(n, edges[rest[i] & rest[j]])[rest]
     label = np.unique(label, return_inverse=True)[1].astype(np.int32)
     return _joined(label, i, j, evidence, least_evidence)
 
@@ -315,4 +315,4 @@ def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64, least_evidence:
         if not strong.any():
             return piece
         joined = np.stack(np.divmod(key[strong], count), axis=1).astype(np.int32)
-        piece = graph_components(count, joined)[piece]
+        piece = components(count, joined)[piece]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3
+from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, Float32, Float64, Int32
-from flatcloth.flattening.sampling import graph_components
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.robust.articulated import LEAST_RIGID_PART_NODES
 from flatcloth.methods.robust.connectivity import LEAST_EVIDENCE, connected_pieces, links_of
@@ -283,7 +283,7 @@ def _pieces_of_rest(shape: JointShape, rest: Bool) -> list[_Piece]:
     A single node that two views share joins their cloth, but leaves the angle between them open.
     """
     edges = shape.links.edges[shape.links.both_ends(rest) & ~shape.is_cut]
-    label = graph_components(len(shape.nodes), edges)
+    label = components(len(shape.nodes), edges)
     found = [label == k for k in np.flatnonzero(np.bincount(label[rest]) >= LEAST_PIECE)]
     return [
         _Piece(members=own, known=_known(own & shape.has_place, shape.piece), is_main=False, is_changed=True)

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.cache import Cache
+from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import Bool, Float64, LaidPiece, Progress, RgbdFrame, Rigid2, Uint8, no_progress
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.pixel_states import states_of_view
@@ -138,7 +139,7 @@ class RobustMethod(Method):
 
     def _turn_deg(self, used: frozenset[int], best: Candidate) -> float:
         angles = self.angles_deg
-        turns = [(angles[best.view_index] - angles[v] + 180.0) % 360.0 - 180.0 for v in used]
+        turns = [wrapped_deg(angles[best.view_index] - angles[v]) for v in used]
         return min(turns, key=abs)
 
     # ------------------------------------------------- 2. placement of a view (in place of 4.2)

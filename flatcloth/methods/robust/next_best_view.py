@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from flatcloth.core.geometry import rotations_by
+from flatcloth.core.geometry import rotations_by, wrapped_deg
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.answers import Candidate
@@ -89,7 +89,7 @@ def rate_candidates(
             (rim.node, rim.beyond_normal, rim.promise_m2),
         )  # fmt: skip
         shown = sum(n * weight[a].mean() * (visible[a] & visible[b]).mean() for a, b, n in gaps)
-        gap = np.abs((looked - angles_deg[view] + 180.0) % 360.0 - 180.0)
+        gap = np.abs(wrapped_deg(looked - angles_deg[view]))
         nearest = float(gap.min()) if gap.size else 180.0
         novelty = min(1.0, nearest / _NOVEL_TURN_DEG)
         rated.append(

@@ -17,6 +17,7 @@ import viser
 from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
+from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.scene.axis_panel import AxisPanel
@@ -143,7 +144,7 @@ class Scene:
         assert self._view_from is not None
         held = object_from_camera(self._axis, picture.angle_deg)
         self._frustum.position = held.translation_m
-        self._frustum.wxyz = quaternion_from_matrix(held.rotation)
+        self._frustum.wxyz = quaternion_wxyz(held.rotation)
         self._view_from = (self._view_from[0], held.translation_m, *self._view_from[2:])
         if self._follow:
             self._aim_all()
@@ -224,7 +225,7 @@ class Scene:
     def _frame_view(self, angle_deg: float, present_view: int) -> None:
         held = object_from_camera(self._axis, angle_deg)
         self._frustum.position = held.translation_m
-        self._frustum.wxyz = quaternion_from_matrix(held.rotation)
+        self._frustum.wxyz = quaternion_wxyz(held.rotation)
         clouds = [self._points[n] for n in ("/live/cloud", "/held/cloud") if self._filled.get(n)]
         if not clouds:
             return
@@ -308,10 +309,3 @@ def _evenly(count: int, most: int = MAX_POINTS) -> slice | Any:
     if count <= most:
         return slice(None)
     return np.linspace(0, count - 1, most).astype(np.intp)
-
-
-def quaternion_from_matrix(rotation: Floats) -> Float64:
-    """Return the unit quaternion (w, x, y, z) of a rotation matrix (3, 3)."""
-    from viser import transforms
-
-    return np.asarray(transforms.SO3.from_matrix(np.asarray(rotation)).wxyz, dtype=np.float64)

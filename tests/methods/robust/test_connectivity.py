@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from made_up_sheets import STEP_M, grid
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Float64, Int32
-from flatcloth.flattening.sampling import graph_components
 from flatcloth.methods.robust.connectivity import (
     _neighbours_in_common,
     connected_pieces,
@@ -81,17 +78,6 @@ def test_neighbours_in_common_are_those_of_both_ends() -> None:
     near = [set(high[low == n]) | set(low[high == n]) for n in range(42)]
     found = _neighbours_in_common(42, low, high)
     np.testing.assert_array_equal(found, [len(near[a] & near[b]) for a, b in zip(low, high, strict=True)])
-
-
-def test_components_are_numbered_by_their_first_nodes() -> None:
-    rng = np.random.default_rng(0)
-    for used in (20, 60, 120):
-        i, j = rng.integers(0, 100, (2, 150)).astype(np.int32)
-        graph = coo_matrix((np.ones(used), (i[:used], j[:used])), shape=(100, 100))
-        expected = connected_components(graph, directed=False)[1]
-        _, first = np.unique(expected, return_index=True)
-        found = graph_components(100, np.stack([i, j], axis=1)[:used])
-        np.testing.assert_array_equal(found, np.argsort(np.argsort(first))[expected])
 
 
 def test_pairs_that_several_views_contribute_are_found_once_in_either_order() -> None:
