@@ -14,11 +14,9 @@ import math
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from flatcloth.core.graphs import cut_between
+from flatcloth.core.graphs import components, cut_between
 from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, TWICE_M, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
@@ -73,36 +71,18 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
     nodes = np.unique(pairs)
     near = cKDTree(xyz_m[nodes]).query_pairs(2.0 * TWICE_M, output_type="ndarray")
     layer = np.full(len(xyz_m), -1)
-    nearby = coo_matrix((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(nodes.size,) * 2)
-    layer[nodes] = connected_components(nearby, directed=False)[1]
+    layer[nodes] = components(nodes.size, near)
     both, count = np.unique(np.sort(layer[pairs], axis=1), axis=0, return_counts=True)
     count = np.where(both[:, 0] == both[:, 1], 0, count)
-    if count.any():
-        one, other = (np.flatnonzero(layer == k) for k in both[count.argmax()])
-    else:
-        one, other = _farthest(pairs, nodes, xyz_m)
-    if not (one.size and other.size):
+    if not count.any():
         return none, math.inf, np.zeros(len(xyz_m), dtype=np.bool_)
+    one, other = (np.flatnonzero(layer == k) for k in both[count.argmax()])
     side = cut_between(len(xyz_m), edges, evidence, one, other)
     linked = np.zeros(len(xyz_m), dtype=np.bool_)
     linked[edges] = True
     sides = side & linked, ~side & linked
     cut: Bool = side[edges[:, 0]] != side[edges[:, 1]]
     return cut, float(evidence[cut].sum()), min(sides, key=np.count_nonzero)
-
-
-def _farthest(pairs: Int64, nodes: Int64, xyz_m: Float64) -> tuple[Int64, Int64]:
-    """Return the nodes around both ends of the pair that is farthest apart in space, for layers that meet.
-
-    Near the held point all layers are near one another, and chains of neighbours lead from one to the next.
-    """
-    apart = np.linalg.norm(xyz_m[pairs[:, 0]] - xyz_m[pairs[:, 1]], axis=1)
-    most = int(apart.argmax()) if apart.size else 0
-    if not apart.size or apart[most] <= 4.0 * TWICE_M:
-        return nodes[:0], nodes[:0]
-    tree = cKDTree(xyz_m[nodes])
-    one, other = (nodes[tree.query_ball_point(xyz_m[end], 2.0 * TWICE_M)] for end in pairs[most])
-    return one, other
 
 
 def without_overlap(

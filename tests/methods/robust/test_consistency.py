@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_up_sheets import STEP_M, bent, grid, nodes_at, observed, shape_of
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64
@@ -76,27 +74,6 @@ def test_the_weakest_cut_is_the_false_link() -> None:
     np.testing.assert_array_equal(np.flatnonzero(cut), np.arange(len(links.edges) - 5, len(links.edges)))
     assert strength == 5.0
     np.testing.assert_array_equal(smaller, ON_FLAP)
-
-
-def test_layers_that_meet_are_told_apart_where_they_are_farthest_from_one_another() -> None:
-    """A strip folded over on the plane, though in space it only bends away: one chain of neighbours."""
-    strip = grid(6, 30)
-    folded = strip.copy()
-    folded[:, 0] = np.minimum(folded[:, 0], 2 * 15 * STEP_M - folded[:, 0])
-    angle = np.linspace(0.0, np.pi, 30).repeat(6)
-    xyz = np.stack([0.12 * np.cos(angle), strip[:, 1], 0.12 * np.sin(angle)], axis=1)
-    links = shape_of(strip, [observed(strip, np.ones(len(strip), dtype=bool), 0)], np.ones(len(strip), bool))
-    edges = links.links.edges
-    cut, strength, smaller = weakest_cut(overlapping_pairs(folded, xyz), xyz, edges, np.ones(len(edges)))
-    assert cut.any()
-    assert strength == cut.sum()
-    assert smaller.sum() >= 6
-    # The pairs that are cut go all the way across: each end of the strip is on one side.
-    kept = edges[~cut]
-    label = connected_components(
-        coo_matrix((np.ones(len(kept)), (kept[:, 0], kept[:, 1])), shape=(len(strip),) * 2), directed=False
-    )[1]
-    assert label[0] != label[-1]
 
 
 def test_a_flap_that_would_lie_on_the_sheet_is_cut_off_and_floats() -> None:
