@@ -1,6 +1,8 @@
-"""Graphs of nodes joined by edges: connected components and minimum cuts."""
+"""Graphs of nodes joined by edges: connected components, minimum cuts; items by group, places by cell."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numba import njit
@@ -55,6 +57,45 @@ def numbered(parent: Int32 | Int64, used: Bool) -> Int32:
             number[m] = count
             count += 1
     return number
+
+
+@njit(cache=True, nogil=True)
+def grouped(group: Int32 | Int64, groups: int) -> tuple[Int32, Int32]:
+    """Sort items by their groups (N,), in which they keep their order; a negative number is no group.
+
+    Returns where each group begins, and the last one ends (groups + 1,), and the items by group (K,).
+    """
+    first = np.zeros(groups + 1, dtype=np.int32)
+    for n in range(group.size):
+        if group[n] >= 0:
+            first[group[n] + 1] += 1
+    for g in range(groups):
+        first[g + 1] += first[g]
+    items, filled = np.empty(first[groups], dtype=np.int32), first[:-1].copy()
+    for n in range(group.size):
+        if group[n] >= 0:
+            items[filled[group[n]]] = n
+            filled[group[n]] += 1
+    return first, items
+
+
+@njit(cache=True, nogil=True)
+def cell_of(x: int, y: int, z: int, cells: int) -> int:
+    """Return the cell of a square or cube: multiples of large primes (Teschner and others, 2003).
+
+    ``cells``, a power of two, is their number; many squares or cubes lead to each.
+    """
+    return ((x * 73856093) ^ (y * 19349663) ^ (z * 83492791)) & (cells - 1)
+
+
+@njit(cache=True, nogil=True)
+def by_cell(places: Float64, size: float, cells: int) -> tuple[Int32, Int32]:
+    """Return where each cell begins (cells + 1,), and places (N, 2) or (N, 3) in the order of their cells."""
+    cell, has_depth = np.empty(len(places), dtype=np.int64), places.shape[1] > 2
+    for n in range(len(places)):
+        z = math.floor(places[n, 2] / size) if has_depth else 0
+        cell[n] = cell_of(math.floor(places[n, 0] / size), math.floor(places[n, 1] / size), z, cells)
+    return grouped(cell, cells)
 
 
 def minimum_cut(

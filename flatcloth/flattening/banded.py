@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from flatcloth.core.graphs import grouped
 from flatcloth.core.types import Float64, Int32, Int64
 
 
@@ -106,17 +107,8 @@ def cuthill_mckee(n: int, edges: Int32) -> Int32:
     It is that of Cuthill and McKee (1969), begun again where the one before ended (Gibbs et al., 1976) until
     that makes it no narrower: layers of a long shape are narrow if the first is at an end of it.
     """
-    first, near = np.zeros(n + 2, dtype=np.int32), np.empty(edges.size, dtype=np.int32)
-    for e in range(edges.shape[0]):
-        first[edges[e, 0] + 2] += 1
-        first[edges[e, 1] + 2] += 1
-    for point in range(n):
-        first[point + 2] += first[point + 1]
-    for e in range(edges.shape[0]):
-        for end in range(2):
-            at = edges[e, end] + 1
-            near[first[at]] = edges[e, 1 - end]
-            first[at] += 1
+    first, end = grouped(edges.ravel(), n)
+    near = edges.ravel()[end ^ 1]
     narrowest, least, start = np.arange(n).astype(np.int32), n, 0
     while True:
         order, is_listed = np.empty(n, dtype=np.int32), np.zeros(n, dtype=np.bool_)

@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from flatcloth.core.geometry import tangent_basis
+from flatcloth.core.graphs import grouped
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
@@ -99,7 +100,6 @@ def _of_pairs(
     """
     n, count = len(uv_m), len(edges)
     turn, stretch = np.zeros((n, 2)), np.zeros(n)
-    first = np.zeros(n + 2, dtype=np.int32)
     for e in range(count):
         a, b = edges[e, 0], edges[e, 1]
         u, v = uv_m[b, 0] - uv_m[a, 0], uv_m[b, 1] - uv_m[a, 1]
@@ -113,16 +113,9 @@ def _of_pairs(
             turn[end, 0] += x * u + y * v
             turn[end, 1] += x * v - y * u
             stretch[end] = max(stretch[end], change)
-            first[end + 2] += 1
-    for m in range(n):
-        first[m + 2] += first[m + 1]
-    # Each sample's first entry moves behind its last while they are written, to where the next one's was.
-    neighbours = np.empty(2 * count, dtype=np.int32)
-    for one in range(2):
-        for e in range(count):
-            end = edges[e, one] + 1
-            neighbours[first[end]] = edges[e, 1 - one]
-            first[end] += 1
+    ends = np.concatenate((edges[:, 0], edges[:, 1]))
+    first, at = grouped(ends, n)
+    neighbours = ends[(at + count) % ends.size]
     frames = np.empty((n, 2, 3))
     for m in range(n):
         length = math.sqrt(turn[m, 0] ** 2 + turn[m, 1] ** 2)
@@ -130,7 +123,7 @@ def _of_pairs(
         for k in range(3):
             frames[m, 0, k] = cos * right[m, k] - sin * down[m, k]
             frames[m, 1, k] = sin * right[m, k] + cos * down[m, k]
-    return frames, stretch, first[:-1], neighbours
+    return frames, stretch, first, neighbours
 
 
 @njit(cache=True, nogil=True)

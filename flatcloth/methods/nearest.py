@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from flatcloth.core.graphs import by_cell, cell_of
 from flatcloth.core.types import Float64, Int32
 
 
@@ -24,7 +25,7 @@ class NearPoints:
     ----------
     first, by_cell, cell_uv_m : arrays
         For compiled loops: the first of each cell (cells + 1,), the points by cell (N,), and the places in
-        this order (N, 2); :func:`cell_of` returns the cell.
+        this order (N, 2); :func:`flatcloth.core.graphs.cell_of` returns the cell.
 
     Notes
     -----
@@ -35,7 +36,7 @@ class NearPoints:
     def __init__(self, uv_m: Float64, within_m: float) -> None:
         self.within_m = within_m
         bits = max(4, math.ceil(math.log2(max(len(uv_m), 1))))
-        self.first, self.by_cell = _table(np.ascontiguousarray(uv_m), within_m, 1 << bits)
+        self.first, self.by_cell = by_cell(np.ascontiguousarray(uv_m), within_m, 1 << bits)
         self.cell_uv_m = np.take(uv_m, self.by_cell, axis=0)  # those of a cell lie together in memory
 
     def nearest(self, uv_m: Float64) -> Int32:
@@ -43,28 +44,6 @@ class NearPoints:
         at = np.ascontiguousarray(uv_m)
         found: Int32 = _nearest(at, self.cell_uv_m, self.first, self.by_cell, self.within_m)
         return found
-
-
-@njit(cache=True, nogil=True)
-def cell_of(column: int, row: int, cells: int) -> int:
-    """Return the cell of a square: multiples of two large primes (Teschner and others, 2003)."""
-    return ((column * 73856093) ^ (row * 19349663)) & (cells - 1)
-
-
-@njit(cache=True, nogil=True)
-def _table(uv: Float64, size: float, cells: int) -> tuple[Int32, Int32]:
-    """Return the points by cell (N,), and the first of each cell (cells + 1,)."""
-    cell, first = np.empty(uv.shape[0], dtype=np.int64), np.zeros(cells + 1, dtype=np.int32)
-    for n in range(uv.shape[0]):
-        cell[n] = cell_of(math.floor(uv[n, 0] / size), math.floor(uv[n, 1] / size), cells)
-        first[cell[n] + 1] += 1
-    for c in range(cells):
-        first[c + 1] += first[c]
-    points, filled = np.empty(uv.shape[0], dtype=np.int32), first[:-1].copy()
-    for n in range(uv.shape[0]):
-        points[filled[cell[n]]] = n
-        filled[cell[n]] += 1
-    return first, points
 
 
 @njit(cache=True, nogil=True)
@@ -85,7 +64,7 @@ def _nearest(at: Float64, uv: Float64, first: Int32, points: Int32, within: floa
                 below = within - down if r > 0 else -r * down
                 if sideways * sideways + below * below >= least:
                     continue
-                cell = cell_of(column + c, row + r, cells)
+                cell = cell_of(column + c, row + r, 0, cells)
                 for p in range(first[cell], first[cell + 1]):
                     du, dv = uv[p, 0] - u, uv[p, 1] - v
                     apart = du * du + dv * dv

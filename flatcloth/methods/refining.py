@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from flatcloth.core.graphs import cell_of
 from flatcloth.core.types import Float64, Int32, Rigid2
-from flatcloth.methods.nearest import cell_of
 
 _STILL = 1e-5
 """The rounds end after a smaller step than this (rad, m). Chosen: far below the errors of a placement."""
@@ -130,7 +130,7 @@ def _nearest_for_long(u: float, v: float, nodes: Nodes) -> tuple[int, float]:
     least, second, found = np.inf, np.inf, -1
     for c in range(-1, 2):
         for r in range(-1, 2):
-            cell = cell_of(column + c, row + r, cells)
+            cell = cell_of(column + c, row + r, 0, cells)
             for p in range(nodes.first[cell], nodes.first[cell + 1]):
                 du, dv = nodes.cell_uv_m[p, 0] - u, nodes.cell_uv_m[p, 1] - v
                 apart = du * du + dv * dv

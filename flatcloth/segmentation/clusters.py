@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from flatcloth.core.graphs import by_cell, cell_of
 from flatcloth.core.types import Float32, Float64, Int32, Int64
 from flatcloth.registration.axis import THREADS
 from flatcloth.segmentation.settings import SegmentationConfig
@@ -130,30 +131,8 @@ class _Limits(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _bucket(x: int, y: int, z: int) -> int:
-    return int(((x * 73856093) ^ (y * 19349663) ^ (z * 83492791)) & (_BUCKETS - 1))
-
-
-@njit(cache=True, nogil=True)
 def _cell(value: float, size: float) -> int:
     return math.floor(value / size)
-
-
-@njit(cache=True, nogil=True)
-def _cells(place: Float64, size: float) -> tuple[Int32, Int32]:
-    """Return where the clusters of each bucket begin, and the clusters in the order of their buckets."""
-    bucket = np.empty(len(place), np.int64)
-    first, which = np.zeros(_BUCKETS + 1, np.int32), np.empty(len(place), np.int32)
-    for j in range(len(place)):
-        h = _bucket(_cell(place[j, 0], size), _cell(place[j, 1], size), _cell(place[j, 2], size))
-        bucket[j] = h
-        first[h + 1] += 1
-    first = np.cumsum(first).astype(np.int32)
-    free = first.copy()
-    for j in range(len(place)):
-        which[free[bucket[j]]] = j
-        free[bucket[j]] += 1
-    return first, which
 
 
 @njit(cache=True, nogil=True)
@@ -169,7 +148,7 @@ def _seeded(points: Float32, normals: Float32, order: Int32, limits: _Limits) ->
         covered = False
         for n in range(27):
             dx, dy, dz = _NEAREST_FIRST[n]
-            j = head[_bucket(x + dx, y + dy, z + dz)]
+            j = head[cell_of(x + dx, y + dy, z + dz, _BUCKETS)]
             while j >= 0:
                 turn, along, across = _relation(points, normals, i, place, normal, j)
                 if turn > least_cos and abs(along) < offset and across < radius * radius:
@@ -181,7 +160,7 @@ def _seeded(points: Float32, normals: Float32, order: Int32, limits: _Limits) ->
         if not covered and count < capacity:
             for k in range(3):
                 place[count, k], normal[count, k] = points[i, k], normals[i, k]
-            h = _bucket(x, y, z)
+            h = cell_of(x, y, z, _BUCKETS)
             following[count] = head[h]
             head[h] = count
             count += 1
@@ -211,7 +190,7 @@ def _assign_together(
     of_pixel: Int32,
 ) -> None:
     """Call :func:`_assign` on shares of the pixels, in parallel."""
-    first, which = _cells(place, limits.radius_m)
+    first, which = by_cell(place, limits.radius_m, _BUCKETS)
     sheets = np.concatenate([place, normal], axis=1)[which]
     ends = np.linspace(0, len(points), THREADS + 1).astype(int)
     shares = [slice(*pair) for pair in itertools.pairwise(ends)]
@@ -251,7 +230,7 @@ def _assign(
                 for dz in (0, -1, 1):
                     if along_y + gap[2, dz + 1] >= min(least, reach):
                         continue
-                    h = _bucket(cell[0] + dx, cell[1] + dy, cell[2] + dz)
+                    h = cell_of(cell[0] + dx, cell[1] + dy, cell[2] + dz, _BUCKETS)
                     for j in range(first[h], first[h + 1]):
                         distance = _distance(points, normals, i, limits, sheets, j, min(least, reach))
                         if distance < least:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from flatcloth.core.graphs import grouped
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.banded import cuthill_mckee
 from flatcloth.flattening.minimisation import ITERATIONS
@@ -121,20 +122,11 @@ def _wide_parts(n: int, edges: Int32, along: Float64, length: Float64, half_m: f
     Parts are numbered by their first nodes; other nodes have the label -1. ``along`` (M, 2) are the pairs on
     the plane, ``length`` (M,) their lengths.
     """
-    first = np.zeros(n + 1, dtype=np.int64)
-    for e in range(edges.shape[0]):
-        first[edges[e, 0] + 1] += 1
-        first[edges[e, 1] + 1] += 1
-    for node in range(n):
-        first[node + 1] += first[node]
-    other, far = np.empty(2 * edges.shape[0], dtype=np.int32), np.empty(2 * edges.shape[0])
-    angle, filled = np.empty(2 * edges.shape[0]), first[:-1].copy()
-    for e in range(edges.shape[0]):
-        for end, sign in ((0, 1.0), (1, -1.0)):
-            at = filled[edges[e, end]]
-            other[at], far[at] = edges[e, 1 - end], length[e]
-            angle[at] = math.atan2(sign * along[e, 1], sign * along[e, 0])
-            filled[edges[e, end]] += 1
+    first, end = grouped(edges.ravel(), n)
+    other, far, angle = edges.ravel()[end ^ 1], length[end // 2], np.empty(end.size)
+    for k in range(end.size):
+        u, v = along[end[k] // 2]
+        angle[k] = math.atan2(-v, -u) if end[k] % 2 else math.atan2(v, u)
     distance, label = np.full(n, np.inf), np.full(n, -1, dtype=np.int32)
     for node in range(n):
         if _is_at_rim(angle[first[node] : first[node + 1]]):
@@ -160,7 +152,7 @@ def _wide_parts(n: int, edges: Int32, along: Float64, length: Float64, half_m: f
 
 
 @njit(cache=True, nogil=True)
-def _spread(distance: Float64, first: Int64, other: Int32, far: Float64, limit_m: float) -> None:
+def _spread(distance: Float64, first: Int32, other: Int32, far: Float64, limit_m: float) -> None:
     """Write the distance (N,) of each node along the pairs from those where it is 0, up to the limit."""
     n = distance.size
     waiting, is_waiting = np.empty(n, dtype=np.int32), np.zeros(n, dtype=np.bool_)

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from flatcloth.core.graphs import components
+from flatcloth.core.graphs import components, grouped
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.methods.robust.observations import Complex128, Observation
 
@@ -255,11 +255,7 @@ def renumbered(numbers: Int32 | Int64) -> tuple[Int64, Int32]:
 @njit(cache=True, nogil=True)
 def _neighbours_in_common(n: int, low: Int32, high: Int32) -> Int32:
     """Count for each pair (M,), sorted by its lower node and then by the higher, what both ends neighbour."""
-    first = np.zeros(n + 1, dtype=np.int64)
-    for e in range(low.size):
-        first[low[e] + 1] += 1
-    for node in range(n):
-        first[node + 1] += first[node]
+    first, _ = grouped(low, n)
     counts = np.zeros(low.size, dtype=np.int32)
     for e in range(low.size):  # each triangle is found at the pair of its two lowest nodes
         a, b = e + 1, first[high[e]]

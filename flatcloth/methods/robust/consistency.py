@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.graphs import components, cut_between
+from flatcloth.core.graphs import components, cut_between, grouped
 from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, TWICE_M, JointShape
 from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
@@ -161,19 +161,13 @@ def contradicted_pairs(uv_m: Float64, edges: Int32, length_m: Float64, evidence:
 def _guessed_places(uv: Float64, edges: Int32, evidence: Float64, agreed_m: float) -> Float64:
     """Give nodes without a place (NaN) that of the placed neighbours on which the most evidence agrees."""
     place = uv.copy()
-    first = np.zeros(len(uv) + 1, dtype=np.int64)
+    asks = np.full(edges.size, -1, dtype=np.int32)
     for e in range(edges.shape[0]):
         for k in range(2):
             if math.isnan(uv[edges[e, k], 0]) and not math.isnan(uv[edges[e, 1 - k], 0]):
-                first[edges[e, k] + 1] += 1
-    first = np.cumsum(first)
-    says, leads, filled = np.empty(first[-1], dtype=np.int64), np.empty(first[-1]), first.copy()
-    for e in range(edges.shape[0]):
-        for k in range(2):
-            node, known = edges[e, k], edges[e, 1 - k]
-            if math.isnan(uv[node, 0]) and not math.isnan(uv[known, 0]):
-                says[filled[node]], leads[filled[node]] = known, evidence[e]
-                filled[node] += 1
+                asks[2 * e + k] = edges[e, k]
+    first, end = grouped(asks, len(uv))
+    says, leads = edges.ravel()[end ^ 1], evidence[end // 2]
     for node in range(len(uv)):
         most = 0.0
         for known in says[first[node] : first[node + 1]]:
