@@ -15,6 +15,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import directions_across, height_m, z_angle_deg
@@ -62,6 +63,11 @@ times the noise of the averaged Z-angles, and less than the two flanks of a fold
 Z_ANGLE_SCALE_DEG = BENT_DEG
 """Difference in Z-angle that counts as half a disagreement, and half the widest band of a line of equal
 Z-angle."""
+_ATTRIBUTES = np.dtype(
+    [(name, np.float32) for name in ("texture", "height_m", "cos", "sin", "across_m", "further_across_m")]
+)
+"""What is compared of a pixel: the texture, the height, cos and sin of the Z-angle, the place across the
+axis."""
 
 
 class Disagreement(NamedTuple):
@@ -100,8 +106,8 @@ class Matcher:
         self._origin = np.asarray(current.origin_uv_m)
         rc = np.argwhere(new.valid)
         self._uv = new.uv_from_rc(rc)
-        self._fields: dict[float, Float32] = {}
-        self._values: dict[float, Float32] = {}
+        self._fields: dict[float, NDArray[np.void]] = {}
+        self._values: dict[float, NDArray[np.void]] = {}
         for smoothing_m in (COARSE_SMOOTHING_M, FINE_SMOOTHING_M):
             texture, new_texture = _texture(current, smoothing_m), _texture(new, smoothing_m)
             spread = max(_spread(texture), _spread(new_texture), _INTENSITY_FLOOR)
@@ -109,19 +115,16 @@ class Matcher:
             self._values[smoothing_m] = self._attributes(new, axis, new_texture / spread)[rc[:, 0], rc[:, 1]]
         self._chance = self._chance_disagreement()
 
-    def _attributes(self, view: FlattenedView, axis: RotationAxis, texture: Float32) -> Float32:
-        """Return (H, W, 6): the texture, height (m), cos and sin of the Z-angle, place across the axis (m).
-
-        NaN off the cloth.
-        """
+    def _attributes(self, view: FlattenedView, axis: RotationAxis, texture: Float32) -> NDArray[np.void]:
+        """Return what is compared of each pixel (H, W), NaN off the cloth."""
         angle = np.radians(mean_z_angle_deg(view, axis, 0.0, self.z_angle_smoothing_m))
         place = view.xyz_m @ np.stack(directions_across(axis), axis=-1)
-        fields = np.stack(
-            [texture, height_m(view.xyz_m, axis), np.cos(angle), np.sin(angle), place[..., 0], place[..., 1]],
-            axis=-1,
-        )
+        fields = np.empty(view.shape, dtype=_ATTRIBUTES)
+        fields["texture"], fields["height_m"] = texture, height_m(view.xyz_m, axis)
+        fields["cos"], fields["sin"] = np.cos(angle), np.sin(angle)
+        fields["across_m"], fields["further_across_m"] = place[..., 0], place[..., 1]
         fields[~view.valid] = np.nan
-        return np.ascontiguousarray(fields, dtype=np.float32)
+        return fields
 
     def disagreement(
         self,
@@ -145,7 +148,7 @@ class Matcher:
         """
         which = FINE_SMOOTHING_M if smoothing_m is None else smoothing_m
         poses = np.array([[m.theta_rad, m.u_m, m.v_m] for m in motions])
-        compared = _compare(
+        found: Disagreement = _compare(
             self._fields[which],
             self._uv[::stride],
             self._values[which][::stride],
@@ -158,7 +161,7 @@ class Matcher:
             PLACE_SCALE_M,
             SAME_FACING,
         )
-        return Disagreement(*compared.T)
+        return found
 
     def search(self, initial: Rigid2, progress: Progress = no_progress) -> Rigid2:
         """Search around the initial estimate: a coarse grid, then each of its best placements in detail."""
@@ -218,12 +221,12 @@ class Matcher:
     def _chance_disagreement(self) -> tuple[float, float]:
         """Mean disagreement of randomly paired pixels, by intensity and by height."""
         current = self._fields[self.score_smoothing_m]
-        current = current[np.isfinite(current[..., 1])]
+        current = current[np.isfinite(current["height_m"])]
         random = np.random.default_rng(0)
         b = self._values[self.score_smoothing_m]
         a = current[random.integers(0, len(current), len(b))]
-        intensity = np.square(a[:, 0] - b[:, 0])
-        height = np.square((a[:, 1] - b[:, 1]) / (0.5 * PLACE_SCALE_M))
+        intensity = np.square(a["texture"] - b["texture"])
+        height = np.square((a["height_m"] - b["height_m"]) / (0.5 * PLACE_SCALE_M))
         return float(np.mean(intensity / (intensity + 1))), float(np.mean(height / (height + 1)))
 
     def _cost(
@@ -345,9 +348,9 @@ def _texture(view: FlattenedView, smoothing_m: float) -> Float32:
 
 @njit(cache=True, nogil=True)
 def _compare(
-    fields: Float32,
+    fields: NDArray[np.void],
     uv: Float64,
-    values: Float32,
+    values: NDArray[np.void],
     poses: Float64,
     origin: Float64,
     pixel_size: float,
@@ -356,11 +359,15 @@ def _compare(
     z_angle_weight: float,
     place_scale: float,
     same_facing: float,
-) -> Float64:
-    """Compare under each pose (theta, u, v): the fields of :class:`Disagreement` as columns."""
+) -> Disagreement:
+    """Compare under each pose (theta, u, v)."""
     rows, cols = fields.shape[0], fields.shape[1]
-    result = np.zeros((poses.shape[0], 7))
-    for p in range(poses.shape[0]):
+    count = len(poses)
+    found = Disagreement(
+        np.ones(count), np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count),
+        np.ones(count),
+    )  # fmt: skip
+    for p in range(count):
         cos, sin = math.cos(poses[p, 0]), math.sin(poses[p, 0])
         n, intensity, height, z_angle, square, place = 0, 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(uv.shape[0]):
@@ -373,28 +380,28 @@ def _compare(
             fx, fy = x - c, y - r
             w00, w01, w10, w11 = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
             h = (
-                w00 * fields[r, c, 1]
-                + w01 * fields[r, c + 1, 1]
-                + w10 * fields[r + 1, c, 1]
-                + w11 * fields[r + 1, c + 1, 1]
+                w00 * fields[r, c].height_m
+                + w01 * fields[r, c + 1].height_m
+                + w10 * fields[r + 1, c].height_m
+                + w11 * fields[r + 1, c + 1].height_m
             )
             if not math.isfinite(h):
                 continue
             i = (
-                w00 * fields[r, c, 0]
-                + w01 * fields[r, c + 1, 0]
-                + w10 * fields[r + 1, c, 0]
-                + w11 * fields[r + 1, c + 1, 0]
+                w00 * fields[r, c].texture
+                + w01 * fields[r, c + 1].texture
+                + w10 * fields[r + 1, c].texture
+                + w11 * fields[r + 1, c + 1].texture
             )
             # The Z-angle and the place change little over a pixel: the nearest one serves.
             rz, cz = r + (1 if fy > 0.5 else 0), c + (1 if fx > 0.5 else 0)
-            di = i - values[k, 0]
-            dh = h - values[k, 1]
-            along = fields[rz, cz, 2] * values[k, 2] + fields[rz, cz, 3] * values[k, 3]
+            di = i - values[k].texture
+            dh = h - values[k].height_m
+            along = fields[rz, cz].cos * values[k].cos + fields[rz, cz].sin * values[k].sin
             ca = (2.0 - 2.0 * along) / z_angle_scale**2  # the squared chord stands for the squared angle
             ch = (dh / height_scale) ** 2
-            dx = fields[rz, cz, 4] - values[k, 4]
-            dy = fields[rz, cz, 5] - values[k, 5]
+            dx = fields[rz, cz].across_m - values[k].across_m
+            dy = fields[rz, cz].further_across_m - values[k].further_across_m
             cp = (dx * dx + dy * dy + dh * dh) / place_scale**2
             n += 1
             place += cp / (cp + 1.0) if along > same_facing else 1.0
@@ -403,13 +410,11 @@ def _compare(
             z_angle += ca / (ca + 1.0)
             square += dh * dh
         if n > 0:
-            result[p, 0] = (intensity + height + z_angle_weight * z_angle) / ((2.0 + z_angle_weight) * n)
-            result[p, 1] = n / uv.shape[0]
-            result[p, 2] = intensity / n
-            result[p, 3] = height / n
-            result[p, 4] = math.sqrt(square / n)
-            result[p, 5] = z_angle / n
-            result[p, 6] = place / n
-        else:
-            result[p, 0] = result[p, 6] = 1.0
-    return result
+            found.total[p] = (intensity + height + z_angle_weight * z_angle) / ((2.0 + z_angle_weight) * n)
+            found.overlap_share[p] = n / uv.shape[0]
+            found.intensity[p] = intensity / n
+            found.height[p] = height / n
+            found.height_rms_m[p] = math.sqrt(square / n)
+            found.z_angle[p] = z_angle / n
+            found.place[p] = place / n
+    return found
