@@ -6,8 +6,6 @@ one Z-angle: as the rotation is known, the places in space of all common pixels 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -43,26 +41,35 @@ def from_places(current: FlattenedView, new: FlattenedView) -> Rigid2:
     uv, target = _same_places(current, new)
     if len(uv) * COARSE_SMOOTHING_M**2 < LEAST_AREA_M2:
         raise AlignmentError("The views show too little cloth at the same place; choose a smaller rotation.")
-    random = np.random.default_rng(0)
-    best = fit_rigid2(uv, target)
-    most = float(_agreement(best, uv, target).sum())
-    for i, j in random.integers(0, len(uv), (TRIALS, 2)):
-        if (
-            math.dist(uv[i], uv[j]) < 2.0 * PLACE_SCALE_M
-        ):  # nearer together it does not determine the rotation
-            continue
-        trial = fit_rigid2(uv[[i, j]], target[[i, j]])
-        agreed = float(_agreement(trial, uv, target).sum())
-        if agreed > most:
-            best, most = trial, agreed
+    best = best_of_pairs(uv, target)
     for _ in range(ITERATIONS):
-        best = fit_rigid2(uv, target, np.square(_agreement(best, uv, target)))
+        best = fit_rigid2(uv, target, np.square(_agreement(best.apply(uv) - target)))
     return best
 
 
-def _agreement(motion: Rigid2, uv: Float64, target: Float64) -> Float64:
-    off = np.square(motion.apply(uv) - target).sum(axis=1)
-    agreement: Float64 = 1.0 / (1.0 + off / PLACE_SCALE_M**2)
+def best_of_pairs(uv_m: Float64, target_m: Float64) -> Rigid2:
+    """Return the motion from places (N, 2) to their targets (N, 2) on which most agree.
+
+    Those of random pairs of places are tried, and that which fits all.
+    """
+    i, j = np.random.default_rng(0).integers(0, len(uv_m), (TRIALS, 2)).T
+    one, other = uv_m[j] - uv_m[i], target_m[j] - target_m[i]
+    turn = np.arctan2(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0], (one * other).sum(axis=1))
+    cos, sin = np.cos(turn), np.sin(turn)
+    turned = uv_m @ np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
+    middle = 0.5 * (turned[np.arange(TRIALS), i] + turned[np.arange(TRIALS), j])
+    shift = 0.5 * (target_m[i] + target_m[j]) - middle
+    agreed = _agreement(turned + shift[:, None] - target_m).sum(axis=1)
+    agreed[np.linalg.norm(one, axis=1) < 2.0 * PLACE_SCALE_M] = -1.0  # it does not determine the rotation
+    n, of_all = int(np.argmax(agreed)), fit_rigid2(uv_m, target_m)
+    if agreed[n] <= _agreement(of_all.apply(uv_m) - target_m).sum():
+        return of_all
+    return fit_rigid2(uv_m[[i[n], j[n]]], target_m[[i[n], j[n]]])
+
+
+def _agreement(off_m: Float64) -> Float64:
+    """Return how well places agree (..., N) that are so far off (..., N, 2), 0 to 1."""
+    agreement: Float64 = 1.0 / (1.0 + np.square(off_m).sum(axis=-1) / PLACE_SCALE_M**2)
     return agreement
 
 

@@ -22,8 +22,8 @@ from flatcloth.methods.answers import Alignment, ComponentPlacement, Hypothesis,
 from flatcloth.methods.base import Views
 from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.paper.alignment import correspond, from_lines
-from flatcloth.methods.paper.matching import PLACE_SCALE_M, SEARCH_POINTS
-from flatcloth.methods.paper.places import TRIALS
+from flatcloth.methods.paper.matching import SEARCH_POINTS
+from flatcloth.methods.paper.places import best_of_pairs
 from flatcloth.methods.robust.scoring import (
     ReferenceShape,
     SampledComponent,
@@ -45,7 +45,7 @@ def from_association(reference: ReferenceShape, sampled: SampledComponent) -> li
     points, target = sampled.uv_m[at][placed], target[placed]
     if len(points) < 3:
         return []
-    best = _best_of_two(points, target, fit_rigid2(points, target))
+    best = best_of_pairs(points, target)
     before = None
     for _ in range(5):
         off = np.linalg.norm(best.apply(points) - target, axis=1)
@@ -54,34 +54,6 @@ def from_association(reference: ReferenceShape, sampled: SampledComponent) -> li
             break
         best, before = fit_rigid2(points[near], target[near]), near
     return [best]
-
-
-def _best_of_two(points: Float64, target: Float64, given: Rigid2) -> Rigid2:
-    """Return the motion of a random pair of points on which most agree.
-
-    ``given`` is tried first.
-    """
-    i, j = np.random.default_rng(0).integers(0, len(points), (TRIALS, 2)).T
-    one, other = points[j] - points[i], target[j] - target[i]
-    apart = np.linalg.norm(one, axis=1) >= 2.0 * PLACE_SCALE_M
-    turn = np.arctan2(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0], (one * other).sum(axis=1))
-    cos, sin = np.cos(turn), np.sin(turn)
-    rotation = np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
-    turned = points @ rotation
-    middle = 0.5 * (turned[np.arange(TRIALS), i] + turned[np.arange(TRIALS), j])
-    shift = 0.5 * (target[i] + target[j]) - middle
-    agreed = _agreed(np.linalg.norm(turned + shift[:, None] - target, axis=2))
-    agreed[~apart] = -1.0
-    n = int(np.argmax(agreed))
-    if agreed[n] <= _agreed(np.linalg.norm(given.apply(points) - target, axis=1)):
-        return given
-    return Rigid2(float(turn[n]), float(shift[n, 0]), float(shift[n, 1]))
-
-
-def _agreed(off_m: Float64) -> Float64:
-    """Return how many points (..., N) agree that are so far off."""
-    agreed: Float64 = (1.0 / (1.0 + np.square(off_m / PLACE_SCALE_M))).sum(axis=-1)
-    return agreed
 
 
 def from_z_angle_lines(
