@@ -5,10 +5,9 @@ entries of such a matrix lie near its diagonal. Each column is kept down to the 
 those before it (the envelope of George and Liu, 1981, 4): there its factor lies too, and where the garment
 is narrow it is short. A band as wide as the widest place takes twice the memory.
 
-LAPACK (``scipy.linalg.cholesky_banded``) cannot be called from compiled code, and is no faster up to 70
-entries a row: factoring 4000 rows of 60 takes 1.5 ms (here 1.2), solving 0.28 ms (here 0.16). SciPy's
-``reverse_cuthill_mckee`` begins at any point of few neighbours. Its bands are wider: for the shapes of two
-recordings, factoring would take 1.6 and 1.9 times as long.
+LAPACK (``scipy.linalg.cholesky_banded``) cannot be called from compiled code, and takes longer to factor and
+to solve. SciPy's ``reverse_cuthill_mckee`` begins at any point of few neighbours, so that bands may be wider.
+``python -m benchmarks flattening`` compares the times.
 """
 
 from __future__ import annotations
