@@ -58,7 +58,7 @@ const every = data.columns.map(({ name, kind, meaning }) => ({
   title: LOOKS[name]?.title ?? name.replaceAll("_", " "),
   number: kind === "number" || kind === "count",
   format: LOOKS[name]?.format ?? text,
-  show: (/** @type {Row} */ row) => (LOOKS[name]?.format ?? text)(row[name]),
+  show: (row) => (LOOKS[name]?.format ?? text)(row[name]),
 }));
 
 const named = new Map(every.map((column) => [column.name, column]));

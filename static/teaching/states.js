@@ -30,14 +30,7 @@ function drawPairsByStrain(sheet, map, level, points, strain) {
     const low = c === 0 ? -Infinity : STRAIN_SPAN * ((2 * c) / CLASSES - 1);
     const high = c === CLASSES - 1 ? Infinity : STRAIN_SPAN * ((2 * (c + 1)) / CLASSES - 1);
     const color = strainColor(sheet, STRAIN_SPAN * ((2 * c + 1) / CLASSES - 1));
-    sheet.segments(
-      map,
-      points,
-      level.mainEdges,
-      color,
-      width,
-      (/** @type {number} */ e) => strain[e] >= low && strain[e] < high,
-    );
+    sheet.segments(map, points, level.mainEdges, color, width, (e) => strain[e] >= low && strain[e] < high);
   }
 }
 
