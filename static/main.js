@@ -41,7 +41,6 @@ const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
 
 let askedLayer = /** @type {string | null} */ (null); // in live mode: what the next frame was asked for with
 
-/** @type {Page} */
 const page = new Page({ send, notify, run, show });
 const canvas = (page.canvas = new FlatCanvas({
   // In live mode the frame that was clicked is the one that is meant, not the one that is on its way.

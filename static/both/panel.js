@@ -226,16 +226,7 @@ export class BothSides extends PagePart {
     return make(
       "div.chips",
       make("span", `${title}: `),
-      ...views
-        .slice(0, MOST_VIEWS)
-        .map((view) =>
-          make("button", {
-            key: `seam-${n}-${title}-${view}`,
-            tip: "Turn the item to this view.",
-            click: () => this.page.send({ type: "turn_to", view_index: view }),
-            text: String(view),
-          }),
-        ),
+      ...views.slice(0, MOST_VIEWS).map((view) => this.page.turnTo(view, `seam-${n}-${title}-${view}`, String(view))),
       more > 0 && make("span", `and ${more} more`),
     );
   }

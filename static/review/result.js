@@ -137,16 +137,9 @@ export class ResultPanel extends PagePart {
       make("p.note", `${cm2(area)}: ${reason}`),
       make(
         "div.chips",
-        ...these
-          .slice(0, MOST)
-          .map((left) =>
-            make("button", {
-              key: `left-${left.view_index}`,
-              tip: "Turn the item to this view.",
-              click: () => this.page.send({ type: "turn_to", view_index: left.view_index }),
-              text: `View ${left.view_index}: ${number(left.area_cm2, 0)}`,
-            }),
-          ),
+        ...these.slice(0, MOST).map(({ view_index: view, area_cm2 }) => {
+          return this.page.turnTo(view, `left-${view}`, `View ${view}: ${number(area_cm2, 0)}`);
+        }),
       ),
     ];
   }
