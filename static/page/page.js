@@ -110,7 +110,7 @@ export class Page {
     return make("div.group", { role: "group", label }, ...actions.map((name) => this.smallButton(name)));
   }
 
-  /** A button in a row of views that turns the item to one. @param {number} view @param {string} key @param {string} text */
+  /** A button that turns the item to a view. @param {number} view @param {string} key @param {string} text */
   turnTo(view, key, text) {
     const click = () => this.send({ type: "turn_to", view_index: view });
     return make("button", { key, tip: "Turn the item to this view.", click }, text);
