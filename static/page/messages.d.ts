@@ -1,6 +1,6 @@
 // Made by flatcloth/viewer/protocol/typescript.py; not to be edited.
 
-/** Say which kind the garment is; None: let the evidence say. */
+/** Set the kind of the garment; None: the evidence decides. */
 export interface SetKind {
   type: "garment_kind";
   kind?: string | null;
@@ -98,7 +98,7 @@ export interface Preview {
   id: number;
 }
 
-/** Lay the pending view where one of its hypotheses says; ``index`` 0 is the best. */
+/** Lay the pending view at the place of one of its hypotheses; ``index`` 0 is the best. */
 export interface Choose {
   type: "choose";
   view_index: number;
@@ -1105,7 +1105,7 @@ export interface EdgesInfo {
   total: number;
 }
 
-/** Pairs of the same cloth, evenly chosen, and what all pairs say. */
+/** Pairs of the same cloth, evenly chosen, and the statistics of all pairs. */
 export interface ClothPairs {
   total: number;
   median_mm: number;
