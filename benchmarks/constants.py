@@ -192,7 +192,8 @@ class Read:
         try:
             there.send(self.figures(package))
         except Exception as error:  # noqa: BLE001
-            there.send({"error": f"{type(error).__name__}: {error}"[:200]})
+            text = f"{type(error).__name__}: {error}".replace(str(self.recording.location), self.name)
+            there.send({"error": text[:90]})
 
 
 def _arrays_of(view: FlattenedView) -> list[Any]:

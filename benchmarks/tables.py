@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import code_tables
+from benchmarks import constants_table
 from benchmarks.markdown import origin, percent, result, table
 from benchmarks.mended_results import summary as summary_of_mended
 from benchmarks.output import RESULTS, Options, say
@@ -419,6 +419,5 @@ TABLES: dict[str, Callable[[], str]] = {
     "segmented": segmented,
     "active": active,
     "active-other": active_other,
-    "constants": code_tables.constants,
-    "mutants": code_tables.mutants,
+    "constants": constants_table.constants,
 }

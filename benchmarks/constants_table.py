@@ -1,11 +1,11 @@
-"""Tables of what was measured on the code itself: its free numbers, and mutants of it."""
+"""The table of what the free numbers of the numerics change."""
 
 from __future__ import annotations
 
 from collections import Counter
 from typing import Any
 
-from benchmarks.markdown import percent, result, table
+from benchmarks.markdown import result, table
 
 SHORT = {
     "absolute_median_mm": "median mm",
@@ -54,18 +54,3 @@ def _effect(text: str, row: dict[str, Any]) -> str:
     for key, short in SHORT.items():
         text = text.replace(f"{key} ", f"{short} ")
     return text or ("-" if row["changes"] == "nothing" else "less than is listed")
-
-
-def mutants() -> str:
-    """Return how many mutants of each package its tests notice."""
-    rows = result("mutants")["rows"]
-    found = Counter((row["file"].split("/")[1], row["found"]) for row in rows)
-    packages = [*sorted({package for package, _ in found}), "all"]
-    for (_, name), count in list(found.items()):
-        found["all", name] += count
-    lines = []
-    for package in packages:
-        noticed, missed, same = (found[package, name] for name in ("noticed", "missed", "without effect"))
-        share = percent(noticed / max(noticed + missed, 1))
-        lines.append((package, noticed, missed, same, share))
-    return table(("package", "noticed", "missed", "without effect", "noticed of those with an effect"), lines)
