@@ -18,7 +18,7 @@ from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, Jo
 from flatcloth.methods.robust.method import _on_shown, _relaid_by
 from flatcloth.methods.robust.observations import Nodes
 from flatcloth.methods.robust.seams.joining import JoinedSide, Seamed, join_sides, other_of, seams_of
-from flatcloth.methods.robust.seams.links import LEAST_MATCHES
+from flatcloth.methods.robust.seams.links import LEAST_MATCHES, motion_onto
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.session.garment import DecidedSeam
 
@@ -187,6 +187,17 @@ def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say
     placed = found.shape.placed
     assert placed.mean() > 0.9
     assert np.linalg.norm(found.shape.all_uv_m[placed] * MIRROR - pattern[placed], axis=1).max() < 0.006
+
+
+def test_places_of_another_rim_hardly_turn_a_seam() -> None:
+    along = np.linspace(0.0, 0.18, 30)
+    seam = np.stack([along, 0.01 * np.sin(20.0 * along)], axis=1)
+    motion = Rigid2(theta_rad=0.3, u_m=0.2, v_m=-0.1)
+    seen = motion.apply(seam)
+    seen[-6:, 1] += 0.011
+    found = motion_onto(seam, seen)
+    assert np.abs(found.apply(seam) - motion.apply(seam)).max() < 0.001
+    assert np.abs(fit_rigid2(seam, seen).apply(seam) - motion.apply(seam)).max() > 0.004
 
 
 def test_few_places_join_nothing_and_the_other_side_keeps_its_largest_piece() -> None:

@@ -30,6 +30,7 @@ from flatcloth.methods.robust.seams.links import (
     SeamLink,
     linked,
     matches_of,
+    motion_onto,
     sets_of,
 )
 from flatcloth.methods.robust.uncertainty import (
@@ -197,7 +198,7 @@ def _posed(
             continue
         # The group with the smaller number stays where it lies: this side's main piece is 0.
         stays, moves = (0, 1) if groups[0] < groups[1] else (1, 0)
-        motion = fit_rigid2(places[moves][own], places[stays][own])
+        motion = motion_onto(places[moves][own], places[stays][own])
         there = np.flatnonzero(number[stays] == groups[stays])
         its_variance = variance[stays][there[cKDTree(uv[stays][there]).query(places[stays][own])[1]]].mean()
         middle, extent_m2 = places[stays][own].mean(axis=0), places[stays][own].var(axis=0).sum()
