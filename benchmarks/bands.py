@@ -1,6 +1,6 @@
 """The bands of real views: flatcloth's ordering, factorisation and substitution against SciPy's.
 
-Compiled loops cannot call SciPy; these ratios tell what that costs, or saves.
+Compiled loops cannot call SciPy; these ratios are what that costs, or saves.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def _timed(*calls: Callable[[], T]) -> list[tuple[float, T]]:
     return [(statistics.median(own), result) for own, result in zip(times, results, strict=True)]
 
 
-def told(found: Iterable[dict[str, float]]) -> str:
+def line_of(found: Iterable[dict[str, float]]) -> str:
     """Return the medians of the ratios as one line."""
     rows = list(found)
     of = {key: statistics.median(row[key] for row in rows) for key in rows[0]}

@@ -280,10 +280,7 @@ def measured_row(constant: Constant, reads: Sequence[Read]) -> dict[str, Any]:
 def effect_of(
     own: dict[str, Any], before: dict[str, Any], noise: dict[str, float], *, is_timed: bool
 ) -> dict[str, Any]:
-    """Return the figures of a variant that differ from those before by more than their noise.
-
-    And by more than :data:`COMPARED`.
-    """
+    """Return the figures of a variant that moved by more than their noise and than :data:`COMPARED`."""
     if "error" in own:
         return {"error": own["error"]}
     found: dict[str, Any] = {}

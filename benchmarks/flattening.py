@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.bands import ratios, told
+from benchmarks.bands import line_of, ratios
 from benchmarks.developable import AXIS, sheets, view_of
 from benchmarks.output import RESULTS, Options, processor, save, save_page, say
 from benchmarks.peers import BOUND, Method, least_known_energy, methods
@@ -68,7 +68,7 @@ def run(options: Options) -> None:
     warm_up()
     rows = solver_rows(opened, quick=quick)
     bands = [ratios(problem) for _, problem in problems(opened, quick=quick) if problem.garment]
-    say(told(bands))
+    say(line_of(bands))
     say("whole frames")
     frames = [frame_times(r, quick=quick) for r in opened if "d435" in r.name]
     say("accuracy on sheets")

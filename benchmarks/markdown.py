@@ -31,6 +31,3 @@ def origin(name: str) -> str:
     return (
         f"(`benchmarks/results/{name}.json`: commit {found['commit']}, {found['date']}, {found['machine']})"
     )
-
-
-# ------------------------------------------------- results of recordings

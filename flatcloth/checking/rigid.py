@@ -30,7 +30,7 @@ def _compare(
     limits: Limits,
     sums: Sums,
 ) -> None:
-    """Compare both ways; ``pose`` is the pose (rotation, shift) of the view that moves."""
+    """Compare both ways; ``pose`` (rotation, shift) is that of the view that moves."""
     sums.matrix[:], sums.scores[:], sums.parts[:], sums.tally[:], sums.counts[:] = 0.0, 0.0, 0.0, 0.0, 0
     rotation, shift = pose
     back = np.ascontiguousarray(rotation.T)

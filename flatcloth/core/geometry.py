@@ -169,6 +169,23 @@ def fit_rigid2(points_m: Floats, target_m: Floats, weight: Floats | None = None)
     return Rigid2(theta, to_u - (cos * u - sin * v), to_v - (sin * u + cos * v))
 
 
+def agreement(off_m: Floats, scale_m: float) -> Float64:
+    """Return how well places agree (..., N) that are so far off (..., N, 2): 1, and one half at the scale."""
+    result: Float64 = 1.0 / (1.0 + np.square(off_m).sum(axis=-1) / scale_m**2)
+    return result
+
+
+def refit_rigid2(motion: Rigid2, points_m: Float64, target_m: Float64, scale_m: float, rounds: int) -> Rigid2:
+    """Return the motion near a given one that fits most of the points (N, 2) to their targets (N, 2).
+
+    Least squares, again with the squared agreement as weights, those of Geman and McClure, each round.
+    """
+    for _ in range(rounds):
+        weight = np.square(agreement(motion.apply(points_m) - target_m, scale_m))
+        motion = fit_rigid2(points_m, target_m, weight)
+    return motion
+
+
 def nearest_isometries(maps: Float64) -> Float64:
     """Return the isometries nearest to linear maps M (N, 3, 2): M (M'M)^(-1/2), the root in closed form."""
     a, b, d = (np.einsum("ni,ni->n", maps[:, :, i], maps[:, :, j]) for i, j in ((0, 0), (0, 1), (1, 1)))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import AlignmentError
-from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.geometry import agreement, fit_rigid2, refit_rigid2
 from flatcloth.core.types import FlattenedView, Float64, Int64, Rigid2
 from flatcloth.flattening.minimisation import ITERATIONS
 from flatcloth.methods.paper.matching import COARSE_SMOOTHING_M, LEAST_AREA_M2, PLACE_SCALE_M, SAME_FACING
@@ -41,10 +41,7 @@ def from_places(current: FlattenedView, new: FlattenedView) -> Rigid2:
     uv, target = _same_places(current, new)
     if len(uv) * COARSE_SMOOTHING_M**2 < LEAST_AREA_M2:
         raise AlignmentError("The views show too little cloth at the same place; choose a smaller rotation.")
-    best = best_of_pairs(uv, target)
-    for _ in range(ITERATIONS):
-        best = fit_rigid2(uv, target, np.square(_agreement(best.apply(uv) - target)))
-    return best
+    return refit_rigid2(best_of_pairs(uv, target), uv, target, PLACE_SCALE_M, ITERATIONS)
 
 
 def best_of_pairs(uv_m: Float64, target_m: Float64) -> Rigid2:
@@ -59,18 +56,12 @@ def best_of_pairs(uv_m: Float64, target_m: Float64) -> Rigid2:
     turned = uv_m @ np.array([[cos, sin], [-sin, cos]]).transpose(2, 0, 1)
     middle = 0.5 * (turned[np.arange(TRIALS), i] + turned[np.arange(TRIALS), j])
     shift = 0.5 * (target_m[i] + target_m[j]) - middle
-    agreed = _agreement(turned + shift[:, None] - target_m).sum(axis=1)
+    agreed = agreement(turned + shift[:, None] - target_m, PLACE_SCALE_M).sum(axis=1)
     agreed[np.linalg.norm(one, axis=1) < 2.0 * PLACE_SCALE_M] = -1.0  # it does not determine the rotation
     n, of_all = int(np.argmax(agreed)), fit_rigid2(uv_m, target_m)
-    if agreed[n] <= _agreement(of_all.apply(uv_m) - target_m).sum():
+    if agreed[n] <= agreement(of_all.apply(uv_m) - target_m, PLACE_SCALE_M).sum():
         return of_all
     return fit_rigid2(uv_m[[i[n], j[n]]], target_m[[i[n], j[n]]])
-
-
-def _agreement(off_m: Float64) -> Float64:
-    """Return how well places agree (..., N) that are so far off (..., N, 2), 0 to 1."""
-    agreement: Float64 = 1.0 / (1.0 + np.square(off_m).sum(axis=-1) / PLACE_SCALE_M**2)
-    return agreement
 
 
 def _same_places(current: FlattenedView, new: FlattenedView) -> tuple[Float64, Float64]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.geometry import fit_rigid2, refit_rigid2
 from flatcloth.core.graphs import cut_between
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int16, Int32, Int64, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
@@ -52,16 +52,12 @@ ones the cloth may be bent."""
 
 
 def motion_onto(places_m: Float64, target_m: Float64) -> Rigid2:
-    """Return the motion that fits places (K, 2) of a seam to others, with Geman-McClure weights.
+    """Return the motion that fits most places (K, 2) of a seam to others (K, 2).
 
     Some places of a set are of other rims: of thirty, two more or less turned a piece by 1.6 degrees, with
     least squares.
     """
-    motion = fit_rigid2(places_m, target_m)
-    for _ in range(10):
-        off = np.linalg.norm(motion.apply(places_m) - target_m, axis=1) / PLACE_STD_M
-        motion = fit_rigid2(places_m, target_m, np.square(1.0 / (1.0 + np.square(off))))
-    return motion
+    return refit_rigid2(fit_rigid2(places_m, target_m), places_m, target_m, PLACE_STD_M, 10)
 
 
 @dataclass(frozen=True, kw_only=True)
