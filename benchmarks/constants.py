@@ -53,8 +53,8 @@ change that is listed: as processors differ."""
 
 
 CONVERGENCE = "STILL_M"
-"""The constant that ends the minimisation. How far results move with it is their own noise: where few places
-of a seam hold a large piece, any change moves it by millimetres. ..."""
+"""The constant that ends the minimisation. How far results move with it is taken for their noise: where few
+places of a seam hold a large piece, any change moves it by millimetres. ..."""
 _NOISE_FACTOR = 1.5
 """... Changes by other constants are listed if they are larger by this factor."""
 

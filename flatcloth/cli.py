@@ -112,7 +112,7 @@ def _carried_out(options: argparse.Namespace) -> int:
 def run_and_exit() -> NoReturn:
     """Run the command line as a process of its own, and end the process.
 
-    Before, child processes are ended as usual. It spares taking modules and compiled kernels apart, 0.2 s.
+    Before, child processes are ended as usual. Unloading modules and kernels would take 0.2 s.
     """
     status = main()
     threads = threading.enumerate()

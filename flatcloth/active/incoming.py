@@ -164,7 +164,7 @@ class FoundAngle:
 
 
 class AngleFinder:
-    """Finds angles of views: points of earlier views must lie neither before their surface nor off the item.
+    """Finds angles of views: points of earlier views must not lie before its surface, nor off the item.
 
     Parameters
     ----------

@@ -104,7 +104,7 @@ def _goes_on_in(others: Sequence[FlattenedView], start: Float64, normal: Float64
 
 
 def _in_runs(known: Bool, places_m: Float64) -> Bool:
-    """Keep what is known where most neighbours along the border (K, 2), in its order, are known too."""
+    """Keep true edges (K,) where most neighbours along the border, in its order, are true edges, too."""
     votes, voters = np.zeros(len(known)), np.zeros(len(known))
     for shift in range(-3, 4):
         near = np.linalg.norm(np.roll(places_m, shift, axis=0) - places_m, axis=1) < 5 * SPACING_M

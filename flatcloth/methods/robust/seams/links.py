@@ -54,8 +54,8 @@ ones the cloth may be bent."""
 def motion_onto(places_m: Float64, target_m: Float64) -> Rigid2:
     """Return the motion that fits most places (K, 2) of a seam to others (K, 2).
 
-    Some places of a set are of other rims: of thirty, two more or less turned a piece by 1.6 degrees, with
-    least squares.
+    Some places of a set belong to other rims: in a least-squares fit to thirty places, two more or fewer
+    turned a piece by 1.6 degrees.
     """
     return refit_rigid2(fit_rigid2(places_m, target_m), places_m, target_m, PLACE_STD_M, 10)
 
