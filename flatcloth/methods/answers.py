@@ -20,6 +20,7 @@ from flatcloth.core.types import (
 )
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.sampling import BENT_DEG, LEAST_INTERVAL_M
+from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document, PlacedPart, Side
 
 
@@ -200,8 +201,8 @@ class Placement:
     """A method's placement of a view: the ``alignment`` of its ``component``, and the alternatives.
 
     ``hypotheses`` are those for that component, the best first; ``margin`` is the difference between
-    the best and the second score (the best score itself if there is no second); ``cameras`` is a
-    summary of the registration; ``parts`` has one entry per component of the view. Only ``component``
+    the best and the second score (the best score itself if there is no second); ``cameras`` are those of all
+    views, registered with this one; ``parts`` has one entry per component of the view. Only ``component``
     and ``alignment`` are required of a method. ``also`` are further components, of this view or of accepted
     ones, each with its own motion, that are placed with it.
     """
@@ -210,7 +211,7 @@ class Placement:
     alignment: Alignment
     hypotheses: tuple[Hypothesis, ...] = ()
     margin: float = math.nan
-    cameras: str = ""
+    cameras: Registered | None = None
     parts: tuple[ComponentPlacement, ...] = ()
     also: tuple[PlacedPart, ...] = ()
 

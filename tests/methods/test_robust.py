@@ -9,6 +9,7 @@ from flatcloth.core.errors import SurfaceError
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.engine.headless import CONTRADICTS, Run, accept_by_score
 from flatcloth.engine.integration import Integration
+from flatcloth.registration.registered import describe
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
@@ -114,7 +115,8 @@ def test_a_proposal_tells_its_hypotheses_margin_and_score() -> None:
     assert pending.score > 0.9
     assert 0 < placement.margin <= 1
     assert placement.hypotheses[0].undetermined == ()
-    assert placement.cameras.startswith("Recorded angles and axis are confirmed")
+    assert placement.cameras is not None
+    assert describe(placement.cameras).startswith("Recorded angles and axis are confirmed")
     assert {"place_agreement", "height_agreement", "outline_agreement", "overlap_cm2",
             "twice_share", "other_cloth_share"} <= set(placement.alignment.score.parts)  # fmt: skip
 

@@ -50,7 +50,7 @@ from flatcloth.methods.robust.shapes import (
     prefix,
 )
 from flatcloth.methods.starting import overlap_area_m2, start_by_view
-from flatcloth.registration.registered import Registered, describe
+from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Accepted, Document, Later, Side
 
 
@@ -154,7 +154,7 @@ class RobustMethod(Method):
         progress(0.4, "searching the placement")
         components = self.search.components(document, view_index)  # 2a. register, associate, sample
         found = self.search.search(document, view_index)  # 2b. estimate, refine, score
-        cameras = describe(self.seen.registered((*shape.views, view_index)))
+        cameras = self.seen.registered((*shape.views, view_index))
         chosen = choose_placement(components, found, view_index, cameras)  # 2c. choose
         alignment = chosen.alignment
         key = (prefix(document), view_index, chosen.component, alignment.current_from_new)

@@ -34,6 +34,7 @@ from flatcloth.methods.robust.scoring import (
 )
 from flatcloth.methods.robust.shapes import JointShapes, RegisteredViews, prefix
 from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
+from flatcloth.registration.registered import Registered
 from flatcloth.session.machine import Document
 
 
@@ -269,7 +270,7 @@ def choose_placement(
     components: Mapping[int, SampledComponent],
     found: Found,
     view_index: int,
-    cameras: str,
+    cameras: Registered,
 ) -> Placement:
     """Choose the component by confidence times the root of its area, and its best hypothesis.
 

@@ -14,6 +14,7 @@ from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, floating_file, label_of, other_floating_file
 from flatcloth.engine.warmup import is_compiling
+from flatcloth.registration.registered import describe
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
@@ -222,7 +223,7 @@ def _hypotheses(overlay: Overlay) -> dict[str, Any]:
     """Return the further results of the method ``robust``: margin, undetermined directions, hypotheses."""
     placement, own = overlay.proposal.placement, np.array(overlay.own_center_uv_m)
     return {
-        "cameras": placement.cameras,
+        "cameras": "" if placement.cameras is None else describe(placement.cameras),
         "margin": float(placement.margin),
         "undetermined": tuple(placement.hypotheses[0].undetermined),
         "hypotheses": tuple(
