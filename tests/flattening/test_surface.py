@@ -86,6 +86,13 @@ def test_a_plane_seen_steeply_is_no_ramp() -> None:
     assert not find_ramps(np.where(box(0.1, depth), 1.0 / depth, 0.0), CAMERA).any()
 
 
+def test_a_plane_as_steep_as_a_ramp_is_none_where_it_ends_either() -> None:
+    depth = plane(2.2, 0.0)
+    inverse = np.where(box(0.1, depth), 1.0 / depth, 0.0)
+    inverse[:, CAMERA.width // 2] = 0.0
+    assert not find_ramps(inverse, CAMERA).any()
+
+
 def test_a_small_dropout_is_bridged_exactly_and_a_large_one_stays_open() -> None:
     depth = plane(0.3, 0.2)
     mask = box(0.1, depth)

@@ -10,7 +10,7 @@ import pytest
 from garment_evidence import at_mean, blank_view, evidence_from, sampled
 
 from flatcloth.core.errors import GarmentError
-from flatcloth.core.geometry import Rigid3
+from flatcloth.core.geometry import Rigid3, rotation_about
 from flatcloth.core.types import FlattenedView, Intrinsics, Rigid2
 from flatcloth.garments.distance import inside_outline, outside, straight_inside, to_edges
 from flatcloth.garments.evidence import PieceEvidence, evidence_of
@@ -175,6 +175,31 @@ def test_an_edge_that_more_views_saw_is_trusted_more() -> None:
     assert often.edge_trust.min() > once.edge_trust.max()
 
 
+def test_an_edge_of_cloth_that_turns_away_from_the_camera_may_be_the_silhouette_of_a_fold() -> None:
+    turn, middle, away = math.radians(55.0), np.array([0.12, 0.12, 0.85]), np.array([0.0, 0.0, 0.85])
+    rotation = rotation_about(np.array([0.0, 1.0, 0.0]), turn)
+    k = Intrinsics(width=400, height=400, fx=425.0, fy=425.0, cx=200.0, cy=200.0)
+    row, col = np.mgrid[:400, :400]
+    rays = np.stack([(col - k.cx) / k.fx, (row - k.cy) / k.fy, np.ones(row.shape)], axis=-1)
+    depth = away @ rotation[:, 2] / (rays @ rotation[:, 2])
+    there = (rays * depth[..., None] - away) @ rotation + middle
+    inside = (np.abs(there[..., :2] - 0.12) < 0.082).all(axis=-1)
+    seen = SeenFrom(
+        depth_m=np.where(inside, depth, 0.0).astype(np.float32),
+        of_interest=None,
+        intrinsics=k,
+        camera_from_object=Rigid3(rotation, away - rotation @ middle),
+    )
+    evidence = evidence_of(sheet_seen(measured(0, 400))[0], [seen])
+    right, left = (sign * evidence.edge_normal[:, 0] > 0.9 for sign in (1.0, -1.0))
+    farther = rotation[2, 0] > 0
+    turns_away, faces = (right, left) if farther else (left, right)
+    assert faces.sum() > 15
+    assert turns_away.sum() > 15
+    assert evidence.edge_trust[faces].min() > 0.4
+    assert evidence.edge_trust[turns_away].max() < 0.02
+
+
 def test_an_outline_keeps_to_trusted_edges_where_others_contradict_them() -> None:
     main = evidence_from(at_mean("towel"))
     right = main.edge_normal[:, 0] > 0.9
@@ -297,6 +322,9 @@ def test_an_outline_through_seen_cloth_costs() -> None:
     across = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
     assert crossing_energy(across, (main,), np.zeros((1, 3))) > 10.0
     assert crossing_energy(across + 5.0, (main,), np.zeros((1, 3))) == 0.0
+    # The first and the last side lead off the cloth, from its corner.
+    touching = np.array([[-0.5, -0.5], [-0.9, -0.6], [-0.6, -0.9]])
+    assert crossing_energy(touching, (main,), np.zeros((1, 3))) == 0.0
 
 
 # ------------------------------------------------------------------ named points
