@@ -22,7 +22,7 @@ from flatcloth.methods.robust.joint_shape import (
     with_observation,
     with_poses,
 )
-from flatcloth.methods.robust.layout import _robust_weight, lay_pieces
+from flatcloth.methods.robust.layout import _robust_weight, lay_pieces, relax_around
 from flatcloth.methods.robust.observations import Observation, averaged
 
 UV = grid(10, 24)
@@ -40,6 +40,19 @@ def test_a_new_view_is_laid_out_from_what_it_shares_and_the_plane_stays() -> Non
     assert shape.placed.all()
     assert np.abs(shape.uv_m - UV).max() < 1e-4  # not only up to a motion: the anchor holds the plane
     assert shape.weight.min() > 0.9
+
+
+def test_new_nodes_are_relaxed_and_all_far_from_them_keep_their_places_exactly() -> None:
+    everything, new = np.ones(len(UV), dtype=bool), COLUMN >= 22
+    shape = shape_of(UV, [observed(UV, everything, 0)], everything)
+    bent = UV + 0.004 * np.sin(70.0 * UV)  # as far as the known nodes are concerned, it stays so
+    bent[new] = UV[new] + np.random.default_rng(0).normal(0.0, 0.003, (new.sum(), 2))
+    inside = np.arange(len(shape.links.edges))
+    uv, _ = relax_around(bent @ np.array([1.0, 1j]), shape.links, inside, np.ones(len(inside)), new)
+    np.testing.assert_array_equal(uv[COLUMN < 16], bent[COLUMN < 16])
+    for at in (COLUMN == 22, COLUMN == 23):  # noise is gone: neighbours are where pairs put them
+        apart_m = np.linalg.norm(np.diff(uv[at], axis=0), axis=1)
+        assert np.abs(apart_m - STEP_M).max() < 0.001
 
 
 def test_lengths_with_noise_average_out() -> None:
