@@ -155,7 +155,7 @@ class Read:
         if package == "segmentation":
             recording = segmented.after_one_stroke(recording, self.truth)
         service, both, document = unattended.integrated_sides(recording)
-        this, joined = sides.shown(service.integration, both, document), both.of(document)
+        this, joined = sides.written(service, both, document)
         figures = sides.figures_of(this, joined, self.truth, self.recording)
         figures |= garment_figures(service, document, self.truth, joined)
         arrays = _arrays_of(this)

@@ -15,7 +15,7 @@ from benchmarks.unattended import both_sides, measure_each, unattended
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.evaluation import compare
-from flatcloth.engine.integration import Integration
+from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.results.sides_truth import compare_sides
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.session_data import SessionData
@@ -55,10 +55,10 @@ def row_of(source: str) -> dict[str, Any]:
     unattended(source)
     between_s = time.process_time()
     service, both, document, truth = both_sides(source)
-    sides = both.of(document)
+    this, sides = written(service, both, document)
     ended_s = time.process_time()
     integration, one_s = service.integration, between_s - began_s
-    figures = figures_of(shown(integration, both, document), sides, truth, integration.recording)
+    figures = figures_of(this, sides, truth, integration.recording)
     figures |= {"seconds_this": one_s, "seconds_other": ended_s - between_s - one_s}
     row: dict[str, Any] = {"recording": integration.recording.name}
     for key in _COLUMNS:
@@ -68,10 +68,15 @@ def row_of(source: str) -> dict[str, Any]:
     return row
 
 
-def shown(integration: Integration, both: BothSides, document: Document) -> FlattenedView:
-    """Return this side as it is written and shown: placed by both sides."""
-    frames = GraspFrames(axis=integration.axis, rotation_deg=0.0)
-    return SessionData(integration, document, (), frames, both=both.of).canonical.view
+def written(
+    service: GarmentService, both: BothSides, document: Document
+) -> tuple[FlattenedView, JoinedSides | str]:
+    """Return this side and the other as ``run`` writes them: as sure as the garment of both leaves them."""
+    frames = GraspFrames(axis=service.integration.axis, rotation_deg=0.0)
+    data = SessionData(service.integration, document, (), frames, garments=service, both=both.of)
+    this, sides = data.canonical.view, data.sides
+    assert sides is not None
+    return this, sides
 
 
 def figures_of(this: FlattenedView, sides: JoinedSides | str, truth: Any, recording: Any) -> dict[str, float]:
