@@ -12,7 +12,8 @@ from garment_evidence import at_mean, blank_view, evidence_from, sampled
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import Rigid3, rotation_about
 from flatcloth.core.types import FlattenedView, Intrinsics, Rigid2
-from flatcloth.garments.distance import inside_outline, outside, straight_inside, to_edges
+from flatcloth.flattening.sampling import CORRELATED_M
+from flatcloth.garments.distance import inside_outline, outside, poses_within, straight_inside, to_edges
 from flatcloth.garments.evidence import PieceEvidence, evidence_of
 from flatcloth.garments.fit import Pull, crossing_energy, refine, starts
 from flatcloth.garments.kinds import kind_named, known_kinds
@@ -124,6 +125,19 @@ def test_an_edge_belongs_to_the_side_that_faces_as_it_does() -> None:
     side, _, _, distance = to_edges(q, np.array([[1.0, 0.0], [0.0, -1.0]]), SQUARE)
     assert side.tolist() == [1, 0]
     np.testing.assert_allclose(distance, [-0.02, -0.03])
+
+
+def test_poses_of_a_coarse_search_stand_evenly_in_the_box_where_a_piece_fits() -> None:
+    places, low, high = np.array([[0.0, 0.0], [0.1, 0.2]]), np.zeros(2), np.array([0.6, 0.5])
+    poses = poses_within(places, low, high, np.array([0.0, np.pi]))
+    upright = poses[poses[:, 0] == 0.0, 1:]
+    # Room of 0.5 m and 0.3 m, cells of twice the correlated length at most, in their middles.
+    count = [math.ceil(room / (2.0 * CORRELATED_M)) for room in (0.5, 0.3)]
+    assert len(upright) == count[0] * count[1]
+    assert sorted(set(upright[:, 0])) == pytest.approx((np.arange(count[0]) + 0.5) * 0.5 / count[0])
+    assert sorted(set(upright[:, 1])) == pytest.approx((np.arange(count[1]) + 0.5) * 0.3 / count[1])
+    turned = poses[poses[:, 0] == np.pi, 1:] - np.array([0.1, 0.2])
+    np.testing.assert_allclose(turned, upright, atol=1e-9)
 
 
 # ------------------------------------------------------------------ true edges

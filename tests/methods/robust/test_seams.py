@@ -368,6 +368,14 @@ def test_this_side_lies_where_both_lay_it_if_its_own_pairs_fit_better_there() ->
     np.testing.assert_allclose(relaid.uv_m, made.both.all_uv_m[: len(UV)])
     cut = replace(bent, is_cut=np.ones_like(bent.is_cut))
     assert _relaid_by(replace(made, this=cut)) is cut  # no pair says so
+    # That both pull apart what only unsure pairs hold together does not count.
+    first, second = np.sort(COLUMN[THIS.links.edges], axis=1).T
+    unsure = np.where((first < 20) & (second >= 20), 1.0, THIS.links.std_m)
+    moved = made.both.all_uv_m.copy()
+    moved[np.flatnonzero(COLUMN >= 20)] += 0.005
+    both = replace(made.both, all_uv_m=moved)
+    bent = replace(bent, links=replace(bent.links, std_m=unsure))
+    assert _relaid_by(replace(made, this=bent, both=both)) is not bent
 
 
 def test_seams_lie_on_this_side_as_it_is_shown() -> None:

@@ -10,6 +10,8 @@ import pytest
 from scenes import Cylinder
 
 from flatcloth.core.cache import Cache, size_in_bytes
+from flatcloth.core.config import Config
+from flatcloth.core.types import RgbdFrame
 from flatcloth.engine import views
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust import method, shapes
@@ -49,6 +51,29 @@ def counted(monkeypatch: pytest.MonkeyPatch, module: Any, name: str) -> list[int
 
     monkeypatch.setattr(module, name, counting)
     return calls
+
+
+class Split(Cylinder):
+    """The cylinder without a strip down its middle, so that a view shows two components."""
+
+    def __getitem__(self, view_index: int) -> RgbdFrame:
+        whole = super().__getitem__(view_index)
+        depth = whole.depth_m.copy()
+        depth[:, depth.shape[1] // 2 - 8 : depth.shape[1] // 2 + 8] = 0.0
+        return replace(whole, depth_m=depth, mask=whole.mask & (depth > 0.0))
+
+
+def test_each_pixel_of_a_view_has_the_number_of_its_component() -> None:
+    levels = replace(Config().flattening, sampling_intervals_px=(20, 10, 5))
+    made = Integration(Split(angles_deg=(0.0,)), replace(Config(), flattening=levels))
+    assert isinstance(made.algorithm, RobustMethod)
+    flattening, number = made.views.flattening(0), made.algorithm.seen.component_of_pixel(0)
+    assert len(flattening.components) == 2
+    assert set(np.unique(number)) == {-1, 0, 1}
+    for n, component in enumerate(flattening.components):
+        shown = np.rint(component.view.source_rc[component.view.valid]).astype(int)
+        shown -= np.array(flattening.surface.frame.offset_rc)
+        assert (number[shown[:, 0], shown[:, 1]] == n).mean() > 0.99
 
 
 def test_small_caches_cost_no_work_as_a_shape_grows(monkeypatch: pytest.MonkeyPatch) -> None:
