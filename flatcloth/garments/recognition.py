@@ -233,7 +233,7 @@ def fits_of(main: PieceEvidence, kinds: Sequence[Kind] = ()) -> list[Fit]:
 
 def _roughly(kind: Kind, coarse: PieceEvidence, some: Sequence[tuple[Float64, Rigid2]]) -> list[Fit]:
     """Return the fits of one kind from some starts, the most probable first."""
-    annealed = (4.0, 2.0)
+    annealed = (4.0, 1.0)
     return _most_probable_first(
         refine(kind, (coarse,), begin, (pose,), annealed=annealed) for begin, pose in some
     )
