@@ -18,10 +18,10 @@ from flatcloth.core.geometry import Rigid3, back_project, camera_from_object, ro
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import Surface, observe_surface
 from flatcloth.registration.cameras import begin_registration, extend_registration
-from flatcloth.registration.normal_equations import _fattening
+from flatcloth.registration.normal_equations import _add_moments, _fattening
 from flatcloth.registration.pose_prior import PosePrior, motion, moved_axis, twist_of
 from flatcloth.registration.registered import Registered, describe
-from flatcloth.registration.view_features import ViewFeatures, extract_features
+from flatcloth.registration.view_features import ViewFeatures, _inertia, extract_features
 
 HELD_M = AXIS.point_m + np.array([0.0, -0.12, 0.0])
 HALF_HEIGHT_M, RADIUS_M = 0.12, 0.10
@@ -330,3 +330,14 @@ def test_a_motion_and_its_twist_are_inverse() -> None:
     center = np.array([0.1, 0.2, 0.9])
     np.testing.assert_allclose(twist_of(motion(twist, center), center), twist, atol=1e-12)
     np.testing.assert_allclose(twist_of(motion(np.zeros(6), center), center), 0.0, atol=1e-15)
+
+
+def test_moments_of_points_give_the_inertia_of_their_motions() -> None:
+    points = np.random.default_rng(0).normal(0.0, 0.3, (5, 3))
+    moments, inertia = np.zeros((4, 4)), np.zeros((6, 6))
+    for x in points:
+        _add_moments(tuple(x), moments)
+        moved = np.array([[0.0, x[2], -x[1]], [-x[2], 0.0, x[0]], [x[1], -x[0], 0.0]])  # by a small rotation
+        derivative = np.hstack([moved, np.eye(3)])
+        inertia += derivative.T @ derivative
+    np.testing.assert_allclose(_inertia(moments), inertia, atol=1e-12)

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import AXIS, CAMERA, box, frame, plane
+from scenes import AXIS, CAMERA, box, frame, plane, rays
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import Rigid3, project
-from flatcloth.flattening.surface import observe_surface
+from flatcloth.flattening.surface import NOISELESS_STD_M, observe_surface
 from flatcloth.methods.robust.observations import (
     Association,
     Nodes,
@@ -22,6 +22,7 @@ from flatcloth.methods.robust.observations import (
 )
 
 STILL = Rigid3(np.eye(3), np.zeros(3))
+NO_ASSOCIATION = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
 OFF_M = 0.001
 SLOPE = 1.0
 
@@ -86,8 +87,23 @@ def test_a_view_that_shows_one_place_alone_is_no_view_of_the_shape() -> None:
     d = FlatteningConfig().sampling_intervals_px[-1]
     row, col = (int(at) // d * d + d // 2 for at in (CAMERA.cy, CAMERA.cx))
     alone[row, col] = True
-    nothing = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
     with pytest.raises(SurfaceError, match=r"View \d+: it shows no two places of cloth side by side"):
-        observe(no_nodes(), nothing, replace(surface, usable=alone), STILL, FlatteningConfig())
-    _, seen = observe(no_nodes(), nothing, surface, STILL, FlatteningConfig())
+        observe(no_nodes(), NO_ASSOCIATION, replace(surface, usable=alone), STILL, FlatteningConfig())
+    _, seen = observe(no_nodes(), NO_ASSOCIATION, surface, STILL, FlatteningConfig())
     assert len(seen.edges)
+
+
+def test_pairs_across_a_crease_are_a_quarter_of_the_evidence() -> None:
+    """Touching layers look like a crease."""
+    x, _ = rays()
+    depth = plane() - 0.4 * np.abs(x) * 0.85
+    surface = observe_surface(frame(depth, box(0.1, depth)), AXIS, SurfaceConfig())
+    _, seen = observe(no_nodes(), NO_ASSOCIATION, surface, STILL, FlatteningConfig())
+    left = seen.points_m[:, 0][seen.edges]
+    across = left.prod(axis=1) < 0.0
+    far = (np.abs(left) > 0.02).all(axis=1) & ~across
+    share = seen.edge_evidence * np.square(seen.edge_std_m / NOISELESS_STD_M)
+    assert across.sum() > 10
+    assert far.sum() > 50
+    np.testing.assert_allclose(share[across], 0.25, rtol=1e-5)
+    np.testing.assert_allclose(share[far], 1.0, rtol=1e-5)
