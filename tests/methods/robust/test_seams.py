@@ -18,7 +18,7 @@ from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, Jo
 from flatcloth.methods.robust.method import _on_shown, _relaid_by
 from flatcloth.methods.robust.observations import Nodes
 from flatcloth.methods.robust.seams.joining import JoinedSide, Seamed, join_sides, other_of, seams_of
-from flatcloth.methods.robust.seams.links import LEAST_MATCHES, motion_onto
+from flatcloth.methods.robust.seams.links import LEAST_MATCHES, SeamLink, _renumbered, motion_onto
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.session.garment import DecidedSeam
 
@@ -216,6 +216,18 @@ def decision(seam: Seam, *, kept: bool) -> DecidedSeam:
     """What an operator decides about a seam: some of its places, which shake a little until it is asked."""
     shaken = seam.xyz_m[::3] + np.random.default_rng(0).normal(0.0, 0.003, (len(seam.xyz_m[::3]), 3))
     return DecidedSeam(kept=kept, points_m=tuple(map(tuple, shaken.tolist())))
+
+
+def test_a_seam_whose_cloth_has_no_place_any_more_says_so_and_joins_nothing() -> None:
+    made = SeamLink(this_piece=0, other_piece=0, members=np.arange(5), strength=40.0)
+    lost, left = (
+        _renumbered(made, np.array(piece, np.int32)) for piece in ([-1, -1, -1, 2, 2], [2, 2, 2, -1, -1])
+    )
+    assert (lost.other_piece, left.other_piece) == (-1, 2)
+    assert "no place" in lost.why
+    assert left.why == ""
+    np.testing.assert_array_equal(left.members, [0, 1, 2])
+    assert _renumbered(replace(made, why="cut"), np.full(5, -1, np.int32)).why == "cut"
 
 
 def test_a_seam_that_the_operator_cut_joins_nothing_until_it_is_kept() -> None:

@@ -183,7 +183,7 @@ def _posed(
     uv[1][:, 0] -= PIECES_APART_M * first
     members: dict[tuple[int, int], list[Int64]] = {}
     for link in links:
-        if not link.why and link.other_piece >= 0:
+        if not link.why:
             members.setdefault((link.this_piece, link.other_piece), []).append(link.members)
     places = [matches.this_uv_m.copy(), matches.other_uv_m * MIRROR - (PIECES_APART_M * first, 0.0)]
     of_match = [np.full(len(matches), -1), np.full(len(matches), -1)]

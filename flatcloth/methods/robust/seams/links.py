@@ -44,6 +44,7 @@ have seen a fold's silhouette."""
 _AGREE_M = LEAST_INTERVAL_M
 """Matches of one set fit its motion to this: four times their median residual."""
 _CONTRADICTS = "it contradicts a stronger seam"
+_PLACELESS = "its cloth of the other side has no place once that is cut apart"
 _TRIES = 300
 """Motions tried for a set. Chosen: a set with a seventh of the matches is found in 99 of 100 cases."""
 _SEED_M = (0.03, 0.2)
@@ -230,11 +231,11 @@ def contradicting(
 def _renumbered(link: SeamLink, piece: Int32) -> SeamLink:
     """Return a set with the piece of most of its places, and only those; ``piece`` (K,) are the present ones.
 
-    The piece is -1 if they have none any more.
+    Where their cloth has no place any more (-1), the set joins nothing.
     """
     own = int(np.bincount(piece[link.members] + 1).argmax()) - 1
     members = link.members[piece[link.members] == own]
-    return replace(link, other_piece=own, members=members)
+    return replace(link, other_piece=own, members=members, why=link.why or _PLACELESS * (own < 0))
 
 
 def sets_of(this: JointShape, other: JointShape, matches: Matches) -> list[SeamLink]:
