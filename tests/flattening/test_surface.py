@@ -75,6 +75,16 @@ def test_layers_are_never_joined_by_a_step_or_a_sensor_ramp(gap_m: float, ramp_p
     assert not set(level.component[on_near]) & set(level.component[on_far])
 
 
+@pytest.mark.parametrize("gap_m", [0.015, 0.03])
+def test_ramps_are_found_alike_along_rows_columns_and_both_diagonals(gap_m: float) -> None:
+    depth = two_layers(gap_m, 6)
+    inverse = np.where(box(0.1, depth), 1.0 / depth, 0.0)[60:180, 60:180]
+    found = find_ramps(inverse, CAMERA)
+    assert found.any()
+    np.testing.assert_array_equal(find_ramps(np.ascontiguousarray(inverse.T), CAMERA), found.T)
+    np.testing.assert_array_equal(find_ramps(np.ascontiguousarray(inverse[:, ::-1]), CAMERA), found[:, ::-1])
+
+
 def test_a_turning_outline_is_no_ramp() -> None:
     shown = Cylinder()[0]
     inverse = np.where(shown.mask, 1.0 / np.where(shown.mask, shown.depth_m, 1.0), 0.0)
