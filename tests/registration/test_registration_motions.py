@@ -21,7 +21,7 @@ from flatcloth.registration.cameras import begin_registration, extend_registrati
 from flatcloth.registration.normal_equations import _add_moments, _fattening
 from flatcloth.registration.pose_prior import PosePrior, motion, moved_axis, twist_of
 from flatcloth.registration.registered import Registered, describe
-from flatcloth.registration.view_features import ViewFeatures, _inertia, extract_features
+from flatcloth.registration.view_features import ViewFeatures, _inertia, compare, extract_features
 
 HELD_M = AXIS.point_m + np.array([0.0, -0.12, 0.0])
 HALF_HEIGHT_M, RADIUS_M = 0.12, 0.10
@@ -341,3 +341,18 @@ def test_moments_of_points_give_the_inertia_of_their_motions() -> None:
         derivative = np.hstack([moved, np.eye(3)])
         inertia += derivative.T @ derivative
     np.testing.assert_allclose(_inertia(moments), inertia, atol=1e-12)
+
+
+def test_texture_counts_by_the_spread_of_its_own_channel() -> None:
+    views = features_of_views(angles=ANGLES[:2])
+    ends = [camera_from_object(AXIS, angle).inverse() for angle in ANGLES[:2]]
+
+    def channels(*spread: float) -> list[float]:
+        found = compare(*views, *ends, HELD_M, 0.0, 0.01, np.array([0.0, *spread]))
+        return [float(np.trace(matrix)) for matrix in found.matrix[1:]]
+
+    alone = [channels(*np.eye(3)[k] * 1e6)[k] for k in range(3)]
+    assert min(alone) > 0.0
+    few, *others = channels(1e-3, 1e6, 1e6)
+    assert few < 0.3 * alone[0]
+    assert others == pytest.approx(alone[1:])
