@@ -19,9 +19,6 @@ from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document
 from flatcloth.session.garment import without_doubts
 
-_UNLIKE = 0.5
-"""If a shape is no known kind of garment with a greater probability, none fits. By definition."""
-
 
 class _Doubts(NamedTuple):
     """What makes a shape less reliable: its recording, its scale (a share of each length), its kind."""
@@ -46,14 +43,14 @@ class Trust:
         self._last_sides: tuple[JoinedSides, _Doubts, JoinedSides] | None = None
 
     def recognised(self, document: Document, no_kind: float) -> None:
-        """Take the probability that a document's shape is no known kind of garment."""
+        """Take the probability that a document's shape is no known kind; 0 if a kind is likelier."""
         self._no_kind = _recognised_by(document), no_kind
 
     def wrong(self, document: Document, canonical: Canonical, registered: Registered | None) -> list[str]:
         """Return the reasons why something about the recording is wrong."""
         floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
         share = floating_m2 / max(floating_m2 + canonical.view.area_m2, 1e-9)
-        fits_none = self._no_kind_of(document) > _UNLIKE
+        fits_none = self._no_kind_of(document) > 0.0
         return result.wrong_with(known_check(self._recording), registered, share, fits_none=fits_none)
 
     def of(self, document: Document, canonical: Canonical, registered: Registered | None) -> Canonical:
@@ -80,11 +77,10 @@ class Trust:
         return no_kind if of == _recognised_by(document) else 0.0
 
     def _doubts(self, document: Document, canonical: Canonical, registered: Registered | None) -> _Doubts:
-        no_kind = self._no_kind_of(document)
         return _Doubts(
             is_wrong=bool(self.wrong(document, canonical, registered)),
             scale_std=scale_std_of(self._recording),
-            no_kind=no_kind if no_kind > _UNLIKE else 0.0,
+            no_kind=self._no_kind_of(document),
         )
 
 

@@ -64,7 +64,7 @@ def test_a_shape_of_no_known_kind_may_be_anywhere_on_the_item():
     assert _std_m(doubted) == pytest.approx(3 * [math.hypot(STD_M, math.sqrt(0.8) * APART_M)])
     assert trust.of(TWO, shape, None) is doubted  # or the garment is fitted anew
     assert trust.of(replace(TWO, start_view=1), shape, None) is shape
-    trust.recognised(TWO, 0.5)
+    trust.recognised(TWO, 0.0)
     assert trust.of(TWO, shape, None) is shape
 
 

@@ -344,11 +344,11 @@ def test_moments_of_points_give_the_inertia_of_their_motions() -> None:
 
 
 def test_texture_counts_by_the_spread_of_its_own_channel() -> None:
-    views = features_of_views(angles=ANGLES[:2])
-    ends = [camera_from_object(AXIS, angle).inverse() for angle in ANGLES[:2]]
+    one, other = features_of_views(angles=ANGLES[:2])
+    here, there = (camera_from_object(AXIS, angle).inverse() for angle in ANGLES[:2])
 
     def channels(*spread: float) -> list[float]:
-        found = compare(*views, *ends, HELD_M, 0.0, 0.01, np.array([0.0, *spread]))
+        found = compare(one, other, here, there, HELD_M, 0.0, 0.01, np.array([0.0, *spread]))
         return [float(np.trace(matrix)) for matrix in found.matrix[1:]]
 
     alone = [channels(*np.eye(3)[k] * 1e6)[k] for k in range(3)]

@@ -188,7 +188,8 @@ class GarmentService:
                 self._last = None
             if self._last is None or self._last[0] != document.garment:
                 known = self._decided(shape, document.garment)
-                no_kind = 0.0 if known.found.by_hand else known.found.probabilities[NONE]
+                is_none = known.found.kind == NONE and not known.found.by_hand
+                no_kind = known.found.probability if is_none else 0.0
                 self.integration.trust.recognised(document, no_kind)
                 if self.integration.wrong(document):  # then no length is reliable
                     known = replace(known, found=replace(known.found, dimensions={}), is_wrong=True)
