@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from scenes import AXIS, box, frame, plane
+from scenes import AXIS, CAMERA, box, frame, plane
 
 from flatcloth.core.cache import size_in_bytes
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
@@ -25,6 +25,24 @@ def flattened() -> FlattenedView:
 def assert_same(view: FlattenedView, other: FlattenedView) -> None:
     for name in ATTRIBUTES:
         np.testing.assert_array_equal(getattr(view, name), getattr(other, name))
+
+
+def test_normals_and_quality_of_a_sloping_plane_are_exact() -> None:
+    depth = plane(0.5, -0.3)
+    view = flatten(
+        observe_item(frame(depth, box(0.05, depth)), AXIS, SurfaceConfig()), AXIS, FlatteningConfig()
+    ).view
+    normal = np.array([0.5, -0.3, -1.0]) / np.linalg.norm([0.5, -0.3, -1.0])
+    np.testing.assert_allclose(view.normal[view.valid], np.tile(normal, (view.valid.sum(), 1)), atol=1e-4)
+    at = view.xyz_m[view.valid].astype(float)
+    cos = -(at @ normal) / np.linalg.norm(at, axis=1)
+    assert view.quality is not None
+    density, incidence_deg, stretch = view.quality[view.valid].T
+    np.testing.assert_allclose(incidence_deg, np.degrees(np.arccos(cos)), atol=0.05)
+    # A pixel sees z^2 / (fx fy) of a frontal plane, and more of a sloping one, by the ray against its normal.
+    towards = -(at @ normal) / at[:, 2]
+    np.testing.assert_allclose(density, CAMERA.fx * CAMERA.fy * towards / (1e4 * at[:, 2] ** 2), rtol=1e-3)
+    assert np.nanmax(stretch) < 0.01
 
 
 def test_attributes_do_not_depend_on_which_is_asked_for_first() -> None:

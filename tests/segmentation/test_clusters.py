@@ -1,0 +1,34 @@
+"""Clusters of surface pixels: the search by cells finds what a search among all does."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatcloth.segmentation.clusters import _assign_together, _Limits
+
+
+def test_each_pixel_is_of_the_nearest_cluster_on_its_layer() -> None:
+    random = np.random.default_rng(0)
+    limits = _Limits(radius_m=0.01, offset_m=0.004, least_cos=0.5)
+    points = random.uniform(-0.05, 0.05, (3000, 3)).astype(np.float32)
+    tilt = random.normal([0.0, 0.0, -1.0], 0.3, (3400, 3))
+    normals = (tilt / np.linalg.norm(tilt, axis=1, keepdims=True))[400:].astype(np.float32)
+    place, normal = (
+        random.uniform(-0.05, 0.05, (400, 3)),
+        tilt[:400] / np.linalg.norm(tilt[:400], axis=1)[:, None],
+    )
+    found = np.empty(len(points), dtype=np.int32)
+    _assign_together(points, normals, limits, place, normal, found)
+
+    off = points[:, None].astype(float) - place
+    turn, along = normals.astype(float) @ normal.T, np.einsum("nmk,mk->nm", off, normal)
+    across = (off**2).sum(axis=2) - along**2
+    fits = (turn > limits.least_cos) & (np.abs(along) < limits.offset_m) & (across < limits.radius_m**2)
+    distance = across + 4.0 * along**2 + (1.0 - turn) * limits.radius_m**2
+    # Beyond the radius and the offset together nothing is compared.
+    fits &= (off**2).sum(axis=2) < limits.radius_m**2 + limits.offset_m**2
+    best = np.where(fits, distance, np.inf)
+    nearest = np.where(np.isfinite(best.min(axis=1)), best.argmin(axis=1), -1)
+    assert (nearest >= 0).sum() > 200
+    assert (nearest < 0).sum() > 200
+    np.testing.assert_array_equal(found, nearest)
