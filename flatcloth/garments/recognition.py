@@ -233,9 +233,8 @@ def fits_of(main: PieceEvidence, kinds: Sequence[Kind] = ()) -> list[Fit]:
 
 def _roughly(kind: Kind, coarse: PieceEvidence, some: Sequence[tuple[Float64, Rigid2]]) -> list[Fit]:
     """Return the fits of one kind from some starts, the most probable first."""
-    annealed = (4.0, 1.0)
     return _most_probable_first(
-        refine(kind, (coarse,), begin, (pose,), annealed=annealed) for begin, pose in some
+        refine(kind, (coarse,), begin, (pose,), annealed=(4.0, 1.0)) for begin, pose in some
     )
 
 
@@ -263,11 +262,7 @@ def _cost(placed: Placed, alone: Fit) -> float:
 
 def _rough_evidence(kind: Kind, piece: PieceEvidence) -> float:
     """Return the evidence of a piece for a kind, by fewer starts and points."""
-    coarse = piece.thinned(THINNED)
-    return max(
-        refine(kind, (coarse,), parameters, (pose,), annealed=(4.0, 1.0)).log_evidence
-        for parameters, pose in starts(kind, piece, STARTS // 2)
-    )
+    return _roughly(kind, piece.thinned(THINNED), starts(kind, piece, STARTS // 2))[0].log_evidence
 
 
 def held_fit(fit: Fit, main: PieceEvidence, pulls: tuple[Pull, ...]) -> Fit:

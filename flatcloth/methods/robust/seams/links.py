@@ -235,7 +235,7 @@ def _renumbered(link: SeamLink, piece: Int32) -> SeamLink:
     """
     own = int(np.bincount(piece[link.members] + 1).argmax()) - 1
     members = link.members[piece[link.members] == own]
-    return replace(link, other_piece=own, members=members, why=link.why or _PLACELESS * (own < 0))
+    return replace(link, other_piece=own, members=members, why=link.why or ("" if own >= 0 else _PLACELESS))
 
 
 def sets_of(this: JointShape, other: JointShape, matches: Matches) -> list[SeamLink]:
