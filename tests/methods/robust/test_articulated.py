@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from flatcloth.core.geometry import tangent_basis
+from flatcloth.core.geometry import rotation_about, tangent_basis
 from flatcloth.methods.relaxation import BorderedBand, add_products
 from flatcloth.methods.robust import articulated
 from flatcloth.methods.robust.articulated import (
@@ -120,13 +120,16 @@ def test_contradicted_pairs_do_not_stop_it() -> None:
     assert np.isfinite(settle_flexible(uv, seen)).all()
 
 
-def test_cloth_bent_as_a_cylinder_is_unrolled_exactly() -> None:
+@pytest.mark.parametrize("turned_rad", [0.0, 0.9])
+def test_cloth_bent_as_a_cylinder_is_unrolled_exactly(turned_rad: float) -> None:
     radius, turn, height = 0.03, 0.6, 0.004
     points = np.array([[0.0, 0.0, -radius], [radius * np.sin(turn), height, -radius * np.cos(turn)]])
     normal = np.array([[0.0, 0.0, -1.0], [np.sin(turn), 0.0, -np.cos(turn)]])
     true = np.hypot(radius * turn, height)
     tangent = np.stack(tangent_basis(normal))
     edges = np.array([[0, 1]], dtype=np.int32)
+    turn_all = rotation_about(np.array([0.48, 0.6, 0.64]), turned_rad).T  # the ruling is along no axis
+    points, normal, tangent = (np.ascontiguousarray(each @ turn_all) for each in (points, normal, tangent))
     offset = _offsets(edges, points, normal, tangent, np.array([true]), np.radians(0.01))
     assert offset[0, 0] == pytest.approx(radius * turn + 1j * height, abs=1e-6)
     assert abs(offset[0, 1]) == pytest.approx(true)
