@@ -13,6 +13,7 @@ from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import Rigid3, project
 from flatcloth.flattening.surface import NOISELESS_STD_M, observe_surface
 from flatcloth.methods.robust.observations import (
+    FRONTAL_NOISE,
     Association,
     Nodes,
     _in_narrow_places,
@@ -107,3 +108,14 @@ def test_pairs_across_a_crease_are_a_quarter_of_the_evidence() -> None:
     assert far.sum() > 50
     np.testing.assert_allclose(share[across], 0.25, rtol=1e-5)
     np.testing.assert_allclose(share[far], 1.0, rtol=1e-5)
+
+
+def test_lengths_of_steep_noisy_cloth_are_as_unsure_as_the_square_of_the_slope() -> None:
+    depth = plane(slope_x=0.5)
+    surface = observe_surface(frame(depth, box(0.06, depth)), AXIS, SurfaceConfig())
+    noisy = replace(surface, noisy=True, noise_m=0.001)
+    _, seen = observe(no_nodes(), NO_ASSOCIATION, noisy, STILL, FlatteningConfig())
+    slope = np.tan(np.radians(seen.incidence_deg))[seen.edges]
+    assert np.ptp(slope) > 0.05
+    noise_m = 0.001 * (FRONTAL_NOISE + np.square(slope).mean(axis=1))
+    np.testing.assert_allclose(seen.edge_std_m, np.hypot(NOISELESS_STD_M, noise_m), rtol=1e-5)
