@@ -71,7 +71,7 @@ def row_of(source: str) -> dict[str, Any]:
 def written(
     service: GarmentService, both: BothSides, document: Document
 ) -> tuple[FlattenedView, JoinedSides | str]:
-    """Return this side and the other as ``run`` writes them: as sure as the garment of both leaves them."""
+    """Return both sides as ``run`` writes them, with the deviations that the garment of both gives them."""
     frames = GraspFrames(axis=service.integration.axis, rotation_deg=0.0)
     data = SessionData(service.integration, document, (), frames, garments=service, both=both.of)
     this, sides = data.canonical.view, data.sides
