@@ -114,6 +114,29 @@ def test_cloth_most_of_which_floats_is():
     assert not is_hopeless(None, _registered())
 
 
+def service_of(found, monkeypatch, wrong=(), focal_factor=1.0):
+    """Return a service that recognises a given garment, and the list of what it says of kinds."""
+    shape = SimpleNamespace(view=SimpleNamespace(valid=np.ones((2, 2), bool)))
+    none = DecidedPieces(shape_from_piece={}, refused=frozenset())
+    known = KnownGarment(canonical=shape, evidence=(), by_evidence=found, found=found, pieces=none)
+    said = []
+    integration = SimpleNamespace(
+        recording=SimpleNamespace(mends=Mends(focal_factor=focal_factor)),
+        algorithm=SimpleNamespace(is_unattended=False),
+        canonical=lambda _: shape,
+        wrong=lambda _: wrong,
+        trust=SimpleNamespace(recognised=lambda *of: said.append(of)),
+    )
+    service = GarmentService(integration)
+    monkeypatch.setattr(service, "_recognised", lambda *_: known)
+    monkeypatch.setattr(service, "_decided", lambda *_: known)
+    return service, said
+
+
+def recognition(probabilities, **more):
+    return Recognition(probabilities=probabilities, fits=(), points={}, **{"dimensions": {}, **more})
+
+
 @pytest.mark.parametrize(
     ("wrong", "focal_factor", "std_m"),
     [([], 1.0, 0.01), ([], 0.8, math.hypot(0.01, 0.5 * FOCAL_STD)), (["views contradict"], 1.0, None)],
@@ -121,30 +144,22 @@ def test_cloth_most_of_which_floats_is():
 def test_a_wrong_result_has_no_lengths_and_an_estimated_camera_unsure_ones(
     wrong, focal_factor, std_m, monkeypatch
 ):
-    found = Recognition(
-        probabilities={"towel": 0.9, NONE: 0.1},
-        fits=(),
-        dimensions={"width": Measure(value_m=0.5, std_m=0.01)},
-        points={},
-    )
-    shape = SimpleNamespace(view=SimpleNamespace(valid=np.ones((2, 2), bool)))
-    none = DecidedPieces(shape_from_piece={}, refused=frozenset())
-    known = KnownGarment(canonical=shape, evidence=(), by_evidence=found, found=found, pieces=none)
-    told = []
-    integration = SimpleNamespace(
-        recording=SimpleNamespace(mends=Mends(focal_factor=focal_factor)),
-        algorithm=SimpleNamespace(is_unattended=False),
-        canonical=lambda _: shape,
-        wrong=lambda _: wrong,
-        trust=SimpleNamespace(recognised=lambda *of: told.append(of)),
-    )
-    service = GarmentService(integration)
-    monkeypatch.setattr(service, "_recognised", lambda *_: known)
-    monkeypatch.setattr(service, "_decided", lambda *_: known)
+    found = recognition({"towel": 0.9, NONE: 0.1}, dimensions={"width": Measure(value_m=0.5, std_m=0.01)})
+    service, _ = service_of(found, monkeypatch, wrong, focal_factor)
     lengths = service.of(Document()).found.dimensions
     assert [length.std_m for length in lengths.values()] == pytest.approx([] if wrong else [std_m])
     assert service.of(Document()).is_wrong == bool(wrong)
-    assert told == [(Document(), 0.1)]
+
+
+@pytest.mark.parametrize(
+    ("none", "by_hand", "no_kind"),
+    [(0.3, None, 0.0), (0.4, None, 0.4), (0.4, NONE, 0.0), (0.4, "towel", 0.0)],
+)
+def test_a_shape_is_of_no_kind_if_that_is_likeliest_and_nobody_named_one(none, by_hand, no_kind, monkeypatch):
+    shares = {"towel": 0.35, "skirt": 0.65 - none, NONE: none}
+    service, said = service_of(recognition(shares, by_hand=by_hand), monkeypatch)
+    service.of(Document())
+    assert said == [(Document(), no_kind)]
 
 
 def test_no_garment_is_tried_on_an_unattended_result_that_is_wrong(monkeypatch):
