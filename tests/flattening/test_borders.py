@@ -59,7 +59,7 @@ def test_cloth_at_the_edge_of_the_raster_has_a_border_there() -> None:
 def test_pinholes_are_filled_and_threads_and_specks_are_no_cloth() -> None:
     valid = disc(0.05)
     valid[MIDDLE, MIDDLE] = False  # a pinhole
-    valid[MIDDLE, MIDDLE:] |= True  # a thread
+    valid[MIDDLE, MIDDLE + 26 :] = True  # a thread
     valid[2:8, 2:8] = True  # a speck of 12 mm
     solid = solid_cloth(blank_view(valid, SIZE_M), 0.02**2)
     assert solid[MIDDLE, MIDDLE]

@@ -15,16 +15,14 @@ def test_sums_are_over_pairs_of_placed_nodes_weighted_by_their_views() -> None:
     has_place = np.arange(6) != 5
     found = neighbourhoods(pairs, views, has_place, uv, xyz)
     for node in range(6):
-        near = [
-            (seen, *((j, 1.0) if i == node else (i, -1.0)))
-            for (i, j), seen in zip(pairs.tolist(), views.tolist(), strict=True)
-            if node in (i, j) and has_place[[i, j]].all()
-        ]
-        flat = [(seen, uv[other] - uv[node], xyz[other] - xyz[node]) for seen, other, _ in near]
-        lean = sum((seen * to / np.linalg.norm(to) for seen, to, _ in flat), np.zeros(2))
-        inwards = sum((seen * step / np.linalg.norm(to) for seen, to, step in flat), np.zeros(3))
-        turned = sum((seen * np.outer(step, to) for seen, to, step in flat), np.zeros((3, 2)))
-        assert found.views[node] == sum(seen for seen, *_ in flat)
-        np.testing.assert_allclose(found.lean[node], lean, atol=1e-12)
-        np.testing.assert_allclose(found.inwards[node], inwards, atol=1e-12)
-        np.testing.assert_allclose(found.turned[node], turned, atol=1e-12)
+        seen, other = [], []
+        for (i, j), count in zip(pairs.tolist(), views.tolist(), strict=True):
+            if node in (i, j) and has_place[[i, j]].all():
+                seen.append(count)
+                other.append(j if i == node else i)
+        to, step, weight = uv[other] - uv[node], xyz[other] - xyz[node], np.array(seen, dtype=float)
+        share = weight / np.linalg.norm(to, axis=1)
+        assert found.views[node] == weight.sum()
+        np.testing.assert_allclose(found.lean[node], share @ to, atol=1e-12)
+        np.testing.assert_allclose(found.inwards[node], share @ step, atol=1e-12)
+        np.testing.assert_allclose(found.turned[node], (weight[:, None] * step).T @ to, atol=1e-12)

@@ -12,11 +12,9 @@ def test_each_pixel_is_of_the_nearest_cluster_on_its_layer() -> None:
     limits = _Limits(radius_m=0.01, offset_m=0.004, least_cos=0.5)
     points = random.uniform(-0.05, 0.05, (3000, 3)).astype(np.float32)
     tilt = random.normal([0.0, 0.0, -1.0], 0.3, (3400, 3))
-    normals = (tilt / np.linalg.norm(tilt, axis=1, keepdims=True))[400:].astype(np.float32)
-    place, normal = (
-        random.uniform(-0.05, 0.05, (400, 3)),
-        tilt[:400] / np.linalg.norm(tilt[:400], axis=1)[:, None],
-    )
+    tilt /= np.linalg.norm(tilt, axis=1, keepdims=True)
+    normals, normal = tilt[400:].astype(np.float32), tilt[:400]
+    place = random.uniform(-0.05, 0.05, (400, 3))
     found = np.empty(len(points), dtype=np.int32)
     _assign_together(points, normals, limits, place, normal, found)
 

@@ -99,9 +99,8 @@ def test_a_view_of_the_gap_to_a_floating_piece_may_join_it(shape: JointShape) ->
     assert found[1].joining_m2 == pytest.approx(found[3].joining_m2 / 3.0, rel=0.15)  # as little of it is new
     assert found[18].joining_m2 == 0.0  # from behind nothing of the gap is seen
     assert found[3].new_m2 > whole[3].new_m2
-    away = (
-        np.where((apart.piece == 0)[:, None], -1.0, 1.0) * apart.nodes.normal
-    )  # one side of the gap is hidden
+    # Where one side of the gap is turned away, a view joins nothing.
+    away = np.where((apart.piece == 0)[:, None], -1.0, 1.0) * apart.nodes.normal
     hidden = rated(replace(apart, nodes=replace(apart.nodes, normal=away)))
     assert hidden[3].joining_m2 == 0.0
 
