@@ -1,7 +1,7 @@
 """What is known of a goal: by the side of interest, and by both sides if that is not enough.
 
 It takes about as long as a turn, and so it is done meanwhile: the next angle follows from the new shape and
-from the garment as it was known before.
+from the garment as it was known before. Links of the other side are doubted only where the loop would end.
 """
 
 from __future__ import annotations
@@ -33,14 +33,16 @@ class Learnt:
     views: int = 0
 
 
-def learn(garments: GarmentService, document: Document, views: int, goal: Goal) -> Learnt:
-    """Recognise the garment of a shape by the first ``views``."""
+def learn(
+    garments: GarmentService, document: Document, views: int, goal: Goal, *, doubts_links: bool
+) -> Learnt:
+    """Recognise the garment of a shape by the first ``views``; ``doubts_links`` of the other side."""
     area_m2 = garments.integration.canonical(document).view.area_m2
     known = known_with_pieces(garments, document)
     knowledge = knowledge_of(views, area_m2, known)
     if goal.about == "shape" or knowledge.is_reached(goal) or len(document.used_views) < 2:
         return Learnt(known=known, knowledge=knowledge, views=views)
-    both, by_both = known_by_both(garments.integration, document)
+    both, by_both = known_by_both(garments.integration, document, doubts_links=doubts_links)
     if isinstance(by_both, KnownGarment):
         known, knowledge = by_both, knowledge_of(views, area_m2, by_both)
     other = of_other_side(both, document, known, knowledge, goal)

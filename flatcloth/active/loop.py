@@ -242,7 +242,7 @@ class ActiveLoop:
                 if number not in self.document.used_views | {r.view_index for r in self.document.rejected}:
                     self._integrated(number)
             self._look_at_shape()
-            self._learnt = self._learn()
+            self._learn(doubts_links=True)
             self._ask(self._decided())
 
     def _begin(self, writer: RecordingWriter) -> None:
@@ -360,9 +360,8 @@ class ActiveLoop:
 
     def _learn_from(self, before: Knowledge, line: dict[str, Any], *, ends: bool = False) -> None:
         """Learn from a view, and log its ``line``; a loop that is not over ends if enough is known."""
-        learnt = self._learn()
+        self._learn(doubts_links=ends)
         with self._lock:
-            self._learnt = learnt
             self._log.add(
                 "view",
                 **line,
@@ -373,7 +372,11 @@ class ActiveLoop:
                 elapsed_s=round(self.elapsed_s, 2),
             )
             decided = self._decided()
-            if ends or isinstance(decided, End):
+        if isinstance(decided, End) and not ends and self._learnt.both is not None:  # then it must be sure
+            self._learn(doubts_links=True)
+            decided = self._decided()
+        if ends or isinstance(decided, End):
+            with self._lock:
                 self._ask(decided)
 
     def _integrated(self, number: int) -> str:
@@ -395,11 +398,12 @@ class ActiveLoop:
                 self._run.begin_again()
         self._learnt = replace(self._learnt, knowledge=replace(self.knowledge, views=self.views))
 
-    def _learn(self) -> Learnt:
-        """Return what is known of the present shape."""
-        if self._garments is None or self.document.start_view is None:
-            return self._learnt
-        return learn(self._garments, self.document, self.views, self.goal)
+    def _learn(self, *, doubts_links: bool) -> None:
+        """Learn what is known of the present shape."""
+        if self._garments is not None and self.document.start_view is not None:
+            self._learnt = learn(
+                self._garments, self.document, self.views, self.goal, doubts_links=doubts_links
+            )
 
     # ---------------------------------------------------------------- the next angle, or the end
 

@@ -43,10 +43,13 @@ class BothSides:
     ----------
     integration : Integration
         Of this side. Frames are read through it, and the other side has its axis and settings.
+    doubts_links : bool
+        What is joined on the other side by a link that no garment allows is taken off it, before it is
+        joined to this one; recognising its garment alone takes half the time.
     """
 
-    def __init__(self, integration: Integration) -> None:
-        self.integration = integration
+    def __init__(self, integration: Integration, *, doubts_links: bool = True) -> None:
+        self.integration, self._doubts_links = integration, doubts_links
         self._lock = threading.Lock()
         self._others: Cache[tuple[Integration, Document]] = Cache(1)
         self._alone: Cache[OneSide] = Cache(1)  # the other side, not joined
@@ -119,7 +122,7 @@ class BothSides:
             LaidPiece(index=index, shape_from_piece=motion, std_m=pieces.std_m[index])
             for index, motion in pieces.shape_from_piece.items()
         ]
-        alone = self._alone.get(self._of(document), lambda: one_side(other, its))
+        alone = self._alone.get(self._of(document), lambda: _alone(other, its))
         return this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
 
     def _trusted(self, document: Document, joined: JoinedSides) -> JoinedSides:
@@ -156,11 +159,10 @@ class BothSides:
         session = MemorySession(
             SessionState(len(other.recording), document=_all_views(other, progress, cores))
         )
-        place_sure_pieces(GarmentService(other), session)  # links that no garment allows
+        if self._doubts_links:
+            place_sure_pieces(GarmentService(other), session)
         found = session.state.document
         other.trust.recognised(found, 0.0)  # both sides together decide whether it is a garment
-        other.views.release(found.used_views)
-        other.algorithm.release()
         return other, found
 
     def _masks(self, document: Document, progress: Progress) -> Callable[[RgbdFrame], Bool]:
@@ -213,6 +215,14 @@ def one_side(side: Integration, document: Document) -> OneSide:
     )
 
 
+def _alone(other: Integration, its: Document) -> OneSide:
+    """Return the other side by itself, and release what was kept to integrate it."""
+    alone = one_side(other, its)
+    other.views.release(its.used_views)
+    other.algorithm.release()
+    return alone
+
+
 def _all_views(other: Integration, progress: Progress, cores: int) -> Document:
     """Return the decisions that integrate all views of a side, the nearest to the start view first.
 
@@ -256,13 +266,14 @@ def _cleared(mask: Bool, frame: RgbdFrame, noisy: bool) -> Bool:
 
 
 def known_by_both(
-    integration: Integration, document: Document
+    integration: Integration, document: Document, *, doubts_links: bool
 ) -> tuple[BothSides, KnownGarment | str | None]:
     """Return both sides, integrated again, and the garment by both, as :func:`known_with_pieces` does.
 
-    The garment is None if nothing relates the sides: then it is known by this one.
+    ``doubts_links`` as for :class:`BothSides`. The garment is None if nothing relates the sides: then it is
+    known by this one.
     """
-    both = BothSides(integration)
+    both = BothSides(integration, doubts_links=doubts_links)
     both.of(document)
     sides = both.known(document)
     if sides is None or not sides[0].is_related:

@@ -324,15 +324,19 @@ def test_a_point_is_known_if_the_other_side_shows_it() -> None:
     assert knowledge_of(5, 0.1, replace(known, sides=None)).missing(goal) == ("waist_left",)
 
 
-def test_both_sides_are_asked_while_the_item_turns_until_enough_is_known(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("knows", [(2, 3), (2,)], ids=["also without doubted links", "only by a wrong link"])
+def test_both_sides_are_asked_while_the_item_turns_until_enough_is_surely_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, knows: tuple[int, ...]
 ) -> None:
-    asked, turned, sure = list[int](), threading.Event(), known_by_the_other_side("waist_left")
+    asked, turned = list[tuple[int, bool]](), threading.Event()
+    sure = known_by_the_other_side("waist_left")
 
-    def by_both(integration: Integration, document: Document) -> tuple[BothSides, KnownGarment | None]:
+    def by_both(
+        integration: Integration, document: Document, *, doubts_links: bool
+    ) -> tuple[BothSides, KnownGarment | None]:
         turned.wait()
-        asked.append(len(integration.views.angles_deg))
-        return BothSides(integration), sure if len(asked) == 2 else None
+        asked.append((len(integration.views.angles_deg), doubts_links))
+        return BothSides(integration), sure if len(asked) in knows else None
 
     monkeypatch.setattr("flatcloth.active.learning.known_by_both", by_both)
     cell, loop = sheet_cell(tmp_path / "cell"), loop_in(tmp_path / "out", parse_goal("points:waist_left"))
@@ -343,9 +347,9 @@ def test_both_sides_are_asked_while_the_item_turns_until_enough_is_known(
     turned.set()
     loop.take(seen(cell, 120.0, 2))
     loop.wait()
-    assert asked == [2, 3]
-    assert isinstance(loop.asked, End)
-    assert loop.asked.reached
+    assert asked == [(2, False), (3, False), (3, True)], "links are doubted where it would end"
+    assert isinstance(loop.asked, End) == (3 in knows)
+    assert loop.knowledge.is_reached(loop.goal) == (3 in knows)
     loop.close()
 
 
