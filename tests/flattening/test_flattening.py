@@ -11,7 +11,7 @@ from flatcloth.core.types import RgbdFrame
 from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.minimisation import energy_of, minimise
-from flatcloth.flattening.sampling import widened
+from flatcloth.flattening.sampling import path_on_surface, widened
 from flatcloth.flattening.surface import observe_surface
 
 CONFIG = FlatteningConfig()
@@ -205,3 +205,15 @@ def test_all_sampling_intervals_are_widened_alike_where_pixels_are_small() -> No
     assert widened((24, 12, 6), 0.003) == (24, 12, 6)
     assert widened((24, 12, 6), 0.002) == (24, 12, 6)
     assert widened((24, 12, 6), 0.0012) == (40, 20, 10)
+
+
+@pytest.mark.parametrize("hole", [None, (2, 0), (3, 0), (2, 2)])
+def test_a_straight_path_visits_every_pixel_between_its_ends(hole: tuple[int, int] | None) -> None:
+    usable, steps = np.ones((5, 5), dtype=np.bool_), np.full((5, 5), 3, dtype=np.uint8)
+    if hole is not None:
+        usable[hole] = False
+    rc = np.array([(0, 0), (4, 0), (4, 4), (0, 4)], dtype=np.int32)
+    pairs = np.array([(0, 1), (1, 0), (0, 2), (2, 0), (2, 3)], dtype=np.int32)
+    column, diagonal = hole is not None and hole[1] == 0, hole == (2, 2)
+    blocked = [column, column, diagonal, diagonal, False]
+    assert (~path_on_surface(usable, steps, rc, pairs)).tolist() == blocked

@@ -6,9 +6,10 @@ from scenes import AXIS, CAMERA, Cylinder, box, frame, plane, rays
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.errors import SurfaceError
+from flatcloth.core.types import RotationAxis
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.ramps import find_ramps
-from flatcloth.flattening.surface import item_mask, observe_surface, observed_area_m2
+from flatcloth.flattening.surface import about_axis, item_mask, observe_surface, observed_area_m2
 
 CONFIG = SurfaceConfig()
 
@@ -150,3 +151,23 @@ def test_a_view_without_cloth_names_the_view_and_the_remedy() -> None:
         observe_surface(frame(depth, nothing, view_index=7), AXIS, CONFIG)
     with pytest.raises(SurfaceError, match="View 7"):
         observe_surface(frame(np.zeros_like(depth), None, view_index=7), AXIS, CONFIG)
+
+
+def test_height_and_distance_of_a_point_are_those_from_the_axis() -> None:
+    depth, at = plane(0.3, -0.2), np.zeros((CAMERA.height, CAMERA.width), dtype=np.bool_)
+    at[30, 50] = at[90, 200] = True
+    axis = RotationAxis(point_m=np.array([0.02, 0.1, 0.9]), direction=np.array([0.0, 0.6, 0.8]))
+    height, away = about_axis(frame(depth, at), at, axis)
+    for n, (row, col) in enumerate([(30, 50), (90, 200)]):
+        z = float(np.float32(depth[row, col]))
+        point = z * np.array([(col - CAMERA.cx) / CAMERA.fx, (row - CAMERA.cy) / CAMERA.fy, 1.0])
+        off = point - axis.point_m
+        assert height[n] == pytest.approx(off @ axis.direction, abs=1e-6)
+        assert away[n] == pytest.approx(np.linalg.norm(np.cross(off, axis.direction)), abs=1e-6)
+
+
+def test_a_surface_that_ends_at_any_step_claims_no_noise_that_it_does_not_have() -> None:
+    shown = frame(plane(), box(0.1, plane()))
+    torn = observe_surface(shown, AXIS, CONFIG, torn=True)
+    assert torn.noise_m < 1e-5
+    assert not torn.noisy

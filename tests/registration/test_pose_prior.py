@@ -9,7 +9,7 @@ from scenes import AXIS
 from flatcloth.core.geometry import Rigid3, object_from_camera
 from flatcloth.flattening.surface import EXTENT_M
 from flatcloth.registration.axis_estimation import _neighbours, _pairs, choose_views
-from flatcloth.registration.pairwise import _FINE_ROUNDS, _SEARCH_RADII_M, _rounds
+from flatcloth.registration.pairwise import _FINE_ROUNDS, _SEARCH_RADII_M, _rounds, _weighed
 from flatcloth.registration.pose_prior import (
     PosePrior,
     across,
@@ -26,6 +26,7 @@ from flatcloth.registration.pose_prior import (
     twists_between,
     variances,
 )
+from flatcloth.registration.view_features import TERMS, Agreement
 
 HELD_M = np.array([0.02, -0.3, 0.85])
 ANGLE_DEG = 40.0
@@ -128,3 +129,24 @@ def test_pairs_of_views_are_those_up_to_65_degrees() -> None:
 def test_views_are_chosen_evenly_in_order_of_their_angle() -> None:
     assert choose_views([350.0, 10.0, -20.0]) == [1, 2, 0]
     assert choose_views([float(a) for a in range(0, 360, 5)], 4) == [0, 18, 36, 54]
+
+
+def test_texture_that_agrees_by_half_has_a_quarter_of_the_curvature() -> None:
+    def weighed(likeness: float) -> np.ndarray:
+        curvature = np.zeros((TERMS, 7, 7))
+        curvature[1] = np.eye(7)
+        agreement = Agreement(
+            matrix=curvature,
+            gradient=np.zeros((TERMS, 7)),
+            scores=np.zeros((TERMS, 40, 7)),
+            spread=np.zeros(TERMS),
+            likeness=np.full(TERMS - 1, likeness),
+            count=40,
+            parts=np.ones(40),
+            inertia=1e20 * np.eye(6),  # the motion of systematic errors is none
+            tally=np.zeros(3),
+        )
+        return np.asarray(_weighed(agreement, np.array([0.0, 0.1, 0.0, 0.0]), 1e-3)[0])
+
+    np.testing.assert_allclose(weighed(0.5), 0.25 * weighed(1.0), atol=1e-9)
+    assert weighed(1.0)[6, 6] > 10.0

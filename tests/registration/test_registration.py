@@ -108,3 +108,12 @@ def test_many_views_need_the_memory_of_a_few_matrices_not_of_one_for_each_grade(
         tracemalloc.stop()
     assert len(grades(many.prior)) > 20
     assert peak < 12 * found.covariance.nbytes
+
+
+def test_two_views_are_compared_about_the_middle_between_what_they_show(exact: Integration) -> None:
+    found = registered(exact)
+    assert found.pairs
+    for pair in found.pairs:
+        middles = [found.known[n].apply(found.features[n].middle_m) for n in (pair.first, pair.second)]
+        assert np.linalg.norm(middles[0] - middles[1]) > 0.01
+        np.testing.assert_allclose(pair.center_m, np.mean(middles, axis=0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flatcloth.segmentation.clusters import _assign_together, _Limits
+from flatcloth.segmentation.clusters import _assign_together, _averaged, _Limits
 
 
 def test_each_pixel_is_of_the_nearest_cluster_on_its_layer() -> None:
@@ -30,3 +30,12 @@ def test_each_pixel_is_of_the_nearest_cluster_on_its_layer() -> None:
     assert (nearest >= 0).sum() > 200
     assert (nearest < 0).sum() > 200
     np.testing.assert_array_equal(found, nearest)
+
+
+def test_a_cluster_of_one_oblique_pixel_lies_where_that_is() -> None:
+    points, normals = np.float32([[0.1, 0.2, 0.3]]), np.float32([[0.6, 0.0, -0.8]])
+    place, normal = np.zeros((1, 3)), np.array([[0.0, 0.0, -1.0]])
+    pixels, best = _averaged(points, normals, np.float32([0.5]), np.zeros(1, dtype=np.int32), place, normal)
+    np.testing.assert_allclose(place, points, rtol=1e-6)
+    np.testing.assert_allclose(normal, normals, rtol=1e-6)
+    assert (pixels.tolist(), best.tolist()) == ([1], [0.5])

@@ -304,3 +304,14 @@ def test_what_cannot_be_settled_stays(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_band_that_nothing_holds_is_refused() -> None:
     with pytest.raises(np.linalg.LinAlgError, match="not definite"):
         BorderedBand(np.zeros((3, 2)), np.zeros((0, 3)))
+
+
+def test_a_chord_that_leaves_both_tangent_planes_is_turned_into_them() -> None:
+    normal = np.tile([0.48, 0.6, -0.64], (2, 1))
+    chord = np.array([0.008, 0.003, 0.004])
+    points, edges = np.stack([np.zeros(3), chord]), np.array([[0, 1]], dtype=np.int32)
+    tangent = np.stack(tangent_basis(normal))
+    (found,) = _offsets(edges, points, normal, tangent, np.array([0.01]), np.radians(10.0))
+    along = chord - chord @ normal[0] * normal[0]
+    wanted = 0.01 * (tangent[:, 0] @ along) / np.linalg.norm(along)
+    np.testing.assert_allclose(found, wanted[0] + 1j * wanted[1], atol=1e-12)

@@ -15,6 +15,8 @@ from flatcloth.core.types import Bool, Float64
 from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.robust.uncertainty import (
     _LOST,
+    _STRAIN,
+    _changed,
     _layer_rims,
     lengthened,
     ripples_of,
@@ -123,3 +125,13 @@ def test_lengths_that_noise_took_of_ripples_are_given_back_to_places_and_pairs_a
         np.testing.assert_allclose(longer.links.offset, factor * shape.links.offset)
         np.testing.assert_allclose(np.ptp(longer.uv_m, axis=0), factor * np.ptp(GRID, axis=0))
         np.testing.assert_allclose(longer.uv_m.mean(axis=0), GRID.mean(axis=0), atol=1e-9)  # it stays there
+
+
+def test_a_pair_changes_by_the_mean_strain_along_it() -> None:
+    fields = np.random.default_rng(0).normal(size=(2, 3, 4))
+    angle = 0.7
+    unit = np.array([[np.cos(angle), np.sin(angle)]])
+    (found,) = _changed(fields, np.array([[0, 1]], dtype=np.int32), unit, np.empty((1, 4)))
+    uu, uv, vv = fields.mean(axis=0)
+    strain = np.array([[uu, uv / np.sqrt(2.0)], [uv / np.sqrt(2.0), vv]])
+    np.testing.assert_allclose(found, _STRAIN * np.einsum("i,ijk,j->k", unit[0], strain, unit[0]))
