@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from flatcloth.core.errors import GarmentError
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float32, Float64
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float32, Float64, Rigid2
 from flatcloth.flattening.borders import SPACING_M, border_of, solid_cloth
 from flatcloth.flattening.sampling import CORRELATED_M
 from flatcloth.flattening.surface import LEAST_ITEM_M2
@@ -77,14 +77,18 @@ class PieceEvidence:
             depth_m=_depth_m(solid, self.depth_pixel_m),
         )
 
-    def with_other_side(self, other: PieceEvidence) -> PieceEvidence:
+    def with_other_side(
+        self, other: PieceEvidence, this_from_mirrored: Rigid2 | None = None
+    ) -> PieceEvidence:
         """Return the evidence of both sheets about the outline of the garment as it lies flat.
 
         On the plane of this sheet, on which seams of both coincide; ``other`` is on its own plane, as seen
-        from its own outside. Where one sheet ends on the other, as a neckline does, the garment goes on.
-        Area, holes and the unseen border stay those of this sheet.
+        from its own outside, and mirrored and moved to this one. Where one sheet ends on the other, as a
+        neckline does, the garment goes on. Area, holes and the unseen border stay those of this sheet.
         """
         its = other._mirrored()
+        if this_from_mirrored is not None:
+            its = its._moved(this_from_mirrored)
         own, its = self._without_edges_on(its), its._without_edges_on(self)
         pixel_m = self.depth_pixel_m
         at = np.rint((its.depth_origin_uv_m - self.depth_origin_uv_m) / pixel_m).astype(int)[::-1]
@@ -119,6 +123,27 @@ class PieceEvidence:
             inside_uv_m=self.inside_uv_m * MIRROR,
             depth_m=self.depth_m[:, ::-1],
             depth_origin_uv_m=(self.depth_origin_uv_m + last) * MIRROR,
+        )
+
+    def _moved(self, motion: Rigid2) -> PieceEvidence:
+        """Return the evidence after a motion on its plane."""
+        rows, cols = self.depth_m.shape
+        corners = self.depth_origin_uv_m + self.depth_pixel_m * np.array(
+            [(0, 0), (cols - 1, 0), (0, rows - 1), (cols - 1, rows - 1)]
+        )
+        at = motion.apply(corners)
+        low = np.floor(at.min(axis=0) / self.depth_pixel_m) * self.depth_pixel_m
+        size = np.ceil((at.max(axis=0) - low) / self.depth_pixel_m).astype(int) + 1
+        turn = Rigid2(motion.theta_rad)
+        moved = np.column_stack([turn.apply(np.eye(2)).T, (at[0] - low) / self.depth_pixel_m])
+        return replace(
+            self,
+            edge_uv_m=motion.apply(self.edge_uv_m),
+            edge_normal=turn.apply(self.edge_normal),
+            unseen_uv_m=motion.apply(self.unseen_uv_m),
+            inside_uv_m=motion.apply(self.inside_uv_m),
+            depth_m=cv2.warpAffine(self.depth_m, moved, size.tolist()).astype(np.float32),
+            depth_origin_uv_m=low,
         )
 
     def _without_edges_on(self, sheet: PieceEvidence) -> PieceEvidence:

@@ -123,7 +123,7 @@ def contradiction(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> float:
 def _contradiction(
     outline: Float64, main_pose: Rigid2, pose: Rigid2, main: PieceEvidence, piece: PieceEvidence
 ) -> float:
-    main = main.this_side  # a piece may lie over cloth of the other side
+    main, piece = main.this_side, piece.this_side  # they may lie over cloth of the other side
     shape_from_piece = main_pose.inverse() @ pose
     there = shape_from_piece.apply(piece.inside_uv_m)
     laid_m = main.depth_at(there) - OUTLINE_STD_M
@@ -141,7 +141,7 @@ def _std_m(fit: Fit, piece: PieceEvidence) -> float:
     """Return the standard deviation of the distance of the piece's middle from its true place."""
     count = len(fit.kind.parameters)
     shape = fit.covariance[count:, count:]
-    middle = piece.inside_uv_m.mean(axis=0)
+    middle = piece.this_side.inside_uv_m.mean(axis=0)
     main, own = fit.garment_from_piece
 
     def place(x: Float64) -> Float64:

@@ -157,7 +157,7 @@ def recognise(shape: FlattenedView, evidence: Sequence[PieceEvidence]) -> Recogn
             f"Only {100 * SPACING_M * len(main.edge_uv_m):.0f} cm of the shape's border are true edges; "
             "a garment is not recognised by so few. Add views that face its edges."
         )
-    fits = _with_witnesses(fits_of(main), evidence[1:])
+    fits = _with_witnesses(fits_of(main), [piece.this_side for piece in evidence[1:]])
     placed: dict[str, list[Placed]] = {}
     gains: dict[str, float] = {}
     for fit in fits:

@@ -7,14 +7,18 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+from garment_evidence import blank_view
 
-from flatcloth.core.types import Rigid2
+from flatcloth.core.types import FlattenedView, Rigid2
+from flatcloth.engine.garment.recognition import _with_joined
 from flatcloth.garments.distance import inside_outline, to_edges
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.example import seen_outline
 from flatcloth.garments.fit import refine
 from flatcloth.garments.kinds import kind_named
 from flatcloth.garments.placing import contradiction
+from flatcloth.garments.true_edges import SeenFrom
+from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 
 
 def with_depth(outline: np.ndarray) -> PieceEvidence:
@@ -73,6 +77,68 @@ def test_a_piece_may_lie_over_cloth_of_the_other_side_but_not_of_its_own() -> No
     on_itself = dataclasses.replace(fit, garment_from_piece=(Rigid2(), Rigid2(0.0, -0.2, 0.0)))
     assert contradiction(there, both, piece) == pytest.approx(contradiction(there, this, piece))
     assert contradiction(on_itself, both, piece) > 10.0 + contradiction(there, both, piece)
+
+
+def test_a_sheet_on_another_plane_is_evidence_where_its_motion_leads() -> None:
+    outline = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.2], [0.0, 0.2]])
+    this, moved = with_depth(outline), Rigid2(2.0, 0.4, -0.3)
+    mirrored = moved.inverse().apply(outline)
+    other = with_depth(mirrored[::-1] * [-1.0, 1.0])
+    both = this.with_other_side(other, moved)
+    assert len(both.edge_uv_m) > 1.5 * len(this.edge_uv_m)  # but for some at the other's edges
+    off = to_edges(both.edge_uv_m, both.edge_normal, outline)
+    assert np.abs(off.distance).max() < 0.021  # 5 standard deviations of the edges
+    assert np.median((off.away * both.edge_normal).sum(axis=1)) > 0.9
+    for place in ([[0.15, 0.1]], [[0.02, 0.1]], [[0.28, 0.15]]):
+        at_other = moved.inverse().apply(np.array(place)) * [-1.0, 1.0]
+        alone = dataclasses.replace(this, depth_m=np.zeros_like(this.depth_m))
+        found = alone.with_other_side(other, moved).depth_at(np.array(place))[0]
+        assert found == pytest.approx(other.depth_at(at_other)[0], abs=0.006)
+        assert found > 0.01
+
+
+def test_a_piece_whose_other_side_lies_over_cloth_of_this_one_is_as_probable_there() -> None:
+    kind = kind_named("towel")
+    outline = kind.outline(kind.mean[:, None])[:, :, 0]
+    main = with_depth(outline)
+    away = with_depth(outline + np.array([2.0, 0.0]))
+    joined = away.with_other_side(with_depth(outline[::-1] * [-1.0, 1.0]))
+    fit = refine(kind, (main,), kind.mean, (Rigid2(),))
+    there = dataclasses.replace(fit, garment_from_piece=(Rigid2(), Rigid2()))
+    assert contradiction(there, main, joined) == pytest.approx(contradiction(there, main, away))
+    assert contradiction(there, main, main) > 10.0 + contradiction(there, main, joined)
+
+
+@pytest.mark.parametrize("why", ["", "too few places meet"])
+def test_what_seams_join_to_a_floating_piece_is_evidence_of_its_place(
+    monkeypatch: pytest.MonkeyPatch, why: str
+) -> None:
+    outline = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.2], [0.0, 0.2]])
+    piece, moved = with_depth(outline), Rigid2(2.0, 0.4, -0.3)
+    its_uv_m = moved.inverse().apply(outline) * [-1.0, 1.0]
+    other = with_depth(its_uv_m[::-1])
+    views = [blank_view(np.ones((3, 3), dtype=np.bool_)) for _ in range(3)]
+
+    def evidence(view: FlattenedView, seen: list[SeenFrom], rest: list[FlattenedView]) -> PieceEvidence:
+        assert view is views[2]
+        assert {id(each) for each in rest} == {id(views[0]), id(views[1])}
+        return other
+
+    monkeypatch.setattr("flatcloth.engine.garment.recognition.evidence_of", evidence)
+    seam = Seam(
+        this_piece=2, other_piece=2, this_uv_m=outline, other_uv_m=its_uv_m, xyz_m=np.zeros((4, 3)),
+        views=np.zeros((4, 2), dtype=np.int16), residual_m=np.zeros(4), why=why,
+    )  # fmt: skip
+    canonical = Canonical(view=views[0], current_from_view={}, floating=tuple(views[1:]))
+    sides = JoinedSides(other=canonical, seams=(seam,), is_related=True)
+    assert _with_joined(piece, 1, sides, []) is piece, "another piece hangs on that seam"
+    found = _with_joined(piece, 2, sides, [])
+    if why:
+        assert found is piece
+    else:
+        wanted = piece.with_other_side(other, moved)
+        np.testing.assert_allclose(found.edge_uv_m, wanted.edge_uv_m, atol=1e-9)
+        assert found.this_side is piece
 
 
 @pytest.mark.parametrize("name", ["skirt", "towel"])

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 import threading
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
+import numpy as np
+
 from flatcloth.checking.result import WRONG
 from flatcloth.core.errors import GarmentError
-from flatcloth.core.geometry import object_from_camera
+from flatcloth.core.geometry import fit_rigid2, object_from_camera
 from flatcloth.core.types import MIRROR, FlattenedView, RgbdFrame
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
@@ -225,6 +228,7 @@ class GarmentService:
             sides, integration, its = other
             seen = seen_from(integration, its)
             main = main.with_other_side(evidence_of(sides.other.view, seen, sides.other.floating))
+            floating = [_with_joined(piece, n, sides, seen) for n, piece in enumerate(floating, start=1)]
         return (main, *floating)
 
     def _other(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
@@ -267,6 +271,23 @@ class GarmentService:
             pieces=pieces,
             links=tuple(links),
         )
+
+
+def _with_joined(
+    evidence: PieceEvidence, piece: int, sides: JoinedSides, seen: list[SeenFrom]
+) -> PieceEvidence:
+    """Return the evidence of a floating piece, with that of the other side's pieces that seams join to it."""
+    pieces = (sides.other.view, *sides.other.floating)
+    joined = [s for s in sides.seams if not s.why and s.this_piece == piece and s.other_piece > 0]
+    if not joined:
+        return evidence
+    other = Counter(s.other_piece for s in joined).most_common(1)[0][0]
+    own = [s for s in joined if s.other_piece == other]
+    this_from_mirrored = fit_rigid2(
+        np.concatenate([s.other_uv_m for s in own]) * MIRROR, np.concatenate([s.this_uv_m for s in own])
+    )
+    rest = [each for n, each in enumerate(pieces) if n != other]
+    return evidence.with_other_side(evidence_of(pieces[other], seen, rest), this_from_mirrored)
 
 
 def _as_unsure_as(scale_std: float, found: Recognition) -> Recognition:
