@@ -191,7 +191,7 @@ def _seam_rows(sides: JoinedSides) -> list[tuple[str, ...]]:
     """Return the seams as rows of a table: length, places, residual, views, and whether they join."""
     rows: list[tuple[str, ...]] = []
     for seam in sides_entry(sides)["seams"]:
-        decided = {"cut": " (cut by hand)", "keep": " (kept by hand)"}.get(seam["decided"] or "", "")
+        decided = {"cut": " (cut)", "keep": " (kept)"}.get(seam["decided"] or "", "")
         rows.append(
             (
                 f"{seam['length_mm'] / 10:.0f} cm",

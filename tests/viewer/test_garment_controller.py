@@ -19,7 +19,8 @@ from flatcloth.garments.deciding import DecidedPieces, decided_pieces
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, recognise
-from flatcloth.methods.answers import Canonical
+from flatcloth.methods.answers import Canonical, Seam
+from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, SetKind, without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
@@ -59,6 +60,8 @@ class Service:
         self.links: tuple[DoubtedLink, ...] = ()
         self.error: Exception | None = None
         self.is_none = False
+        self.doubted_seams: list[Seam] = []
+        self.by_both: dict[str, float] = {}
 
     def of(self, document: Document) -> KnownGarment:
         if self.error is not None:
@@ -73,6 +76,13 @@ class Service:
 
     def known(self, document: Document) -> KnownGarment | str:
         return self.of(document)
+
+    def bridges(self, _document: Document) -> list[Seam]:
+        return self.doubted_seams
+
+    def probabilities_by_both(self, document: Document) -> dict[str, float]:
+        self.joined = document
+        return self.by_both
 
 
 @pytest.fixture(scope="module")
@@ -238,6 +248,29 @@ def test_run_takes_off_what_is_weak_and_probably_wrong_and_tells_what_it_doubts(
     (part,) = session.state.document.garment.parts
     assert part.taken_off
     assert outcome_entry(known)["doubted_links"] == []
+
+
+def test_run_keeps_seams_over_doubted_cloth_if_the_garment_is_as_sure_with_them() -> None:
+    service, places = Service(), np.random.default_rng(0).normal(size=(50, 3))
+    before = service.known(TWO_VIEWS).by_evidence.probabilities
+    kind = max((name for name in before if name != NONE), key=before.__getitem__)
+    as_sure, uv = min(before[kind], SURE), places[:, :2]
+    service.doubted_seams = [
+        Seam(
+            this_piece=piece, other_piece=0, this_uv_m=uv, other_uv_m=uv, xyz_m=places + piece,
+            views=np.zeros((50, 2), dtype=np.int16), residual_m=uv[:, 0], why="", is_bridge=True,
+        )
+        for piece in (0, 1)
+    ]  # fmt: skip
+    for by_both, kept in (({}, 0), ({"towel": 1.0}, 0), ({kind: 0.9 * as_sure}, 0), ({kind: as_sure}, 2)):
+        service.by_both, session = by_both, MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
+        place_sure_pieces(service, session)
+        seams = session.state.document.garment.seams
+        assert len(seams) == kept
+        assert all(seam.kept for seam in seams)
+        assert len(service.joined.garment.seams) == 2, "they are tried together"
+    middles = [np.mean(seam.points_m, axis=0) for seam in seams]
+    assert np.linalg.norm(middles[1] - middles[0] - 1.0) < 1e-9
 
 
 def test_run_makes_what_a_doubted_link_joins_unsure_once_and_still_asks(service, doubted) -> None:

@@ -25,6 +25,7 @@ from flatcloth.garments.deciding import (
     decided,
     decided_part,
     decided_pieces,
+    decided_seam,
     is_decided,
     placed_piece,
     pulls_of,
@@ -46,7 +47,8 @@ from flatcloth.garments.recognition import (
     recognise,
 )
 from flatcloth.garments.true_edges import FARTHEST_M, SeenFrom
-from flatcloth.methods.answers import Canonical, JoinedSides
+from flatcloth.methods.answers import Canonical, JoinedSides, Seam
+from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
     DecideLink,
@@ -136,6 +138,10 @@ class KnownGarment:
 
 class _Joined(Protocol):
     """What knows the other side: ``BothSides``."""
+
+    def of(self, document: Document) -> JoinedSides | str:
+        """Join the other side to a document's shape."""
+        ...
 
     def known(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
         """Return the joined sides of a document's shape; with the other side's integration and decisions."""
@@ -231,6 +237,21 @@ class GarmentService:
             floating = [_with_joined(piece, n, sides, seen) for n, piece in enumerate(floating, start=1)]
         return (main, *floating)
 
+    def bridges(self, document: Document) -> list[Seam]:
+        """Return the seams that join a second piece over cloth of the other side that is not believed."""
+        other = self._other(document)
+        return [] if other is None else [seam for seam in other[0].seams if seam.is_bridge]
+
+    def probabilities_by_both(self, document: Document) -> dict[str, float]:
+        """Return the probabilities of the kinds once the other side is joined; nothing is trusted by them."""
+        try:
+            if self._both is not None:
+                self._both.of(document)
+            canonical = self.integration.canonical(document)
+            return dict(recognise(canonical.view, self.evidence(document)).probabilities)
+        except GarmentError:
+            return {}
+
     def _other(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
         """Return the other side with its integration and decisions, if it is joined to this one."""
         known = None if self._both is None else self._both.known(document)
@@ -319,9 +340,11 @@ def points_on_other_side(found: Recognition, sides: JoinedSides) -> dict[str, tu
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
     """Place the floating pieces with a reliable place on the garment, as decisions of the session.
 
-    First, parts whose link is certainly wrong are removed; parts joined by other doubted links become
-    uncertain. Earlier decisions are kept. On a shape of a wrong recording nothing is reliable.
+    First, bridges of the other side are kept that the garment confirms, and parts whose link is certainly
+    wrong are removed; parts joined by other doubted links become uncertain. Earlier decisions are kept. On a
+    shape of a wrong recording nothing is reliable.
     """
+    _keep_bridges(service, session)
     known = service.known(session.state.document)
     if not isinstance(known, str) and known.is_wrong:
         return known
@@ -334,6 +357,26 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
         return known
     _record_doubts(session, known)
     return _with_sure_pieces(known, service, session)
+
+
+def _keep_bridges(service: GarmentService, session: Keeper) -> None:
+    """Keep bridges of the other side that are not believed for themselves, if the garment confirms them.
+
+    With the pieces so joined it must be of the same kind as without them, and surely so, or no less probable.
+    """
+    document = session.state.document
+    kept = [decided_seam(seam.xyz_m, kept=True) for seam in service.bridges(document)]
+    apart = service.known(document)
+    if not kept or isinstance(apart, str):
+        return
+    tried = MemorySession(SessionState(0, document=document))
+    for decision in kept:
+        tried.record(decision)
+    before = {name: p for name, p in apart.by_evidence.probabilities.items() if name != NONE}
+    kind = max(before, key=before.__getitem__)
+    if service.probabilities_by_both(tried.state.document).get(kind, 0.0) >= min(before[kind], SURE):
+        for decision in kept:
+            session.record(decision)
 
 
 def known_with_pieces(service: GarmentService, document: Document) -> KnownGarment | str:

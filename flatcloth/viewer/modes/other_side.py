@@ -19,9 +19,10 @@ from flatcloth.core.types import Float64, LaidPiece
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.sheet import Sheet, label_of, lay_out, outline_loops, sheet_of
+from flatcloth.garments.deciding import decided_seam
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.rendering import layers
-from flatcloth.session.garment import DecidedSeam, DecideSeam
+from flatcloth.session.garment import DecideSeam
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.garment import SeamInfo, SeamPlaces, SidePlaces
@@ -34,8 +35,6 @@ from flatcloth.viewer.worker import Worker, attempt, one_at_a_time
 NOT_ASKED = "The other side is not computed yet."
 _TELL_S = 0.4
 """Interval between messages of progress. Chosen: each is a whole state of the page."""
-_MOST_PLACES = 40
-"""Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
 
 
 @dataclass(frozen=True)
@@ -187,10 +186,7 @@ class OtherSideController:
             raise FlatclothError("The seams are being found again; look again.")
         if not 0 <= index < len(made.sides.seams):
             raise FlatclothError(f"There is no seam {index}; look again.")
-        places = made.sides.seams[index].xyz_m
-        chosen = np.linspace(0, len(places) - 1, min(len(places), _MOST_PLACES)).astype(np.intp)
-        points = tuple((float(x), float(y), float(z)) for x, y, z in places[chosen])
-        return DecideSeam(DecidedSeam(kept=keep, points_m=points))
+        return decided_seam(made.sides.seams[index].xyz_m, kept=keep)
 
     # --- for the page ---------------------------------------------------------------------------
 

@@ -340,6 +340,28 @@ def test_a_floating_piece_takes_with_it_what_lies_on_the_same_back() -> None:
     assert (found.std_m[its == 1] >= known.std_m).all()
 
 
+def test_cloth_that_is_not_believed_joins_two_pieces_once_their_seams_are_kept() -> None:
+    """The two halves of this side hang together by their back alone, which little evidence holds."""
+    left, right = COLUMN < 13, COLUMN > 16
+    seen = left | right
+    pattern, number = UV[seen], right[seen].astype(np.int32)
+    whole = side(seen, is_other=False)
+    this = replace(whole, all_uv_m=pattern + np.outer(number * PIECES_APART_M, [1.0, 0.0]), piece=number)
+    doubted = joined(this, OTHER, pattern)
+    bridges = [seam for seam in seams(doubted) if seam.is_bridge]
+    assert {seam.this_piece for seam in bridges} == {0, 1}
+    assert doubted.laid == ()
+    both = [decision(seam, kept=True) for seam in bridges]
+    assert joined(this, OTHER, pattern, decided=both[:1]).laid == ()
+    kept = joined(this, OTHER, pattern, decided=both)
+    assert not any(seam.is_bridge for seam in seams(kept))
+    (piece,) = kept.laid
+    there = piece.shape_from_piece.apply(this.all_uv_m[number == 1])
+    assert np.linalg.norm(there - pattern[number == 1], axis=1).max() < 0.006
+    believed = side(EVERYTHING, is_other=True, strength=200.0)
+    assert [piece.index for piece in joined(this, believed, pattern).laid] == [0]
+
+
 def test_another_side_of_a_few_places_only_is_refused_in_words() -> None:
     few = (COLUMN < 3) & (UV[:, 1] < 2.5 * STEP_M)
     other = side(few, is_other=True)

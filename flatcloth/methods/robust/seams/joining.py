@@ -418,6 +418,7 @@ def seams_of(joined: JoinedSide, pieces: Sequence[FlattenedView]) -> tuple[Seam,
                 views=matches.views[own],
                 residual_m=matches.misfit_m(own, matches.motion(own)),
                 why=link.why,
+                is_bridge=link.is_bridge,
                 decided="keep" if link.is_kept else "cut" if link.why == CUT else None,
             )
         )

@@ -107,7 +107,8 @@ class SeamLink:
 
     ``strength`` is their number, weighted by the width of the strip that they cover: along a straight line
     other parts touch, too. ``why`` says why it does not join them; it is empty if it does. ``is_kept``: the
-    operator decided that it does.
+    operator decided that it does. ``is_bridge``: what joins it to another set on the other side, and with it
+    a second piece of this side, was not believed and cut.
     """
 
     this_piece: int
@@ -116,6 +117,7 @@ class SeamLink:
     strength: float
     why: str = ""
     is_kept: bool = False
+    is_bridge: bool = False
 
     @property
     def joins(self) -> bool:
@@ -146,7 +148,8 @@ def linked(
 
     Two sets that place one piece of the other side differently on one piece of this side contradict each
     other: either the weaker is contact of other parts, or the cloth between them is bent or joined falsely.
-    Cloth of the other side that alone would join two pieces of this side must be strong to be believed.
+    Cloth of the other side that alone would join two pieces of this side must be strong to be believed,
+    unless both sets are kept.
     Where the strongest set of a piece lays true edges on the middle of the other sheet's cloth, either the
     set is false, or the cloth between the set and these edges is joined falsely.
     ``ends`` are where the cloth of the pieces of both sides truly ends. ``sets`` are those of
@@ -163,6 +166,7 @@ def linked(
     """
     links, at_other = list(sets), node_at(other, matches.other_uv_m)
     side = np.zeros(len(other.nodes), dtype=np.int64)  # the part of each node
+    bridges: set[int] = set()
 
     def part_of(link: SeamLink) -> int:
         """Return the part of most of the places of a set."""
@@ -176,9 +180,9 @@ def linked(
     for n, link in enumerate(links):
         if link.why:
             continue
-        earlier = [each for each in links[:n] if not each.why and each.other_piece == link.other_piece]
-        earlier = [each for each in earlier if part_of(each) == part_of(link)]
-        against = [each for each in earlier if not agree(matches, each, link)]
+        earlier = [k for k in range(n) if not links[k].why and links[k].other_piece == link.other_piece]
+        earlier = [k for k in earlier if part_of(links[k]) == part_of(link)]
+        against = [k for k in earlier if not agree(matches, links[k], link)]
         if not link.joins:
             if len(against) == len(earlier):
                 links[n] = replace(link, why="too few places meet")
@@ -197,15 +201,20 @@ def linked(
         if against and not link.is_kept and link.strength < LEAST_MATCHES:
             links[n] = replace(link, why=_CONTRADICTS)
             continue
-        for before in against:
+        for k in against:
+            before = links[k]
             part, evidence = evidence_between(other, *(at_other[each.members] for each in (before, link)))
             is_bridge = before.this_piece != link.this_piece
+            if is_bridge and before.is_kept and link.is_kept:
+                continue
             if evidence < (_DOUBTED_EVIDENCE if is_bridge else _BENT * link.strength):
                 side = divided(link, part)
+                bridges |= {k, n} if is_bridge else set()
             elif not is_bridge and not link.is_kept:
                 links[n] = replace(link, why=_CONTRADICTS)
                 break
     apart, matches = _taken_apart(other, side, matches, at_other)
+    links = [replace(link, is_bridge=n in bridges) for n, link in enumerate(links)]
     return apart, matches, [_renumbered(link, apart.piece[at_other]) for link in links]
 
 
