@@ -31,8 +31,6 @@ from flatcloth.garments.recognition import (
 )
 from flatcloth.session.garment import (
     ClothPlaces,
-    DecidedSeam,
-    DecideSeam,
     DoubtedPart,
     GarmentDecisions,
     HeldPoint,
@@ -40,9 +38,6 @@ from flatcloth.session.garment import (
 )
 
 _LEAST_FOUND = 0.5  # by definition: most of the points of a decision, or its cloth is gone
-
-_SEAM_PLACES = 40
-"""Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,14 +230,6 @@ def decided_part(
         rest=_tied(cloth.xyz_m[rest], cloth.uv_m[rest]),
         probability=float(link.probability),
         std_m=link.std_m if is_doubted else 0.0,
-    )
-
-
-def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:
-    """Return the decision about a seam with places (K, 3) in the object frame, by some of them."""
-    some = np.linspace(0, len(xyz_m) - 1, min(len(xyz_m), _SEAM_PLACES)).astype(np.intp)
-    return DecideSeam(
-        DecidedSeam(kept=kept, points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[some]))
     )
 
 

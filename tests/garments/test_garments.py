@@ -440,15 +440,3 @@ def test_a_scrap_is_not_placed() -> None:
     parameters, pose = starts(kind, main, 1)[0]
     fit = refine(kind, (main,), parameters, (pose,))
     assert place_piece(fit, main, dataclasses.replace(main, area_m2=0.001), 0) is None
-
-
-def test_the_sides_of_a_dress_without_a_curve_are_straight() -> None:
-    dress = kind_named("sleeveless_dress")
-    named = {name: point[:, 0] for name, point in dress.named(dress.mean[:, None]).items()}
-    armpit, hem = named["armpit_right"], named["hem_right"]
-    along = (hem - armpit) / np.linalg.norm(hem - armpit)
-    off = at_mean("sleeveless_dress") - armpit
-    part = off @ along
-    side = (part > 0.0) & (off[:, 0] > -0.1) & (off[:, 1] < (hem - armpit)[1])
-    assert side.sum() > 3
-    np.testing.assert_allclose(off[side] @ [along[1], -along[0]], 0.0, atol=1e-9)

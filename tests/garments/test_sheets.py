@@ -7,7 +7,7 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from garment_evidence import blank_view
+from garment_evidence import at_mean, blank_view
 
 from flatcloth.core.types import FlattenedView, Rigid2
 from flatcloth.engine.garment.recognition import _with_joined
@@ -152,3 +152,15 @@ def test_sides_that_do_not_bulge_are_straight_between_the_corners(name: str) -> 
     off = [abs(cv2.pointPolygonTest(corners, tuple(map(float, at)), True)) for at in outline]
     assert max(off) < 1e-5
     assert cv2.contourArea(outline) == pytest.approx(cv2.contourArea(corners), rel=1e-5)
+
+
+def test_the_sides_of_a_dress_without_a_curve_are_straight() -> None:
+    dress = kind_named("sleeveless_dress")
+    named = {name: point[:, 0] for name, point in dress.named(dress.mean[:, None]).items()}
+    armpit, hem = named["armpit_right"], named["hem_right"]
+    along = (hem - armpit) / np.linalg.norm(hem - armpit)
+    off = at_mean("sleeveless_dress") - armpit
+    part = off @ along
+    side = (part > 0.0) & (off[:, 0] > -0.1) & (off[:, 1] < (hem - armpit)[1])
+    assert side.sum() > 3
+    np.testing.assert_allclose(off[side] @ [along[1], -along[0]], 0.0, atol=1e-9)

@@ -14,7 +14,7 @@ import numpy as np
 from flatcloth.checking.result import WRONG
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import fit_rigid2, object_from_camera
-from flatcloth.core.types import MIRROR, FlattenedView, RgbdFrame
+from flatcloth.core.types import MIRROR, FlattenedView, Float64, RgbdFrame
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
 from flatcloth.engine.trust import scale_std_of
@@ -25,7 +25,6 @@ from flatcloth.garments.deciding import (
     decided,
     decided_part,
     decided_pieces,
-    decided_seam,
     is_decided,
     placed_piece,
     pulls_of,
@@ -51,14 +50,18 @@ from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
+    DecidedSeam,
     DecideLink,
     DecidePiece,
+    DecideSeam,
     GarmentDecisions,
     PlacedPiece,
     without_doubts,
 )
 from flatcloth.session.machine import Keeper, MemorySession, SessionState
 
+_SEAM_PLACES = 40
+"""Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
 _MOST_TAKEN_OFF = 3
 """Most parts that an unattended run removes. Chosen: each takes some seconds."""
 
@@ -357,6 +360,14 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
         return known
     _record_doubts(session, known)
     return _with_sure_pieces(known, service, session)
+
+
+def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:
+    """Return the decision about a seam with places (K, 3) in the object frame, by some of them."""
+    some = np.linspace(0, len(xyz_m) - 1, min(len(xyz_m), _SEAM_PLACES)).astype(np.intp)
+    return DecideSeam(
+        DecidedSeam(kept=kept, points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[some]))
+    )
 
 
 def _keep_bridges(service: GarmentService, session: Keeper) -> None:

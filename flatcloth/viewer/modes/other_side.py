@@ -17,9 +17,9 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Float64, LaidPiece
 from flatcloth.engine.both_sides import BothSides
+from flatcloth.engine.garment.recognition import decided_seam
 from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.sheet import Sheet, label_of, lay_out, outline_loops, sheet_of
-from flatcloth.garments.deciding import decided_seam
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.rendering import layers
 from flatcloth.session.garment import DecideSeam
