@@ -8,7 +8,7 @@ from garment_evidence import blank_view
 
 from flatcloth.core.errors import FlatteningError
 from flatcloth.core.types import Rigid2
-from flatcloth.flattening.resampling import place, place_all
+from flatcloth.flattening.resampling import bounds, place, place_all
 
 
 def test_views_that_are_placed_together_keep_their_places_and_the_first_is_on_top() -> None:
@@ -29,3 +29,10 @@ def test_a_view_that_lies_absurdly_far_from_another_is_not_drawn_with_it(far_m: 
     view = blank_view(np.ones((20, 30), dtype=bool))
     with pytest.raises(FlatteningError, match="would be too large"):
         place_all([(view, Rigid2()), (view, Rigid2(0.0, far_m, far_m))])
+
+
+def test_the_grid_round_all_corners_begins_at_whole_pixels_below_them() -> None:
+    corners = [np.array([[0.031, -0.052], [0.04, -0.01]]), np.array([[0.05, -0.03]])]
+    origin, shape = bounds(corners, 0.002)
+    np.testing.assert_allclose(origin, (0.030, -0.052), atol=1e-12)
+    assert shape == (22, 11)

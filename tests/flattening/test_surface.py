@@ -9,6 +9,7 @@ from flatcloth.core.errors import SurfaceError
 from flatcloth.core.types import RotationAxis
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.ramps import find_ramps
+from flatcloth.flattening.sampling import fit_samples
 from flatcloth.flattening.surface import about_axis, item_mask, observe_surface, observed_area_m2
 
 CONFIG = SurfaceConfig()
@@ -171,3 +172,20 @@ def test_a_surface_that_ends_at_any_step_claims_no_noise_that_it_does_not_have()
     torn = observe_surface(shown, AXIS, CONFIG, torn=True)
     assert torn.noise_m < 1e-5
     assert not torn.noisy
+
+
+@pytest.mark.parametrize("slope", [(0.5, 0.0), (0.0, 0.5), (0.4, -0.3)])
+def test_points_and_normals_between_the_pixels_of_a_plane_are_exact(slope: tuple[float, float]) -> None:
+    depth = plane(*slope)
+    surface = observe_surface(frame(depth, box(0.1, depth)), AXIS, CONFIG)
+    row, col = np.argwhere(surface.usable).mean(axis=0)
+    rc = np.array([row, col]) + np.array([(-9.3, 4.2), (0.4, -12.1), (7.7, 8.8)])
+    points, normal, known = fit_samples(surface, rc)
+    assert known.all()
+    np.testing.assert_allclose(
+        normal @ [slope[0], slope[1], -1.0], np.hypot(1.0, np.hypot(*slope)), atol=1e-5
+    )
+    ray = np.stack([(rc[:, 1] - CAMERA.cx) / CAMERA.fx, (rc[:, 0] - CAMERA.cy) / CAMERA.fy, np.ones(3)], 1)
+    np.testing.assert_allclose(points, ray * points[:, 2:], atol=1e-9)
+    on_plane = surface.xyz_m[surface.usable][0].astype(float)
+    np.testing.assert_allclose((points - on_plane) @ [slope[0], slope[1], -1.0], 0.0, atol=1e-5)

@@ -117,3 +117,7 @@ def test_two_views_are_compared_about_the_middle_between_what_they_show(exact: I
         middles = [found.known[n].apply(found.features[n].middle_m) for n in (pair.first, pair.second)]
         assert np.linalg.norm(middles[0] - middles[1]) > 0.01
         np.testing.assert_allclose(pair.center_m, np.mean(middles, axis=0))
+
+
+def test_without_pairs_nothing_is_surprising(exact: Integration) -> None:
+    assert registered(exact, (0,)).surprises.shape == (0,)

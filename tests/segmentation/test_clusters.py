@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from flatcloth.segmentation.clusters import _assign_together, _averaged, _Limits
+from flatcloth.segmentation.clusters import _assign_together, _averaged, _Limits, gather
+from flatcloth.segmentation.settings import SegmentationConfig
 
 
 def test_each_pixel_is_of_the_nearest_cluster_on_its_layer() -> None:
@@ -39,3 +41,13 @@ def test_a_cluster_of_one_oblique_pixel_lies_where_that_is() -> None:
     np.testing.assert_allclose(place, points, rtol=1e-6)
     np.testing.assert_allclose(normal, normals, rtol=1e-6)
     assert (pixels.tolist(), best.tolist()) == ([1], [0.5])
+
+
+@pytest.mark.parametrize(("apart", "sheets"), [(0.22, 1), (0.28, 2)])
+def test_layers_a_quarter_of_a_cluster_apart_are_two(apart: float, sheets: int) -> None:
+    config = SegmentationConfig()
+    near = np.zeros((1, 3), dtype=np.float32)
+    far = near + np.float32([0.0, 0.0, apart * config.cluster_m])
+    points, facing = np.concatenate([near, far]), np.float32([1.0, 0.9])
+    normals = np.tile(np.float32([0.0, 0.0, -1.0]), (2, 1))
+    assert gather(points, normals, facing, 0.0, config).count == sheets
