@@ -112,7 +112,7 @@ class RobustMethod(Method):
     def look_ahead(self, document: Document, angles_deg: Sequence[float], focus: Focus | None = None) -> Plan:
         """Rate rotations at which no view was taken yet by the expected new area."""
         recorded, overlap_m2 = len(self.angles_deg), overlap_area_m2(self._views)
-        shape, free = self.shapes.settled(document), range(recorded, len(angles_deg))
+        shape, free = self.shapes.shape(document), range(recorded, len(angles_deg))
         rated = rate_candidates(
             shape, self._views.axis, angles_deg, free, range(recorded), overlap_m2, focus=focus
         )
@@ -126,8 +126,8 @@ class RobustMethod(Method):
         )
 
     def least_m2(self, document: Document) -> float:
-        """Return the area of the canonical view but for its border, by the nodes of its shape."""
-        return inner_area_m2(self.shapes.settled(document))
+        """Return the area of the canonical view but for its border, by the nodes as views extended them."""
+        return inner_area_m2(self.shapes.shape(document))
 
     def seams_ahead(
         self, document: Document, other: Method, its: Document, angles_deg: Sequence[float], *, related: bool
