@@ -225,6 +225,9 @@ def other_side_lines(entry: dict[str, Any]) -> list[str]:
     if entry["floating"]:
         areas = ", ".join(f"{piece['area_cm2']:.0f}" for piece in entry["floating"])
         line += f"; floating pieces: {areas} cm2"
+    kept = sum(seam["decided"] == "keep" for seam in joined)
+    if kept:
+        line += f". {kept} of its seams are kept by decisions, of the garment or by hand"
     return [f"{line}."]
 
 

@@ -12,6 +12,7 @@ import pytest
 from exported_sessions import cylinder_session
 
 from flatcloth.core.types import MIRROR
+from flatcloth.engine.outcome import other_side_lines
 from flatcloth.export.animation import frames
 from flatcloth.export.figures import both_sides
 from flatcloth.export.outline import drawing, outline_text, signed_area
@@ -136,3 +137,13 @@ def test_the_offline_page_has_the_cloth_of_the_other_side(session) -> None:
     assert other["is_related"]
     assert other["count"] == int(session.other_view.valid.sum())
     assert [layer["name"] for layer in other["layers"]][:2] == ["color", "height"]
+
+
+def test_the_report_says_how_many_seams_are_kept_by_decisions() -> None:
+    seam = {"joins": True, "decided": None, "length_mm": 200}
+    kept, cut = {**seam, "decided": "keep"}, {**seam, "joins": False, "decided": "cut"}
+    entry = {"area_cm2": 900.0, "is_related": True, "floating": [], "seams": [seam, kept, kept, cut]}
+    (line,) = other_side_lines(entry)
+    assert line.startswith("Other side: 900 cm2, joined along 60 cm of seams. 2 of its seams are kept")
+    (line,) = other_side_lines({**entry, "seams": [seam]})
+    assert line == "Other side: 900 cm2, joined along 20 cm of seams."
