@@ -401,9 +401,10 @@ class ActiveLoop:
     def _learn(self, *, doubts_links: bool) -> None:
         """Learn what is known of the present shape."""
         if self._garments is not None and self.document.start_view is not None:
-            self._learnt = learn(
-                self._garments, self.document, self.views, self.goal, doubts_links=doubts_links
-            )
+            of_now = self._garments, self.document, self.views, self.goal
+            learnt = learn(*of_now, doubts_links=doubts_links)
+            with self._lock:
+                self._learnt = learnt
 
     # ---------------------------------------------------------------- the next angle, or the end
 

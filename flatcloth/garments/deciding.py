@@ -29,13 +29,7 @@ from flatcloth.garments.recognition import (
     pixel_near,
     points_of,
 )
-from flatcloth.session.garment import (
-    ClothPlaces,
-    DoubtedPart,
-    GarmentDecisions,
-    HeldPoint,
-    PlacedPiece,
-)
+from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions, HeldPoint, PlacedPiece
 
 _LEAST_FOUND = 0.5  # by definition: most of the points of a decision, or its cloth is gone
 
