@@ -44,8 +44,8 @@ class BothSides:
     integration : Integration
         Of this side. Frames are read through it, and the other side has its axis and settings.
     doubts_links : bool
-        What is joined on the other side by a link that no garment allows is taken off it, before it is
-        joined to this one; recognising its garment alone takes half the time.
+        Whether parts of the other side whose link no garment allows are taken off before it is joined to
+        this one. Its garment is recognised for that, which takes about as long as to integrate it.
     """
 
     def __init__(self, integration: Integration, *, doubts_links: bool = True) -> None:

@@ -239,9 +239,9 @@ class Seam:
     ``this_piece`` and ``other_piece`` are numbers of pieces: 0 for the shape, then the floating ones in
     order. ``this_uv_m``, ``other_uv_m`` (K, 2) on the planes of both sides, ``xyz_m`` (K, 3) object frame,
     ``views`` (K, 2) those that show either rim; ``residual_m`` (K,) how far apart their motion leaves them.
-    ``why`` says why the seam joins nothing; it is empty if it does. ``decided`` is the operator's decision,
-    or that of the garment. ``is_bridge``: cloth of the other side joins it to a second piece of this side,
-    and was cut, as it is not believed (``docs/robust.md``, "Both sides").
+    ``why`` says why the seam joins nothing; it is empty if it does. ``decided`` is the decision of
+    the operator or of the garment. ``is_bridge``: cloth of the other side led from it to a second piece of
+    this side, and was cut because its evidence is small (``docs/robust.md``, "Both sides").
     """
 
     this_piece: int

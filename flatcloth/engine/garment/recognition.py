@@ -241,12 +241,12 @@ class GarmentService:
         return (main, *floating)
 
     def bridges(self, document: Document) -> list[Seam]:
-        """Return the seams that join a second piece over cloth of the other side that is not believed."""
+        """Return the seams of bridges, cloth of the other side that was cut for too little evidence."""
         other = self._other(document)
         return [] if other is None else [seam for seam in other[0].seams if seam.is_bridge]
 
     def probabilities_by_both(self, document: Document) -> dict[str, float]:
-        """Return the probabilities of the kinds once the other side is joined; nothing is trusted by them."""
+        """Return the probabilities of the kinds by both sides, without a change of what is reliable."""
         try:
             if self._both is not None:
                 self._both.of(document)
@@ -343,9 +343,9 @@ def points_on_other_side(found: Recognition, sides: JoinedSides) -> dict[str, tu
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
     """Place the floating pieces with a reliable place on the garment, as decisions of the session.
 
-    First, bridges of the other side are kept that the garment confirms, and parts whose link is certainly
-    wrong are removed; parts joined by other doubted links become uncertain. Earlier decisions are kept. On a
-    shape of a wrong recording nothing is reliable.
+    First, seams of bridges that the garment confirms are kept. Then parts whose link is certainly wrong are
+    removed, and parts joined by other doubted links become uncertain. Earlier decisions are kept. On a shape
+    of a wrong recording nothing is reliable.
     """
     _keep_bridges(service, session)
     known = service.known(session.state.document)
@@ -371,14 +371,14 @@ def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:
 
 
 def _keep_bridges(service: GarmentService, session: Keeper) -> None:
-    """Keep bridges of the other side that are not believed for themselves, if the garment confirms them.
+    """Keep the seams of bridges if the garment confirms them; a bridge has too little evidence by itself.
 
-    With the pieces so joined it must be of the same kind as without them, and surely so, or no less probable.
+    With the pieces so joined the garment must be of the same kind as without them: surely, or as probably.
     """
     document = session.state.document
     kept = [decided_seam(seam.xyz_m, kept=True) for seam in service.bridges(document)]
-    apart = service.known(document)
-    if not kept or isinstance(apart, str):
+    apart = service.known(document) if kept else ""
+    if isinstance(apart, str):
         return
     tried = MemorySession(SessionState(0, document=document))
     for decision in kept:

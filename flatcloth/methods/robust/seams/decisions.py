@@ -1,4 +1,4 @@
-"""What an operator decided about seams, found again among the sets of places."""
+"""What was decided about seams, found again among the sets of places."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CUT = "cut by the operator"
 def with_decisions(
     links: Sequence[SeamLink], matches: Matches, decided: Sequence[DecidedSeam]
 ) -> list[SeamLink]:
-    """Return the sets with the operator's decisions: those cut join nothing, those kept come first.
+    """Return the sets as they were decided: those cut join nothing, those kept come first.
 
     The places of a decision are those of a set if at least half of them are within two spacings of it: the
     shape may have changed since. Of several decisions about a set, the last one counts.

@@ -107,8 +107,8 @@ class SeamLink:
 
     ``strength`` is their number, weighted by the width of the strip that they cover: along a straight line
     other parts touch, too. ``why`` says why it does not join them; it is empty if it does. ``is_kept``: the
-    operator decided that it does. ``is_bridge``: what joins it to another set on the other side, and with it
-    a second piece of this side, was not believed and cut.
+    operator or the garment decided that it does. ``is_bridge``: cloth of the other side led from it to a set
+    of another piece of this side, and was cut because its evidence is small.
     """
 
     this_piece: int
