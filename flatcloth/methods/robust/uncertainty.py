@@ -219,7 +219,8 @@ def _spread_m2(moved: Complex128, uv: Float64, anchor: NDArray[np.int64]) -> Flo
     """
     offset = (uv - uv[anchor].mean(axis=0)) @ np.array([1.0, 1j])
     own, of_anchor = offset[anchor], moved[:, anchor]
-    turned = (of_anchor @ np.conj(own)).imag / np.square(np.abs(own)).sum()
+    inertia_m2 = max(np.square(np.abs(own)).sum(), np.finfo(np.float64).tiny)  # one anchor turns nothing
+    turned = (of_anchor @ np.conj(own)).imag / inertia_m2
     rest = moved - of_anchor.mean(axis=1)[:, None]
     rest -= np.multiply.outer(1j * turned, offset)
     mean: Float64 = np.square(rest.view(np.float64)).mean(axis=0).reshape(-1, 2).sum(axis=1)

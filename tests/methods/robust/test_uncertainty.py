@@ -18,6 +18,7 @@ from flatcloth.methods.robust.uncertainty import (
     _STRAIN,
     _changed,
     _layer_rims,
+    _spread_m2,
     lengthened,
     ripples_of,
     ripples_under_noise,
@@ -135,3 +136,9 @@ def test_a_pair_changes_by_the_mean_strain_along_it() -> None:
     uu, uv, vv = fields.mean(axis=0)
     strain = np.array([[uu, uv / np.sqrt(2.0)], [uv / np.sqrt(2.0), vv]])
     np.testing.assert_allclose(found, _STRAIN * np.einsum("i,ijk,j->k", unit[0], strain, unit[0]))
+
+
+def test_relative_to_a_single_anchor_nothing_turns() -> None:
+    moved = np.array([[0.001, 0.004j], [-0.002, 0.001 + 0.002j]])
+    spread_m2 = _spread_m2(moved, np.array([[0.0, 0.0], [0.1, 0.0]]), np.array([0]))
+    np.testing.assert_allclose(spread_m2, [0.0, (17e-6 + 13e-6) / 2])
