@@ -215,11 +215,11 @@ def _determined(spread_m2: Float64) -> int:
 def _spread_m2(moved: Complex128, uv: Float64, anchor: NDArray[np.int64]) -> Float64:
     """Return the mean square (N,) of displacements (draws, N) as u + iv, relative to the anchors.
 
-    From each draw the small rigid motion is removed that moves the anchors on average.
+    From each draw, the mean small rigid motion of the anchors is removed; of one anchor, its translation.
     """
     offset = (uv - uv[anchor].mean(axis=0)) @ np.array([1.0, 1j])
     own, of_anchor = offset[anchor], moved[:, anchor]
-    inertia_m2 = max(np.square(np.abs(own)).sum(), np.finfo(np.float64).tiny)  # one anchor turns nothing
+    inertia_m2 = max(np.square(np.abs(own)).sum(), np.finfo(np.float64).tiny)
     turned = (of_anchor @ np.conj(own)).imag / inertia_m2
     rest = moved - of_anchor.mean(axis=1)[:, None]
     rest -= np.multiply.outer(1j * turned, offset)
