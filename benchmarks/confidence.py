@@ -22,7 +22,8 @@ from flatcloth.core.config import RobustConfig
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
-from flatcloth.engine.garment.recognition import GarmentService, place_sure_pieces
+from flatcloth.engine.garment.deciding import place_sure_pieces
+from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod

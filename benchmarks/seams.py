@@ -2,8 +2,8 @@
 
 For each recording: all sets of at least ``LEAST`` places with their size and strength, whether they are true,
 and how many true edges they lay on cloth of the other sheet; then each two sets on one piece of the other
-side that contradict each other, with the evidence of the cloth between them and how far that cloth is truly
-bent. The limits of ``seams/links.py`` are chosen by these.
+side that contradict each other, with the evidence of the cloth of either side between them and how far that
+cloth is truly bent. The limits of ``seams/links.py`` are chosen by these.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from scipy.spatial import cKDTree
 from benchmarks.output import Options
 from benchmarks.unattended import measure_each, unattended
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import MIRROR, FlattenedView, Float64
+from flatcloth.core.types import MIRROR, FlattenedView, Float64, Int64
 from flatcloth.engine.both_sides import BothSides, one_side
 from flatcloth.engine.evaluation import Truth, look_up
 from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
+from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
 
@@ -71,23 +72,45 @@ def row_of(source: str) -> dict[str, Any]:
         }
         for each in sets
     ]
-    contradictions, at_other = [], seam_links.node_at(other_shape, matches.other_uv_m)
+    contradictions = []
+    node_of_match = [
+        seam_links.node_at(shape, uv)
+        for shape, uv in ((this_shape, matches.this_uv_m), (other_shape, matches.other_uv_m))
+    ]
     for n, k in combinations(range(len(sets)), 2):
         if sets[n].other_piece != sets[k].other_piece or seam_links.agree(matches, sets[n], sets[k]):
             continue
-        two_sets = (np.unique(at_other[sets[each].members]) for each in (n, k))
-        evidence = seam_links.evidence_between(other_shape, *two_sets)[1]
-        one, two = (each.members[np.isfinite(true[1][each.members, 0])] for each in (sets[n], sets[k]))
-        bent = fit_rigid2(matches.other_uv_m[one], true[1][one]).apply(matches.other_uv_m[two]) - true[1][two]
+        between = [
+            _between(shape, node, uv, seen, [sets[each].members for each in (n, k)])
+            for shape, node, uv, seen in zip(
+                (this_shape, other_shape),
+                node_of_match,
+                (matches.this_uv_m, matches.other_uv_m),
+                true,
+                strict=True,
+            )
+        ]
+        is_bridge = sets[n].this_piece != sets[k].this_piece
         contradictions.append(
-            {
-                "sets": [n, k],
-                "bridge": sets[n].this_piece != sets[k].this_piece,
-                "evidence": round(evidence, 1),
-                "bent_mm": round(1e3 * float(np.median(np.linalg.norm(bent, axis=1))), 1),
-            }
+            {"sets": [n, k], "bridge": is_bridge, **between[1], "this": None if is_bridge else between[0]}
         )
     return {"recording": integration.recording.name, "sets": found, "contradictions": contradictions}
+
+
+def _between(
+    shape: JointShape, node: Int64, uv_m: Float64, true_uv_m: Float64, members: Sequence[Int64]
+) -> dict[str, float]:
+    """Return the evidence of a side's cloth between two sets of matches, and how far it is truly bent.
+
+    ``node``, ``uv_m``, ``true_uv_m`` are of all matches (K,), the members are theirs.
+    """
+    evidence = seam_links.evidence_between(shape, *(np.unique(node[each]) for each in members))[1]
+    one, two = (each[np.isfinite(true_uv_m[each, 0])] for each in members)
+    bent = fit_rigid2(uv_m[one], true_uv_m[one]).apply(uv_m[two]) - true_uv_m[two]
+    return {
+        "evidence": round(evidence, 1),
+        "bent_mm": round(1e3 * float(np.median(np.linalg.norm(bent, axis=1))), 1),
+    }
 
 
 def _true_at(pieces: Sequence[FlattenedView], truth: Truth, uv_m: Float64) -> Float64:
@@ -123,7 +146,12 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
 
         between = ", ".join(
             f"{'bridge ' if c['bridge'] else ''}{c['evidence']:.0f} "
-            f"(strength {sets[c['sets'][1]]['strength']:.0f}, bent {c['bent_mm']:.0f} mm)"
+            f"(strength {sets[c['sets'][1]]['strength']:.0f}, bent {c['bent_mm']:.0f} mm"
+            + (
+                f"; this side {c['this']['evidence']:.0f}, bent {c['this']['bent_mm']:.0f} mm)"
+                if c["this"]
+                else ")"
+            )
             for c in row["contradictions"]
         )
         lines.append(f"| {row['recording']} | {of(False)} | {of(True)} | {between} |")
@@ -132,8 +160,8 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
 
 Places of each set of at least {LEAST}, bold where it is the strongest of its piece of the other side; in
 brackets its strength, and the true edges that it lays on cloth of the other sheet for each of its places.
-Then the evidence of the other side's cloth between two sets that contradict each other. The strongest false
-set comes first.
+Then the evidence of the other side's cloth between two sets that contradict each other, and that of this
+side's if both are on one piece of it. The strongest false set comes first.
 
 | recording | false sets | true sets | contradictions |
 |---|---|---|---|

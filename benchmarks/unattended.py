@@ -11,7 +11,8 @@ from typing import Any
 from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, recordings_of, save, save_page, say
 from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.recognition import GarmentService, place_sure_pieces
+from flatcloth.engine.garment.deciding import place_sure_pieces
+from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording

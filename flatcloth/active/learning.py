@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 from flatcloth.active.expecting import OtherSide, of_other_side
 from flatcloth.active.goal import Goal, Knowledge, knowledge_of
 from flatcloth.engine.both_sides import BothSides, known_by_both
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, known_with_pieces
+from flatcloth.engine.garment.deciding import known_with_pieces
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.session.document import Document
 
 

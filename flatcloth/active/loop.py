@@ -35,7 +35,8 @@ from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, place_sure_pieces
+from flatcloth.engine.garment.deciding import place_sure_pieces
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.export.session import frames_of

@@ -17,7 +17,8 @@ from flatcloth.core.errors import CancelledError
 from flatcloth.core.strokes import Decision
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.recognition import GarmentService, place_sure_pieces
+from flatcloth.engine.garment.deciding import place_sure_pieces
+from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.headless import Run, ViewDecision
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.outcome import earlier_scores

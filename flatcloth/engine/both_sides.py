@@ -15,14 +15,8 @@ from flatcloth.core.errors import FlatclothError, FlatteningError, SurfaceError
 from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import Bool, LaidPiece, Progress, RgbdFrame, no_progress
 from flatcloth.engine.following import ended
-from flatcloth.engine.garment.recognition import (
-    GarmentService,
-    KnownGarment,
-    evidence_of_shape,
-    known_with_pieces,
-    place_sure_pieces,
-    seen_from,
-)
+from flatcloth.engine.garment.deciding import known_with_pieces, place_sure_pieces
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, evidence_of_shape, seen_from
 from flatcloth.engine.integration import VIEWS_AHEAD, Integration
 from flatcloth.engine.segmenting import evidence_of
 from flatcloth.garments.deciding import decided_pieces

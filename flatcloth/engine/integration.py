@@ -232,9 +232,9 @@ class Integration:
         return self._by_garment(document, self.algorithm.canonical(document)).taken_off
 
     def parts_taken_off(self, document: Document) -> list[Bool]:
-        """Return the parts (N,) of the shape's samples that were removed, because no garment allows them."""
-        cloth = self._cloth(document) if document.garment.parts else None
-        return [] if cloth is None else parts_taken_off(cloth, document.garment.parts)
+        """Return the parts (N,) of a piece's samples that were removed: no garment, or seam, allows them."""
+        pieces = self.algorithm.cloth_of_pieces(document) if document.garment.parts else ()
+        return [part for cloth in pieces for part in parts_taken_off(cloth, document.garment.parts)]
 
     def _by_garment(self, document: Document, whole: Canonical, *, alone: bool = False) -> _ByGarment:
         """Return a shape and its cloth after the decisions about links that no garment allows (cached).
@@ -246,7 +246,7 @@ class Integration:
             made, cloth = whole, self._cloth(document)
             if cloth is None:
                 return _ByGarment(made, None, None)
-            parts = parts_taken_off(cloth, document.garment.parts)
+            parts = self.parts_taken_off(document)
             apart = self.algorithm.apart(document, parts, alone=alone) if parts else None
             if apart is not None:
                 made, cloth = apart

@@ -233,7 +233,9 @@ def lines_of(known: KnownGarment | str) -> list[str]:
 
 def _doubts(known: KnownGarment) -> list[str]:
     off = ", ".join(str(n + 1) for n in sorted(known.canonical.taken_off))
-    taken = [f"Floating pieces taken off the shape, where no garment allows them: {off}."] if off else []
+    taken = (
+        [f"Floating pieces taken off the shape, where no garment or seam allows them: {off}."] if off else []
+    )
     return taken + [
         f"A part of {1e4 * link.area_m2:.0f} cm2 is joined where no garment allows it (probability of the "
         f"link {link.probability:.0%}); decide about it on the page."

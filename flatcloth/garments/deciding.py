@@ -217,13 +217,25 @@ def decided_part(
     cloth: Cloth, link: DoubtedLink, *, taken_off: bool, is_doubted: bool = False
 ) -> DoubtedPart:
     """Return a decision about a part, tied to its cloth and to that of the rest; or that it is doubted."""
-    rest = cloth.placed & ~link.part
+    std_m = link.std_m if is_doubted else 0.0
+    return _about_part(cloth, link.part, taken_off, float(link.probability), std_m)
+
+
+def torn_off(cloth: Cloth, part: Bool) -> DoubtedPart:
+    """Return the decision that takes a part (N,) off its piece, because seams contradict its place there."""
+    return _about_part(cloth, part, True, 0.0)
+
+
+def _about_part(
+    cloth: Cloth, part: Bool, taken_off: bool, probability: float, std_m: float = 0.0
+) -> DoubtedPart:
+    rest = cloth.placed & ~part
     return DoubtedPart(
         taken_off=taken_off,
-        part=_tied(cloth.xyz_m[link.part], cloth.uv_m[link.part]),
+        part=_tied(cloth.xyz_m[part], cloth.uv_m[part]),
         rest=_tied(cloth.xyz_m[rest], cloth.uv_m[rest]),
-        probability=float(link.probability),
-        std_m=link.std_m if is_doubted else 0.0,
+        probability=probability,
+        std_m=std_m,
     )
 
 

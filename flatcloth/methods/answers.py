@@ -241,7 +241,8 @@ class Seam:
     ``views`` (K, 2) those that show either rim; ``residual_m`` (K,) how far apart their motion leaves them.
     ``why`` says why the seam joins nothing; it is empty if it does. ``decided`` is the decision of
     the operator or of the garment. ``is_bridge``: cloth of the other side led from it to a second piece of
-    this side, and was cut because its evidence is small (``docs/robust.md``, "Both sides").
+    this side, and was cut because its evidence is small (``docs/robust.md``, "Both sides"). ``tears`` (N,)
+    are the samples of this side that are joined falsely to their piece, if the seam is one.
     """
 
     this_piece: int
@@ -254,6 +255,7 @@ class Seam:
     why: str
     decided: Literal["cut", "keep"] | None = None
     is_bridge: bool = False
+    tears: Bool | None = None
 
     @property
     def length_m(self) -> float:

@@ -216,6 +216,10 @@ class Method(Protocol):
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of Eq. (2) of the shape."""
 
+    def cloth_of_pieces(self, document: Document) -> list[Cloth]:
+        """Return how each piece is connected, the shape first; none if the edges have no evidence."""
+        return []
+
     def apart(
         self, document: Document, parts: Sequence[Bool], *, alone: bool = False
     ) -> tuple[Canonical, Cloth] | None:

@@ -13,13 +13,15 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.recognition import KnownGarment, place_sure_pieces
+from flatcloth.engine.garment.deciding import decided_seam, place_sure_pieces
+from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.garment import garment_document, lines_of, outcome_entry
-from flatcloth.garments.deciding import DecidedPieces, decided_pieces
+from flatcloth.flattening.cloth import Cloth
+from flatcloth.garments.deciding import DecidedPieces, decided_pieces, parts_taken_off
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, recognise
-from flatcloth.methods.answers import Canonical, Seam
+from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, SetKind, without_doubts
@@ -60,7 +62,9 @@ class Service:
         self.links: tuple[DoubtedLink, ...] = ()
         self.error: Exception | None = None
         self.is_none = False
-        self.doubted_seams: list[Seam] = []
+        self.seams: list[Seam] = []
+        self.integration = self
+        self.algorithm = self
         self.by_both: dict[str, float] = {}
 
     def of(self, document: Document) -> KnownGarment:
@@ -77,8 +81,14 @@ class Service:
     def known(self, document: Document) -> KnownGarment | str:
         return self.of(document)
 
-    def bridges(self, _document: Document) -> list[Seam]:
-        return self.doubted_seams
+    def sides(self, document: Document) -> JoinedSides:
+        torn = not document.garment.parts
+        seams = tuple(s if torn else dataclasses.replace(s, tears=None) for s in self.seams)
+        return JoinedSides(other=self.canonical, seams=seams, is_related=True)
+
+    def cloth_of_pieces(self, _document: Document) -> list[Cloth]:
+        nowhere = np.full_like(self.cloth.uv_m, np.nan)
+        return [dataclasses.replace(self.cloth, uv_m=nowhere), self.cloth]
 
     def probabilities_by_both(self, document: Document) -> dict[str, float]:
         self.joined = document
@@ -250,18 +260,36 @@ def test_run_takes_off_what_is_weak_and_probably_wrong_and_tells_what_it_doubts(
     assert outcome_entry(known)["doubted_links"] == []
 
 
+def seam_at(xyz_m: np.ndarray) -> Seam:
+    uv = xyz_m[:, :2]
+    return Seam(
+        this_piece=0, other_piece=0, this_uv_m=uv, other_uv_m=uv, xyz_m=xyz_m,
+        views=np.zeros((len(uv), 2), dtype=np.int16), residual_m=uv[:, 0], why="",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("is_kept", [False, True])
+def test_run_takes_off_what_a_seam_shows_to_be_joined_falsely(is_kept: bool) -> None:
+    service, places = Service(), np.random.default_rng(0).normal(size=(50, 3))
+    left = service.cloth.uv_m[:, 0] < service.cloth.uv_m[:, 0].mean()
+    service.seams = [dataclasses.replace(seam_at(places), tears=left)]
+    session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
+    if is_kept:
+        session.record(decided_seam(places + 1.0, kept=True))
+    place_sure_pieces(service, session)
+    decided = session.state.document.garment
+    (found,) = parts_taken_off(service.cloth, decided.parts)
+    assert (found == left).all()
+    # Where seams of doubted cloth are kept, that to the part is, too: the same cloth leads to it.
+    assert len(decided.seams) == (2 if is_kept else 0)
+
+
 def test_run_keeps_seams_over_doubted_cloth_if_the_garment_is_as_sure_with_them() -> None:
     service, places = Service(), np.random.default_rng(0).normal(size=(50, 3))
     before = service.known(TWO_VIEWS).by_evidence.probabilities
     kind = max((name for name in before if name != NONE), key=before.__getitem__)
-    as_sure, uv = min(before[kind], SURE), places[:, :2]
-    service.doubted_seams = [
-        Seam(
-            this_piece=piece, other_piece=0, this_uv_m=uv, other_uv_m=uv, xyz_m=places + piece,
-            views=np.zeros((50, 2), dtype=np.int16), residual_m=uv[:, 0], why="", is_bridge=True,
-        )
-        for piece in (0, 1)
-    ]  # fmt: skip
+    as_sure = min(before[kind], SURE)
+    service.seams = [dataclasses.replace(seam_at(places + piece), is_bridge=True) for piece in (0, 1)]
     for by_both, kept in (({}, 0), ({"towel": 1.0}, 0), ({kind: 0.9 * as_sure}, 0), ({kind: as_sure}, 2)):
         service.by_both, session = by_both, MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
         place_sure_pieces(service, session)

@@ -14,7 +14,7 @@ import numpy as np
 from flatcloth.checking.result import WRONG
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import fit_rigid2, object_from_camera
-from flatcloth.core.types import MIRROR, FlattenedView, Float64, RgbdFrame
+from flatcloth.core.types import MIRROR, FlattenedView, RgbdFrame
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
 from flatcloth.engine.trust import scale_std_of
@@ -23,47 +23,31 @@ from flatcloth.flattening.surface import crop_to_item
 from flatcloth.garments.deciding import (
     DecidedPieces,
     decided,
-    decided_part,
     decided_pieces,
     is_decided,
-    placed_piece,
     pulls_of,
     with_placed_cloth,
 )
 from flatcloth.garments.evidence import PieceEvidence, evidence_of
 from flatcloth.garments.kinds import known_kinds
-from flatcloth.garments.links import DoubtedLink, doubted_links, is_offered, is_wrong
-from flatcloth.garments.placing import Placed
+from flatcloth.garments.links import DoubtedLink, doubted_links, is_offered
 from flatcloth.garments.recognition import (
     KNOWN_STD_M,
     NONE,
     Point,
     Recognition,
     best_fits,
-    is_sure,
     is_suspect,
     pixel_near,
     recognise,
 )
 from flatcloth.garments.true_edges import FARTHEST_M, SeenFrom
-from flatcloth.methods.answers import Canonical, JoinedSides, Seam
-from flatcloth.segmentation.settings import SURE
+from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
-    DecidedSeam,
-    DecideLink,
-    DecidePiece,
-    DecideSeam,
     GarmentDecisions,
-    PlacedPiece,
     without_doubts,
 )
-from flatcloth.session.machine import Keeper, MemorySession, SessionState
-
-_SEAM_PLACES = 40
-"""Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
-_MOST_TAKEN_OFF = 3
-"""Most parts that an unattended run removes. Chosen: each takes some seconds."""
 
 
 def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
@@ -240,10 +224,12 @@ class GarmentService:
             floating = [_with_joined(piece, n, sides, seen) for n, piece in enumerate(floating, start=1)]
         return (main, *floating)
 
-    def bridges(self, document: Document) -> list[Seam]:
-        """Return the seams of bridges, cloth of the other side that was cut for too little evidence."""
+    def sides(self, document: Document) -> JoinedSides | None:
+        """Return the joined sides of a document's shape; None without the other side, or unrelated to it."""
+        if self._both is not None:
+            self._both.of(document)
         other = self._other(document)
-        return [] if other is None else [seam for seam in other[0].seams if seam.is_bridge]
+        return None if other is None else other[0]
 
     def probabilities_by_both(self, document: Document) -> dict[str, float]:
         """Return the probabilities of the kinds by both sides, without a change of what is reliable."""
@@ -338,96 +324,3 @@ def points_on_other_side(found: Recognition, sides: JoinedSides) -> dict[str, tu
         if point.pixel is None and point.std_m <= KNOWN_STD_M and pixel is not None:
             pixels[name] = pixel
     return pixels
-
-
-def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
-    """Place the floating pieces with a reliable place on the garment, as decisions of the session.
-
-    First, seams of bridges that the garment confirms are kept. Then parts whose link is certainly wrong are
-    removed, and parts joined by other doubted links become uncertain. Earlier decisions are kept. On a shape
-    of a wrong recording nothing is reliable.
-    """
-    _keep_bridges(service, session)
-    known = service.known(session.state.document)
-    if not isinstance(known, str) and known.is_wrong:
-        return known
-    for _ in range(_MOST_TAKEN_OFF):
-        if isinstance(known, str) or not known.links or not is_wrong(known.links[0]):
-            break
-        session.record(link_decision(known, known.links[0], taken_off=True))
-        known = service.known(session.state.document)
-    if isinstance(known, str):
-        return known
-    _record_doubts(session, known)
-    return _with_sure_pieces(known, service, session)
-
-
-def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:
-    """Return the decision about a seam with places (K, 3) in the object frame, by some of them."""
-    some = np.linspace(0, len(xyz_m) - 1, min(len(xyz_m), _SEAM_PLACES)).astype(np.intp)
-    return DecideSeam(
-        DecidedSeam(kept=kept, points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[some]))
-    )
-
-
-def _keep_bridges(service: GarmentService, session: Keeper) -> None:
-    """Keep the seams of bridges if the garment confirms them; a bridge has too little evidence by itself.
-
-    With the pieces so joined the garment must be of the same kind as without them: surely, or as probably.
-    """
-    document = session.state.document
-    kept = [decided_seam(seam.xyz_m, kept=True) for seam in service.bridges(document)]
-    apart = service.known(document) if kept else ""
-    if isinstance(apart, str):
-        return
-    tried = MemorySession(SessionState(0, document=document))
-    for decision in kept:
-        tried.record(decision)
-    before = {name: p for name, p in apart.by_evidence.probabilities.items() if name != NONE}
-    kind = max(before, key=before.__getitem__)
-    if service.probabilities_by_both(tried.state.document).get(kind, 0.0) >= min(before[kind], SURE):
-        for decision in kept:
-            session.record(decision)
-
-
-def known_with_pieces(service: GarmentService, document: Document) -> KnownGarment | str:
-    """Return the garment of a document's shape with the pieces with a reliable place placed."""
-    known = service.known(document)
-    if isinstance(known, str) or known.is_wrong:
-        return known
-    return _with_sure_pieces(known, service, MemorySession(SessionState(0, document=document)))
-
-
-def _with_sure_pieces(known: KnownGarment, service: GarmentService, session: Keeper) -> KnownGarment | str:
-    decided = known.pieces
-    for piece in known.found.pieces if known.found.kind != NONE else ():
-        if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused}:
-            session.record(DecidePiece(piece_decision(known.canonical, piece, accepted=True)))
-    return service.known(session.state.document)
-
-
-def _record_doubts(session: Keeper, known: KnownGarment) -> None:
-    """Record which links are doubted, once."""
-    before = session.state.document.garment.parts
-    for link in known.links:
-        cloth = known.cloth
-        if cloth is not None and link.std_m and not is_decided(cloth, link, before):
-            session.record(DecideLink(decided_part(cloth, link, taken_off=False, is_doubted=True)))
-
-
-def link_decision(known: KnownGarment, link: DoubtedLink, *, taken_off: bool) -> DecideLink:
-    """Return the decision about a link that no garment allows."""
-    assert known.cloth is not None, "links are doubted on known cloth"
-    return DecideLink(decided_part(known.cloth, link, taken_off=taken_off))
-
-
-def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> PlacedPiece:
-    """Return the decision about a piece at its place on the garment."""
-    return placed_piece(
-        canonical.floating[piece.index],
-        canonical.view,
-        piece.shape_from_piece,
-        piece.probability,
-        piece.std_m,
-        accepted=accepted,
-    )

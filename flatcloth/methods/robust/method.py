@@ -387,6 +387,11 @@ class RobustMethod(Method):
         """Return the edges of the joint flattening, each once per view that saw it."""
         return _edges_of(self._shown(document)[0])
 
+    def cloth_of_pieces(self, document: Document) -> list[Cloth]:
+        """Return the edges of each piece, the shape first."""
+        shape = self._shown(document)[0]
+        return [_edges_of(shape, piece) for piece in np.unique(shape.piece[shape.piece >= 0]).tolist()]
+
 
 def _relaid_by(seamed: Seamed) -> JointShape:
     """Return this side as in the joint layout of both sides, if its own pairs fit better there.
@@ -420,9 +425,10 @@ def _on_shown(seams: Sequence[Seam], alone: JointShape, shown: JointShape) -> tu
     )
 
 
-def _edges_of(shape: JointShape) -> Cloth:
+def _edges_of(shape: JointShape, piece: int = 0) -> Cloth:
+    uv_m = np.where((shape.piece == piece)[:, None], shape.all_uv_m, np.nan)
     return Cloth(
-        uv_m=shape.uv_m,
+        uv_m=uv_m - np.nanmean(uv_m, axis=0) if piece else uv_m,  # a plane of its own, far from the shape's
         xyz_m=shape.nodes.xyz_m,
         edges=shape.links.edges,
         length_m=shape.links.length_m,

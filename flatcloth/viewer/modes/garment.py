@@ -10,13 +10,8 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.recognition import (
-    GarmentService,
-    KnownGarment,
-    link_decision,
-    piece_decision,
-    points_on_other_side,
-)
+from flatcloth.engine.garment.deciding import link_decision, piece_decision
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, points_on_other_side
 from flatcloth.engine.sheet import label_of, order_of, outline_loops
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pixels_of_part, pulls_of, with_placed_cloth

@@ -17,7 +17,7 @@ from starlette.routing import BaseRoute, Route
 from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import Float64, LaidPiece
 from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.garment.recognition import decided_seam
+from flatcloth.engine.garment.deciding import decided_seam
 from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.sheet import Sheet, label_of, lay_out, outline_loops, sheet_of
 from flatcloth.methods.answers import JoinedSides, Seam

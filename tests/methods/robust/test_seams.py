@@ -18,7 +18,14 @@ from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, Jo
 from flatcloth.methods.robust.method import _on_shown, _relaid_by
 from flatcloth.methods.robust.observations import Nodes
 from flatcloth.methods.robust.seams.joining import JoinedSide, Seamed, join_sides, other_of, seams_of
-from flatcloth.methods.robust.seams.links import LEAST_MATCHES, SeamLink, _renumbered, motion_onto
+from flatcloth.methods.robust.seams.links import (
+    LEAST_MATCHES,
+    SeamLink,
+    _renumbered,
+    linked,
+    matches_of,
+    motion_onto,
+)
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.session.garment import DecidedSeam
 
@@ -167,26 +174,57 @@ def test_both_sides_lie_on_each_other_wherever_the_other_one_lay_before() -> Non
     assert set(seam.views[:, 1]) == {3}
 
 
-def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say() -> None:
-    """The two halves of the other side are joined 64 mm too near, where a fold hides the cloth between."""
-    left, right = COLUMN < 11, COLUMN > 18
-    seen = left | right
-    pattern = UV[seen]
-    false = pattern - np.outer(right[seen] * 8 * STEP_M, [1.0, 0.0])
-    own = false * MIRROR
+SPLIT = (COLUMN < 11) | (COLUMN > 18)
+ON_RIGHT = COLUMN[SPLIT] > 18
+
+
+def falsely_joined(*, is_other: bool, strength: float) -> tuple[JointShape, FlattenedView, Float64]:
+    """A side whose halves are joined 64 mm too near, over a fold that hides the cloth; and its pattern."""
+    pattern = UV[SPLIT]
+    false = pattern - np.outer(ON_RIGHT * 8 * STEP_M, [1.0, 0.0])
+    own = false * (MIRROR if is_other else 1.0)
     everything = np.ones(len(own), dtype=bool)
-    shape = flatten_jointly(shape_of(own, [observed(own, everything, 0, evidence=0.5)], everything))
-    xyz, normal = in_space(pattern, is_other=True)
+    shape = flatten_jointly(shape_of(own, [observed(own, everything, 0, evidence=strength)], everything))
+    xyz, normal = in_space(pattern, is_other=is_other)
     shape = replace(shape, nodes=Nodes(xyz_m=xyz, normal=normal, weight=np.ones(len(own))))
-    flat = raster(shape, false, is_other=True)  # where the cloth is in space is set apart again
-    to_right = (flat.uv_from_rc(np.argwhere(np.ones(flat.shape, dtype=bool))) * MIRROR)[:, 0] > 10.5 * STEP_M
+    flat = raster(shape, false, is_other=is_other)  # where the cloth is in space is set apart again
+    at = flat.uv_from_rc(np.argwhere(np.ones(flat.shape, dtype=bool))) * (MIRROR if is_other else 1.0)
+    to_right = at[:, 0] > 10.5 * STEP_M
     xyz_m = flat.xyz_m + to_right.reshape(*flat.shape, 1) * np.float32([8 * STEP_M, 0.0, 0.0])
-    flat = replace(flat, xyz_m=xyz_m)
+    return shape, replace(flat, xyz_m=xyz_m), pattern
+
+
+def test_a_false_link_of_the_other_side_is_cut_and_its_parts_lie_where_seams_say() -> None:
+    shape, flat, pattern = falsely_joined(is_other=True, strength=0.5)
     pieces = [raster(THIS, UV, is_other=False)], [flat]
     found = other_of(join_sides(THIS, shape, pieces, endless(pieces), HELD_M))
     placed = found.shape.placed
     assert placed.mean() > 0.9
     assert np.linalg.norm(found.shape.all_uv_m[placed] * MIRROR - pattern[placed], axis=1).max() < 0.006
+
+
+def test_a_false_link_of_this_side_is_told_by_the_seam_that_contradicts_it() -> None:
+    shape, flat, _ = falsely_joined(is_other=False, strength=0.5)
+    pieces = [flat], [raster(OTHER, UV, is_other=True)]
+    torn = other_of(join_sides(shape, OTHER, pieces, endless(pieces), HELD_M)).links
+    (tearing,) = (link for link in torn if link.tears is not None)
+    assert "this side" in tearing.why
+    half = tearing.tears
+    assert (half == ON_RIGHT).all() or (half == ~ON_RIGHT).all()
+    kept = [replace(link, is_kept=True, why="", tears=None) for link in torn]
+    assert not any(link.tears is not None for link in linked_again(shape, pieces, kept))
+    weaker = side(EVERYTHING, is_other=True, strength=0.3)  # there is as much between on this side
+    links = other_of(join_sides(shape, weaker, pieces, endless(pieces), HELD_M)).links
+    assert not any(link.tears is not None for link in links)
+    strong, flat, _ = falsely_joined(is_other=False, strength=50.0)
+    believed = side(EVERYTHING, is_other=True, strength=200.0)
+    pieces = [flat], [raster(believed, UV, is_other=True)]
+    links = other_of(join_sides(strong, believed, pieces, endless(pieces), HELD_M)).links
+    assert not any(link.tears is not None for link in links)
+
+
+def linked_again(this: JointShape, pieces, sets) -> list[SeamLink]:
+    return linked(this, OTHER, matches_of(*pieces), sets, endless(pieces))[2]
 
 
 def test_places_of_another_rim_hardly_turn_a_seam() -> None:

@@ -116,7 +116,7 @@ def join_sides(
     matches = matches_of(*pieces)  # 1. where the rims of both sides meet in space (rims.py)
     # 2. Sets that agree on one motion; the other side taken apart where they contradict it (links.py).
     sets = with_decisions(sets_of(this, other, matches), matches, decided)
-    other, matches, links = linked(other, matches, sets, ends)
+    other, matches, links = linked(this, other, matches, sets, ends)
     joining = np.concatenate(
         [link.members for link in links if not link.why] or [np.zeros(0, dtype=np.int64)]
     )
@@ -419,6 +419,7 @@ def seams_of(joined: JoinedSide, pieces: Sequence[FlattenedView]) -> tuple[Seam,
                 residual_m=matches.misfit_m(own, matches.motion(own)),
                 why=link.why,
                 is_bridge=link.is_bridge,
+                tears=link.tears,
                 decided="keep" if link.is_kept else "cut" if link.why == CUT else None,
             )
         )

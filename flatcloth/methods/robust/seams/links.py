@@ -44,6 +44,7 @@ have seen a fold's silhouette."""
 _AGREE_M = LEAST_INTERVAL_M
 """Matches of one set fit its motion to this: four times their median residual."""
 _CONTRADICTS = "it contradicts a stronger seam"
+_TEARS = "it contradicts a stronger seam, and little evidence joins the cloth of this side between them"
 _PLACELESS = "the cloth of the other side there was cut off and has no place"
 _TRIES = 300
 """Motions tried for a set. Chosen: a set with a seventh of the matches is found in 99 of 100 cases."""
@@ -108,7 +109,8 @@ class SeamLink:
     ``strength`` is their number, weighted by the width of the strip that they cover: along a straight line
     other parts touch, too. ``why`` says why it does not join them; it is empty if it does. ``is_kept``: the
     operator or the garment decided that it does. ``is_bridge``: cloth of the other side led from it to a set
-    of another piece of this side, and was cut because its evidence is small.
+    of another piece of this side, and was cut because its evidence is small. ``tears`` (N,) are the nodes of
+    this side that are joined falsely, if the set is true.
     """
 
     this_piece: int
@@ -118,6 +120,7 @@ class SeamLink:
     why: str = ""
     is_kept: bool = False
     is_bridge: bool = False
+    tears: Bool | None = None
 
     @property
     def joins(self) -> bool:
@@ -139,6 +142,7 @@ def matches_of(this: Sequence[FlattenedView], other: Sequence[FlattenedView]) ->
 
 
 def linked(
+    this: JointShape,
     other: JointShape,
     matches: Matches,
     sets: Sequence[SeamLink],
@@ -147,7 +151,8 @@ def linked(
     """Decide which sets of matches join the sides; take the other side apart where they contradict it.
 
     Two sets that place one piece of the other side differently on one piece of this side contradict each
-    other: either the weaker is contact of other parts, or the cloth between them is bent or joined falsely.
+    other: either the weaker is contact of other parts, or the cloth between them is bent or joined falsely,
+    on the side where it has less evidence. This side is not taken apart here.
     Cloth of the other side that alone would join two pieces of this side must be strong to be believed,
     unless both sets are kept.
     Where the strongest set of a piece lays true edges on the middle of the other sheet's cloth, either the
@@ -165,6 +170,7 @@ def linked(
         All sets, in the same order.
     """
     links, at_other = list(sets), node_at(other, matches.other_uv_m)
+    at_this = node_at(this, matches.this_uv_m)
     side = np.zeros(len(other.nodes), dtype=np.int64)  # the part of each node
     bridges: set[int] = set()
 
@@ -183,6 +189,10 @@ def linked(
         earlier = [k for k in range(n) if not links[k].why and links[k].other_piece == link.other_piece]
         earlier = [k for k in earlier if part_of(links[k]) == part_of(link)]
         against = [k for k in earlier if not agree(matches, links[k], link)]
+        tears = _torn_between(this, other, (at_this, at_other), [links[k] for k in against], link)
+        if tears is not None:
+            links[n] = replace(link, why=_TEARS, tears=tears)
+            continue
         if not link.joins:
             if len(against) == len(earlier):
                 links[n] = replace(link, why="too few places meet")
@@ -216,6 +226,31 @@ def linked(
     apart, matches = _taken_apart(other, side, matches, at_other)
     links = [replace(link, is_bridge=n in bridges) for n, link in enumerate(links)]
     return apart, matches, [_renumbered(link, apart.piece[at_other]) for link in links]
+
+
+def _torn_between(
+    this: JointShape,
+    other: JointShape,
+    node_of_match: tuple[Int64, Int64],
+    against: Sequence[SeamLink],
+    link: SeamLink,
+) -> Bool | None:
+    """Return the part (N,) of this side that is joined falsely if one of the sets ``against`` a set is true.
+
+    It is the smaller one of those that the cloth between the two sets joins. None if that cloth has enough
+    evidence, or the other side's cloth between them has less.
+    """
+    for before in against:
+        if link.is_kept or before.this_piece != link.this_piece:
+            continue
+        (side, evidence), (_, its) = (
+            evidence_between(shape, at[before.members], at[link.members])
+            for shape, at in zip((this, other), node_of_match, strict=True)
+        )
+        if evidence < _BENT * link.strength and evidence < its < np.inf:
+            parts: list[Bool] = [(this.piece == link.this_piece) & part for part in (side, ~side)]
+            return min(parts, key=np.count_nonzero)
+    return None
 
 
 def contradicting(

@@ -1,0 +1,139 @@
+"""What a run without an operator decides by the garment and the seams, as decisions of the session."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flatcloth.core.types import Float64
+from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.garments.deciding import decided_part, is_decided, placed_piece, torn_off
+from flatcloth.garments.links import DoubtedLink, is_wrong
+from flatcloth.garments.placing import Placed
+from flatcloth.garments.recognition import NONE, is_sure
+from flatcloth.methods.answers import Canonical
+from flatcloth.segmentation.settings import SURE
+from flatcloth.session.document import Document
+from flatcloth.session.garment import DecidedSeam, DecideLink, DecidePiece, DecideSeam, PlacedPiece
+from flatcloth.session.machine import Keeper, MemorySession, SessionState
+
+_SEAM_PLACES = 40
+"""Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
+_MOST_TAKEN_OFF = 3
+"""Most parts that an unattended run removes. Chosen: each takes some seconds."""
+
+
+def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
+    """Place the floating pieces with a reliable place on the garment, as decisions of the session.
+
+    First, parts of this side that seams show to be joined falsely are removed, and seams of bridges that the
+    garment confirms are kept. Then parts whose link is certainly wrong are
+    removed, and parts joined by other doubted links become uncertain. Earlier decisions are kept. On a shape
+    of a wrong recording nothing is reliable.
+    """
+    _take_off_torn(service, session)
+    if _keep_bridges(service, session):  # then more seams are on one piece
+        _take_off_torn(service, session)
+    known = service.known(session.state.document)
+    if not isinstance(known, str) and known.is_wrong:
+        return known
+    for _ in range(_MOST_TAKEN_OFF):
+        if isinstance(known, str) or not known.links or not is_wrong(known.links[0]):
+            break
+        session.record(link_decision(known, known.links[0], taken_off=True))
+        known = service.known(session.state.document)
+    if isinstance(known, str):
+        return known
+    _record_doubts(session, known)
+    return _with_sure_pieces(known, service, session)
+
+
+def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:
+    """Return the decision about a seam with places (K, 3) in the object frame, by some of them."""
+    some = np.linspace(0, len(xyz_m) - 1, min(len(xyz_m), _SEAM_PLACES)).astype(np.intp)
+    return DecideSeam(
+        DecidedSeam(kept=kept, points_m=tuple((float(x), float(y), float(z)) for x, y, z in xyz_m[some]))
+    )
+
+
+def _take_off_torn(service: GarmentService, session: Keeper) -> None:
+    """Take off the parts of this side that seams show to be joined falsely; each may show the next."""
+    for _ in range(_MOST_TAKEN_OFF):
+        document = session.state.document
+        sides = service.sides(document)
+        torn = [] if sides is None else [seam for seam in sides.seams if seam.tears is not None]
+        if not torn:
+            break
+        pieces = service.integration.algorithm.cloth_of_pieces(document)
+        for seam in torn:
+            assert seam.tears is not None
+            (cloth,) = (cloth for cloth in pieces if (cloth.placed & seam.tears).any())
+            session.record(DecideLink(torn_off(cloth, seam.tears)))
+            if document.garment.seams:  # the cloth that leads from it to the others is believed
+                session.record(decided_seam(seam.xyz_m, kept=True))
+
+
+def _keep_bridges(service: GarmentService, session: Keeper) -> bool:
+    """Keep the seams of bridges if the garment confirms them; a bridge has too little evidence by itself.
+
+    With the pieces so joined the garment must be of the same kind as without them: surely, or as probably.
+    """
+    document = session.state.document
+    sides = service.sides(document)
+    bridges = [] if sides is None else [seam for seam in sides.seams if seam.is_bridge]
+    kept = [decided_seam(seam.xyz_m, kept=True) for seam in bridges]
+    apart = service.known(document) if kept else ""
+    if isinstance(apart, str):
+        return False
+    tried = MemorySession(SessionState(0, document=document))
+    for decision in kept:
+        tried.record(decision)
+    before = {name: p for name, p in apart.by_evidence.probabilities.items() if name != NONE}
+    kind = max(before, key=before.__getitem__)
+    confirms = service.probabilities_by_both(tried.state.document).get(kind, 0.0) >= min(before[kind], SURE)
+    if confirms:
+        for decision in kept:
+            session.record(decision)
+    return confirms
+
+
+def known_with_pieces(service: GarmentService, document: Document) -> KnownGarment | str:
+    """Return the garment of a document's shape with the pieces with a reliable place placed."""
+    known = service.known(document)
+    if isinstance(known, str) or known.is_wrong:
+        return known
+    return _with_sure_pieces(known, service, MemorySession(SessionState(0, document=document)))
+
+
+def _with_sure_pieces(known: KnownGarment, service: GarmentService, session: Keeper) -> KnownGarment | str:
+    decided = known.pieces
+    for piece in known.found.pieces if known.found.kind != NONE else ():
+        if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused}:
+            session.record(DecidePiece(piece_decision(known.canonical, piece, accepted=True)))
+    return service.known(session.state.document)
+
+
+def _record_doubts(session: Keeper, known: KnownGarment) -> None:
+    """Record which links are doubted, once."""
+    before = session.state.document.garment.parts
+    for link in known.links:
+        cloth = known.cloth
+        if cloth is not None and link.std_m and not is_decided(cloth, link, before):
+            session.record(DecideLink(decided_part(cloth, link, taken_off=False, is_doubted=True)))
+
+
+def link_decision(known: KnownGarment, link: DoubtedLink, *, taken_off: bool) -> DecideLink:
+    """Return the decision about a link that no garment allows."""
+    assert known.cloth is not None, "links are doubted on known cloth"
+    return DecideLink(decided_part(known.cloth, link, taken_off=taken_off))
+
+
+def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> PlacedPiece:
+    """Return the decision about a piece at its place on the garment."""
+    return placed_piece(
+        canonical.floating[piece.index],
+        canonical.view,
+        piece.shape_from_piece,
+        piece.probability,
+        piece.std_m,
+        accepted=accepted,
+    )
