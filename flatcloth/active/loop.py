@@ -193,8 +193,7 @@ class ActiveLoop:
             session, integration = self._session, self._integration
             if session is None or integration is None or self.document.start_view is None:
                 return []
-            both = self._learnt.both
-            garments = GarmentService(integration, both)
+            garments = GarmentService(integration, both := self._learnt.both)
             self._learnt = replace(self._learnt, known=place_sure_pieces(garments, session))
             frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
             joined = None if both is None else both.of

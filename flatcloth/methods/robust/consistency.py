@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.graphs import components, cut_between, grouped
 from flatcloth.core.types import Bool, Float32, Float64, Int32
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, TWICE_M, JointShape
-from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece
+from flatcloth.methods.robust.layout import MOST_DRIFT_M, grown_layout, minimise_piece, misfit
 
 MOST_CUT_EVIDENCE = 20.0
 """Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
@@ -112,7 +112,11 @@ def without_overlap(
 def _better_layout(
     shape: JointShape, within: Int64, uv_m: Float64, weight: Float32, overlapping: Int64
 ) -> tuple[Float64, Float32, Int64]:
-    """Grow another layout of a piece; return places, weights of ``within`` and overlaps of the better one."""
+    """Grow another layout of a piece; return places, weights of ``within`` and overlaps of the better one.
+
+    Where fewer than ``LEAST_PIECE`` nodes lie on one another, that is the one whose pairs fit better: a grown
+    layout may end in another minimum, which is worse for all of the piece.
+    """
     links = shape.links
     z = grown_layout(
         len(uv_m),
@@ -127,7 +131,10 @@ def _better_layout(
     off = np.abs(np.abs(np.diff(z[links.edges[inside]], axis=1)[:, 0]) - links.length_m[inside])
     grown, own_weight[reached] = minimise_piece(z, links, inside, np.where(off < MOST_DRIFT_M, 1.0, 0.0))
     left = overlaps(shape, grown)
-    if np.unique(left).size >= np.unique(overlapping).size:
+    count = np.unique(overlapping).size
+    if np.unique(left).size >= count or (
+        count < LEAST_PIECE and misfit(uv_m, links, within) <= misfit(grown, links, inside)
+    ):
         return uv_m, weight, overlapping
     return grown, own_weight, left
 

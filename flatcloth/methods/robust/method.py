@@ -37,7 +37,7 @@ from flatcloth.methods.robust.compositing import draw, states_of_nodes, states_o
 from flatcloth.methods.robust.connectivity import both_ends
 from flatcloth.methods.robust.joint import MOST_CONTRADICTION, begin_joint, extend_joint, taken_apart
 from flatcloth.methods.robust.joint_shape import JointShape, largest_piece, without_weak
-from flatcloth.methods.robust.layout import CONTRADICTED_WEIGHT
+from flatcloth.methods.robust.layout import CONTRADICTED_WEIGHT, misfit
 from flatcloth.methods.robust.next_best_view import inner_area_m2, rate_candidates, seams_ahead
 from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
 from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
@@ -406,11 +406,8 @@ def _relaid_by(seamed: Seamed) -> JointShape:
 
 
 def _misfit(shape: JointShape) -> float:
-    """Return the sum of the squared residuals of a shape's pairs, in deviations, each 3 at most."""
-    links, used = shape.links, both_ends(shape.placed, shape.links.edges) & ~shape.is_cut
-    apart_m = np.linalg.norm(np.diff(shape.all_uv_m[links.edges[used]], axis=1)[:, 0], axis=1)
-    off = np.abs(apart_m - links.length_m[used]) / links.std_m[used]
-    return float(np.square(np.minimum(off, 3.0)).sum())
+    used = both_ends(shape.placed, shape.links.edges) & ~shape.is_cut
+    return misfit(shape.all_uv_m, shape.links, np.flatnonzero(used))
 
 
 def _on_shown(seams: Sequence[Seam], alone: JointShape, shown: JointShape) -> tuple[Seam, ...]:

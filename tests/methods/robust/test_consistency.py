@@ -14,10 +14,12 @@ from flatcloth.methods.robust.connectivity import links_of
 from flatcloth.methods.robust.consistency import (
     contradicted_pairs,
     overlapping_pairs,
+    overlaps,
     weakest_cut,
+    without_overlap,
 )
 from flatcloth.methods.robust.joint import flatten_jointly, with_better_cuts
-from flatcloth.methods.robust.joint_shape import JointShape
+from flatcloth.methods.robust.joint_shape import LEAST_PIECE, JointShape
 from flatcloth.methods.robust.layout import grown_layout
 
 ROWS, COLS = 16, 30
@@ -144,6 +146,27 @@ def test_a_sheet_that_was_folded_over_before_a_view_came_unfolds() -> None:
     folded[:, 0] = np.minimum(folded[:, 0], 2 * 15 * STEP_M - folded[:, 0])
     solved = flatten_jointly(replace(shape, all_uv_m=folded))
     assert off_m(solved.uv_m, SHEET) < 2e-4
+
+
+@pytest.mark.parametrize(
+    ("few", "false_mm", "is_laid_out_again"), [(1, 0, True), (1, 40, False), (12, 40, True)]
+)
+def test_few_nodes_on_other_cloth_change_a_layout_only_where_pairs_fit_the_new_one_better(
+    few: int, false_mm: int, *, is_laid_out_again: bool
+) -> None:
+    everything = np.ones(len(SHEET), dtype=bool)
+    shape = shape_of(SHEET, [observed(SHEET, everything, 0)], everything)
+    uv, within = SHEET.copy(), np.arange(len(shape.links.edges))
+    uv[:few] = uv[20 * ROWS : 20 * ROWS + few]
+    ends = uv[shape.links.edges]
+    if false_mm:  # all pairs are as long as they lie: the layout is the one that they ask for
+        length_m = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+        shape = replace(shape, links=replace(shape.links, length_m=length_m))
+    count = np.unique(overlaps(shape, uv)).size
+    assert (0 < count < LEAST_PIECE) == (few == 1)
+    again, cut = without_overlap(shape, uv, within, shape.weight.astype(np.float32), 0.0)
+    assert (again is not uv) == is_laid_out_again
+    assert not cut.size
 
 
 @pytest.mark.parametrize("doubtful", [0.1, 0.4])

@@ -198,16 +198,11 @@ def linked(
                 links[n] = replace(link, why="too few places meet")
             continue
         if not earlier and not link.is_kept:
-            trust, places = contradicting(matches, link, ends)
-            there = node_at(other, places)
-            own = side[there] == part_of(link)
-            against_it = float(trust[own].sum())
-            if against_it > _MOST_CONTRADICTED * len(link.members):
-                part, evidence = evidence_between(other, at_other[link.members], there[own])
-                if evidence >= _BENT * min(against_it, link.strength):
-                    links[n] = replace(link, why="true edges would lie on cloth of the other sheet")
-                    continue
-                side = divided(link, part)
+            is_false, part = _judged_by_edges(other, matches, link, ends, at_other, side == part_of(link))
+            if is_false:
+                links[n] = replace(link, why="true edges would lie on cloth of the other sheet")
+                continue
+            side = side if part is None else divided(link, part)
         if against and not link.is_kept and link.strength < LEAST_MATCHES:
             links[n] = replace(link, why=_CONTRADICTS)
             continue
@@ -226,6 +221,28 @@ def linked(
     apart, matches = _taken_apart(other, side, matches, at_other)
     links = [replace(link, is_bridge=n in bridges) for n, link in enumerate(links)]
     return apart, matches, [_renumbered(link, apart.piece[at_other]) for link in links]
+
+
+def _judged_by_edges(
+    other: JointShape,
+    matches: Matches,
+    link: SeamLink,
+    ends: tuple[Sequence[Ends], Sequence[Ends]],
+    at_other: Int64,
+    in_part: Bool,
+) -> tuple[bool, Bool | None]:
+    """Return whether true edges on the other sheet show a set to be false, or the part (N,) to cut instead.
+
+    ``in_part`` (N,) are the nodes of the part of the other side that the set joins.
+    """
+    trust, places = contradicting(matches, link, ends)
+    there = node_at(other, places)
+    own = in_part[there]
+    against_it = float(trust[own].sum())
+    if against_it <= _MOST_CONTRADICTED * len(link.members):
+        return False, None
+    part, evidence = evidence_between(other, at_other[link.members], there[own])
+    return evidence >= _BENT * min(against_it, link.strength), part
 
 
 def _torn_between(

@@ -1,0 +1,140 @@
+"""A flat tube: two sheets back to back, whose places on one pattern are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+from made_up_sheets import STEP_M, grid, observed, shape_of
+from scipy.spatial import cKDTree
+
+from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.types import MIRROR, FlattenedView, Float64, LaidPiece
+from flatcloth.methods.answers import Seam
+from flatcloth.methods.robust.joint import flatten_jointly
+from flatcloth.methods.robust.joint_shape import JointShape
+from flatcloth.methods.robust.observations import Nodes
+from flatcloth.methods.robust.seams.joining import JoinedSide, Seamed, join_sides, other_of, seams_of
+from flatcloth.session.garment import DecidedSeam
+
+Of = TypeVar("Of")
+Sides = tuple[Sequence[Of], Sequence[Of]]
+"""Something of each piece of this side, and of the other."""
+
+ROWS, COLUMNS = 25, 30
+UV = grid(ROWS, COLUMNS)  # the pattern: 0.23 m wide and 0.19 m high
+COLUMN = np.rint(UV[:, 0] / STEP_M).astype(int)
+SIZE_M = 0.002
+THICK_M = 0.003
+
+
+def in_space(pattern: Float64, *, is_other: bool) -> tuple[Float64, Float64]:
+    """Points and normals (N, 3): this side faces the camera, the other side lies behind it, facing away."""
+    depth = np.full(len(pattern), 0.8 + (THICK_M if is_other else 0.0))
+    normal = np.array([0.0, 0.0, 1.0 if is_other else -1.0])
+    return np.column_stack([pattern, depth]), np.tile(normal, (len(pattern), 1))
+
+
+def side(which: np.ndarray, *, is_other: bool, strength: float = 1.0) -> JointShape:
+    """A laid out side of which nodes ``which`` (N,) of the pattern are seen, on its own plane."""
+    pattern = UV[which]
+    own = pattern * MIRROR if is_other else pattern
+    everything = np.ones(len(own), dtype=bool)
+    shape = shape_of(own, [observed(own, everything, 0, evidence=strength)], everything)
+    xyz, normal = in_space(pattern, is_other=is_other)
+    return replace(flatten_jointly(shape), nodes=Nodes(xyz_m=xyz, normal=normal, weight=np.ones(len(own))))
+
+
+def raster(shape: JointShape, pattern: Float64, piece: int = 0, *, is_other: bool) -> FlattenedView:
+    """Rasterise a piece of a side whose nodes lie at ``pattern`` (N, 2)."""
+    own = shape.piece == piece
+    uv = shape.all_uv_m[own]
+    pattern_from_own = fit_rigid2(uv, pattern[own] * (MIRROR if is_other else 1.0))
+    low = np.floor(uv.min(axis=0) / SIZE_M) - 4
+    cols, rows = (np.ceil(uv.max(axis=0) / SIZE_M) + 5 - low).astype(int)
+    v, u = np.mgrid[:rows, :cols]
+    at = (np.stack([u.ravel(), v.ravel()], axis=1) + low) * SIZE_M
+    valid = cKDTree(uv).query(at, p=np.inf)[0] <= 0.5 * STEP_M + 1e-9
+    place = pattern_from_own.apply(at) * (MIRROR if is_other else 1.0)
+    xyz, normal = in_space(place, is_other=is_other)
+    shaped = (rows, cols)
+    return FlattenedView(
+        rgb=np.zeros((*shaped, 3), dtype=np.uint8),
+        xyz_m=np.where(valid[:, None], xyz, np.nan).reshape(*shaped, 3).astype(np.float32),
+        normal=np.where(valid[:, None], normal, np.nan).reshape(*shaped, 3).astype(np.float32),
+        z_angle_deg=np.zeros(shaped, dtype=np.float32),
+        valid=valid.reshape(shaped),
+        view_index=np.where(valid, 3 if is_other else 1, -1).reshape(shaped).astype(np.int16),
+        source_rc=np.zeros((*shaped, 2), dtype=np.float32),
+        pixel_size_m=SIZE_M,
+        origin_uv_m=(float(low[0] * SIZE_M), float(low[1] * SIZE_M)),
+        placement_std_m=np.full(shaped, 0.001, dtype=np.float32),
+    )
+
+
+EVERYTHING = np.ones(len(UV), dtype=bool)
+THIS = side(EVERYTHING, is_other=False)
+OTHER = side(EVERYTHING, is_other=True)
+HELD_M = np.array([0.1, -0.3, 0.8])
+
+
+def joined(
+    this: JointShape,
+    other: JointShape,
+    this_at: Float64 = UV,
+    other_at: Float64 = UV,
+    decided: Sequence[DecidedSeam] = (),
+    ends: Sides[Known] | None = None,
+    laid: Sequence[LaidPiece] = (),
+) -> JoinedSide:
+    """Join two sides whose nodes lie at places (N, 2) of the pattern."""
+    one, two = (
+        [
+            raster(shape, at, n, is_other=is_other)
+            for n in range(int(shape.piece.max()) + 1)
+            if (shape.piece == n).any()
+        ]
+        for shape, at, is_other in ((this, this_at, False), (other, other_at, True))
+    )
+    return other_of(seamed(this, other, (one, two), ends or endless((one, two)), decided), laid)
+
+
+def seamed(
+    this: JointShape,
+    other: JointShape,
+    pieces: Sides[FlattenedView],
+    ends: Sides[Known],
+    decided: Sequence[DecidedSeam] = (),
+) -> Seamed:
+    return join_sides(this, other, pieces, ends, HELD_M, decided)
+
+
+def seams(found: JoinedSide) -> tuple[Seam, ...]:
+    """Return the seams of joined sides, whose other side is drawn where its nodes lie."""
+    shape, numbers = found.shape, range(int(found.shape.piece.max()) + 1)
+    present = [n for n in numbers if (shape.piece == n).any()]
+    return seams_of(found, [raster(shape, shape.all_uv_m * MIRROR, n, is_other=True) for n in present])
+
+
+@dataclass
+class Known:
+    """True edges and the depth of a square of cloth round the middle, for a piece."""
+
+    edge_uv_m: Float64
+    half_m: float = 0.0
+    edge_trust: Float64 = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.edge_trust = np.full(len(self.edge_uv_m), 0.9)
+
+    def depth_at(self, uv_m: Float64) -> Float64:
+        depth_m: Float64 = np.maximum(self.half_m - np.abs(uv_m - UV.mean(axis=0)).max(axis=1), 0.0)
+        return depth_m
+
+
+def endless(pieces: Sides[FlattenedView]) -> Sides[Known]:
+    """Return pieces whose edges nobody saw."""
+    one, two = ([Known(np.zeros((0, 2))) for _ in each] for each in pieces)
+    return one, two
