@@ -60,14 +60,15 @@ def _take_off_torn(service: GarmentService, session: Keeper) -> None:
     for _ in range(_MOST_TAKEN_OFF):
         document = session.state.document
         sides = service.sides(document)
-        torn = [] if sides is None else [seam for seam in sides.seams if seam.tears is not None]
+        seams = () if sides is None else sides.seams
+        torn = [(seam, seam.tears) for seam in seams if seam.tears is not None]
         if not torn:
             break
         pieces = service.integration.algorithm.cloth_of_pieces(document)
-        for seam in torn:
-            assert seam.tears is not None
-            (cloth,) = (cloth for cloth in pieces if (cloth.placed & seam.tears).any())
-            session.record(DecideLink(torn_off(cloth, seam.tears)))
+        for seam, part in torn:
+            shared = [np.count_nonzero(cloth.placed & part) for cloth in pieces]
+            cloth = pieces[int(np.argmax(shared))]
+            session.record(DecideLink(torn_off(cloth, cloth.placed & part)))
             if document.garment.seams:  # the cloth that leads from it to the others is believed
                 session.record(decided_seam(seam.xyz_m, kept=True))
 
