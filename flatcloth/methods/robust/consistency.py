@@ -133,7 +133,7 @@ def _better_layout(
     left = overlaps(shape, grown)
     count = np.unique(overlapping).size
     if np.unique(left).size >= count or (
-        count < LEAST_PIECE and misfit(uv_m, links, within) <= misfit(grown, links, inside)
+        count < LEAST_PIECE and misfit(uv_m, links, within) <= misfit(grown, links, within)
     ):
         return uv_m, weight, overlapping
     return grown, own_weight, left

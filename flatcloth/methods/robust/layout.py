@@ -304,10 +304,13 @@ def minimise_piece(
 
 
 def misfit(uv_m: Float64, links: Links, inside: Int64) -> float:
-    """Return the sum of the squared residuals of pairs ``inside``, in deviations, each 3 at most."""
+    """Return the sum of the squared residuals of pairs ``inside``, in deviations.
+
+    Each is 3 at most, which is also that of a pair with an end without a place.
+    """
     apart_m = np.linalg.norm(np.diff(uv_m[links.edges[inside]], axis=1)[:, 0], axis=1)
     off = np.abs(apart_m - links.length_m[inside]) / links.std_m[inside]
-    return float(np.square(np.minimum(off, 3.0)).sum())
+    return float(np.square(np.fmin(off, 3.0)).sum())
 
 
 def relax_around(
