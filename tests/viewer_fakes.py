@@ -20,7 +20,7 @@ from flatcloth.engine.playing.recording import LiveFrame
 from flatcloth.engine.repair import RefinedScore
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.answers import AlignmentScore, Canonical
-from flatcloth.session.journal import Pick
+from flatcloth.session.journal import Pick, PickDeleted, PickRenamed
 from flatcloth.session.machine import (
     Document,
     Event,
@@ -277,8 +277,14 @@ class MemoryFolder:
     def record(self, command: Any, score_parts: Any = None) -> None:
         if self.full:
             raise JournalError("journal.jsonl: cannot be written (disk full). Free disk space and repeat it.")
-        self.state = apply(self.state, command)
-        self.recorded.append(command)
+        match command:
+            case PickRenamed(pick_id, name):
+                self.picks = tuple(replace(p, name=name) if p.id == pick_id else p for p in self.picks)
+            case PickDeleted(pick_id):
+                self.picks = tuple(p for p in self.picks if p.id != pick_id)
+            case _:
+                self.state = apply(self.state, command)
+                self.recorded.append(command)
 
     def add_pick(self, name, position_held_m, normal_held, view_index, source_rc, side="this") -> Pick:
         pick = Pick(
@@ -288,12 +294,6 @@ class MemoryFolder:
         self._next += 1
         self.picks = (*self.picks, pick)
         return pick
-
-    def rename_pick(self, pick_id: int, name: str) -> None:
-        self.picks = tuple(replace(p, name=name) if p.id == pick_id else p for p in self.picks)
-
-    def delete_pick(self, pick_id: int) -> None:
-        self.picks = tuple(p for p in self.picks if p.id != pick_id)
 
     def close(self) -> None:
         pass

@@ -30,8 +30,6 @@ from flatcloth.session.journal import (
     OutOfBoundsLineError,
     Pick,
     PickAdded,
-    PickDeleted,
-    PickRenamed,
     Replay,
     SheetSide,
     encode,
@@ -176,30 +174,6 @@ class SessionFolder:
         )
         self.record(change)
         return self._replay.picks[change.id]
-
-    def rename_pick(self, pick_id: int, name: str) -> None:
-        """Rename a pick.
-
-        Raises
-        ------
-        IllegalDecisionError
-            If there is no such pick.
-        JournalError
-            If it cannot be written.
-        """
-        self.record(PickRenamed(pick_id, name))
-
-    def delete_pick(self, pick_id: int) -> None:
-        """Remove a pick from the list; the journal keeps its record.
-
-        Raises
-        ------
-        IllegalDecisionError
-            If there is no such pick.
-        JournalError
-            If it cannot be written.
-        """
-        self.record(PickDeleted(pick_id))
 
     def keep_axis(self, axis: RotationAxis) -> None:
         """Save a turning axis that was set by hand with the session, in ``axis.json``.

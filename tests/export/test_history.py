@@ -16,6 +16,7 @@ from flatcloth.core.types import Rigid2
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.grasping.grasps import Grip
 from flatcloth.grasping.grips import GripStore
+from flatcloth.session.journal import PickDeleted, PickRenamed
 from flatcloth.session.machine import (
     Accept,
     Followed,
@@ -139,8 +140,8 @@ def test_picks_are_as_the_operator_left_them(place: Path) -> None:
     folder = opened(place)
     for name in ("one", "two", "three"):
         folder.add_pick(name, np.ones(3), np.array([0.0, 0, np.nan]), 2, (3.0, 4.5))
-    folder.rename_pick(3, "collar")
-    folder.delete_pick(1)
+    folder.record(PickRenamed(3, "collar"))
+    folder.record(PickDeleted(1))
     folder.close()
     GripStore(place).set(3, Grip(opening_m=0.1))
     history = read_history(place)

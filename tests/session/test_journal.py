@@ -15,7 +15,7 @@ from journal_script import SCRIPT, idle, opened, states
 from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError, JournalError
 from flatcloth.core.types import Rigid2
-from flatcloth.session.journal import Pick
+from flatcloth.session.journal import Pick, PickDeleted, PickRenamed
 from flatcloth.session.machine import (
     Accept,
     LeaveOut,
@@ -283,8 +283,8 @@ def test_picks_are_added_renamed_deleted_and_restored(place: Path) -> None:
     first = folder.add_pick("shoulder", position, normal, 3, (10.5, 20.25))
     second = folder.add_pick("hem\n", position + 1, normal, 4, (1.0, 2.0))
     assert (first.id, second.id) == (1, 2)
-    folder.rename_pick(1, "left shoulder")
-    folder.delete_pick(2)
+    folder.record(PickRenamed(1, "left shoulder"))
+    folder.record(PickDeleted(2))
     third = folder.add_pick("cuff", position.astype(np.float32), normal, 5, (0.0, 0.0))
     assert third.id == 3  # a number is never used again
     kept = folder.picks
@@ -293,7 +293,7 @@ def test_picks_are_added_renamed_deleted_and_restored(place: Path) -> None:
     assert [p.name for p in folder.picks] == ["left shoulder", "cuff"]
     np.testing.assert_equal([plain(p) for p in folder.picks], [plain(p) for p in kept])
     assert folder.picks[0].position_held_m.dtype == np.float64
-    folder.delete_pick(3)
+    folder.record(PickDeleted(3))
     assert folder.add_pick("next", position, normal, 0, (0.0, 0.0)).id == 4
     folder.close()
 
@@ -313,9 +313,9 @@ def test_picks_and_decisions_do_not_disturb_each_other(place: Path) -> None:
 def test_a_pick_that_is_not_in_the_list_is_refused(place: Path) -> None:
     folder = opened(place)
     with pytest.raises(IllegalDecisionError, match="Pick 7 is not in the list"):
-        folder.rename_pick(7, "x")
+        folder.record(PickRenamed(7, "x"))
     with pytest.raises(IllegalDecisionError, match="Pick 7 is not in the list"):
-        folder.delete_pick(7)
+        folder.record(PickDeleted(7))
     assert (place / "journal.jsonl").read_bytes() == b""
     folder.close()
 

@@ -21,7 +21,7 @@ from flatcloth.grasping.grasps import (
     point_on_ray,
 )
 from flatcloth.grasping.grips import GripStore, grip_numbers
-from flatcloth.session.journal import Pick, SheetSide
+from flatcloth.session.journal import Pick, PickDeleted, PickRenamed, SheetSide
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.answers import RayAnswer
 from flatcloth.viewer.protocol.messages import HoverRay
@@ -222,13 +222,13 @@ class PickStore:
     def rename(self, pick_id: int, name: str) -> None:
         """Rename a pick."""
         self._listed(pick_id)
-        self._folder.rename_pick(pick_id, name)
+        self._folder.record(PickRenamed(pick_id, name))
         self._reload()
 
     def delete(self, pick_id: int) -> None:
         """Remove a pick from the list."""
         self._listed(pick_id)
-        self._folder.delete_pick(pick_id)
+        self._folder.record(PickDeleted(pick_id))
         self._book.forget(pick_id)
         self._reload()
 
