@@ -33,13 +33,14 @@ from flatcloth.engine.integration import Integration
 from flatcloth.session.store import SessionFolder
 from flatcloth.recordings import open_recording
 from flatcloth.core.resources import sample_recordings
-from flatcloth.viewer import PageServer
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 made = Integration(
     open_recording(str(sample_recordings()[sys.argv[1]])),
     Config(flattening=FlatteningConfig(pixel_size_m=float(sys.argv[2]))),
 )
 folder = SessionFolder.open(Path(sys.argv[3]), made.recording, made.config, made.method)
-with PageServer(made, folder, port=0) as server:
+with PageServer(Opened(made, folder), port=0) as server:
     print(server.url, flush=True)
     sys.stdin.read()
 """

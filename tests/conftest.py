@@ -10,7 +10,8 @@ import pytest
 from hypothesis import settings
 from viewer_fakes import CylinderIntegration, MemoryFolder
 
-from flatcloth.viewer import PageServer
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 # A slow machine must not fail a property, and a failure must come again at the next run: cases are the
 # same each time. HYPOTHESIS_PROFILE=anew draws others, ten times as many.
@@ -48,6 +49,6 @@ def folder() -> MemoryFolder:
 @pytest.fixture
 def server(integration: CylinderIntegration, folder: MemoryFolder) -> Iterator[PageServer]:
     """The page's server over an exact cylinder, with its session in memory."""
-    with PageServer(integration, folder, port=0) as running:
+    with PageServer(Opened(integration, folder), port=0) as running:
         yield running
         integration.gate.set()

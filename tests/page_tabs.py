@@ -10,8 +10,8 @@ import httpx
 import msgspec
 from websockets.sync.client import ClientConnection, connect
 
-from flatcloth.viewer import PageServer
 from flatcloth.viewer.protocol.answers import ServerMessage
+from flatcloth.viewer.server.app import PageServer
 
 WAIT_S = 20
 

@@ -19,8 +19,8 @@ from flatcloth.core.errors import FlatclothError
 if TYPE_CHECKING:
     from flatcloth.active.service import Eye
     from flatcloth.recordings import SourceOptions
-    from flatcloth.viewer import PageServer
     from flatcloth.viewer.places import Chosen
+    from flatcloth.viewer.server.app import PageServer
     from flatcloth.viewer.server.workspace import Opened
 
 
@@ -87,13 +87,17 @@ def _opened(
         if not options.live:
             begin_ahead(integration, folder.state)
         # The scene's library loads only now, while the first shape is being computed.
+        from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
         from flatcloth.viewer.server.workspace import Opened
 
+        controller = None
+        if options.live:
+            player, fps = LivePlayer(integration), options.fps or DEFAULT_FPS
+            controller = functools.partial(LiveApplication, integration, folder, player=player, fps=fps)
         return Opened(
             integration,
             folder,
-            player=LivePlayer(integration) if options.live else None,
-            fps=options.fps or 30.0,
+            controller=controller,
             base_from_camera=hand_eye_of(options),
             close=folder.close,
         )
@@ -128,7 +132,7 @@ def opened_camera(options: argparse.Namespace, serial: str) -> Opened:
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder
     from flatcloth.session.store import SessionFolder
-    from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
+    from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
     from flatcloth.viewer.server.workspace import Opened
 
     settings = CaptureSettings(
@@ -149,7 +153,7 @@ def opened_camera(options: argparse.Namespace, serial: str) -> Opened:
         folder = SessionFolder.open(path, integration.recording, integration.config, options.method)
         stack.callback(folder.close)
         settle_axis(folder.folder, integration.views)
-        controller = capture_controller(integration, folder, feed, settings)
+        controller = functools.partial(CaptureApplication, integration, folder, feed=feed, settings=settings)
         return Opened(integration, folder, controller=controller, close=stack.pop_all().close)
 
 
@@ -198,7 +202,7 @@ def _opened_loop(
     options: argparse.Namespace, eye: Eye, name: str, stack: contextlib.ExitStack[None]
 ) -> Opened:
     from flatcloth.session.header import state_folder
-    from flatcloth.viewer.modes.active import PageLoop, active_controller
+    from flatcloth.viewer.modes.active import ActiveApplication, PageLoop
     from flatcloth.viewer.server.workspace import Opened
 
     goal, budget = goal_of(options)
@@ -213,7 +217,7 @@ def _opened_loop(
         return Opened(
             loop.integration,
             loop.session,
-            controller=active_controller(loop, eye, name),
+            controller=functools.partial(ActiveApplication, loop, eye=eye, source=name),
             base_from_camera=hand_eye_of(options),
             close=stack.pop_all().close,
         )
@@ -293,7 +297,7 @@ def serve_camera(options: argparse.Namespace) -> bool:
 
 
 def _serve_cell(options: argparse.Namespace) -> None:
-    from flatcloth.viewer import serve
+    from flatcloth.viewer.server.app import serve
 
     for name in ("source", "camera", "live", "session"):
         if getattr(options, name) not in (None, False):
@@ -302,7 +306,7 @@ def _serve_cell(options: argparse.Namespace) -> None:
 
 
 def _serve(options: argparse.Namespace) -> None:
-    from flatcloth.viewer import serve
+    from flatcloth.viewer.server.app import serve
 
     opener = opened_camera if options.goal is None else opened_looking_camera
     serve(first=lambda: opener(options, options.camera), **page_options(options))

@@ -78,7 +78,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Serve the page until it is stopped."""
-    from flatcloth.viewer import serve
+    from flatcloth.viewer.server.app import serve
 
     if options.fps is not None and not options.live:
         raise FlatclothError("--fps needs --live; give both, or neither.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,8 +15,9 @@ sys.path.append(str(Path(__file__).parents[1]))
 from scene_camera import SceneCamera, opened
 
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
+from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
 from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 pytestmark = pytest.mark.browser
 
@@ -29,8 +31,8 @@ def camera() -> SceneCamera:
 def tab(flat_chromium, camera: SceneCamera, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Tab]:
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat")
-    controller = capture_controller(integration, session, feed, settings)
-    with PageServer(integration, session, port=0, controller=controller) as server:
+    controller = functools.partial(CaptureApplication, integration, session, feed=feed, settings=settings)
+    with PageServer(Opened(integration, session, controller=controller), port=0) as server:
         page = flat_chromium.new_page(viewport={"width": 1280, "height": 720})
         tab = Tab(page, server.url, has_scene=False)
         yield tab

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scene_camera import SceneCamera
 
-from flatcloth import cameras, viewer
+from flatcloth import cameras
 from flatcloth.cli import main
 from flatcloth.engine.integration import Integration
+from flatcloth.viewer.server import app
 
 
 @pytest.fixture
@@ -26,7 +27,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> list[Integration]:
         opened.close()
 
     monkeypatch.setattr(cameras, "open_camera", lambda _serial, _align: SceneCamera())
-    monkeypatch.setattr(viewer, "serve", serve)
+    monkeypatch.setattr(app, "serve", serve)
     return shown
 
 

@@ -12,8 +12,8 @@ from page_tabs import Tab, get, post
 from flatcloth.active.goal import Budget
 from flatcloth.active.station import view_of_cell
 from flatcloth.recordings import open_recording
-from flatcloth.viewer import PageServer
-from flatcloth.viewer.modes.active import PageLoop, active_controller
+from flatcloth.viewer.modes.active import ActiveApplication, PageLoop
+from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
 
@@ -23,9 +23,9 @@ def served(tmp_path: Path):
     eye = functools.partial(view_of_cell, cell)
     loop = PageLoop(tmp_path / "out", SHAPE, Budget(views=5.0))
     loop.take(eye(0.0, 0))
-    controller = active_controller(loop, eye, cell.name)
+    controller = functools.partial(ActiveApplication, loop, eye=eye, source=cell.name)
     opened = Opened(loop.integration, loop.session, controller=controller, close=loop.close)
-    with PageServer(opened=opened, port=0) as server:
+    with PageServer(opened, port=0) as server:
         yield server
 
 

@@ -19,8 +19,9 @@ from flatcloth.core.types import RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.session.axis_file import FILE, read_axis, settle_axis, write_axis
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer import PageServer
 from flatcloth.viewer.scene.axis_panel import AxisPanel, moved_axis
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 SHIFTED = RotationAxis(
     point_m=np.add(AXIS.point_m, (0.01, 0.0, -0.02)), direction=np.array([0.0, -0.8, 0.6]), estimated=True
@@ -155,7 +156,7 @@ def ready(server: PageServer) -> bool:
 def test_the_page_takes_an_axis_keeps_it_and_shows_the_shape_anew() -> None:
     integration, folder = Turnable(), Keeping()
     wanted = RotationAxis(point_m=np.add(CENTER_M, (0.01, 0.0, 0.0)), direction=np.array([0.0, -1.0, 0.0]))
-    with PageServer(integration, folder, port=0) as server:  # type: ignore[arg-type]
+    with PageServer(Opened(integration, folder), port=0) as server:  # type: ignore[arg-type]
         wait_until(lambda: ready(server))
         before = server.application.last_state.layers.revision
         server.application.adjust_axis(wanted)  # type: ignore[attr-defined]
@@ -170,7 +171,7 @@ def test_the_page_takes_an_axis_keeps_it_and_shows_the_shape_anew() -> None:
 
 def test_an_axis_that_cannot_be_kept_or_comes_amid_work_is_refused() -> None:
     integration, folder = Turnable(), Keeping()
-    with PageServer(integration, folder, port=0) as server:  # type: ignore[arg-type]
+    with PageServer(Opened(integration, folder), port=0) as server:  # type: ignore[arg-type]
         wait_until(lambda: ready(server))
         folder.full = True
         server.application.adjust_axis(SHIFTED)  # type: ignore[attr-defined]

@@ -6,6 +6,7 @@ import io
 import json
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,19 @@ from scene_camera import SceneCamera, opened
 from flatcloth.cli import main
 from flatcloth.core.parcel import unpack
 from flatcloth.recordings import open_recording
-from flatcloth.viewer.modes.capture import CaptureSettings, capture_controller
+from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
 from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 WAIT_S = 60
+
+
+def with_camera(integration, session, feed, settings) -> Opened:
+    return Opened(
+        integration,
+        session,
+        controller=partial(CaptureApplication, integration, session, feed=feed, settings=settings),
+    )
 
 
 @pytest.fixture
@@ -34,9 +44,7 @@ def camera() -> SceneCamera:
 def server(camera: SceneCamera, tmp_path: Path) -> Iterator[PageServer]:
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
-    with PageServer(
-        integration, session, port=0, controller=capture_controller(integration, session, feed, settings)
-    ) as running:
+    with PageServer(with_camera(integration, session, feed, settings), port=0) as running:
         yield running
     session.close()
     assert camera.closed >= 1
@@ -148,8 +156,8 @@ def test_other_pages_may_not_announce_angles(server: PageServer) -> None:
 
 def test_beyond_this_computer_a_program_needs_the_token(camera: SceneCamera, tmp_path: Path) -> None:
     feed, integration, session = opened(camera, tmp_path / "session")
-    controller = capture_controller(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
-    with PageServer(integration, session, host="0.0.0.0", port=0, controller=controller) as server:
+    shown = with_camera(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
+    with PageServer(shown, host="0.0.0.0", port=0) as server:
         address, token = server.url.split("?token=")
         assert httpx.get(f"{address}capture").status_code == 403
         for wrong in ("Bearer", "Bearer x", "Basic eDp4"):
@@ -293,8 +301,8 @@ def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: 
     (tmp_path / "coat").mkdir()
     (tmp_path / "coat" / "mine.txt").write_text("mine")
     feed, integration, session = opened(camera, tmp_path / "session")
-    controller = capture_controller(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
-    with PageServer(integration, session, port=0, controller=controller) as server:
+    shown = with_camera(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
+    with PageServer(shown, port=0) as server:
         refused = Robot(server).post("begin")
         assert (refused.status_code, "not empty" in refused.json()["error"]) == (409, True)
         assert Robot(server).status()["phase"] == "idle"
@@ -333,16 +341,16 @@ def test_bad_options_are_one_line(
 def test_the_page_of_a_played_file_is_served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from realsense_files import turning, write_realsense
 
-    from flatcloth import viewer
+    from flatcloth.viewer.server import app
 
     file = write_realsense(tmp_path / "still.db3", turning(lambda _t: 0.0, 1.0))
     served: list[dict[str, Any]] = []
 
     def look(first: Callable[[], Any], **_options: Any) -> None:
-        with PageServer(opened=first(), port=0) as server:
+        with PageServer(first(), port=0) as server:
             served.append(Robot(server).until(lambda s: s["ended"] or s["camera_fps"]))
 
-    monkeypatch.setattr(viewer, "serve", look, raising=False)
+    monkeypatch.setattr(app, "serve", look)
     monkeypatch.chdir(tmp_path)
     assert main(["view", "--camera", str(file), "--step", "15"]) == 0
     (status,) = served
@@ -373,8 +381,7 @@ def test_a_capture_is_checked_while_it_goes_on(tmp_path: Path) -> None:
     camera.depth_scale_m = 0.0001  # the camera says so, and means a thousandth
     feed, integration, session = opened(camera, tmp_path / "session")
     settings = CaptureSettings(folder=tmp_path / "coat", frames=8)
-    controller = capture_controller(integration, session, feed, settings)
-    with PageServer(integration, session, port=0, controller=controller) as server:
+    with PageServer(with_camera(integration, session, feed, settings), port=0) as server:
         robot = Robot(server)
         for n in range(6):
             camera.turn_to(15.0 * n)

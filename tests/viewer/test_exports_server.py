@@ -29,8 +29,9 @@ from flatcloth.export.page import page
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.recordings import open_recording
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer import PageServer
 from flatcloth.viewer.routes import exports
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 WAIT_S = 30
 
@@ -47,7 +48,7 @@ def serving(place: Path, recording: Path) -> Iterator[PageServer]:
     integration = Integration(opened, method="paper")
     folder = SessionFolder.open(place, opened, integration.config, "paper")
     try:
-        with PageServer(integration, folder, port=0) as running:
+        with PageServer(Opened(integration, folder), port=0) as running:
             yield running
     finally:
         folder.close()
@@ -202,7 +203,7 @@ def test_the_data_are_those_of_the_command_line_with_the_scores_of_decisions_by_
 def test_an_export_that_does_not_exist_or_cannot_be_is_one_line(written: Path) -> None:
     recording = open_recording(written.parent / "recording")
     integration, folder = Integration(recording, method="paper"), MemoryFolder(len(recording))
-    with PageServer(integration, folder, port=0) as running:  # type: ignore[arg-type]
+    with PageServer(Opened(integration, folder), port=0) as running:  # type: ignore[arg-type]
         unknown = get(running, "/export/shirt.exe", timeout=120)
         assert unknown.status_code == 404
         assert "choose one of page.html" in unknown.text

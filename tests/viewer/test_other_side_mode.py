@@ -16,8 +16,8 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import LaidPiece, Rigid2
 from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 from flatcloth.session.garment import DecideSeam
-from flatcloth.viewer import PageServer
 from flatcloth.viewer.modes.session import Application
+from flatcloth.viewer.server.app import PageServer
 
 PLACES = np.stack([np.zeros(40), np.linspace(0.02, HEIGHT_M - 0.02, 40)], axis=1)
 

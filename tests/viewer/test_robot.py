@@ -28,8 +28,9 @@ from flatcloth.grasping.grasps import grasp_at
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Document, Start
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer import PageServer
 from flatcloth.viewer.routes.robot_answers import RobotAnswers
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 ROOT = Path(__file__).parents[2]
 DOCS = (ROOT / "docs" / "robots.md").read_text()
@@ -46,7 +47,8 @@ def server(tmp_path_factory: pytest.TempPathFactory):
     folder = SessionFolder.open(session, opened, integration.config, "paper")
     base_from_camera = Rigid3(np.eye(3), np.array([1.0, 2.0, 3.0]))
     try:
-        with PageServer(integration, folder, port=0, base_from_camera=base_from_camera) as running:
+        shown = Opened(integration, folder, base_from_camera=base_from_camera)
+        with PageServer(shown, port=0) as running:
             for _ in range(200):
                 if ask(running, "/robot/grasps").status_code == 200:
                     break
@@ -301,7 +303,7 @@ def test_a_pick_on_a_floating_piece_has_its_pixel_there_and_the_piece_is_not_in_
         u_m, v_m = piece.uv_from_rc(np.array([row, col]))
         grasp = grasp_at(piece, (float(u_m), float(v_m)))
         folder.add_pick("upper", grasp.position_held_m, grasp.normal_held, grasp.view_index, grasp.source_rc)
-        with PageServer(integration, folder, port=0) as running:
+        with PageServer(Opened(integration, folder), port=0) as running:
             while (answer := ask(running, "/robot/grasps")).status_code != 200:
                 pass
             (told,) = answer.json()["grasps"]

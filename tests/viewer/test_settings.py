@@ -12,8 +12,9 @@ from viewer_fakes import CylinderIntegration, MemoryFolder
 
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import FlatclothError
-from flatcloth.viewer import PageServer
 from flatcloth.viewer.protocol.settings import FILE, SETTINGS, Settings, SettingsStore, method_numbers
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 FIRST = Settings(auto_threshold=0.5)
 
@@ -95,7 +96,7 @@ def test_the_numbers_of_the_method_are_told_with_their_meaning_and_default() -> 
 
 @pytest.fixture
 def server():
-    with PageServer(CylinderIntegration(), MemoryFolder(), port=0) as running:
+    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=0) as running:
         yield running
 
 

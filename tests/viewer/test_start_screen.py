@@ -30,9 +30,9 @@ from flatcloth.recordings import SourceOptions, open_recording
 from flatcloth.recordings.base import keep_source_options
 from flatcloth.session.header import default_session_folder
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer import PageServer
 from flatcloth.viewer.places import Chosen, PlaceError, Places
 from flatcloth.viewer.routes import start
+from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
 SAMPLE = sample_recordings()["shirt-sleeve-clean"]

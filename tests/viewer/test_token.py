@@ -9,8 +9,9 @@ from page_tabs import get
 from viewer_fakes import CylinderIntegration, MemoryFolder
 
 from flatcloth.core.errors import ServerError
-from flatcloth.viewer import PageServer
+from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.guard import given_token
+from flatcloth.viewer.server.workspace import Opened
 
 
 def test_the_token_of_a_file_is_made_once_and_read_again(tmp_path):
@@ -19,7 +20,7 @@ def test_the_token_of_a_file_is_made_once_and_read_again(tmp_path):
     assert made is not None
     assert given_token(file) == made
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
-    with PageServer(CylinderIntegration(), MemoryFolder(), port=0, token=made) as server:
+    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=0, token=made) as server:
         assert get(server, "/").status_code == 200
         assert server.url.endswith(f"?token={made}")
 

@@ -6,7 +6,8 @@ import pytest
 from page_tabs import Tab
 
 from flatcloth.session.machine import Accept, Cancel, Followed, Reject, Reopen
-from flatcloth.viewer import PageServer
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 
 def views(state, *indices):
@@ -107,12 +108,12 @@ def test_what_cannot_be_reopened_is_told(server):
 
 
 def test_a_program_that_was_killed_while_views_followed_goes_on_with_them(integration, folder):
-    with PageServer(integration, folder, port=0) as server, Tab(server) as tab:
+    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
         accepted(tab, 3)
     # The last is what resuming a journal does with work that nobody does any more.
     for step in (Reopen(1), Reject(1), Cancel()):
         folder.record(step)
     assert len(folder.state.document.later) == 2
-    with PageServer(integration, folder, port=0) as server, Tab(server) as tab:
+    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
         state = tab.state_where(lambda s: s["phase"] == "ready" and not s["n_later"])
     assert views(state, 1, 2, 3) == ["rejected", "accepted", "accepted"]

@@ -27,10 +27,11 @@ from websockets.sync.client import connect
 
 from flatcloth.cli import main
 from flatcloth.core.errors import ServerError
-from flatcloth.viewer import PageServer, http
+from flatcloth.viewer import http
 from flatcloth.viewer.server import limits
-from flatcloth.viewer.server.app import serve
+from flatcloth.viewer.server.app import PageServer, serve
 from flatcloth.viewer.server.guard import Guard, is_loopback, kept_token
+from flatcloth.viewer.server.workspace import Opened
 
 
 def greet(server, path, **options):
@@ -127,7 +128,7 @@ def test_no_port_but_the_page_s_is_opened(server):
 
 
 def test_the_socket_file_goes_with_the_server(integration, folder):
-    with PageServer(integration, folder, port=0) as server:
+    with PageServer(Opened(integration, folder), port=0) as server:
         path = server._scene.path
         assert path.exists()
     assert not path.parent.exists()
@@ -141,7 +142,7 @@ def test_socket_folders_of_programs_that_were_killed_are_removed(tmp_path, monke
     for folder in (left, running):
         folder.mkdir()
         (folder / "viser").touch()
-    with PageServer(CylinderIntegration(), MemoryFolder(), port=0):
+    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=0):
         assert not left.exists()
         assert running.exists()
 
@@ -164,7 +165,7 @@ def test_a_server_that_is_terminated_leaves_no_files(monkeypatch, capsys, tmp_pa
 def test_nobody_can_open_a_tunnel_or_send_files():
     from viser import _messages
 
-    with PageServer(CylinderIntegration(), MemoryFolder(), port=0) as server:
+    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=0) as server:
         handlers = server._scene._server._websock_server._incoming_handlers
     assert handlers.keys().isdisjoint(
         {_messages.ShareUrlRequest, _messages.FileTransferStartUpload, _messages.FileTransferPart}
@@ -205,7 +206,7 @@ def test_a_body_that_ends_early_leaves_no_traceback(server, caplog):
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
 def test_the_token_is_asked_for(host):
-    with PageServer(CylinderIntegration(), MemoryFolder(), host=host, port=0) as server:
+    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), host=host, port=0) as server:
         for path in (
             "/",
             "/?token=wrong",
@@ -224,11 +225,11 @@ def test_the_token_is_asked_for(host):
 
 
 def test_without_a_token_this_computer_is_let_in_and_nobody_else():
-    with PageServer(CylinderIntegration(), MemoryFolder(), port=0, token=False) as server:
+    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=0, token=False) as server:
         assert "token" not in server.url
         assert status(ask(server, request(server, token=False))) == 200
     with pytest.raises(ServerError, match=r"would admit everybody"):
-        PageServer(CylinderIntegration(), MemoryFolder(), host="0.0.0.0", port=0, token=False)
+        PageServer(Opened(CylinderIntegration(), MemoryFolder()), host="0.0.0.0", port=0, token=False)
 
 
 def test_the_token_stays_the_user_s_own_over_a_restart(state_home):
@@ -413,7 +414,7 @@ def test_logs_are_limited_while_the_page_is_served_and_not_afterwards(monkeypatc
     assert before
     served: list[list[object]] = []
     monkeypatch.setattr(PageServer, "join", lambda _: served.extend([*h.filters] for h in handlers))
-    serve(lambda _: None, integration=CylinderIntegration(), folder=MemoryFolder(), port=0)
+    serve(lambda _: None, first=lambda: Opened(CylinderIntegration(), MemoryFolder()), port=0)
     assert all(any(isinstance(f, limits.RateLimit) for f in filters) for filters in served)
     assert len(served) == len(before)
     assert [list(handler.filters) for handler in handlers] == before
@@ -421,13 +422,13 @@ def test_logs_are_limited_while_the_page_is_served_and_not_afterwards(monkeypatc
 
 def test_a_busy_port_is_one_clear_line(server):
     with pytest.raises(ServerError, match=f"Cannot serve at 127.0.0.1:{server.port} .*--port"):
-        PageServer(CylinderIntegration(), MemoryFolder(), port=server.port)
+        PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=server.port)
 
 
 @pytest.mark.parametrize("host", ["no-such-host.invalid", "192.0.2.1"])
 def test_a_host_that_cannot_be_bound_is_one_clear_line(host):
     with pytest.raises(ServerError, match=host):
-        PageServer(CylinderIntegration(), MemoryFolder(), host=host, port=0)
+        PageServer(Opened(CylinderIntegration(), MemoryFolder()), host=host, port=0)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import threading
 import time
@@ -18,8 +19,10 @@ from viewer_fakes import CylinderIntegration, CylinderPlayer, MemoryFolder, poin
 from flatcloth.cli import main
 from flatcloth.core.errors import FlatteningError
 from flatcloth.core.parcel import unpack
-from flatcloth.viewer import PageServer
+from flatcloth.viewer.modes.live import LiveApplication
 from flatcloth.viewer.modes.player import Playhead, RateMeter, ticks_due
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 STILL = 1e-4
 """Frames a second: the clock does not tick while a test runs."""
@@ -76,12 +79,21 @@ def player(integration):
     return CylinderPlayer(integration)
 
 
+def played(integration, player, fps: float) -> Opened:
+    folder = MemoryFolder()
+    return Opened(
+        integration,
+        folder,
+        controller=functools.partial(LiveApplication, integration, folder, player=player, fps=fps),
+    )
+
+
 @pytest.fixture
 def serve(integration, player):
     running: list[PageServer] = []
 
     def start(fps: float) -> PageServer:
-        running.append(PageServer(integration, MemoryFolder(), port=0, player=player, fps=fps).start())
+        running.append(PageServer(played(integration, player, fps), port=0).start())
         return running[-1]
 
     yield start
@@ -343,7 +355,7 @@ def test_nobody_looking_means_no_work_and_the_next_tab_goes_on(serve, player):
 
 
 def test_stopping_ends_all_threads(integration, player):
-    with PageServer(integration, MemoryFolder(), port=0, player=player, fps=FAST) as server:
+    with PageServer(played(integration, player, FAST), port=0) as server:
         tab = LiveTab(server)
         tab.frame_where(lambda f: f["sequence"] > 2)
         tab.ready()

@@ -10,7 +10,8 @@ from page_tabs import WAIT_S, Tab, get
 from viewer_fakes import CylinderIntegration, point_on_cylinder
 
 from flatcloth.core.errors import FlatteningError
-from flatcloth.viewer import PageServer
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 
 def test_a_proposal_comes_with_its_picture(server):
@@ -403,12 +404,12 @@ def test_the_overlay_is_a_picture_of_its_revision(server):
 
 
 def test_a_session_is_resumed_where_it_was_left(folder):
-    with PageServer(CylinderIntegration(), folder, port=0) as server, Tab(server) as tab:
+    with PageServer(Opened(CylinderIntegration(), folder), port=0) as server, Tab(server) as tab:
         tab.proposed()
         tab.say(type="do", action="accept", view_index=1)
         tab.state_where(lambda s: s["step"] == 2)
     integration = CylinderIntegration()
-    with PageServer(integration, folder, port=0) as server, Tab(server) as tab:
+    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
         state = tab.ready()
     assert state["step"] == 2
     assert integration.answers == 0

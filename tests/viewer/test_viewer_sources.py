@@ -16,9 +16,10 @@ from scenes import CAMERA, Cylinder
 
 from flatcloth.engine.integration import Integration
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer import PageServer
 from flatcloth.viewer.protocol.picture import place_under
 from flatcloth.viewer.routes.sources import crop, mask_rgba
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 120.0, 180.0, 330.0)
 
@@ -27,7 +28,7 @@ ANGLES_DEG = (0.0, 30.0, 60.0, 120.0, 180.0, 330.0)
 def server(tmp_path: Path) -> Iterator[PageServer]:
     integration = Integration(Cylinder(angles_deg=ANGLES_DEG), method="paper")
     folder = SessionFolder.open(tmp_path / "s", integration.recording, integration.config, "paper")
-    with PageServer(integration, folder, port=0) as running:
+    with PageServer(Opened(integration, folder), port=0) as running:
         yield running
     folder.close()
 

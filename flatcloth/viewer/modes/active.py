@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import logging
-from collections.abc import Callable
 from typing import Any
 
 from msgspec import structs
@@ -28,11 +27,12 @@ from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.headless import better_start
 from flatcloth.session.document import UNSURE
 from flatcloth.session.machine import Phase, Propose, Reject, Restart, Start
-from flatcloth.viewer.modes.controller import ClientSink, SceneView
+from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
 from flatcloth.viewer.protocol.state import ActionRow, PageState
+from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
 
@@ -88,9 +88,7 @@ class ActiveApplication(Application):
         What turns the item, for the page.
     """
 
-    def __init__(
-        self, loop: PageLoop, scene_view: SceneView, sink: ClientSink, eye: Eye | None, source: str
-    ) -> None:
+    def __init__(self, loop: PageLoop, scene_view: Scene, sink: Hub, eye: Eye | None, source: str) -> None:
         assert loop.integration is not None
         assert loop.session is not None
         super().__init__(loop.integration, loop.session, scene_view, sink)
@@ -280,10 +278,3 @@ class ActiveApplication(Application):
             self.answered(self.loop.write)
         except FlatclothError as error:
             self._put(None, functools.partial(self._tell, None, "error", str(error)))
-
-
-def active_controller(
-    loop: PageLoop, eye: Eye | None, source: str
-) -> Callable[[SceneView, ClientSink], ActiveApplication]:
-    """Return the factory of the page of a loop, for :func:`flatcloth.viewer.server.app.serve`."""
-    return lambda scene_view, sink: ActiveApplication(loop, scene_view, sink, eye, source)

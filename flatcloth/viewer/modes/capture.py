@@ -11,7 +11,6 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -34,12 +33,13 @@ from flatcloth.recordings import open_recording
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS, apply_table
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.modes.controller import ClientSink, SceneView
+from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.live import LiveApplication
 from flatcloth.viewer.modes.player import RateMeter, Shown
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.state import ActionRow, CapturedView, CaptureStatus, PageState, ViewRow
+from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
 
@@ -97,8 +97,8 @@ class CaptureApplication(LiveApplication):
         self,
         integration: Integration,
         folder: SessionFolder,
-        scene_view: SceneView,
-        sink: ClientSink,
+        scene_view: Scene,
+        sink: Hub,
         feed: CameraFeed,
         settings: CaptureSettings,
     ) -> None:
@@ -388,10 +388,3 @@ def _picture(view: TakenView) -> bytes:
     both = np.concatenate([view.color, shaded], axis=1)
     opaque = np.full((*both.shape[:2], 1), 255, dtype=np.uint8)
     return layers.png(np.concatenate([both, opaque], axis=2))
-
-
-def capture_controller(
-    integration: Integration, folder: SessionFolder, feed: CameraFeed, settings: CaptureSettings
-) -> Callable[[SceneView, ClientSink], CaptureApplication]:
-    """Return the factory of a camera's page, for :func:`flatcloth.viewer.server.app.serve`."""
-    return lambda scene_view, sink: CaptureApplication(integration, folder, scene_view, sink, feed, settings)

@@ -12,7 +12,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from msgspec import structs
@@ -20,7 +20,7 @@ from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Float32, Float64, Floats, RotationAxis, Uint8
+from flatcloth.core.types import Floats
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
@@ -29,8 +29,9 @@ from flatcloth.grasping.measuring import measure
 from flatcloth.rendering.layers import Appearance
 from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer, ServerMessage
+from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer
 from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described
@@ -39,6 +40,9 @@ from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_
 from flatcloth.viewer.protocol.snapshot import PageStatus, page_state
 from flatcloth.viewer.protocol.state import PageState
 from flatcloth.viewer.worker import Worker
+
+if TYPE_CHECKING:  # viser is loaded with the first source, and not at all for a robot without a page
+    from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
 
@@ -50,50 +54,6 @@ ANSWER_S = 30.0
 """Longest time that a program waits for the page's thread. Chosen: above the time limits of HTTP clients."""
 MESSAGES_KEPT = 100
 """Number of recent messages that a newly opened tab receives. Chosen."""
-
-
-class ClientSink(Protocol):
-    """The open tabs. All methods may be called from any thread and return immediately."""
-
-    def show(self, state: PageState) -> None:
-        """Send the whole state to every tab."""
-
-    def tell(self, client: int | None, message: ServerMessage) -> None:
-        """Send one message to one tab, or to all of them."""
-
-    def send_frame(self, client: int, data: bytes) -> None:
-        """Send a frame to one tab; it replaces a frame that has not been sent yet."""
-
-
-class SceneView(Protocol):
-    """The 3D side of the page."""
-
-    def show(self, picture: Picture | None) -> None:
-        """Show a document, or an empty scene."""
-
-    def play(self, picture: Picture | None) -> None:
-        """Show a frame of a recording in live mode, or an empty scene."""
-
-    def set_axis(self, axis: RotationAxis) -> None:
-        """Set the turning axis."""
-
-    def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
-        """Show the cloud of a camera in its own frame; ``anew`` resets the view to show all of it."""
-
-    def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
-        """Draw edges (K, 2, 3) in the object frame with colours (K, 2, 3), or hide them."""
-
-    def visible_points(self) -> Floats:
-        """Return the points (N, 3) that a click can hit."""
-
-    def follow(self, on: bool) -> None:
-        """Let the cameras follow the view, or not."""
-
-    def look_from(self, angle_deg: float) -> None:
-        """Move all cameras to the pose of the real camera at an angle."""
-
-    def color_by(self, layer: str, look: Appearance) -> None:
-        """Colour the shape and the proposal by a layer of the flattened view."""
 
 
 class PageController(ABC):
@@ -109,9 +69,7 @@ class PageController(ABC):
         The 3D side and the tabs.
     """
 
-    def __init__(
-        self, integration: Integration, folder: SessionFolder, scene_view: SceneView, sink: ClientSink
-    ) -> None:
+    def __init__(self, integration: Integration, folder: SessionFolder, scene_view: Scene, sink: Hub) -> None:
         self._integration = integration
         self._folder = folder
         self._scene_view = scene_view

@@ -20,7 +20,6 @@ from flatcloth.methods.robust.joint_shape import TWICE_M
 from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import thumbnail
 from flatcloth.viewer import http
-from flatcloth.viewer.modes.controller import SceneView
 from flatcloth.viewer.protocol.answers import (
     BothEdges,
     ClothPairs,
@@ -31,6 +30,7 @@ from flatcloth.viewer.protocol.answers import (
     ZAngleLines,
 )
 from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
 
@@ -55,7 +55,7 @@ class DiagnosticsService:
         The session's; only read.
     picture : callable
         Returns the present picture; called from any thread.
-    scene_view : SceneView
+    scene_view : Scene
         Draws strained edges in 3D if they are switched on.
     later : callable
         Adds a job to the worker's queue.
@@ -65,7 +65,7 @@ class DiagnosticsService:
         self,
         integration: Integration,
         picture: Callable[[], Picture | None],
-        scene_view: SceneView,
+        scene_view: Scene,
         later: Callable[[Callable[[], None]], None],
     ) -> None:
         self._integration, self._picture = integration, picture

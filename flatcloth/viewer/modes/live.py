@@ -17,7 +17,8 @@ from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 from flatcloth.rendering import layers
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
+from flatcloth.viewer.hub import Hub
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.player import LiveLoop, Player, Playhead, Shown
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import IN_LIVE_MODE
@@ -25,6 +26,7 @@ from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
 from flatcloth.viewer.protocol.state import LiveInfo, PageState
+from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.worker import Worker, attempt
 
 DEFAULT_FPS = 30.0
@@ -50,8 +52,8 @@ class LiveApplication(PageController):
         self,
         integration: Integration,
         folder: SessionFolder,
-        scene_view: SceneView,
-        sink: ClientSink,
+        scene_view: Scene,
+        sink: Hub,
         player: Player,
         fps: float = DEFAULT_FPS,
     ) -> None:

@@ -37,9 +37,10 @@ from flatcloth.session.machine import (
 )
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer import auto
+from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.joints import JointService
 from flatcloth.viewer.modes import repair, session_work
-from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 from flatcloth.viewer.modes.garment import GarmentController
 from flatcloth.viewer.modes.other_side import OtherSideController
@@ -52,6 +53,7 @@ from flatcloth.viewer.protocol.allowed import command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
 from flatcloth.viewer.protocol.state import AutoInfo, PageState
+from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
 
@@ -72,9 +74,7 @@ class Application(PageController):
         Where things are shown.
     """
 
-    def __init__(
-        self, integration: Integration, folder: SessionFolder, scene_view: SceneView, sink: ClientSink
-    ) -> None:
+    def __init__(self, integration: Integration, folder: SessionFolder, scene_view: Scene, sink: Hub) -> None:
         super().__init__(integration, folder, scene_view, sink)
         self._going_on = False
         self._expected: tuple[Document, float | None] | None = None

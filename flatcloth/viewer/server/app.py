@@ -31,8 +31,6 @@ from flatcloth.viewer.server.guard import Guard, is_loopback, own_names, own_tok
 from flatcloth.viewer.server.limits import limited_logs, limited_server
 
 if TYPE_CHECKING:
-    from flatcloth.engine.integration import Integration
-    from flatcloth.session.store import SessionFolder
     from flatcloth.viewer.modes.controller import PageController
     from flatcloth.viewer.scene.scene import Scene as SpaceScene
     from flatcloth.viewer.server.workspace import Opened, Workspace
@@ -73,9 +71,8 @@ class PageServer:
 
     Parameters
     ----------
-    integration, folder
-        The session that is opened first; see :class:`flatcloth.viewer.modes.controller.PageController`.
-        Without them the page shows the start screen.
+    opened : Opened, optional
+        The source that is opened first; without it the page shows the start screen.
     host : str
         Address to bind.
     port : int
@@ -88,24 +85,17 @@ class PageServer:
     opener : callable, optional
         Opens a chosen place. It is called with the place and the folder of the open session, and returns None
         if they are the same. Without an opener, nothing else can be opened.
-    opened : Opened, optional
-        The source that is opened first, in place of ``integration`` and ``folder``.
-    more
-        Further fields of :class:`flatcloth.viewer.server.workspace.Opened`, for ``integration``.
     """
 
     def __init__(
         self,
-        integration: Integration | None = None,
-        folder: SessionFolder | None = None,
+        opened: Opened | None = None,
         *,
         host: str = "127.0.0.1",
         port: int = 8080,
         token: bool | str = True,
         places: Places | None = None,
         opener: Opener | None = None,
-        opened: Opened | None = None,
-        **more: Any,
     ) -> None:
         if not token and not is_loopback(host):
             raise ServerError(
@@ -118,11 +108,7 @@ class PageServer:
         self.port: int = self._socket.getsockname()[1]
         self._opener = opener
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._now: Workspace | None = None
-        if opened is not None:
-            self._now = _workspace_of(opened)
-        elif integration is not None and folder is not None:
-            self._now = _workspace(integration, folder, **more)
+        self._now = None if opened is None else _workspace_of(opened)
         self._start = StartRoutes(
             places or Places(own=is_loopback(host)),
             self._open,
@@ -290,12 +276,6 @@ async def _viser_page(_request: Request) -> Response:
     return HTMLResponse(page, headers={"X-Frame-Options": "SAMEORIGIN"})
 
 
-def _workspace(integration: Integration, folder: SessionFolder, **more: Any) -> Workspace:
-    from flatcloth.viewer.server.workspace import Opened
-
-    return _workspace_of(Opened(integration, folder, **more))
-
-
 def _workspace_of(opened: Opened) -> Workspace:
     # viser is imported here, so that the start screen appears earlier.
     from flatcloth.viewer.server.workspace import Workspace
@@ -402,7 +382,7 @@ def serve(
 def _server(first: Callable[[], Opened] | None, options: dict[str, Any]) -> PageServer:
     opened = None if first is None else first()
     try:
-        return PageServer(opened=opened, **options)
+        return PageServer(opened, **options)
     except BaseException:
         if opened is not None:
             opened.close()

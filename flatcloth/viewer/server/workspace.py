@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from starlette.concurrency import run_in_threadpool
@@ -22,11 +23,10 @@ from flatcloth.recordings.base import source_options
 from flatcloth.recordings.mending import Mends
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.http import read_body, refused, rotation_of
+from flatcloth.viewer.hub import Hub, Tab
 from flatcloth.viewer.modes.active import ActiveApplication
 from flatcloth.viewer.modes.capture import CaptureApplication
-from flatcloth.viewer.modes.controller import ClientSink, PageController, SceneView
-from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
-from flatcloth.viewer.modes.player import Player
+from flatcloth.viewer.modes.controller import PageController
 from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.places import Chosen
@@ -43,7 +43,6 @@ from flatcloth.viewer.routes.robot_answers import RobotAnswers
 from flatcloth.viewer.routes.rosbridge import RosBridge
 from flatcloth.viewer.routes.sources import SourceRoutes
 from flatcloth.viewer.scene.scene import Scene
-from flatcloth.viewer.server.hub import Hub, Tab
 from flatcloth.viewer.server.relay import relay
 
 MAX_HAND_EYE_BYTES = 65536
@@ -64,12 +63,8 @@ class Opened:
     ----------
     integration, folder
         The session.
-    player : Player, optional
-        For live mode: flattens the played frames.
-    fps : float
-        Initial frames per second in live mode.
     controller : callable, optional
-        Makes the application of another mode, such as a camera's.
+        Makes the application of another mode, such as a camera's, given the 3D side and the tabs.
     base_from_camera : Rigid3, optional
         Hand-eye transform, for poses in the frame of a robot (docs/robots.md).
     close : callable
@@ -78,9 +73,7 @@ class Opened:
 
     integration: Integration
     folder: SessionFolder
-    player: Player | None = None
-    fps: float = DEFAULT_FPS
-    controller: Callable[[SceneView, ClientSink], PageController] | None = None
+    controller: Callable[[Scene, Hub], PageController] | None = None
     base_from_camera: Rigid3 | None = None
     close: Callable[[], None] = _nothing
 
@@ -93,15 +86,8 @@ class Workspace:
         self._opened = opened
         self.scene = Scene(integration.axis, integration.recording.intrinsics)
         self.hub = Hub()
-        self.application: PageController
-        if opened.controller is not None:
-            self.application = opened.controller(self.scene, self.hub)
-        elif opened.player is not None:
-            self.application = LiveApplication(
-                integration, folder, self.scene, self.hub, opened.player, opened.fps
-            )
-        else:
-            self.application = Application(integration, folder, self.scene, self.hub)
+        controller = opened.controller or partial(Application, integration, folder)
+        self.application: PageController = controller(self.scene, self.hub)
         self.hub.on_leave = self.application.leave
         self.scene.on_ray = self.application.click_ray
         self.scene.on_follow = self.application.set_follow
