@@ -11,12 +11,11 @@ import asyncio
 import contextlib
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
-from starlette.types import Receive, Scope, Send
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
 
 from flatcloth.checking.lesson import check_lesson
 from flatcloth.core.errors import CancelledError, FlatclothError
@@ -93,11 +92,33 @@ class TeachingRoutes:
             asked = _asked(dict(request.query_params), len(self._integration.recording))
         except FlatclothError as error:
             return PlainTextResponse(str(error), status_code=400)
-        return _Records(lambda tell, cancelled: self._compute(part, asked, tell, cancelled))
+        return StreamingResponse(
+            self._records(part, asked),
+            media_type="application/octet-stream",
+            headers={"Cache-Control": "no-store"},
+        )
 
     def stop(self) -> None:
         """Stop the thread after the current lesson."""
         self._worker.stop(timeout_s=2.0)
+
+    async def _records(self, part: str, asked: dict[str, Any]) -> AsyncIterator[bytes]:
+        """Yield records as they are made, until the last one or until the client leaves."""
+        loop, records = asyncio.get_running_loop(), asyncio.Queue[tuple[bytes, bool]]()
+        cancelled = threading.Event()
+
+        def tell(data: bytes, last: bool) -> None:
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(records.put_nowait, (data, last))
+
+        self._compute(part, asked, tell, cancelled)
+        try:
+            last = False
+            while not last:
+                data, last = await records.get()
+                yield data
+        finally:
+            cancelled.set()
 
     def _compute(self, part: str, asked: dict[str, Any], tell: Tell, cancelled: threading.Event) -> None:
         def progress(share: float, text: str) -> None:
@@ -156,44 +177,6 @@ class TeachingRoutes:
             "angles_deg": list(self._integration.recording.angles_deg),
         }
         return parcel.pack(common)
-
-
-class _Records(Response):
-    """Sends records as they are made, until the last one or until the client leaves."""
-
-    def __init__(self, begin: Callable[[Tell, threading.Event], None]) -> None:
-        super().__init__(media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
-        del self.headers["content-length"]
-        self._begin = begin
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        loop, records = asyncio.get_running_loop(), asyncio.Queue[tuple[bytes, bool]]()
-        cancelled = threading.Event()
-
-        def tell(data: bytes, last: bool) -> None:
-            if not loop.is_closed():
-                loop.call_soon_threadsafe(records.put_nowait, (data, last))
-
-        async def send_all() -> None:
-            await send({"type": "http.response.start", "status": 200, "headers": self.raw_headers})
-            last = False
-            while not last:
-                data, last = await records.get()
-                await send({"type": "http.response.body", "body": data, "more_body": not last})
-
-        async def hear_the_end() -> None:
-            while (await receive())["type"] != "http.disconnect":
-                pass
-
-        self._begin(tell, cancelled)
-        tasks = [asyncio.ensure_future(send_all()), asyncio.ensure_future(hear_the_end())]
-        try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            cancelled.set()
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
 
 
 # --- the question ----------------------------------------------------------------------------------
