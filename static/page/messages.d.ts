@@ -382,7 +382,7 @@ export interface PageState {
   present_view: number | null;
   angle_deg: number | null;
   views: ViewRow[];
-  actions: ActionRow[];
+  actions: Action[];
   reject_reasons: string[];
   step: number;
   start_view: number | null;
@@ -567,10 +567,6 @@ export interface Switch {
   description: string;
   value: boolean;
   default: boolean;
-  low: null;
-  high: null;
-  step: null;
-  options: null;
 }
 
 /** A setting with a range. */
@@ -578,12 +574,11 @@ export interface Slider {
   name: string;
   title: string;
   description: string;
-  value: number;
-  default: number;
   low: number;
   high: number;
   step: number;
-  options: null;
+  value: number;
+  default: number;
 }
 
 /** A setting with one of some options: value and words. */
@@ -591,12 +586,9 @@ export interface Choice {
   name: string;
   title: string;
   description: string;
+  options: [string, string][];
   value: string;
   default: string;
-  options: [string, string][];
-  low: null;
-  high: null;
-  step: null;
 }
 
 /** A view on the timeline: what was decided about it, and what it added to the shape. */
@@ -615,8 +607,8 @@ export interface ViewRow {
   flags: string[];
 }
 
-/** An action of the page; ``why_not`` is the reason if it is not allowed now. */
-export interface ActionRow {
+/** An action of the operator; ``why_not`` is the reason if it is not allowed now. */
+export interface Action {
   name: string;
   title: string;
   keys: string[];

@@ -22,7 +22,7 @@ declare global {
   /** A side of the item. */
   type SideName = M.PickInfo["side"];
   type ViewRow = M.ViewRow;
-  type ActionRow = M.ActionRow;
+  type ActionRow = M.Action;
   type Legend = M.Legend;
   type Grid = M.Grid;
   type Pending = M.PendingInfo;

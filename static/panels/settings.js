@@ -18,9 +18,6 @@ const THEME = {
     ["light", "Light"],
     ["dark", "Dark"],
   ],
-  low: null,
-  high: null,
-  step: null,
 };
 
 export class SettingsSheet extends PagePart {
@@ -69,22 +66,23 @@ export class SettingsSheet extends PagePart {
     const id = `setting-${name}`;
     const about = { id, key: id, "aria-describedby": `${id}-about` };
     const field =
-      setting.options !== null
+      "options" in setting
         ? choice(
             setting.options.map(([value, words]) => [value, words]),
             setting.value,
             { ...about, change: ({ target }) => set(target.value) },
           )
-        : setting.low === null
-          ? tickBox(setting.value, set, about)
-          : numberBox(setting, setting.value, {
+        : "low" in setting
+          ? numberBox(setting, setting.value, {
               ...about,
               change: ({ target: box }) =>
                 box.validity.rangeOverflow || box.validity.rangeUnderflow || !box.value
                   ? (box.value = String(value))
                   : set(box.valueAsNumber),
-            });
-    const usual = setting.options?.find(([of]) => of === setting.default)?.[1] ?? textOf(setting.default);
+            })
+          : tickBox(setting.value, set, about);
+    const options = "options" in setting ? setting.options : [];
+    const usual = options.find(([of]) => of === setting.default)?.[1] ?? textOf(setting.default);
     const reset = () => set(setting.default);
     const tip = `Reset: default: ${usual}`;
     return [

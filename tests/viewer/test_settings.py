@@ -13,6 +13,7 @@ from viewer_fakes import CylinderIntegration, MemoryFolder
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.protocol.settings import FILE, SETTINGS, Settings, SettingsStore, method_numbers
+from flatcloth.viewer.protocol.state import Choice, Slider
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
@@ -24,9 +25,9 @@ def test_every_setting_is_in_the_table_with_its_meaning() -> None:
     assert all(s.description.endswith(".") for s in SETTINGS)
     for setting in SETTINGS:  # only a number has a range, and its default lies in it
         default = getattr(FIRST, setting.name)
-        assert isinstance(default, bool | str) == (setting.low is None)
-        assert setting.options is None or default in dict(setting.options)
-        assert setting.low is None or setting.low <= default <= (setting.high or 0.0)
+        assert isinstance(default, bool | str) != isinstance(setting, Slider)
+        assert not isinstance(setting, Choice) or default in dict(setting.options)
+        assert not isinstance(setting, Slider) or setting.low <= default <= setting.high
 
 
 def test_settings_are_kept_with_the_session_and_reset(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from flatcloth.rendering.colormaps import (
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legends, rgba
 from flatcloth.session.machine import Accept, Propose, Proposed, SessionState, Start, Started, apply
 from flatcloth.viewer.protocol.actions import ACTIONS, REJECT_REASONS
-from flatcloth.viewer.protocol.allowed import action_table, command_of, nudge_about
+from flatcloth.viewer.protocol.allowed import action_table, command_of
 from flatcloth.viewer.protocol.picture import values_at
 
 AXIS = CylinderRecording().rotation_axis
@@ -91,10 +91,6 @@ def test_a_step_of_a_session_without_start_view_is_its_start():
 def test_an_unknown_action_is_an_error():
     with pytest.raises(KeyError):
         command_of("explode", SessionState(n_views=3), {})
-
-
-def test_a_nudge_of_what_is_not_a_number_is_left_to_the_session_to_refuse():
-    assert np.isnan(nudge_about((0.0, np.inf), 0.1, 0.0, 0.0).u_m)
 
 
 def test_the_height_map_grows_lighter_all_the_way():

@@ -29,9 +29,10 @@ from flatcloth.session.document import UNSURE
 from flatcloth.session.machine import Phase, Propose, Reject, Restart, Start
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.session import Application
+from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
-from flatcloth.viewer.protocol.state import ActionRow, PageState
+from flatcloth.viewer.protocol.state import PageState
 from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -175,7 +176,7 @@ class ActiveApplication(Application):
             state, active=self.status(), actions=tuple(self._allowed(action) for action in state.actions)
         )
 
-    def _allowed(self, action: ActionRow) -> ActionRow:
+    def _allowed(self, action: Action) -> Action:
         """Return an action with the reason why it is not allowed now, for those that the loop changes."""
         asks = isinstance(self.loop.asked, Next) and self._eye is not None
         if action.name == "auto" and asks:

@@ -37,8 +37,9 @@ from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.live import LiveApplication
 from flatcloth.viewer.modes.player import RateMeter, Shown
 from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.answers import FrameInfo
-from flatcloth.viewer.protocol.state import ActionRow, CapturedView, CaptureStatus, PageState, ViewRow
+from flatcloth.viewer.protocol.state import CapturedView, CaptureStatus, PageState, ViewRow
 from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -108,7 +109,7 @@ class CaptureApplication(LiveApplication):
         self._lock = threading.Lock()
         self._guided: GuidedCapture | None = None
         self._view_number = 0
-        self._view_png = b""
+        self.view_png = b""  # color and depth of the last view side by side; empty if there is none
         self._resume = settings.resume
         self._ended: str | None = None
         self._warnings: tuple[str, ...] = ()
@@ -281,7 +282,7 @@ class CaptureApplication(LiveApplication):
             return False
         self._last_taken = taken
         self._view_number += 1
-        self._view_png = _picture(taken)
+        self.view_png = _picture(taken)
         return True
 
     _last_taken: TakenView | None = None
@@ -344,11 +345,6 @@ class CaptureApplication(LiveApplication):
     def _frame_info(self, shown: Shown, layer: str) -> FrameInfo:
         return structs.replace(super()._frame_info(shown, layer), view_index=-1)
 
-    @property
-    def view_png(self) -> bytes:
-        """The picture of the last view: color and depth side by side; empty if there is none."""
-        return self._view_png
-
     def announce(self) -> None:
         """Send the state to every tab after a program (not the page) has changed it."""
         self._put(None, self._publish)
@@ -366,7 +362,7 @@ _ALLOWED = {
 """For actions of the page's table: the phase in which they are allowed, and the reason otherwise."""
 
 
-def _allowed(action: ActionRow, status: CaptureStatus) -> ActionRow:
+def _allowed(action: Action, status: CaptureStatus) -> Action:
     """Return an action with the reason why a camera's page does not allow it now."""
     if action.mode == "capture":
         return structs.replace(action, why_not=status.why_not[action.name])

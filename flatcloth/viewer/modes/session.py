@@ -188,7 +188,8 @@ class Application(PageController):
             case messages.Pairs():
                 self._fit(client, message)
             case messages.Choose(view_index=view, index=index):
-                self._by_hand(session_work.chosen(self._state.document.pending, self._overlay, view, index))
+                pending = repair.meant(self._state.document, view)
+                self._by_hand(session_work.chosen(pending, self._overlay, index))
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
             case messages.ShowEdges(show=show):

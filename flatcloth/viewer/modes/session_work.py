@@ -36,7 +36,6 @@ from flatcloth.session.machine import (
     apply,
 )
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.protocol.allowed import nudge_about
 from flatcloth.viewer.protocol.messages import GoTo
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import Progress
@@ -245,23 +244,21 @@ def keep_axis(axis: RotationAxis, folder: SessionFolder) -> None:
     folder.keep_axis(axis)
 
 
-def chosen(pending: Pending | None, overlay: Overlay | None, view: int, index: int) -> Nudge:
+def chosen(pending: Pending, overlay: Overlay | None, index: int) -> Nudge:
     """Return the decision that moves a proposal to one of its hypotheses.
 
     Raises
     ------
     FlatclothError
-        If the proposal is another by now, or has no such hypothesis.
+        If the proposal is not drawn yet, or has no such hypothesis.
     """
-    if pending is None or pending.view_index != view:
-        raise FlatclothError("The proposal has changed; look again.")
-    if overlay is None or overlay.proposal.view_index != view:
+    if overlay is None or overlay.proposal.view_index != pending.view_index:
         raise FlatclothError("The proposal is being drawn; choose its place again in a moment.")
     hypotheses = overlay.proposal.placement.hypotheses
     if not 0 <= index < len(hypotheses):
         raise FlatclothError(f"The proposal has {len(hypotheses)} hypotheses, none numbered {index}.")
     target = hypotheses[index].current_from_new
-    return Nudge(view, target @ pending.current_from_new.inverse())
+    return Nudge(pending.view_index, target @ pending.current_from_new.inverse())
 
 
 def placed(document: Document, overlay: Overlay | None) -> tuple[Pending, Overlay] | None:
@@ -295,10 +292,11 @@ def score_shown(picture: Picture | None, document: Document) -> float | None:
 
 def meant(shown: tuple[Pending, Overlay] | None, theta_rad: float, u_m: float, v_m: float) -> Rigid2:
     """Return the nudge for a turn about the centre of the shown proposal, and a shift."""
+    by = Rigid2(theta_rad, u_m, v_m)
     if shown is None:
-        return nudge_about((0.0, 0.0), theta_rad, u_m, v_m)
+        return by
     pending, overlay = shown
-    return overlay.meant(pending, nudge_about(center_uv_m(pending, overlay), theta_rad, u_m, v_m))
+    return overlay.meant(pending, by.about(np.array(center_uv_m(pending, overlay))))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import structs
+
+from flatcloth.viewer.protocol.sent import Sent
 
 REJECT_REASONS = ("too small", "wrong place", "bad depth", "wrong side", "other")
 """Reasons in the reject menu."""
@@ -14,16 +16,16 @@ NO_CAMERA = "There is no camera; start with view --camera to capture with one."
 NOT_LIVE = "The program is not in live mode; start it with --live to play the recording."
 
 
-@dataclass(frozen=True)
-class Action:
-    """An action of the operator.
+class Action(Sent, frozen=True, kw_only=False):
+    """An action of the operator; ``why_not`` is the reason if it is not allowed now.
 
     ``keys`` are values of the browser's ``KeyboardEvent.key`` (letters match either case); the first
     is printed on the button. ``Space`` and ``Ctrl+z`` are written as such. The same key may have
     another meaning in another mode. ``group`` is ``session`` (the server decides whether it is
     allowed), ``proposal`` (needs a pending view), ``timeline`` (applies to views chosen there),
     ``live`` (playing), ``capture`` (with a camera), ``view`` or ``page`` (always allowed), or
-    ``teaching`` (while it is open).
+    ``teaching`` (while it is open). ``mode`` is that of the group, one of ``_MODES``, or "" if it is always
+    available.
     """
 
     name: str
@@ -31,11 +33,12 @@ class Action:
     keys: tuple[str, ...]
     description: str
     group: str
+    mode: str = ""
+    why_not: str | None = None
 
-    @property
-    def mode(self) -> str:
-        """The mode of the action, one of ``_MODES``, or "" if it is always available."""
-        return _MODES.get(self.group, "")
+    def __post_init__(self) -> None:
+        """Set the mode of the group."""
+        structs.force_setattr(self, "mode", _MODES.get(self.group, ""))
 
 
 _MODES = {

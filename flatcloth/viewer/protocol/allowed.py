@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
-from flatcloth.core.types import Rigid2
+from msgspec import structs
+
 from flatcloth.session.machine import (
     Accept,
     Cancel,
@@ -31,7 +31,6 @@ from flatcloth.viewer.protocol.actions import (
     NOT_LIVE,
     Action,
 )
-from flatcloth.viewer.protocol.state import ActionRow
 
 
 def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> Command:
@@ -105,28 +104,17 @@ def _description(action: Action, state: SessionState | None) -> str:
     return f"{action.title}: {items[-1].name}." if items else action.description
 
 
-def action_table(state: SessionState | None) -> tuple[ActionRow, ...]:
+def action_table(state: SessionState | None) -> tuple[Action, ...]:
     """Return the table for the page, with the reason if an action is not allowed now.
 
     Without a state it is the table of live mode, which has no decisions.
     """
     live = {"session": IN_LIVE_MODE, "capture": NO_CAMERA}
     return tuple(
-        ActionRow(
-            name=action.name,
-            title=action.title,
-            keys=action.keys,
+        structs.replace(
+            action,
             description=_description(action, state),
-            group=action.group,
-            mode=action.mode,
             why_not=live.get(action.mode) if state is None else why_not(action.name, state),
         )
         for action in ACTIONS
     )
-
-
-def nudge_about(center_uv_m: tuple[float, float], theta_rad: float, u_m: float, v_m: float) -> Rigid2:
-    """Return the motion of a nudge: a rotation about the proposal's own centre, then a shift."""
-    if not all(math.isfinite(x) for x in (*center_uv_m, theta_rad, u_m, v_m)):
-        return Rigid2(math.nan, math.nan, math.nan)  # the session refuses it with a reason
-    return Rigid2(theta_rad, u_m, v_m).about(center_uv_m)  # type: ignore[arg-type]

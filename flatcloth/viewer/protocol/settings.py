@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
+from msgspec import structs
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 from starlette.routing import Route
@@ -26,8 +27,7 @@ from flatcloth.core.config import Config
 from flatcloth.core.decoding import decoded, fitted
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file
-from flatcloth.viewer.protocol.sent import typed
-from flatcloth.viewer.protocol.state import SettingsTable
+from flatcloth.viewer.protocol.state import Choice, SettingsTable, Slider, Switch
 
 FILE = "settings.json"
 FORMAT = "flatcloth-settings/1"
@@ -55,26 +55,13 @@ class _File(Settings):
     format: Literal["flatcloth-settings/1"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Setting:
-    """A row of the table; ``low``, ``high`` and ``step`` are None for a switch or a choice."""
-
-    name: str
-    title: str
-    description: str
-    low: float | None = None
-    high: float | None = None
-    step: float | None = None
-    options: tuple[tuple[str, str], ...] | None = None
-
-
-SETTINGS = (
-    Setting(
+SETTINGS: tuple[Switch | Choice | Slider, ...] = (
+    Switch(
         name="advance",
         title="Continue after a verdict",
         description="After Accept, Reject or Skip, propose the next view.",
     ),
-    Setting(
+    Slider(
         name="auto_threshold",
         title="Auto accepts from",
         description="Auto accepts a proposal with at least this score, and waits for you below it.",
@@ -82,13 +69,13 @@ SETTINGS = (
         high=1.0,
         step=0.05,
     ),
-    Setting(
+    Choice(
         name="auto_until",
         title="Auto runs until",
         description="When Auto proposes no further view.",
         options=(("all", "no view adds cloth"), ("area", "a view adds little"), ("views", "this many views")),
     ),
-    Setting(
+    Slider(
         name="auto_least_cm2",
         title="Little, cm²",
         description='With "a view adds little": the least area that the next view must be expected to add.',
@@ -96,7 +83,7 @@ SETTINGS = (
         high=5000.0,
         step=1.0,
     ),
-    Setting(
+    Slider(
         name="auto_views",
         title="This many views",
         description='With "this many views": those of the shape, the start view among them.',
@@ -104,7 +91,7 @@ SETTINGS = (
         high=10000.0,
         step=1.0,
     ),
-    Setting(
+    Slider(
         name="step_mm",
         title="Arrow key, mm",
         description="Step of the arrow keys for the proposal; tenfold with Shift.",
@@ -112,7 +99,7 @@ SETTINGS = (
         high=50.0,
         step=0.1,
     ),
-    Setting(
+    Slider(
         name="step_deg",
         title="Bracket key, °",
         description="Step of [ and ] for the proposal; tenfold with Shift.",
@@ -120,18 +107,19 @@ SETTINGS = (
         high=45.0,
         step=0.05,
     ),
-    Setting(
+    Switch(
         name="follow",
         title="3D camera follows",
         description="The 3D camera takes the real camera's position of the shown view.",
     ),
-    Setting(
+    Switch(
         name="turn_to_pick",
         title="Turn the item to a pick",
         description="A pick that faces away from the 3D camera is looked at from where it was seen."
         " Off: its mark shows through the cloth.",
     ),
 )
+"""Their values, and the defaults, are those of :class:`Settings`."""
 
 
 class SettingsStore:
@@ -172,15 +160,11 @@ class SettingsStore:
 
     def table(self) -> SettingsTable:
         """Return the table for the page, with values and defaults."""
-        rows = {
-            setting.name: {
-                **dataclasses.asdict(setting),
-                "value": getattr(self.now, setting.name),
-                "default": getattr(self.defaults, setting.name),
-            }
-            for setting in SETTINGS
+        now, first = dataclasses.asdict(self.now), dataclasses.asdict(self.defaults)
+        rows: dict[str, Any] = {
+            s.name: structs.replace(s, value=now[s.name], default=first[s.name]) for s in SETTINGS
         }
-        return typed(rows, SettingsTable)
+        return SettingsTable(**rows)
 
     def _keep(self, settings: Settings) -> None:
         if self._path is not None:
@@ -192,7 +176,7 @@ class SettingsStore:
         self.now = settings
 
 
-def check(setting: Setting, value: float | bool | str | None) -> None:
+def check(setting: Switch | Choice | Slider, value: float | bool | str | None) -> None:
     """Raise if a value is out of its range.
 
     Raises
@@ -200,9 +184,9 @@ def check(setting: Setting, value: float | bool | str | None) -> None:
     FlatclothError
         The message gives the range.
     """
-    low, high = setting.low, setting.high
-    if isinstance(value, str) or value is None or low is None or high is None:
+    if not isinstance(setting, Slider) or value is None or isinstance(value, str):
         return
+    low, high = setting.low, setting.high
     if not low <= value <= high:
         raise FlatclothError(f"{setting.title}: between {low:g} and {high:g}, not {value:g}.")
 

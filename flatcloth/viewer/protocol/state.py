@@ -7,6 +7,7 @@ from typing import Literal
 import msgspec
 
 from flatcloth.session.journal import SheetSide
+from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.garment import GarmentInfo, SeamInfo
 from flatcloth.viewer.protocol.sent import (
     RC,
@@ -39,18 +40,6 @@ class AwaitedRequest(Sent, frozen=True):
 
     kind: str
     view_index: int | None
-
-
-class ActionRow(Sent, frozen=True):
-    """An action of the page; ``why_not`` is the reason if it is not allowed now."""
-
-    name: str
-    title: str
-    keys: tuple[str, ...]
-    description: str
-    group: str
-    mode: str
-    why_not: str | None
 
 
 class ViewRow(Sent, frozen=True):
@@ -273,12 +262,8 @@ class Switch(Sent, frozen=True):
     name: str
     title: str
     description: str
-    value: bool
-    default: bool
-    low: None = None
-    high: None = None
-    step: None = None
-    options: None = None
+    value: bool = False
+    default: bool = False
 
 
 class Choice(Sent, frozen=True):
@@ -287,12 +272,9 @@ class Choice(Sent, frozen=True):
     name: str
     title: str
     description: str
-    value: str
-    default: str
     options: tuple[tuple[str, str], ...]
-    low: None = None
-    high: None = None
-    step: None = None
+    value: str = ""
+    default: str = ""
 
 
 class Slider(Sent, frozen=True):
@@ -301,12 +283,11 @@ class Slider(Sent, frozen=True):
     name: str
     title: str
     description: str
-    value: float
-    default: float
     low: float
     high: float
     step: float
-    options: None = None
+    value: float = 0.0
+    default: float = 0.0
 
 
 class SettingsTable(Sent, frozen=True):
@@ -413,7 +394,7 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     present_view: int | None
     angle_deg: float | None
     views: tuple[ViewRow, ...]
-    actions: tuple[ActionRow, ...]
+    actions: tuple[Action, ...]
     reject_reasons: tuple[str, ...]
     step: int = 0
     start_view: int | None = None
