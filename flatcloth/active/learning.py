@@ -7,8 +7,6 @@ from the garment as it was known before. Links of the other side are doubted onl
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 from flatcloth.active.expecting import OtherSide, of_other_side
@@ -61,25 +59,3 @@ def got_by(before: Knowledge, now: Knowledge, goal: Goal) -> str:
             parts.append(f"{name} {since}to +-{1e3 * point.std_m:.0f} mm{seen}")
     parts.append(f"{1e4 * (now.area_m2 - before.area_m2):.0f} cm2 new")
     return "; ".join(parts)
-
-
-class Meanwhile:
-    """Runs tasks one after the other on a thread of its own."""
-
-    def __init__(self) -> None:
-        self._thread = ThreadPoolExecutor(1, "flatcloth-learning")
-        self._last: Future[None] | None = None
-
-    def begin(self, work: Callable[[], None]) -> None:
-        """Begin after what was begun before."""
-        self._last = self._thread.submit(work)
-
-    def wait(self) -> None:
-        """Wait until all is done; raises what the last work raised, once."""
-        last, self._last = self._last, None
-        if last is not None:
-            last.result()
-
-    def close(self) -> None:
-        """Wait, and end the thread."""
-        self._thread.shutdown()

@@ -12,8 +12,8 @@ import contextlib
 import math
 import threading
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from flatcloth.active.incoming import (
     doubled,
     keep_side,
 )
-from flatcloth.active.learning import Learnt, Meanwhile, got_by, learn
+from flatcloth.active.learning import Learnt, got_by, learn
 from flatcloth.active.log import ActiveLog, stand_all_round
 from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
@@ -88,15 +88,19 @@ class ActiveLoop:
     ) -> None:
         self.folder, self.goal, self.budget = folder, goal, budget
         self._method, self.name = method_name(method), name or folder.resolve().name
-        self._taking, self._lock = threading.RLock(), threading.RLock()
+        self._taking = threading.RLock()
+        self.lock = threading.RLock()  # held to read several things of one moment
         self._stack = contextlib.ExitStack()
         self._recording: GrowingRecording | None = None
-        self._integration: Integration | None = None
-        self._session: SessionFolder | None = None
+        # What computes the shape, and the session; None before the first view.
+        self.integration: Integration | None = None
+        self.session: SessionFolder | None = None
         self._run: Run | None = None
-        self._garments: GarmentService | None = None
+        self.garments: GarmentService | None = None
         self._angles: AngleFinder | None = None
-        self._learnt, self._meanwhile = Learnt(), Meanwhile()
+        self._learnt = Learnt()
+        self._learning = ThreadPoolExecutor(1, "flatcloth-learning")
+        self._last: Future[None] | None = None
         self.asked: Next | Waiting | End = FIRST
         try:
             self._open()
@@ -119,17 +123,7 @@ class ActiveLoop:
     @property
     def document(self) -> Document:
         """The decisions so far."""
-        return Document() if self._session is None else self._session.state.document
-
-    @property
-    def integration(self) -> Integration | None:
-        """What computes the shape; None before the first view."""
-        return self._integration
-
-    @property
-    def session(self) -> SessionFolder | None:
-        """The session; None before the first view."""
-        return self._session
+        return Document() if self.session is None else self.session.state.document
 
     @property
     def knowledge(self) -> Knowledge:
@@ -145,10 +139,6 @@ class ActiveLoop:
     def has_learnt(self) -> bool:
         """Whether the garment is known by all views."""
         return self._learnt.views == self.views
-
-    def held(self) -> threading.RLock:
-        """Return the lock of the loop, so that several things are read of one moment."""
-        return self._lock
 
     def take(self, view: SeenView, answers: int | None = None) -> Taken:
         """Take a view, and choose the next angle, once the garment is recognised with the view before.
@@ -168,14 +158,16 @@ class ActiveLoop:
             If it cannot be written.
         """
         with self._taking:
-            self._meanwhile.wait()
-            with self._lock:
+            self.wait()
+            with self.lock:
                 return self._taken(view, answers)
 
     def wait(self) -> None:
         """Wait until the garment is recognised with the last view; the loop may have ended by it."""
         with self._taking:
-            self._meanwhile.wait()
+            last, self._last = self._last, None
+            if last is not None:
+                last.result()  # raises what the work raised, once
 
     def steps(self) -> list[dict[str, Any]]:
         """Return the views taken, each as its line of the log with the ``why`` of its question."""
@@ -183,14 +175,14 @@ class ActiveLoop:
 
     def fail(self, text: str) -> None:
         """Note what is wrong with the source of the views; nothing is lost."""
-        with self._lock:
+        with self.lock:
             self._log.add("told", text=text)
 
     def write(self, base_from_camera: Rigid3 | None = None) -> list[Path]:
         """Write what ``run`` writes to the folder; returns the files, none before the first shape."""
         self.wait()
-        with self._lock:
-            session, integration = self._session, self._integration
+        with self.lock:
+            session, integration = self.session, self.integration
             if session is None or integration is None or self.document.start_view is None:
                 return []
             garments = GarmentService(integration, both := self._learnt.both)
@@ -202,8 +194,8 @@ class ActiveLoop:
 
     def close(self) -> None:
         """Wait until the loop has learnt from the last view, then release the folder."""
-        self._meanwhile.close()
-        with self._lock:
+        self._learning.shutdown()
+        with self.lock:
             self._stack.close()
 
     @property
@@ -260,8 +252,8 @@ class ActiveLoop:
         session = SessionFolder.open(folder, recording, integration.config, self._method)
         self._stack.callback(session.close)
         integration.views.keep_frames()
-        self._integration, self._session = integration, session
-        self._run, self._garments = Run(integration, session), GarmentService(integration, doubts_links=False)
+        self.integration, self.session = integration, session
+        self._run, self.garments = Run(integration, session), GarmentService(integration, doubts_links=False)
         self._angles = AngleFinder(integration.views)
 
     # ---------------------------------------------------------------- a view
@@ -269,8 +261,8 @@ class ActiveLoop:
     def _taken(self, view: SeenView, answers: int | None) -> Taken:
         check_view(view, self._recording)
         told: list[str] = []
-        if self._integration is not None:
-            again = doubled(view, self._integration.views)
+        if self.integration is not None:
+            again = doubled(view, self.integration.views)
             if again is not None:
                 text = f"This picture is view {again} already; it is not taken twice."
                 self._log.add("told", text=text)
@@ -320,17 +312,17 @@ class ActiveLoop:
         number = self._recording.add(
             view.angle_deg, view.color, depth_units(view.depth_m), view.mask, view.truth_bgr
         )
-        if self._integration is None:
+        if self.integration is None:
             self._open_session()
             return number
-        self._integration.views.grow()
+        self.integration.views.grow()
         self._grow_session()
         return number
 
     def _grow_session(self) -> None:
-        assert self._session is not None
+        assert self.session is not None
         assert self._recording is not None
-        self._session.grow(self._recording)
+        self.session.grow(self._recording)
 
     def _after(self, number: int, told: list[str]) -> Taken:
         """Integrate a view that was written, and choose the next angle."""
@@ -356,12 +348,12 @@ class ActiveLoop:
             self._learn_from(before, line, ends=True)
         else:
             self._ask(decided)
-            self._meanwhile.begin(partial(self._learn_from, before, line))
+            self._last = self._learning.submit(self._learn_from, before, line)
 
     def _learn_from(self, before: Knowledge, line: dict[str, Any], *, ends: bool = False) -> None:
         """Learn from a view, and log its ``line``; a loop that is not over ends if enough is known."""
         self._learn(doubts_links=ends)
-        with self._lock:
+        with self.lock:
             self._log.add(
                 "view",
                 **line,
@@ -376,34 +368,34 @@ class ActiveLoop:
             self._learn(doubts_links=True)
             decided = self._decided()
         if ends or isinstance(decided, End):
-            with self._lock:
+            with self.lock:
                 self._ask(decided)
 
     def _integrated(self, number: int) -> str:
         """Add a view to the shape, and return the reason if it is not part of it."""
         assert self._run is not None
-        assert self._integration is not None
+        assert self.integration is not None
         try:
-            keep_side(self._integration.views, self._run.session)
+            keep_side(self.integration.views, self._run.session)
             return self._run.add(number)
         except FlatclothError as error:
             return str(error)
 
     def _look_at_shape(self) -> None:
         """Make the shape of all views, without its picture."""
-        if self._integration is not None and self._run is not None and self.document.start_view is not None:
+        if self.integration is not None and self._run is not None and self.document.start_view is not None:
             try:
-                self._integration.algorithm.least_m2(self.document)
+                self.integration.algorithm.least_m2(self.document)
             except FlatclothError:  # other masks or another axis left the start view no cloth
                 self._run.begin_again()
         self._learnt = replace(self._learnt, knowledge=replace(self.knowledge, views=self.views))
 
     def _learn(self, *, doubts_links: bool) -> None:
         """Learn what is known of the present shape."""
-        if self._garments is not None and self.document.start_view is not None:
-            of_now = self._garments, self.document, self.views, self.goal
+        if self.garments is not None and self.document.start_view is not None:
+            of_now = self.garments, self.document, self.views, self.goal
             learnt = learn(*of_now, doubts_links=doubts_links)
-            with self._lock:
+            with self.lock:
                 self._learnt = learnt
 
     # ---------------------------------------------------------------- the next angle, or the end
@@ -431,11 +423,11 @@ class ActiveLoop:
         if self.views >= self.budget.views or self.elapsed_s >= self.budget.seconds:
             spent = f"The budget of {self.budget} is spent: {knowledge.about(goal)}."
             return End(reached=False, reason=spent)
-        if document.start_view is None or self._integration is None:
+        if document.start_view is None or self.integration is None:
             return elsewhere(self._recording.angles_deg if self._recording else (), self.stands_deg)
-        taken, least_m2 = self._integration.views.angles_deg, self._integration.config.robust.least_new_m2
+        taken, least_m2 = self.integration.views.angles_deg, self.integration.config.robust.least_new_m2
         following = choose_next(
-            self._integration,
+            self.integration,
             document,
             self.known,
             knowledge,

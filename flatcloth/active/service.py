@@ -52,7 +52,7 @@ class ActiveService:
         Poses are those at a rotation, by default that at which the item stands.
         """
         loop = self.loop
-        with loop.held():
+        with loop.lock:
             return {**_asked(loop.asked, loop.views), **self._known(rotation_deg)}
 
     def take(self, view: SeenView, number: int | None, rotation_deg: float | None = None) -> dict[str, Any]:
@@ -90,7 +90,7 @@ class ActiveService:
         learnt from, and before a shape.
         """
         loop = self.loop
-        with loop.held():
+        with loop.lock:
             if not loop.has_learnt or loop.document.start_view is None:
                 return None
             return self._document(self._named, self._rotation(rotation_deg))

@@ -23,14 +23,13 @@ from flatcloth.active.service import ActiveService, Eye
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
-from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.headless import better_start
 from flatcloth.session.document import UNSURE
 from flatcloth.session.machine import Phase, Propose, Reject, Restart, Start
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.session import Application
-from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
 from flatcloth.viewer.protocol.state import PageState
 from flatcloth.viewer.scene.scene import Scene
@@ -61,7 +60,7 @@ class PageLoop(ActiveLoop):
 
     def settled(self, number: int) -> None:
         """Choose the next angle after a view that was decided, and begin to learn from it."""
-        with self._lock:
+        with self.lock:
             used = number in self.document.used_views
             told = [] if used else [f"View {number} is not part of the shape."]
             self._answer(number, told, joined=used)
@@ -70,10 +69,6 @@ class PageLoop(ActiveLoop):
         super()._learn_from(before, line, ends=ends)
         if self.page is not None:
             self.page.learnt()
-
-    def share(self, garments: GarmentService) -> None:
-        """Recognise the garment together with the page."""
-        self._garments = garments
 
 
 class ActiveApplication(Application):
@@ -97,7 +92,7 @@ class ActiveApplication(Application):
         self._undecided: int | None = None
         self._is_learning = self._is_turning = False
         self._restarted_with: int | None = None
-        loop.share(self.garments)
+        loop.garments = self.garments
         loop.page = self
 
     def service(self, base_from_camera: Rigid3 | None) -> ActiveService:

@@ -67,7 +67,7 @@ def loop_events(service: ActiveService) -> Callable[[Told], Iterator[RobotEvent]
     loop = service.loop
 
     def events(told: Told) -> Iterator[RobotEvent]:
-        with loop.held():
+        with loop.lock:
             shown, document = None, service.document(told.rotation_deg)
             if document is not None:
                 shape = ShapeChanged(
