@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -47,11 +46,9 @@ def keep_summary(
         replace_file(folder / FILE, json.dumps(msgspec.to_builtins(summary)).encode() + b"\n", 0o600)
 
 
-def read_summary(folder: Path) -> dict[str, Any] | None:
+def read_summary(folder: Path) -> Summary | None:
     """Return how far a session is; None if it is not known."""
     try:
-        found = decoded(read_plain(folder / FILE), Summary)
+        return decoded(read_plain(folder / FILE), Summary)
     except (OSError, ValueError, FlatclothError):
         return None
-    values: dict[str, Any] = msgspec.to_builtins(found)
-    return values

@@ -16,7 +16,6 @@ from flatcloth.core.types import Float64
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.joints import HeldBy, Joint, joints_of
-from flatcloth.engine.sheet import outline_loops
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part, pixels_of_part
 from flatcloth.garments.links import WEAK_EVIDENCE
@@ -26,7 +25,7 @@ from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.answers import HeldByView, JointInfo, JointsInfo
 from flatcloth.viewer.protocol.garment import DecideJoint
-from flatcloth.viewer.protocol.picture import Picture, place_in_view
+from flatcloth.viewer.protocol.picture import Picture, outline_of, place_in_view
 
 MOST_MARKS = 60
 """Marks of a joint in one image, or on the shape. Chosen: a line of them is seen."""
@@ -111,7 +110,7 @@ class JointService:
                     weak=joint.evidence < WEAK_EVIDENCE,
                     probability=joint.probability,
                     kept=joint.is_kept,
-                    outline_uv_m=[np.round(loop, 4).tolist() for loop in outline_loops(own)],
+                    outline_uv_m=outline_of(own),
                     seam_uv_m=np.round(joint.seam_uv_m[some], 4).tolist(),
                     seam_xyz_m=np.round(joint.seam_xyz_m[some], 4).tolist(),
                     views=[self._view(held) for held in joint.views],

@@ -152,9 +152,9 @@ def test_a_session_is_kept_continued_and_opened_again(tmp_path: Path) -> None:
     whole = flatcloth.integrate(recording, session=tmp_path / "session")
     summary = read_summary(tmp_path / "session")  # what the start screen's list says of it
     assert summary is not None
-    assert summary["views"] == len(whole.views)
-    assert summary["area_cm2"] == pytest.approx(1e4 * whole.data.canonical.view.area_m2, abs=0.1)
-    assert summary["ended"]
+    assert summary.views == len(whole.views)
+    assert summary.area_cm2 == pytest.approx(1e4 * whole.data.canonical.view.area_m2, abs=0.1)
+    assert summary.ended
     assert whole.views == (0, 1, 2, 3)
     assert len(whole.decisions) == 3
     again = flatcloth.open_session(tmp_path / "session")

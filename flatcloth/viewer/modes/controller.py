@@ -33,7 +33,7 @@ from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer
 from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
-from flatcloth.viewer.protocol.picks import PickStore, PlaceStore, faces_away, hit_by
+from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described
 from flatcloth.viewer.protocol.sent import UV, Note, NoteLevel
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
@@ -80,7 +80,6 @@ class PageController(ABC):
             getattr(folder, "folder", None), Settings(auto_threshold=integration.accept_score)
         )
         self._picks = PickStore(folder, integration.axis, self._highlight)
-        self._places = PlaceStore()
         self._both = BothSides(integration)
         self.garments = GarmentService(integration, self._both)
         self._picture: Picture | None = None
@@ -359,7 +358,6 @@ class PageController(ABC):
             self._page_status,
             self._page_settings.table(),
             self._picks,
-            self._places,
             picture,
             self._integration,
             **mode,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from dataclasses import astuple
 
 import numpy as np
 from starlette.requests import Request
@@ -12,7 +13,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Rigid2, Uint8
+from flatcloth.core.types import Uint8
 from flatcloth.engine.diagnostics import Reasons, StrainedEdges, reasons
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.answers import ColumnCurves, ZAngleLine
@@ -182,8 +183,8 @@ def diagnostics_info(
             new=_line(lines.new),
         ),
         trouble=found.trouble,
-        front_from_current=_motion(found.front_from_current),
-        current_from_new=_motion(found.current_from_new),
+        front_from_current=astuple(found.front_from_current),
+        current_from_new=astuple(found.current_from_new),
         edges=BothEdges(shape=_edges(found.shape_edges), new=_edges(found.new_edges)),
         pairs=_pairs(found, picture),
     )
@@ -240,7 +241,3 @@ def _edges(edges: StrainedEdges) -> EdgesInfo:
         strain=np.round(edges.strain, 4).tolist(),
         total=edges.total,
     )
-
-
-def _motion(motion: Rigid2) -> tuple[float, float, float]:
-    return motion.theta_rad, motion.u_m, motion.v_m

@@ -12,7 +12,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.garment.deciding import link_decision, piece_decision
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, points_on_other_side
-from flatcloth.engine.sheet import label_of, order_of, outline_loops
+from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
 from flatcloth.garments.deciding import decided, held_point, pixels_of_part, pulls_of, with_placed_cloth
 from flatcloth.garments.fit import Pull
@@ -28,7 +28,7 @@ from flatcloth.viewer.protocol import garment as asked
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.answers import GarmentPreview, ServerMessage
 from flatcloth.viewer.protocol.garment import FoundGarment, GarmentInfo
-from flatcloth.viewer.protocol.picture import OtherSheet
+from flatcloth.viewer.protocol.picture import OtherSheet, outline_of
 from flatcloth.viewer.protocol.sent import typed
 from flatcloth.viewer.worker import Worker, attempt
 
@@ -308,10 +308,7 @@ def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
             else "refused"
             if piece.index in decided.refused
             else "proposed",
-            "outline_uv_m": [
-                np.round(piece.shape_from_piece.apply(loop), 4).tolist()
-                for loop in outline_loops(known.canonical.floating[piece.index])
-            ],
+            "outline_uv_m": outline_of(known.canonical.floating[piece.index], piece.shape_from_piece),
         }
         for piece in _shown(known)
     ]
@@ -324,7 +321,7 @@ def _links(known: KnownGarment) -> list[dict[str, Any]]:
         assert known.cloth is not None, "links are doubted on known cloth"
         view = known.canonical.view
         part = replace(view, valid=pixels_of_part(view, known.cloth, link.part))
-        outline = [np.round(loop, 4).tolist() for loop in outline_loops(part)]
+        outline = outline_of(part)
         found.append(
             {
                 "probability": link.probability,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
 
 from flatcloth.checking.lesson import CheckLesson
 from flatcloth.core.parcel import Parcel
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, Rigid2, RotationAxis, Uint8, finite
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, RotationAxis, Uint8, finite
 from flatcloth.engine.garment.lesson import GarmentLesson
 from flatcloth.engine.garment.seams_example import example_of_both_sides
 from flatcloth.engine.segmenting import SidesLesson
@@ -202,15 +203,15 @@ def alignment_parcel(lesson: AlignmentLesson, axis: RotationAxis) -> Parcel:
         "current_cm2": lesson.current.area_m2 * CM2,
         "new_cm2": lesson.new.area_m2 * CM2,
         "renewed_cm2": lesson.renewed.view.area_m2 * CM2,
-        "initial": _motion(alignment.initial),
-        "found": _motion(alignment.current_from_new),
+        "initial": astuple(alignment.initial),
+        "found": astuple(alignment.current_from_new),
         "initial_score": None if first is None else first.total,
         "score": alignment.score.total,
         "score_parts": {k: finite(float(v)) for k, v in alignment.score.parts.items()},
         "search": {
             "turns_deg": np.degrees(search.turns_rad).tolist(),
             "shifts_mm": (1e3 * search.shifts_m).tolist(),
-            "motions": [_motion(m) for m in search.motions],
+            "motions": [astuple(m) for m in search.motions],
             "tried": search.tried,
             "end_score": search.end_score,
             "start_stands": alignment.current_from_new == alignment.initial,
@@ -246,10 +247,6 @@ def _line(parcel: Parcel, name: str, line: ZAngleLine) -> dict[str, Any]:
         "direction": line.direction.tolist(),
         "point_uv_m": line.point_uv_m.tolist(),
     }
-
-
-def _motion(motion: Rigid2) -> list[float]:
-    return [motion.theta_rad, motion.u_m, motion.v_m]
 
 
 # --- the side of interest --------------------------------------------------------------------------

@@ -19,14 +19,14 @@ from flatcloth.core.types import Float64, LaidPiece
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.deciding import decided_seam
 from flatcloth.engine.results.result import uncertainty
-from flatcloth.engine.sheet import Sheet, label_of, lay_out, outline_loops, sheet_of
+from flatcloth.engine.sheet import Sheet, label_of, lay_out, sheet_of
 from flatcloth.methods.answers import JoinedSides, Seam
 from flatcloth.rendering import layers
 from flatcloth.session.garment import DecideSeam
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.garment import SeamInfo, SeamPlaces, SidePlaces
-from flatcloth.viewer.protocol.picture import OtherSheet, Picture
+from flatcloth.viewer.protocol.picture import OtherSheet, Picture, outline_of
 from flatcloth.viewer.protocol.sent import Legend, Progress, typed
 from flatcloth.viewer.protocol.snapshot import layers_of
 from flatcloth.viewer.protocol.state import OtherSideInfo
@@ -250,8 +250,8 @@ def _views(seam: Seam, side: int) -> tuple[int, ...]:
 def places_of(made: OtherSheet) -> SidePlaces:
     """Return the outlines of both sides and the places of their seams, on the sheets that show them."""
     return SidePlaces(
-        this_outline_uv_m=_rounded(outline_loops(made.this.canonical.view)),
-        other_outline_uv_m=_rounded(outline_loops(made.sides.other.view)),
+        this_outline_uv_m=outline_of(made.this.canonical.view),
+        other_outline_uv_m=outline_of(made.sides.other.view),
         seams=[
             SeamPlaces(
                 this_uv_m=_on(made.this, seam.this_uv_m),
@@ -266,7 +266,3 @@ def places_of(made: OtherSheet) -> SidePlaces:
 
 def _on(sheet: Sheet, uv_m: Float64) -> list[tuple[float, float]]:
     return [(float(u), float(v)) for u, v in np.round(np.nan_to_num(sheet.places(uv_m)[1]), 4)]
-
-
-def _rounded(loops: list[Float64]) -> list[list[tuple[float, float]]]:
-    return [np.round(loop, 4).tolist() for loop in loops]

@@ -73,6 +73,8 @@ class PickStore:
         self._axis = axis
         self._added = added
         self._pose: tuple[Picture, CurrentPick, GraspPose | None] | None = None
+        self._shown: tuple[int, int] | None = None  # what the places belong to
+        self._places: dict[tuple[SheetSide, bytes], Place] = {}
         # A session in memory also has its grips in memory.
         self._book = GripStore(getattr(folder, "folder", None))
         self.picks: tuple[Pick, ...] = folder.picks
@@ -173,11 +175,11 @@ class PickStore:
         if pick_id is not None:
             self.current = CurrentPick(pick=self._listed(pick_id), grip=self._book.get(pick_id))
 
-    def listed(self, picture: Picture | None, places: PlaceStore) -> tuple[ListedPick, ...]:
+    def listed(self, picture: Picture | None) -> tuple[ListedPick, ...]:
         """Return the list for the page, with the place of each pick on the shape."""
         found = []
         for pick in self.picks:
-            place = None if picture is None else places.place(picture, pick)
+            place = None if picture is None else self._place_of(pick, picture)
             x, y, z = map(float, pick.position_held_m)
             found.append(
                 ListedPick(
@@ -191,12 +193,25 @@ class PickStore:
             )
         return tuple(found)
 
-    def current_info(self, picture: Picture | None, places: PlaceStore) -> PickInfo | None:
+    def current_info(self, picture: Picture | None) -> PickInfo | None:
         """Return the numbers of the current pick; None without one, or before the first picture."""
         if self.current is None or picture is None:
             return None
-        place = places.place(picture, self.current.pick)
+        place = self._place_of(self.current.pick, picture)
         return pick_info(self.current, place, picture, self._axis, self.pose(picture))
+
+    def _place_of(self, pick: Pick, picture: Picture) -> Place | None:
+        """Return the pixel nearest to a pick, of the cloth of its side; None if that side is not known."""
+        if pick.side == "other" and picture.other is None:
+            return None
+        shown = picture.revision, 0 if picture.other is None else picture.other.revision
+        if shown != self._shown:
+            self._shown, self._places = shown, {}
+        position_m = np.asarray(pick.position_held_m, dtype=np.float64)
+        key = pick.side, position_m.tobytes()
+        if key not in self._places:
+            self._places[key] = _place(picture.side(pick.side), position_m, pick.side)
+        return self._places[key]
 
     def grip(
         self,
@@ -285,27 +300,6 @@ def _shown(picture: Picture | None) -> Picture:
     if picture is None:
         raise FlatclothError("Nothing is flattened yet; wait for the start view, then click again.")
     return picture
-
-
-class PlaceStore:
-    """Caches the position of each pick on its side of the item until that changes."""
-
-    def __init__(self) -> None:
-        self._shown: tuple[int, int] | None = None
-        self._places: dict[tuple[SheetSide, bytes], Place] = {}
-
-    def place(self, picture: Picture, pick: Pick) -> Place | None:
-        """Return the pixel nearest to a pick, of the cloth of its side; None if that side is not known."""
-        if pick.side == "other" and picture.other is None:
-            return None
-        shown = picture.revision, 0 if picture.other is None else picture.other.revision
-        if shown != self._shown:
-            self._shown, self._places = shown, {}
-        position_m = np.asarray(pick.position_held_m, dtype=np.float64)
-        key = pick.side, position_m.tobytes()
-        if key not in self._places:
-            self._places[key] = _place(picture.side(pick.side), position_m, pick.side)
-        return self._places[key]
 
 
 def pick_info(

@@ -12,7 +12,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import height_m, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Floats, LaidPiece, Rigid2, RotationAxis, finite
 from flatcloth.engine.integration import Integration, Proposal
-from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, label_of, overlay_on, sheet_of
+from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, label_of, outline_loops, overlay_on, sheet_of
 from flatcloth.engine.views import ViewCloud
 from flatcloth.grasping.visibility import Projection, Visibility, project
 from flatcloth.methods.answers import AlignmentScore, JoinedPiece, JoinedSides
@@ -370,3 +370,9 @@ def place_under(integration: Integration, view_index: int, found: PixelValues | 
     if place.visibility is not Visibility.SEEN:
         return None
     return SourcePlace(view_index=view_index, rc=(float(place.row), float(place.col)))
+
+
+def outline_of(view: FlattenedView, motion: Rigid2 | None = None) -> list[list[UV]]:
+    """Return the borders of a view on its plane, or moved, to tenths of a millimetre."""
+    loops = outline_loops(view)
+    return [np.round(loop if motion is None else motion.apply(loop), 4).tolist() for loop in loops]

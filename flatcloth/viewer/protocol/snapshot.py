@@ -21,7 +21,7 @@ from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.allowed import action_table
-from flatcloth.viewer.protocol.picks import PickStore, PlaceStore
+from flatcloth.viewer.protocol.picks import PickStore
 from flatcloth.viewer.protocol.picture import OtherSheet, Overlay, Picture
 from flatcloth.viewer.protocol.sent import Grid, Legend, Motion, Note, Placement, Progress, typed
 from flatcloth.viewer.protocol.state import (
@@ -59,7 +59,6 @@ def page_state(
     status: PageStatus,
     settings: SettingsTable,
     picks: PickStore,
-    places: PlaceStore,
     picture: Picture | None,
     integration: Integration,
     *,
@@ -83,8 +82,8 @@ def page_state(
         auto=status.auto,
         edges=status.edges,
         layers=None if picture is None else _layers(picture),
-        pick=picks.current_info(picture, places),
-        picks=picks.listed(picture, places),
+        pick=picks.current_info(picture),
+        picks=picks.listed(picture),
         log=status.log,
         settings=settings,
         present_view=present,

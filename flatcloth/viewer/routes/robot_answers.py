@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+from msgspec import structs
+
 import flatcloth
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import Rigid3
@@ -94,10 +96,7 @@ class RobotAnswers:
         shape = {
             "protocol": PROTOCOL,
             "recording": self.integration.recording.name,
-            "revision": about.revision,
-            "views": about.views,
-            "area_cm2": about.area_cm2,
-            "rotation_deg": about.rotation_deg,
+            **structs.asdict(about),
         }
         if isinstance(known, str):
             return {**shape, "garment": None, "reason": known}

@@ -22,13 +22,8 @@ from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.viewer.routes.robot_answers import Present
 
 OBJECT, CAMERA, BASE = "object", "camera", "base"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Frames:
-    """The transforms between the frames: each child with its parent, and the child's pose there."""
-
-    parents: Mapping[str, tuple[str, Rigid3]]
+Frames = Mapping[str, tuple[str, Rigid3]]
+"""The transforms between the frames: each child with its parent, and the child's pose there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +41,7 @@ def frame_of(axis: RotationAxis, base_from_camera: Rigid3 | None, present: Prese
     parents = {OBJECT: (CAMERA, camera_from_object(axis, rotation_deg))}
     if base_from_camera is not None:
         parents[CAMERA] = (BASE, base_from_camera)
-    return Frames(parents=parents)
+    return parents
 
 
 def _poses(grasps: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
@@ -64,7 +59,7 @@ def _transforms(present: Present, frames: Frames) -> dict[str, Any]:
     """Return ``tf2_msgs/TFMessage``: the frames, each pick and each named point."""
     transforms = [
         _transform(parent, child, motion.translation_m, quaternion_wxyz(motion.rotation))
-        for child, (parent, motion) in frames.parents.items()
+        for child, (parent, motion) in frames.items()
     ]
     document = present.document
     named = [(f"pick/{grasp['id']}", grasp) for grasp in document["grasps"]]

@@ -24,7 +24,6 @@ from flatcloth.viewer.routes.robot_answers import Present, RobotAnswers
 from flatcloth.viewer.routes.ros_messages import TOPICS, frame_of
 
 SERVICE = "/flatcloth/propose_pick"
-SERVICE_TYPE = "flatcloth/ProposePick"
 
 
 class _Request(msgspec.Struct, frozen=True, kw_only=True):

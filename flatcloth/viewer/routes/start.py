@@ -25,7 +25,7 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import static_folder
 from flatcloth.recordings.mending import Mends
-from flatcloth.viewer.http import made, read_body, refused
+from flatcloth.viewer.http import as_json, made, read_body, refused
 from flatcloth.viewer.places import Chosen, Kind, Places
 
 MAX_BODY_BYTES = 4096
@@ -36,7 +36,6 @@ PICTURES_KEPT = 64
 """Pictures that are kept. Chosen for memory."""
 PICTURES_AT_ONCE = 2
 """Recordings read for their pictures at a time; each may start a reader of its own. Chosen: two cores."""
-_NEW = {"Cache-Control": "no-store"}
 T = TypeVar("T")
 
 
@@ -104,16 +103,16 @@ class StartRoutes:
 
     async def _offer(self, _request: Request) -> Response:
         offer = await run_in_threadpool(self._places.plain)
-        return JSONResponse({**offer, "current": self._current()}, headers=_NEW)
+        return as_json({**offer, "current": self._current()})
 
     async def _here(self, _request: Request) -> Response:
         place = await run_in_threadpool(self._places.place_of, self._session_folder())
-        return JSONResponse({"name": self._current(), "place": place}, headers=_NEW)
+        return as_json({"name": self._current(), "place": place})
 
     async def _folder(self, request: Request) -> Response:
         path = request.query_params.get("path", "")
         try:
-            return JSONResponse(await run_in_threadpool(self._places.listing, path), headers=_NEW)
+            return as_json(await run_in_threadpool(self._places.listing, path))
         except FlatclothError as error:
             return refused(str(error), 409)
 

@@ -15,11 +15,11 @@ import secrets
 import socket
 import stat
 from collections.abc import Iterable
-from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from typing import Literal
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
+from starlette.requests import cookie_parser
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -127,7 +127,7 @@ class Guard:
 
     def _check_token(self, headers: dict[str, str]) -> None:
         bearer = headers.get("authorization", "").removeprefix("Bearer ")  # from a program, not a browser
-        if not self._is_token(_cookie(headers.get("cookie", ""), self._cookie_name) or bearer):
+        if not self._is_token(cookie_parser(headers.get("cookie", "")).get(self._cookie_name) or bearer):
             raise _Refusal(
                 403, "Open this page with the address that the program printed, which contains a token."
             )
@@ -178,14 +178,6 @@ def _split(address: str, header: str) -> SplitResult:
         return urlsplit(address)
     except ValueError as error:
         raise _Refusal(400, f"Malformed request: no valid {header}.") from error
-
-
-def _cookie(header: str, name: str) -> str:
-    try:
-        morsel = SimpleCookie(header).get(name)
-    except CookieError:
-        return ""
-    return "" if morsel is None else morsel.value
 
 
 # --- the token: saved for the user, so that an open page reconnects after a restart ---------------
