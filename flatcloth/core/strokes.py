@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_args
 
-import msgspec
 from msgspec import Meta
 
 from flatcloth.core.decoding import MisfitError, fitted
@@ -97,20 +96,7 @@ def why_off_image(decision: Decision, n_views: int, height: int, width: int) -> 
     return None
 
 
-def as_plain(decision: Decision) -> dict[str, Any]:
-    """Return a decision as a table of plain values, ready for JSON."""
-    kind = next(name for name, known in _KINDS.items() if isinstance(decision, known))
-    return {"kind": kind, **msgspec.to_builtins(decision)}
-
-
-def from_plain(table: Any, where: str) -> Decision:
-    """Return the decision that :func:`as_plain` made a table of.
-
-    Raises
-    ------
-    SegmentationError
-        If it is none; the message begins with ``where`` and names the value.
-    """
+def _from_plain(table: Any, where: str) -> Decision:
     name = table.get("kind") if isinstance(table, Mapping) else None
     if not isinstance(name, str) or name not in _KINDS:
         raise SegmentationError(f"{where}: no stroke or cut; its kind is one of {', '.join(_KINDS)}.")
@@ -135,16 +121,12 @@ def decisions_from_plain(content: Any, where: str) -> tuple[Decision, ...]:
     Raises
     ------
     SegmentationError
-        If the content is of another format, or a decision in it is not valid.
+        If the content is of another format, or a decision in it is not valid; the message begins with
+        ``where`` and names the value.
     """
     if not isinstance(content, Mapping) or content.get("format") != FORMAT:
         raise SegmentationError(f'{where}: is no strokes file; its "format" must be "{FORMAT}".')
     listed = content.get("decisions")
     if not isinstance(listed, list) or len(listed) > MOST_DECISIONS:
         raise SegmentationError(f'{where}: "decisions" must be a list of at most {MOST_DECISIONS}.')
-    return tuple(from_plain(table, f"{where}: decisions[{n}]") for n, table in enumerate(listed))
-
-
-def plain_of_decisions(decisions: Sequence[Decision]) -> dict[str, Any]:
-    """Return the content of a strokes file."""
-    return {"format": FORMAT, "decisions": [as_plain(decision) for decision in decisions]}
+    return tuple(_from_plain(table, f"{where}: decisions[{n}]") for n, table in enumerate(listed))

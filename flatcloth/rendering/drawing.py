@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
 
 TEXT, SOFT, LINE, GRID, PAPER = "#1a1f26", "#55606d", "#9aa4af", "#e3e7eb", "#ffffff"
-BLUE, ORANGE, GREEN, RED, PINK = "#1766c2", "#d9822b", "#1f7a4d", "#b3261e", "#d81b72"
+BLUE, ORANGE, GREEN, PINK = "#1766c2", "#d9822b", "#1f7a4d", "#d81b72"
 
 FONT = "DejaVu Sans"
 """matplotlib brings this font along, so a text has the same width on every machine."""

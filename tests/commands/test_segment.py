@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 
@@ -12,7 +13,7 @@ from plates import TOP_M, plate
 from scenes import AXIS, CAMERA
 
 from flatcloth.cli import main
-from flatcloth.core.strokes import ImageStroke, plain_of_decisions
+from flatcloth.core.strokes import FORMAT, ImageStroke
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
 from flatcloth.recordings.writer import RecordingWriter
@@ -47,7 +48,8 @@ def _write(folder, masked):
 
 def _strokes(tmp_path, decisions=BACK):
     file = tmp_path / "strokes.json"
-    file.write_text(json.dumps(plain_of_decisions(decisions)))
+    tables = [{"kind": "image", **dataclasses.asdict(decision)} for decision in decisions]
+    file.write_text(json.dumps({"format": FORMAT, "decisions": tables}))
     return file
 
 

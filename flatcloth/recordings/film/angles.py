@@ -49,17 +49,6 @@ class GivenAngles:
     table: Path | None = None
     step_deg: float | None = None
 
-    def refuse(self, source: str) -> None:
-        """Raise if angles were given for a source that has its own.
-
-        Raises
-        ------
-        RecordingError
-            If there is a table or a step.
-        """
-        if self.table is not None or self.step_deg is not None:
-            raise RecordingError(f"{source}: contains its angles. Leave out --angles and --step.")
-
     def film_step_deg(self, shots: Shots) -> float | None:
         """Return the step between the stops of a film; None if the shots are views.
 

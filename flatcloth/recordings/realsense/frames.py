@@ -57,7 +57,7 @@ class FrameFilter:
     """
 
     def __init__(self, library: Any, profile: Any, align: str, source: str) -> None:
-        self._library, self._source, self._align_to = library, source, align
+        self._library = library
         streams = {s.stream_type(): s for s in profile.get_streams()}
         for kind in ("depth", "color"):
             if getattr(library.stream, kind) not in streams:
