@@ -64,14 +64,6 @@ class Recording(Protocol):
         ...
 
 
-class Plain(Protocol):
-    """What can be written as JSON."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
-        ...
-
-
 class ViewImages(NamedTuple):
     """The images of a view: ``color`` (H, W, 3) RGB, ``depth_m`` (H, W), ``mask`` (H, W) or None.
 
@@ -103,7 +95,7 @@ class LazyRecording:
     rotation_axis: RotationAxis | None = None
     held_point_m: Float64 | None = None
     has_masks: bool = False
-    mends: Plain | None = None
+    mends: Any = None
 
     def __len__(self) -> int:
         """Return the number of views."""

@@ -14,7 +14,6 @@ import os
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,37 +23,12 @@ from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Bool, Intrinsics, RotationAxis, Uint8
 from flatcloth.recordings.film.angles import MAX_VIEWS, TOLERANCE_DEG, apart_deg
 from flatcloth.recordings.folder import open_folder
-from flatcloth.recordings.manifest import FORMAT, HEADER
+from flatcloth.recordings.manifest import FORMAT, HEADER, RecordingHeader
 
 Uint16 = NDArray[np.uint16]
 
 _SAME_CAMERA_PX = 1e-3
 """Intrinsics that differ by less are the same. Chosen: rounding of a file."""
-
-
-class _Camera(msgspec.Struct, frozen=True):
-    width: float
-    height: float
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: list[float] = []
-
-    def is_like(self, other: _Camera) -> bool:
-        own, theirs = (
-            np.array([c.width, c.height, c.fx, c.fy, c.cx, c.cy], dtype=np.float64) for c in (self, other)
-        )
-        return bool(np.all(np.abs(own - theirs) < _SAME_CAMERA_PX)) and not any(self.distortion)
-
-
-class _Kept(msgspec.Struct, frozen=True):
-    """The part of a header that must match on resuming."""
-
-    format: str
-    intrinsics: _Camera
-    depth_scale_m: float
-    views: list[dict[str, Any]] = []
 
 
 class RecordingWriter:
@@ -252,23 +226,25 @@ class RecordingWriter:
 
     def _take_up(self, path: Path) -> None:
         try:
-            # Only this part is checked here; reading the recording checks the rest.
+            # Only the types are checked here; reading the recording checks the rest.
             header: dict[str, Any] = fitted(parse_json(read_plain(path)), dict[str, Any])
-            kept = fitted(header, _Kept)
+            kept = fitted({"views": [], **header}, RecordingHeader)
             if kept.views:
                 open_folder(self._folder)  # raises the error
         except ValueError as error:
             raise RecordingError(
                 f"{path}: not a recording that can be resumed ({error}). Choose another folder."
             ) from error
-        own = fitted(self._header, _Kept)
-        same = kept.format == FORMAT and math.isclose(kept.depth_scale_m, own.depth_scale_m, rel_tol=1e-6)
-        if not (same and kept.intrinsics.is_like(own.intrinsics)):
+        camera, own = kept.intrinsics, self._header["intrinsics"]
+        same = header.get("format") == FORMAT and not any(camera.distortion)
+        same &= math.isclose(kept.depth_scale_m, self._header["depth_scale_m"], rel_tol=1e-6)
+        names = ("width", "height", "fx", "fy", "cx", "cy")
+        if not same or any(abs(getattr(camera, name) - own[name]) >= _SAME_CAMERA_PX for name in names):
             raise RecordingError(
                 f"{path}: was recorded with another camera or other settings. Choose another folder."
             )
-        views = header.pop("views", [])
-        self._header, self._views = header, list(views)
+        self._views = list(header.pop("views", []))
+        self._header = header
 
     def _write_header(self, views: list[dict[str, Any]]) -> None:
         text = json.dumps({**self._header, "views": views}, indent=1, allow_nan=False) + "\n"
