@@ -154,38 +154,26 @@ def png(image: Uint8) -> bytes:
     return bytes(data)
 
 
-def height_range_m(view: FlattenedView, axis: RotationAxis) -> tuple[float, float]:
-    """Return the lowest and highest height of the valid pixels, 0 and 1 if there are none."""
-    if not view.valid.any():
-        return 0.0, 1.0
-    height = height_m(view.xyz_m[view.valid], axis)
-    return float(height.min()), float(height.max())
-
-
 def layer_range(view: FlattenedView, layer: str, axis: RotationAxis) -> tuple[float, float]:
-    """Return the values of the first and the last colour of a layer, in the view's own unit."""
+    """Return the values of the first and the last colour of a layer, in the view's own unit.
+
+    Those of the height and the density are the view's, 0 and 1 where it has none.
+    """
     match layer:
-        case "height":
-            return height_range_m(view, axis)
         case "z_angle":
             return -Z_ANGLE_SPAN_DEG, Z_ANGLE_SPAN_DEG
         case "place":
             return 0.0, PLACE_SPAN_M
-    return quality_range(view, layer)
-
-
-def quality_range(view: FlattenedView, layer: str) -> tuple[float, float]:
-    """Return the values of the first and the last colour of a quality layer, in the layer's unit."""
-    if layer == "stretch":
-        return 0.0, STRETCH_SPAN
-    if layer == "incidence":
-        return 0.0, INCIDENCE_SPAN_DEG
-    values = np.zeros(0) if view.quality is None else view.quality[view.valid, QUALITY_LAYERS["density"]]
-    values = values[np.isfinite(values)]
+        case "stretch":
+            return 0.0, STRETCH_SPAN
+        case "incidence":
+            return 0.0, INCIDENCE_SPAN_DEG
+    values = _values(view, layer, axis)
+    values = np.zeros(0) if values is None else values[np.isfinite(values)]
     if not values.size:
         return 0.0, 1.0
     # A few pixels at the outline are ten times denser than the rest; they may saturate.
-    low, high = np.percentile(values, [2, 98])
+    low, high = np.percentile(values, [2, 98] if layer == "density" else [0, 100])
     return float(low), float(high)
 
 

@@ -58,7 +58,7 @@ def side_rgba(
     rows, cols = np.indices(side.shape)
     stripes = (rows + cols) // STRIPE_PX % 2 == 0
     image[(side == 0) & stripes] = UNDECIDED_RGBA
-    return _placed(image, offset_rc, shape, OUTSIDE_RGBA)
+    return _placed(image, offset_rc, shape)
 
 
 def small_side_rgba(
@@ -88,7 +88,7 @@ def certainty_rgba(
 ) -> Uint8:
     """Draw how certain the labels are: the less certain, the stronger the magenta; see :func:`side_rgba`."""
     image = shape_rgba(np.where(side == 2, np.nan, certainty).astype(np.float32))
-    return _placed(image, offset_rc, shape, OUTSIDE_RGBA)
+    return _placed(image, offset_rc, shape)
 
 
 def shape_rgba(certainty: Float32) -> Uint8:
@@ -100,11 +100,9 @@ def shape_rgba(certainty: Float32) -> Uint8:
     return image
 
 
-def _placed(
-    crop: Uint8, offset_rc: tuple[int, int], shape: tuple[int, int], around: tuple[int, int, int, int]
-) -> Uint8:
+def _placed(crop: Uint8, offset_rc: tuple[int, int], shape: tuple[int, int]) -> Uint8:
     image = np.empty((*shape, 4), dtype=np.uint8)
-    image[:] = around
+    image[:] = OUTSIDE_RGBA
     top, left = offset_rc
     rows, cols = crop.shape[:2]
     image[top : top + rows, left : left + cols] = crop
