@@ -227,24 +227,15 @@ def _write(
 
             write_mcap(session, path)
         case "garment":
-            write_text(path, _garment_text(session))
+            if isinstance(session.garment, str):
+                raise GarmentError(session.garment)
+            write_text(path, (session.data().file("garment.json") or b"").decode())
         case "outline":
             from flatcloth.export.garment import upright_rad
             from flatcloth.export.outline import outline_text
 
             turn_rad, name = upright_rad(session.garment), session.history.header.recording.name
             write_text(path, outline_text(session.view, name, path.suffix, turn_rad, session.other_view))
-
-
-def _garment_text(session: OpenedSession) -> str:
-    import json
-
-    from flatcloth.export.garment import garment_document
-
-    known = session.garment
-    if isinstance(known, str):
-        raise GarmentError(known)
-    return json.dumps(garment_document(known, session.sides), indent=1) + "\n"
 
 
 def _rotation(text: str) -> float:

@@ -46,11 +46,6 @@ def side_of(plan: Plan | None, decision: Decision) -> SidePlan | None:
     return sides[0] if sides else None
 
 
-def curves_of_view(session: OpenedSession, view_index: int) -> ColumnCurves:
-    """Return h(u) and A_z(u) of a view's own flattened view at its rotation (paper, Fig. 4d)."""
-    return session.numbers_of(view_index).curves
-
-
 def draw_curves(
     drawing: Drawing,
     curves: ColumnCurves,

@@ -73,7 +73,7 @@ def shape_files(
         "flattened.png": lambda file: file.write(png_bytes(view.rgb, view.valid)),
         "cloud.ply": lambda file: file.write(ply_bytes(view)),
         GRASPS: lambda file: file.write(
-            grasps_text(view, picks, frames, named(), floating, other()).encode()
+            json_bytes(grasps_document(view, picks, frames, named(), floating, other()))
         ),
     }
     for n, piece in enumerate(floating, start=1):
@@ -236,10 +236,8 @@ def ply_bytes(view: FlattenedView) -> bytes:
     kinds = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
     kinds += [(name, "u1") for name in ("red", "green", "blue")]
     kinds += [("u", "<f4"), ("v", "<f4")]
-    points = np.zeros(int(at.sum()), dtype=kinds)
     columns = [*view.xyz_m[at].T, *view.normal[at].T, *view.rgb[at].T, *uv.T]
-    for (name, _), column in zip(kinds, columns, strict=True):
-        points[name] = column
+    points = np.rec.fromarrays(columns, dtype=kinds)
     words = {"<f4": "float", "u1": "uchar"}
     header = [
         "ply",
@@ -251,17 +249,9 @@ def ply_bytes(view: FlattenedView) -> bytes:
     return ("\n".join([*header, "end_header"]) + "\n").encode() + points.tobytes()
 
 
-def grasps_text(
-    view: FlattenedView,
-    picks: Iterable[Pick],
-    frames: GraspFrames,
-    named: Sequence[Pick] = (),
-    floating: Sequence[FlattenedView] = (),
-    other: Sequence[FlattenedView] = (),
-) -> str:
-    """Return the content of ``grasps.json``."""
-    document = grasps_document(view, picks, frames, named, floating, other)
-    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+def json_bytes(document: Mapping[str, Any]) -> bytes:
+    """Return a document as the content of its file."""
+    return (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()
 
 
 def grasps_document(

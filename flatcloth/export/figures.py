@@ -17,7 +17,7 @@ from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Floats
 from flatcloth.engine.outcome import other_side_lines, sides_entry
 from flatcloth.engine.sheet import SheetPiece, beyond, lay_out, overlay_on
-from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
+from flatcloth.export.curves import draw_curves, plan_of, side_of
 from flatcloth.export.history import ACCEPTED, Decision
 from flatcloth.export.kept import PngPicture, key_of
 from flatcloth.export.session import OpenedSession
@@ -56,11 +56,6 @@ LAYER_WORDS = {
     "place": ("Uncertainty", "the placement uncertainty of each pixel"),
 }
 """The title of each layer, and its description."""
-
-
-def words_of(layer: str) -> tuple[str, str]:
-    """Return the title and the description of a layer, derived from its name if it has none."""
-    return LAYER_WORDS.get(layer, (layer.replace("_", " ").capitalize(), f"the layer {layer}"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,11 +129,7 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
             about += f"; {1e4 * session.growth.sheet.floating_m2:.0f} cm\u00b2 float"
         explained = legend(view, name, integration.axis, angles_deg)
         shape = name == "color"
-        title, shows = ("Canonical shape", about) if shape else words_of(name)
-
-        def explain(drawing: Drawing, x: float, y: float, explained: dict[str, object] = explained) -> None:
-            _explain(drawing, x, y, explained)
-
+        title, shows = ("Canonical shape", about) if shape else LAYER_WORDS[name]
         yield Figure(
             name=f"map-{name.replace('_', '-')}",
             caption=f"{title}: {shows}.",
@@ -146,7 +137,7 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
                 picture,
                 title,
                 about if shape else "",
-                explain,
+                explained,
                 marks=picks_on(session) if shape else (),
                 pieces=session.growth.sheet.pieces,
             ),
@@ -217,7 +208,7 @@ def map_drawing(
     picture: PlanePicture,
     title: str,
     about: str,
-    explain: Callable[[Drawing, float, float], None] | None = None,
+    explained: dict[str, object] | None = None,
     longest: float = 460.0,
     legend_width: float = 150.0,
     marks: Sequence[tuple[float, float, str]] = (),
@@ -227,7 +218,7 @@ def map_drawing(
     dots: Sequence[tuple[Floats, str]] = (),
     png: bytes | None = None,
 ) -> Drawing:
-    """Return a picture of the plane with a title, a scale bar and a legend on the right.
+    """Return a picture of the plane with a title, a scale bar and a layer's legend on the right.
 
     ``marks`` are points (u, v in m) with a short label each, ``rings`` such points that were not seen;
     floating ``pieces`` are named where they lie; ``outline`` (N, 2) is a closed line, ``dots`` are
@@ -275,8 +266,8 @@ def map_drawing(
             drawing.dot(x, y, 3.0, PAPER)
         drawing.box(x + 8, y - 8, text_width(label, SIZE) + 6, 16, PAPER, 0.85)
         drawing.text(x + 11, y + 4.5, label, SIZE, PINK, bold=True)
-    if explain is not None:
-        explain(drawing, _MARGIN + width + 24, _HEAD + 12)
+    if explained is not None:
+        _explain(drawing, _MARGIN + width + 24, _HEAD + 12, explained)
     return drawing
 
 
@@ -425,7 +416,7 @@ def plan_figure(session: OpenedSession, decision: Decision, side: SidePlan) -> F
 def curves(session: OpenedSession) -> Iterator[Figure]:
     """Yield the curves h(u) and A_z(u) of each view of the shape."""
     for step in session.growth.steps:
-        found = curves_of_view(session, step.view_index)
+        found = session.numbers_of(step.view_index).curves
         if found.u_m.size < 2:
             continue
         drawing = Drawing(520, 420)

@@ -20,9 +20,9 @@ from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.geometry import horizontal_axes, object_from_camera, window_of
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.resources import static_folder
-from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis
+from flatcloth.core.types import FlattenedView, Float64, Floats, RotationAxis, finite
 from flatcloth.engine.sheet import Sheet, lay_out
-from flatcloth.export.figures import verdict_text, words_of
+from flatcloth.export.figures import LAYER_WORDS, verdict_text
 from flatcloth.export.files import printed
 from flatcloth.export.garment import summary
 from flatcloth.export.growth import Growth
@@ -367,17 +367,13 @@ def _pick(session: OpenedSession, pick: Pick) -> dict[str, Any]:
         "rc": list(place) if place else None,
         "uv_m": view.uv_from_rc(np.array(place)).tolist() if view is not None and place else None,
         "miss_m": 0.0,
-        "position_held_m": _finite(pick.position_held_m),
-        "normal_held": _finite(pick.normal_held),
-        "z_angle_deg": z_angle if np.isfinite(z_angle) else None,
+        "position_held_m": [finite(x) for x in pick.position_held_m.tolist()],
+        "normal_held": [finite(x) for x in pick.normal_held.tolist()],
+        "z_angle_deg": finite(z_angle),
         "view_index": pick.view_index,
-        "source_rc": _finite(np.array(pick.source_rc)),
+        "source_rc": [finite(x) for x in pick.source_rc],
         "grip": grip_numbers(pose),
     }
-
-
-def _finite(values: Floats) -> list[float | None]:
-    return [float(x) if np.isfinite(x) else None for x in np.asarray(values)]
 
 
 def _layers(
@@ -391,7 +387,7 @@ def _layers(
             continue
         image = rgba(view, name, integration.axis, len(angles_deg), colors=_COLORS)[window]
         parcel.picture(f"{prefix}layer {name}", webp_of(image), image.shape[:2], "webp")
-        title, about = words_of(name)
+        title, about = LAYER_WORDS[name]
         made.append(
             {
                 "name": name,

@@ -16,7 +16,7 @@ from flatcloth.core.types import Floats
 from flatcloth.engine.outcome import sides_entry
 from flatcloth.engine.sheet import Sheet
 from flatcloth.export import figures
-from flatcloth.export.curves import curves_of_view, draw_curves, plan_of, side_of
+from flatcloth.export.curves import draw_curves, plan_of, side_of
 from flatcloth.export.figures import Figure
 from flatcloth.export.files import printed
 from flatcloth.export.garment import summary
@@ -165,7 +165,7 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     else:
         if plan is not None and plan.view_index == decision.view_index:
             chosen = plan.reason
-        curves, of = curves_of_view(session, decision.view_index), f"of view {decision.view_index}"
+        curves, of = session.numbers_of(decision.view_index).curves, f"of view {decision.view_index}"
     clock = decision.time[11:19] or "at an unknown time"
     yield f'<p class="lead">{escape(chosen)}; {clock} UTC</p>'
     if curves.u_m.size > 1:

@@ -102,10 +102,7 @@ def _messages(session: OpenedSession, moment: Moment, poses: dict[str, Rigid3]) 
 
 def _cloud(types: Any, moment: Moment) -> Any:
     kinds = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
-    points = np.zeros(len(moment.points_m), dtype=kinds)
-    columns = [*moment.points_m.T, *moment.colors.T]
-    for (name, _), column in zip(kinds, columns, strict=True):
-        points[name] = column
+    points = np.rec.fromarrays([*moment.points_m.T, *moment.colors.T], dtype=kinds)
     numbers = types.PackedElementFieldNumericType
     offsets = {name: offset for name, (_, offset, *_rest) in (points.dtype.fields or {}).items()}
     fields = [
