@@ -11,7 +11,7 @@ import contextlib
 import logging
 import os
 from collections.abc import Iterator, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from flatcloth.batch.runner import Limits, run_task, start_processes, stop_processes
 from flatcloth.core.errors import FlatclothError
@@ -21,21 +21,6 @@ REACHED_S = 15.0
 
 Question = dict[str, Any]
 Answer = dict[str, Any] | Exception
-
-
-class Engine(Protocol):
-    """Runs tasks; to be used in a ``with`` block, whose end stops what still runs."""
-
-    about: str
-    """Where the tasks run, for the user."""
-
-    def __enter__(self) -> Engine: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def run(self, questions: Sequence[Question], limits: Limits) -> Iterator[tuple[int, Answer]]:
-        """Yield the number of each question and its answer, as they come; an exception if its worker died."""
-        ...
 
 
 def engine_of(
@@ -70,6 +55,11 @@ def engine_of(
 
 
 class _Local:
+    """Threads that wait for processes; to be used in a ``with`` block, whose end stops what still runs.
+
+    ``about`` says where the tasks run, for the user.
+    """
+
     def __init__(self, workers: int) -> None:
         self.about = f"{workers} at the same time on this machine"
         self._pool = concurrent.futures.ThreadPoolExecutor(workers)
@@ -84,12 +74,15 @@ class _Local:
         self._pool.shutdown(wait=True)
 
     def run(self, questions: Sequence[Question], limits: Limits) -> Iterator[tuple[int, Answer]]:
+        """Yield the number of each question and its answer, as they come; an exception if its worker died."""
         futures = {self._pool.submit(run_task, q, limits): n for n, q in enumerate(questions)}
         for future in concurrent.futures.as_completed(futures):
             yield futures[future], future.result()
 
 
 class _Dask:
+    """The workers of a scheduler, used as :class:`_Local` is."""
+
     def __init__(self, address: str, out: str | None) -> None:
         try:
             import distributed
@@ -149,6 +142,10 @@ class _Dask:
             else:
                 error = result[1] if isinstance(result, tuple) else result
                 yield number, error if isinstance(error, Exception) else RuntimeError(str(error))
+
+
+Engine = _Local | _Dask
+"""What runs tasks."""
 
 
 def _worker_sees(out: str) -> bool:

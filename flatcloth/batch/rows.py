@@ -27,7 +27,7 @@ _MOST = 1e15
 _MOST_TOLD = 5
 """Number of earlier attempts whose cause a row keeps. Chosen."""
 
-Kind = Literal["text", "number", "count", "flag"]
+Kind = Literal["text", "number", "count"]
 
 
 @dataclass(frozen=True)
@@ -114,9 +114,8 @@ def _is_whole(row: Mapping[str, Any]) -> bool:
 def _is_of_kind(value: Any, kind: Kind) -> bool:
     if kind == "text":
         return isinstance(value, str)
-    if kind == "flag" or isinstance(value, bool):
-        return kind == "flag" and isinstance(value, bool)
-    return isinstance(value, int if kind == "count" else int | float) and abs(value) <= _MOST
+    is_number = isinstance(value, int if kind == "count" else int | float) and not isinstance(value, bool)
+    return is_number and abs(value) <= _MOST
 
 
 def next_attempt(before: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -57,7 +57,6 @@ def _parquet(rows: Sequence[Mapping[str, Any]]) -> bytes | None:
         "text": pyarrow.string(),
         "number": pyarrow.float64(),
         "count": pyarrow.int64(),
-        "flag": pyarrow.bool_(),
     }
     fields = [
         pyarrow.field(column.name, kinds[column.kind], metadata={"meaning": column.meaning})

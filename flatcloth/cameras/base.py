@@ -43,30 +43,16 @@ class CameraFrame:
 class Camera(Protocol):
     """A running camera; only one thread reads from it."""
 
-    @property
-    def name(self) -> str:
-        """Model and serial number, for titles."""
-        ...
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Remarks for the user, such as a slow connection."""
-        ...
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """Camera of the frames, which are free of lens distortion."""
-        ...
-
-    @property
-    def depth_scale_m(self) -> float:
-        """Metres per unit of depth."""
-        ...
-
-    @property
-    def fps(self) -> float:
-        """Frames per second."""
-        ...
+    name: str
+    """Model and serial number, for titles."""
+    notes: tuple[str, ...]
+    """Remarks for the user, such as a slow connection."""
+    intrinsics: Intrinsics
+    """Camera of the frames, which are free of lens distortion."""
+    depth_scale_m: float
+    """Metres per unit of depth."""
+    fps: float
+    """Frames per second."""
 
     def read(self) -> CameraFrame:
         """Wait for the next frame and return it; frames that are not read in time are dropped.

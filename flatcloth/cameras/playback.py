@@ -36,7 +36,7 @@ class PlaybackCamera:
         self._frames: Iterator[Pair] | None = None
         self._began_s = 0.0
         self.name = path.name
-        self.notes = (f"{path.name} is played in place of a camera.",)
+        self.notes: tuple[str, ...] = (f"{path.name} is played in place of a camera.",)
         self.intrinsics: Intrinsics = self._player.intrinsics
         self.depth_scale_m: float = self._player.depth_scale_m
         self.fps: float = self._player.fps
