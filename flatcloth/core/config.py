@@ -7,10 +7,11 @@ The paper's own values are the defaults where it gives any. The tree is written 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any
 
 from flatcloth.core.decoding import MisfitError, fitted, found_at
 from flatcloth.core.errors import ConfigError
@@ -102,7 +103,8 @@ class Config:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain dictionaries, lists and numbers, for JSON."""
-        return cast("dict[str, Any]", _plain(dataclasses.asdict(self)))
+        plain: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))
+        return plain
 
     def to_former_dict(self) -> dict[str, Any]:
         """Return what ``to_dict`` returned when all of ``former_settings`` could be set."""
@@ -127,14 +129,6 @@ class Config:
             another value; the message names it.
         """
         return _read(_without_former(values))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, tuple):
-        return [_plain(v) for v in value]
-    return value
 
 
 def _without_former(values: Any) -> Any:

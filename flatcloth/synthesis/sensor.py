@@ -13,7 +13,11 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
+from flatcloth.core.geometry import window_of
 from flatcloth.core.types import Bool, Float32, Float64, Uint8
+
+_MARGIN_PX = 12
+"""Around the item, for effects beyond it. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,9 +70,9 @@ def measure_depth(
     """
     scale = focal_px * sensor.baseline_m
     measured = np.zeros_like(depth_m)
-    if not depth_m.any():
+    window = window_of(depth_m > 0, _MARGIN_PX)
+    if window is None:
         return measured
-    window = _window(depth_m > 0)
     inside = depth_m[window]
     true = np.where(inside > 0, scale / np.where(inside > 0, inside, 1), 0).astype(np.float32)
     moved = _jittered(true, random, sensor)
@@ -88,15 +92,6 @@ def measure_color(rgb: Uint8, random: np.random.Generator, noise_levels: float =
     noisy = blurred + random.normal(0, noise_levels, rgb.shape).astype(np.float32)
     seen: Uint8 = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
     return seen
-
-
-def _window(seen: Bool, margin_px: int = 12) -> tuple[slice, slice]:
-    """Return the rows and columns that contain the item, with a margin for effects beyond it."""
-    spans = []
-    for axis in (1, 0):
-        at = np.flatnonzero(seen.any(axis=axis))
-        spans.append(slice(max(int(at[0]) - margin_px, 0), int(at[-1]) + margin_px + 1))
-    return spans[0], spans[1]
 
 
 def _smooth_field(shape: tuple[int, ...], random: np.random.Generator, sigma_px: float) -> Float32:
