@@ -5,6 +5,7 @@ import { Handles } from "/static/canvas/handles.js";
 import { Comparison } from "/static/canvas/compare.js";
 import { KeyPointer } from "/static/canvas/key_pointer.js";
 import { Looking } from "/static/canvas/look.js";
+import { LAYERS, layerAction } from "/static/canvas/layer_list.js";
 import { isMove, KeyNudges } from "/static/canvas/nudges.js";
 import { Ruler } from "/static/canvas/ruler.js";
 import { Column } from "/static/layout/column.js";
@@ -24,7 +25,7 @@ import { SceneMarks } from "/static/page/scene_marks.js";
 import { StatusLines } from "/static/page/status.js";
 import { seen } from "/static/both/seen.js";
 import { applyTheme, onTheme, toggleTheme } from "/static/page/theme.js";
-import { LAYERS, RejectMenu, showHelp, Toolbar } from "/static/page/toolbar.js";
+import { RejectMenu, showHelp, Toolbar } from "/static/page/toolbar.js";
 import { PANELS } from "/static/panels/index.js";
 import { LiveBar } from "/static/panels/live.js";
 import { showLegend } from "/static/panels/readout.js";
@@ -211,8 +212,9 @@ function run(/** @type {string} */ name, large = false) {
   layout.reveal(name);
   if (column.brings(name)) return;
   const perform = PAGE_ACTIONS[name] ?? page.actionOf(name);
-  if (name in LAYERS) {
-    page.layer = LAYERS[name];
+  const layer = LAYERS.find((one) => layerAction(one) === name);
+  if (layer) {
+    page.layer = layer;
     page.changed();
   } else if (isMove(name)) {
     nudges.move(name, large ? 10 : 1);

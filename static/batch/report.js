@@ -39,27 +39,17 @@ const LOOKS = {
   peak_memory_mb: { title: "peak MB", format: number(0), width: 80 },
   review: { width: 84 },
   garment_probability: { format: percent },
-  least_score: { format: number(2) },
-  angles_off_deg: { format: number(2) },
   cpu_seconds: { format: number(1) },
-  seconds_opening: { format: number(2) },
-  seconds_integrating: { format: number(2) },
-  seconds_garment: { format: number(2) },
-  seconds_writing: { format: number(2) },
-  seconds_measuring: { format: number(2) },
   memory_after_mb: { format: number(0) },
 };
 const text = (/** @type {Cell} */ value) => (value === null || value === undefined ? "" : String(value));
 
 /** @type {Column[]} */
-const every = data.columns.map(({ name, kind, meaning }) => ({
-  name,
-  meaning,
-  title: LOOKS[name]?.title ?? name.replaceAll("_", " "),
-  number: kind === "number" || kind === "count",
-  format: LOOKS[name]?.format ?? text,
-  show: (row) => (LOOKS[name]?.format ?? text)(row[name]),
-}));
+const every = data.columns.map(({ name, kind, meaning }) => {
+  const { title = name.replaceAll("_", " "), format = kind === "number" ? number(2) : text } = LOOKS[name] ?? {};
+  const isNumber = kind === "number" || kind === "count";
+  return { name, meaning, title, number: isNumber, format, show: (row) => format(row[name]) };
+});
 
 const named = new Map(every.map((column) => [column.name, column]));
 const HISTOGRAMS = [

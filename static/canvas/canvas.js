@@ -364,7 +364,7 @@ export class FlatCanvas {
     // The pointer of the keys has nothing to capture.
     if (event.isTrusted) this.canvas.setPointerCapture(event.pointerId);
     const main = event.button === 0;
-    const tool = main ? this.tools.find((t) => t.press(this.at(x, y, event))) : undefined;
+    const tool = main ? this.tools.find((t) => t.press(this.at({ x, y }))) : undefined;
     const grip = main && !tool && !event.shiftKey ? this.gripAt({ x, y }) : null;
     const held = main && !tool && this.overProposal(x, y);
     /** @type {Gesture} */
@@ -383,7 +383,7 @@ export class FlatCanvas {
   move(/** @type {PointerEvent} */ event) {
     const { x, y } = this.inPane(event);
     const gesture = this.gesture;
-    if (gesture?.tool) return gesture.tool.drag(this.at(x, y, event));
+    if (gesture?.tool) return gesture.tool.drag(this.at({ x, y }));
     if (!gesture) {
       this.canvas.style.cursor = this.overProposal(x, y) ? "move" : "crosshair";
       const { u, v } = this.transform.toPlane(x, y);
@@ -421,19 +421,16 @@ export class FlatCanvas {
     return Math.atan2(v - this.center[1] - this.preview.v, u - this.center[0] - this.preview.u);
   }
 
-  /** A place of the pane, as tools get it. @param {number} x @param {number} y @param {PointerEvent} event */
-  at(x, y, event) {
-    return { x, y, ...this.transform.toPlane(x, y), shift: event.shiftKey };
+  /** A place of the pane, as tools get it. */
+  at(/** @type {Point} */ { x, y }) {
+    return { x, y, ...this.transform.toPlane(x, y) };
   }
 
   release(/** @type {PointerEvent} */ event) {
     const gesture = this.gesture;
     this.gesture = null;
     if (!gesture) return;
-    if (gesture.tool) {
-      const { x, y } = this.inPane(event);
-      return gesture.tool.release(this.at(x, y, event));
-    }
+    if (gesture.tool) return gesture.tool.release(this.at(this.inPane(event)));
     if (!gesture.moved && gesture.button === 0) {
       const { u, v } = this.transform.toPlane(gesture.x, gesture.y);
       if (this.layer.shown) this.handlers.pick(u, v);

@@ -209,9 +209,9 @@ export class Comparison extends PagePart {
 
   // --- buttons ---------------------------------------------------------------------------------
 
-  /** The buttons of all modes; `button(name, title)` makes one of an action. */
-  buttons(/** @type {(name: string, title: string) => HTMLElement} */ button) {
-    return make("div.modes.segmented-grid", ...MODES.map(([name, , label]) => button(name, label)));
+  /** The buttons of all modes. */
+  buttons() {
+    return make("div.modes.segmented-grid", ...MODES.map(([name, , label]) => this.page.button(name, label)));
   }
 
   /** The choice of the difference, where it is looked at. */

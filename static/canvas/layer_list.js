@@ -5,17 +5,12 @@ import { choice, make, slider, tickBox } from "/static/page/dom.js";
 import { number } from "/static/page/format.js";
 import { Picture } from "/static/canvas/picture.js";
 
-/** @type {Record<string, string>} */
-const LAYER_TITLES = {
-  color: "Color",
-  height: "Height z",
-  z_angle: "Z-angle",
-  source: "Source",
-  stretch: "Stretch",
-  incidence: "Incidence",
-  density: "Density",
-  place: "Uncertainty",
-};
+/** All of them; the table of actions has their titles, keys and descriptions. */
+export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place"];
+
+/** The action that chooses a layer. */
+export const layerAction = (/** @type {string} */ layer) => `layer_${layer}`;
+
 /** How a layer mixes with what lies below it: the words, and the canvas's name for it. */
 const BLENDINGS = {
   "source-over": "Normal",
@@ -38,7 +33,7 @@ export class LayerList {
 
   /** The layers that lie over the chosen one, from the bottom. */
   get above() {
-    return Object.keys(LAYER_TITLES).filter((name) => name !== this.page.layer && this.looking.of(name).shown);
+    return LAYERS.filter((name) => name !== this.page.layer && this.looking.of(name).shown);
   }
 
   update(/** @type {State} */ state) {
@@ -93,7 +88,7 @@ export class LayerList {
 
   /** The rows; `legends` by layer. In live mode each frame has one layer, the chosen one, in its own colours. */
   build(/** @type {Record<string, Legend> | null | undefined} */ legends, live = false) {
-    const rows = Object.keys(LAYER_TITLES).map((name) => this.row(name, legends?.[name], live));
+    const rows = LAYERS.map((name) => this.row(name, legends?.[name], live));
     return make("ul.layer-list", { label: "Layers" }, ...rows);
   }
 
@@ -101,7 +96,7 @@ export class LayerList {
   row(name, legend, live) {
     const chosen = name === this.page.layer;
     const { shown, opacity, blending } = this.looking.of(name);
-    const title = LAYER_TITLES[name];
+    const { title } = this.page.action(layerAction(name));
     const visible = chosen || (shown && !live);
     const set = (/** @type {Partial<LayerLook>} */ change) => this.looking.set(name, change);
     const why = chosen ? "The chosen layer is always shown" : live ? ONE_ALONE : null;
@@ -109,7 +104,7 @@ export class LayerList {
       pressed: chosen,
       key: `layer-row-${name}`,
       tip: live ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
-      click: () => this.page.run(`layer_${name}`),
+      click: () => this.page.run(layerAction(name)),
     };
     return make(
       "li",

@@ -60,12 +60,12 @@ export function drawLabel(context, style, text, [x, y], box, { color = "--text",
  * A dot that is seen on any cloth.
  * @param {Context} context @param {Point} parts @param {string} color @param {number} radius
  */
-export function drawDot(context, { x, y }, color, radius) {
+export function drawDot(context, { x, y }, color, radius, rim = 1.5) {
   context.beginPath();
   context.arc(x, y, radius, 0, 2 * Math.PI);
   context.fillStyle = color;
   context.strokeStyle = "#fff";
-  context.lineWidth = 1.5;
+  context.lineWidth = rim;
   context.fill();
   context.stroke();
 }

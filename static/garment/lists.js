@@ -28,13 +28,16 @@ const stateOf = (point) => (point.held ? "held by hand" : point.seen ? "seen" : 
 
 /**
  * The button of a named point: its state as a sign and in words, its name, how well it is known.
- * @param {GarmentPoint} point @param {string} more @param {Listeners} on
+ * @param {GarmentPoint} point @param {string} more @param {(name: string | null) => void} pointAt tells which one the
+ *   pointer or the focus is at @param {Listeners} on
  */
-export function pointButton(point, more, on) {
+export function pointButton(point, more, pointAt, on) {
   const state = stateOf(point);
+  const [at, off] = [point.name, null].map((name) => () => pointAt(name));
+  const pointing = { mouseenter: at, mouseleave: off, focus: at, blur: off };
   return make(
     "button.point",
-    { key: `point-${point.name}`, tip: `${state}, known to ${inMm(point.std_mm, 0)}${more}`, on },
+    { key: `point-${point.name}`, tip: `${state}, known to ${inMm(point.std_mm, 0)}${more}`, ...pointing, on },
     make("i.sign", { "aria-hidden": "true" }, point.held ? "◆" : point.seen ? "●" : "○"),
     make("span", words(point.name), make("span.unseen", `, ${state}, `)),
     make("small", `± ${inMm(point.std_mm, 0)}`),

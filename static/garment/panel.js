@@ -153,7 +153,6 @@ export class GarmentPanel extends PagePart {
     const what = point.seen
       ? "Click: pick it as a grasp."
       : "No view shows cloth there, so it cannot be grasped yet.";
-    const point_at = (/** @type {boolean} */ on) => () => this.pointAt(on ? point.name : null);
     return make(
       "li",
       { class: point.seen ? "seen" : "predicted" },
@@ -161,15 +160,10 @@ export class GarmentPanel extends PagePart {
         point,
         ` (one standard deviation).\n${what}\n` +
           "Drag it on the flattened view, or move it here with the arrow keys: it is held, the rest refits.",
+        (name) => this.pointAt(name),
         {
           click: () => this.page.send({ type: "pick_point", name: point.name }),
-          mouseenter: point_at(true),
-          mouseleave: point_at(false),
-          focus: point_at(true),
-          blur: () => {
-            this.settle();
-            this.pointAt(null);
-          },
+          blur: () => this.settle(),
           keydown: (event) => this.key(event, point),
           keyup: (event) => event.key in WAYS && this.settle(),
         },

@@ -1,7 +1,7 @@
 // What the exported page can do: one table for buttons, keys and the sheet of keys.
 
-import { keyName } from "/static/page/format.js";
-import { keySection, showKeys } from "/static/page/keys.js";
+import { copyPick } from "/static/offline/details.js";
+import { actionSection, keySection, showKeys } from "/static/page/keys.js";
 
 /**
  * Name, group, keys, title, what it does, how; and a label where the title is a sign.
@@ -43,7 +43,7 @@ const ACTIONS = [
     (page) => page.setFollow(!page.follow),
   ],
   ["around", "View", ["i"], "Item", "Show, in grey, what else the camera saw.", (page) => page.toggleAround()],
-  ["copy", "Page", ["c"], "Copy", "Copy the numbers of the current pick.", (page) => page.copy()],
+  ["copy", "Page", ["c"], "Copy", "Copy the numbers of the current pick.", (page) => copyPick(page)],
   ["theme", "Page", ["t"], "Theme", "Switch between light and dark.", (page) => page.toggleTheme()],
   ["help", "Page", ["?"], "Keys", "Show this sheet.", (page) => showHelp(page)],
 ];
@@ -63,21 +63,16 @@ export function actionTable(/** @type {OfflinePage} */ page) {
     group: "Layer",
     keys: [String(i + 1)],
     title: layer.title,
-    about: `Show ${layer.about}.`,
+    description: `Show ${layer.about}.`,
     run: () => page.setLayer(layer.name),
   }));
-  const others = ACTIONS.map(([name, group, keys, title, about, run, label]) => {
-    return { name, group, keys, title, about, label, run: () => run(page) };
+  const others = ACTIONS.map(([name, group, keys, title, description, run, label]) => {
+    return { name, group, keys, title, description, label, run: () => run(page) };
   });
   return [...others, ...layers];
 }
 
 function showHelp(/** @type {OfflinePage} */ page) {
-  const rowsOf = (/** @type {string} */ group) =>
-    page.actions
-      .filter((action) => action.group === group)
-      .map(({ keys, label, title, about }) => {
-        return /** @type {HelpRow} */ ([keys.slice(0, 2).map(keyName), label ?? title, about]);
-      });
-  showKeys([...GROUPS.map((group) => keySection(group, rowsOf(group))), keySection("Pointer", POINTER)]);
+  const sections = GROUPS.map((group) => actionSection(group, group, page.actions));
+  showKeys([...sections, keySection("Pointer", POINTER)]);
 }

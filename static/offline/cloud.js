@@ -59,10 +59,6 @@ export class CloudView {
     this.listen();
   }
 
-  get works() {
-    return this.points !== null;
-  }
-
   // --- what is shown -------------------------------------------------------------------------
 
   setStep(/** @type {number} */ step, /** @type {boolean} */ follow) {
@@ -74,16 +70,6 @@ export class CloudView {
   /** Color the cloth, three bytes a pixel. */
   setColors(/** @type {Uint8Array} */ rgb) {
     this.points?.color(rgb);
-    this.redraw();
-  }
-
-  setMark(/** @type {CloudMark} */ mark) {
-    this.mark = mark;
-    this.redraw();
-  }
-
-  setAround(/** @type {boolean} */ on) {
-    this.showAround = on;
     this.redraw();
   }
 

@@ -23,16 +23,11 @@ export function showGarment(/** @type {OfflinePage} */ page) {
 }
 
 function row(/** @type {OfflinePage} */ page, /** @type {GarmentPoint} */ point) {
-  const at = (/** @type {boolean} */ on) => () => {
-    page.pointed = on ? point.name : null;
+  const pointAt = (/** @type {string | null} */ name) => {
+    page.pointed = name;
     page.flat.redraw();
   };
-  const button = pointButton(point, "", {
-    mouseenter: at(true),
-    mouseleave: at(false),
-    focus: at(true),
-    blur: at(false),
-    click: () => point.seen && page.flat.side === "this" && page.pickAt(...point.uv_m),
-  });
+  const click = () => point.seen && page.flat.side === "this" && page.pickAt(...point.uv_m);
+  const button = pointButton(point, "", pointAt, { click });
   return make("li", { class: point.seen ? "seen" : "predicted" }, button);
 }

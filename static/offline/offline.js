@@ -13,13 +13,14 @@ import {
   setPressed,
   setText,
   targetOf,
+  within,
 } from "/static/page/dom.js";
-import { cm2, count, floatingOf, keyName, number } from "/static/page/format.js";
+import { cm2, count, floatingOf, keyName, number, tipOf } from "/static/page/format.js";
 import { keyOf } from "/static/page/keys.js";
 import { startTips } from "/static/page/notices.js";
 import { actionTable } from "/static/offline/actions.js";
 import { CloudView } from "/static/offline/cloud.js";
-import { copyPick, showDecisions, showPick, showPicks, showValues } from "/static/offline/details.js";
+import { showDecisions, showPick, showPicks, showValues } from "/static/offline/details.js";
 import { turned } from "/static/both/seen.js";
 import { drawGarment } from "/static/garment/marks.js";
 import { showGarment } from "/static/offline/garment.js";
@@ -31,6 +32,8 @@ const PLAY_MS = 1300;
 const NEW = [255, 140, 0];
 
 export class Page {
+  toggleTheme = toggleTheme;
+
   constructor(/** @type {OfflineData} */ { history, layers, cloth, other, around }) {
     this.history = history;
     /** @type {Record<SideName, OfflineData["other"]>} */
@@ -45,7 +48,7 @@ export class Page {
     this.current = /** @type {OfflinePick | null} */ (null);
     this.flat = new FlatCanvas({
       pick: (u, v) => this.pickAt(u, v),
-      hover: (u, v) => this.hover(u, v),
+      hover: (u, v) => showValues(this, u, v),
       nudge: () => {},
       mayDrag: () => false,
     });
@@ -76,7 +79,7 @@ export class Page {
       this.turn("this"); // the points of the scene are those of this side
       this.pick(n, 0);
     });
-    byId("cloud-empty").hidden = this.cloud.works;
+    byId("cloud-empty").hidden = this.cloud.points !== null;
     this.cloud.setStep(this.step, false);
     setText(
       byId("cloud-empty"),
@@ -91,18 +94,11 @@ export class Page {
   }
 
   button(/** @type {string} */ name) {
-    const { label, about, keys, title, run } = /** @type {OfflineAction} */ (
-      this.actions.find((a) => a.name === name)
-    );
+    const action = /** @type {OfflineAction} */ (this.actions.find((a) => a.name === name));
+    const { label, keys, title, run } = action;
     return make(
       "button.button",
-      {
-        label,
-        key: name,
-        data: { action: name },
-        tip: `${about}\nKey: ${keys.map(keyName).join(" or ")}`,
-        click: run,
-      },
+      { label, key: name, data: { action: name }, tip: tipOf(action), click: run },
       title,
       make("kbd", keyName(keys[0])),
     );
@@ -244,7 +240,8 @@ export class Page {
     const pick = this.current;
     this.flat.pick = pick?.uv_m && this.isShown(pick) ? { uv_m: pick.uv_m, grip: pick.grip } : null;
     this.flat.showMarks(this.history.picks.filter((p) => this.isShown(p)));
-    this.cloud.setMark(pick && { point: pick.position_held_m, gripper: pick.grip?.gripper_m ?? null });
+    this.cloud.mark = pick && { point: pick.position_held_m, gripper: pick.grip?.gripper_m ?? null };
+    this.cloud.redraw();
   }
 
   /** @param {OfflinePick} pick */
@@ -263,7 +260,7 @@ export class Page {
 
   stepBy(/** @type {number} */ by) {
     this.pause();
-    const step = Math.min(this.last, Math.max(0, this.step + by));
+    const step = within(this.step + by, 0, this.last);
     if (step !== this.step) this.goTo(step, true);
   }
 
@@ -306,7 +303,8 @@ export class Page {
   }
 
   toggleAround() {
-    this.cloud.setAround(!this.cloud.showAround);
+    this.cloud.showAround = !this.cloud.showAround;
+    this.cloud.redraw();
     this.show();
   }
 
@@ -344,18 +342,6 @@ export class Page {
     showPicks(this);
   }
 
-  hover(/** @type {number | null} */ u, /** @type {number} */ v) {
-    showValues(this, u, v);
-  }
-
-  toggleTheme() {
-    toggleTheme();
-  }
-
-  copy() {
-    return copyPick(this);
-  }
-
   key(/** @type {KeyboardEvent} */ event) {
     if (!isPlain(event) || document.querySelector("dialog[open]")) return;
     const key = keyOf(event);
@@ -391,7 +377,7 @@ try {
   const made = (page = new Page(await unpack(byId("history").textContent ?? "", byId("arrays").textContent ?? "")));
   document.addEventListener("keydown", (event) => made.key(event));
   applyTheme();
-  made.hover(null, 0);
+  showValues(made, null, 0);
   Object.assign(window, { flatcloth: page });
 } catch (error) {
   byId("broken").hidden = false;

@@ -11,7 +11,7 @@ declare global {
     keys: string[];
     title: string;
     label?: string;
-    about: string;
+    description: string;
     run: () => void;
   };
   type OfflineLayer = { name: string; title: string; about: string; legend: Legend; start: number; count: number };

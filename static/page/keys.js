@@ -1,6 +1,7 @@
 // The action of a key in the current mode, from the table of actions; and the sheet of keys.
 
 import { byId, make, taken, targetOf } from "/static/page/dom.js";
+import { keyName } from "/static/page/format.js";
 import { isMove } from "/static/canvas/nudges.js";
 
 const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
@@ -69,6 +70,19 @@ export const keySection = (title, rows) =>
         make("dd", name && [make("strong", name), " "], about),
       ]),
     ),
+  );
+
+/**
+ * The actions of a group as such a part.
+ * @param {string} title @param {string} group
+ * @param {{ group: string; keys: string[]; title: string; label?: string; description: string }[]} actions
+ */
+export const actionSection = (title, group, actions) =>
+  keySection(
+    title,
+    actions
+      .filter((action) => action.group === group)
+      .map(({ keys, label, title, description }) => [keys.slice(0, 2).map(keyName), label ?? title, description]),
   );
 
 export function showKeys(/** @type {HTMLElement[]} */ sections) {

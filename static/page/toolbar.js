@@ -15,9 +15,10 @@ import {
   staysIn,
   taken,
 } from "/static/page/dom.js";
-import { keyName, tipOf } from "/static/page/format.js";
+import { tipOf } from "/static/page/format.js";
+import { LAYERS, layerAction } from "/static/canvas/layer_list.js";
 import { PagePart } from "/static/page/page.js";
-import { keySection, showKeys } from "/static/page/keys.js";
+import { actionSection, keySection, showKeys } from "/static/page/keys.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
 const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];
@@ -31,34 +32,21 @@ const STEPS = [
   [2, 1],
   [5, 2],
 ]; // of the keys that move the proposal: mm, degrees
-/** @type {Record<string, string>} */
-export const LAYERS = {
-  layer_color: "color",
-  layer_height: "height",
-  layer_z_angle: "z_angle",
-  layer_source: "source",
-  layer_stretch: "stretch",
-  layer_incidence: "incidence",
-  layer_density: "density",
-  layer_place: "place",
-};
 const STEPS_TIP =
   "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged.";
-const QUALITY = ["layer_stretch", "layer_incidence", "layer_density", "layer_place"];
+const QUALITY = ["stretch", "incidence", "density", "place"];
 /** @type {Record<string, string>} */
-const SIGNS = { zoom_out: "−", zoom_in: "+" };
-/** @type {Record<string, string>} */
-const LIVE_SIGNS = { live_back: "◂", live_forward: "▸" };
+const SIGNS = { zoom_out: "−", zoom_in: "+", live_back: "◂", live_forward: "▸" };
 
 export class Toolbar extends PagePart {
   update(/** @type {State} */ state) {
-    if (state.mode === "live") this.build(byId("actions"), LIVE, LIVE_SIGNS);
-    else this.build(byId("actions"), SESSION);
-    byId("actions").setAttribute("aria-label", state.mode === "live" ? "Playing" : "Session");
-    this.build(byId("page-actions"), PAGE);
-    this.buildLayers(state.mode === "live");
+    const live = state.mode === "live";
+    this.build("actions", live ? LIVE : SESSION);
+    byId("actions").setAttribute("aria-label", live ? "Playing" : "Session");
+    this.build("page-actions", PAGE);
+    this.buildLayers(live);
     this.buildOverlay();
-    this.build(byId("zoom-tools"), ["zoom_out", "zoom_in", "fit"], SIGNS);
+    this.build("zoom-tools", ["zoom_out", "zoom_in", "fit"]);
     for (const action of state.actions)
       for (const button of findAll(`[data-action="${action.name}"]`))
         setAllowed(button, action.why_not, tipOf(action));
@@ -67,7 +55,7 @@ export class Toolbar extends PagePart {
     byId("canvas").classList.toggle("measuring", this.page.ruler.on);
     if (state.live) this.updateLive(state.live);
     else this.updateSession(state);
-    for (const [name, layer] of Object.entries(LAYERS)) setPressed(buttonOf(name), this.page.layer === layer);
+    for (const layer of LAYERS) setPressed(buttonOf(layerAction(layer)), this.page.layer === layer);
   }
 
   updateLive(/** @type {NonNullable<State["live"]>} */ live) {
@@ -87,15 +75,11 @@ export class Toolbar extends PagePart {
     }
   }
 
-  build(
-    /** @type {HTMLElement} */ container,
-    /** @type {string[]} */ names,
-    /** @type {Record<string, string>} */ titles = {},
-  ) {
-    rebuild(container, [names], () =>
+  build(/** @type {string} */ container, /** @type {string[]} */ names) {
+    rebuild(byId(container), [names], () =>
       names.map((name) => {
         if (name === "|") return make("span.gap", { "aria-hidden": "true" });
-        const button = this.page.button(name, titles[name]);
+        const button = this.page.button(name, SIGNS[name]);
         const more = MORE[name];
         return more ? make("span.joined", button, this.more(more)) : button;
       }),
@@ -111,13 +95,11 @@ export class Toolbar extends PagePart {
   }
 
   buildLayers(/** @type {boolean} */ live) {
-    const quality = QUALITY.filter((name) => !live || name !== "layer_place"); // a single view has no placement
-    this.build(
-      byId("layers"),
-      Object.keys(LAYERS).filter((name) => !QUALITY.includes(name)),
-    );
-    this.build(byId("quality-layers"), quality);
-    this.build(byId("look-tools"), live ? ["look"] : ["look", "turn_over"]);
+    const quality = QUALITY.filter((layer) => !live || layer !== "place"); // a single view has no placement
+    const others = LAYERS.filter((layer) => !QUALITY.includes(layer));
+    this.build("layers", others.map(layerAction));
+    this.build("quality-layers", quality.map(layerAction));
+    this.build("look-tools", live ? ["look"] : ["look", "turn_over"]);
   }
 
   buildOverlay() {
@@ -134,7 +116,7 @@ export class Toolbar extends PagePart {
       input: (event) => page.comparison.setOpacity(event.target.valueAsNumber),
     });
     rebuild(byId("overlay-tools"), ["overlay"], () => [
-      page.comparison.buttons((name, title) => this.page.button(name, title)),
+      page.comparison.buttons(),
       make("div#difference-kinds.segmented", { role: "group", label: "Difference", hidden: true }),
       make("div.field", this.page.button("diagnostics"), field("Opacity", opacity)),
       field("Arrows, [ ]", steps, STEPS_TIP),
@@ -232,11 +214,7 @@ export function showHelp(/** @type {ActionRow[]} */ actions, /** @type {string} 
   const groups = Object.entries(GROUPS).sort(([, a], [, b]) => place(a[1]) - place(b[1]));
   const sections = groups.map(([group, [title, of]]) => {
     const note = of === "" || of === mode || title.includes("(") ? "" : ` (with${of === "live" ? "" : "out"} --live)`;
-    const rows = actions.filter((action) => action.group === group);
-    return keySection(
-      title + note,
-      rows.map(({ keys, title: name, description }) => [keys.slice(0, 2).map(keyName), name, description]),
-    );
+    return actionSection(title + note, group, actions);
   });
   showKeys([...sections, keySection("Pointer", POINTER)]);
 }

@@ -168,7 +168,7 @@ declare global {
   /** A place of the plane, metres. */
   type Place = { u_m: number; v_m: number };
   /** The pointer, as the tools of the canvas get it. */
-  type PointerPlace = { x: number; y: number; u: number; v: number; shift: boolean };
+  type PointerPlace = { x: number; y: number; u: number; v: number };
   type Box = { left: number; top: number; right: number; bottom: number };
   type Rect = { x: number; y: number; w: number; h: number };
 

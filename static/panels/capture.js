@@ -12,7 +12,7 @@ const BUTTONS = { turn: ["capture_turned"], review: ["capture_keep", "capture_re
 export class CapturePanel extends PagePart {
   name = "capture";
   /** @type {NonNullable<Panel["actions"]>} */
-  actions = Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.do(name)]));
+  actions = Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.send(ACTIONS[name])]));
   /** @type {Panel["messages"]} */
   messages = { capture: (message) => this.page.state?.capture && this.take(message) };
   table = /** @type {ActionRow[]} */ ([]); // its actions as the server tells them
@@ -41,11 +41,6 @@ export class CapturePanel extends PagePart {
     this.showView(status.view);
     this.showButtons(status);
     setText(byId("capture-kept"), kept(status));
-  }
-
-  /** Do what a key or a button of the table says. */
-  do(/** @type {string} */ name) {
-    this.page.send({ type: "capture", action: ACTIONS[name] });
   }
 
   showWarnings(/** @type {CaptureStatus} */ status) {
@@ -78,15 +73,11 @@ export class CapturePanel extends PagePart {
         "Angle °",
         numberBox({ step: 1 }, view.angle_deg, {
           key: "capture-angle",
-          change: (event) => this.aim(event.target.valueAsNumber),
+          change: ({ target: { valueAsNumber: angle } }) => Number.isFinite(angle) && this.send("aim", angle),
         }),
         "If the item was turned to another angle than it was asked for",
       ),
     ]);
-  }
-
-  aim(/** @type {number} */ angle) {
-    if (Number.isFinite(angle)) this.page.send({ type: "capture", action: "aim", angle_deg: angle });
   }
 
   showButtons(/** @type {CaptureStatus} */ status) {
@@ -111,8 +102,9 @@ export class CapturePanel extends PagePart {
     if (names.includes("capture_keep")) buttonOf("capture_keep").classList.add("primary");
   }
 
-  send(/** @type {import("/static/page/messages").Capture["action"]} */ action) {
-    this.page.send({ type: "capture", action });
+  /** @param {import("/static/page/messages").Capture["action"]} action @param {number} [angle_deg] */
+  send(action, angle_deg) {
+    this.page.send({ type: "capture", action, angle_deg });
   }
 }
 

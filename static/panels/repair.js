@@ -1,7 +1,7 @@
 // Repair of a proposal: how it fits while it is moved, refinement from there, and pairs of points to fit.
 
 import { applied, unapplied } from "/static/canvas/geometry.js";
-import { strokeRimmed } from "/static/canvas/marks.js";
+import { drawDot, strokeRimmed } from "/static/canvas/marks.js";
 import { buttonOf, byId, closeButton, make, numberBox, rebuild, setPressed, setText } from "/static/page/dom.js";
 import { cm2, number } from "/static/page/format.js";
 
@@ -171,7 +171,7 @@ export class Repair {
     if (open && !open.shape) {
       open.shape = [u, v];
       this.askResiduals();
-    } else if (this.onProposal(u, v)) {
+    } else if (this.canvas.overlay.covers(...this.unmoved(u, v))) {
       this.pairs.push({ own: this.toOwn(u, v), shape: null, weight: 1 });
       this.fit = null;
     } else {
@@ -180,11 +180,6 @@ export class Repair {
     this.showPairs();
     this.canvas.redraw();
     return true;
-  }
-
-  onProposal(/** @type {number} */ u, /** @type {number} */ v) {
-    const at = this.unmoved(u, v);
-    return this.canvas.overlay.covers(...at);
   }
 
   remove(/** @type {number} */ index) {
@@ -319,13 +314,7 @@ export class Repair {
       });
     }
     for (const { index, end, x, y } of ends) {
-      context.beginPath();
-      context.arc(x, y, 9, 0, 2 * Math.PI);
-      context.fillStyle = end === "own" ? "#e67e00" : style.getPropertyValue("--accent");
-      context.strokeStyle = "#fff";
-      context.lineWidth = 2;
-      context.fill();
-      context.stroke();
+      drawDot(context, { x, y }, end === "own" ? "#e67e00" : style.getPropertyValue("--accent"), 9, 2);
       context.fillStyle = end === "own" ? "#241300" : style.getPropertyValue("--on-accent");
       context.fillText(String(index + 1), x, y + 0.5);
     }
@@ -337,7 +326,10 @@ export class Repair {
   /** @returns {UV} */
   fromOwn(/** @type {UV} */ [x, y]) {
     const { placement } = this;
-    return placement ? this.previewed(...applied(placement, x, y)) : [x, y];
+    if (!placement) return [x, y];
+    const [cu, cv] = this.canvas.center;
+    const [u, v] = applied(placement, x, y);
+    return applied(this.preview, u - cu, v - cv);
   }
 
   toOwn(/** @type {number} */ u, /** @type {number} */ v) {
@@ -348,11 +340,6 @@ export class Repair {
   get placement() {
     const at = this.canvas.overlay.shown?.grid.placement;
     return at ? [at.theta_rad, at.u_m, at.v_m] : null;
-  }
-
-  previewed(/** @type {number} */ u, /** @type {number} */ v) {
-    const [cu, cv] = this.canvas.center;
-    return applied(this.preview, u - cu, v - cv);
   }
 
   /** @returns {UV} */

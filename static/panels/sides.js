@@ -12,7 +12,6 @@ const MOST_POINTS = 900; // of a stroke; the server takes a thousand
 const COLORS = { this: "--side-this", other: "--side-other", cut: "--warn" };
 const BRUSHES = ["brush_this", "brush_other", "cut"];
 const SHOWN = ["show_sides", "show_certainty", "where_to_stroke", "where_before"];
-const NAMES = { this: "This side", other: "Not this side", cut: "Cut" };
 
 /** @typedef {"this" | "other" | "cut"} BrushKind */
 
@@ -69,10 +68,7 @@ export class SidesPanel extends PagePart {
   update(/** @type {State} */ state) {
     this.known = state.sides ?? null;
     this.panel.hidden = !this.known;
-    if (!this.known) {
-      this.kind = null;
-      return;
-    }
+    if (!this.known) return void (this.kind = null);
     this.show(this.known);
     this.fetchImage(state);
   }
@@ -96,10 +92,8 @@ export class SidesPanel extends PagePart {
   // --- the brush -------------------------------------------------------------------------------
 
   take(/** @type {BrushKind} */ kind) {
-    if (!this.known) {
-      this.page.notify("info", "This recording has masks of its own; there is nothing to paint.");
-      return;
-    }
+    if (!this.known)
+      return this.page.notify("info", "This recording has masks of its own; there is nothing to paint.");
     this.kind = this.kind === kind ? null : kind;
     this.line = this.cutLine = null;
     this.tellScene();
@@ -275,14 +269,9 @@ export class SidesPanel extends PagePart {
     strokeLine(
       context,
       line.map(([u, v]) => canvas.transform.toPane(u, v)),
-      style.getPropertyValue(COLORS[this.kind ?? "this"]),
+      style.getPropertyValue(COLORS[this.kind]),
       width,
     );
     context.restore();
-  }
-
-  /** What the pointer does now, for the read-out. */
-  get about() {
-    return this.kind ? NAMES[this.kind] : "";
   }
 }
