@@ -1,6 +1,6 @@
 // Both sides beside one another: where the other one lies on the canvas, and which side a place belongs to.
 
-import { applied, cornersOf, unapplied, union } from "/static/canvas/geometry.js";
+import { applied, movedBox, unapplied } from "/static/canvas/geometry.js";
 import { Picture } from "/static/canvas/picture.js";
 
 const GAP_M = 0.06;
@@ -28,9 +28,9 @@ export class Beside {
     const [own, its] = [this.canvas.layer.shown, this.picture.shown];
     if (!own || !its) return null;
     const { angle, flipped } = this.canvas.transform;
-    const left = spanOf(own.box, angle);
-    const right = spanOf(its.box, -angle);
-    const shift = flipped ? left.least - GAP_M - right.most : left.most + GAP_M - right.least;
+    const here = movedBox(own.box, [angle, 0, 0]);
+    const there = movedBox(its.box, [-angle, 0, 0]);
+    const shift = flipped ? here.left - GAP_M - there.right : here.right + GAP_M - there.left;
     return [-2 * angle, Math.cos(angle) * shift, -Math.sin(angle) * shift];
   }
 
@@ -38,11 +38,7 @@ export class Beside {
   get box() {
     const { motion } = this;
     const its = this.picture.shown;
-    if (!motion || !its) return null;
-    const corners = cornersOf(its.box).map(([u, v]) => applied(motion, u, v));
-    return corners
-      .map(([u, v]) => ({ left: u, right: u, top: v, bottom: v }))
-      .reduce((/** @type {Box} */ sum, point) => union(sum, point));
+    return motion && its && movedBox(its.box, motion);
   }
 
   /** The place of the other side at a place of the canvas; null: that is not on it. @returns {UV | null} */
@@ -65,10 +61,4 @@ export class Beside {
     const its = this.picture.shown;
     if (motion && its) this.canvas.drawPicture(its, its.image, false, motion);
   }
-}
-
-/** How far a box reaches to the left and the right where the display is turned. */
-function spanOf(/** @type {Box} */ box, /** @type {number} */ angle) {
-  const across = cornersOf(box).map(([u, v]) => applied([angle, 0, 0], u, v)[0]);
-  return { least: Math.min(...across), most: Math.max(...across) };
 }

@@ -149,6 +149,9 @@ export function boxOfPoints(/** @type {Numbers} */ points) {
   return box;
 }
 
+/** The box of a box that was moved. @param {Box} box @param {Motion} motion */
+export const movedBox = (box, motion) => boxOfPoints(cornersOf(box).flatMap(([u, v]) => applied(motion, u, v)));
+
 /**
  * The box around two; of one and none it is that one.
  *

@@ -1,6 +1,7 @@
 // The Garment panel: kinds with their probabilities, dimensions, named points; what is decided about them by hand.
 
 import { PagePart } from "/static/page/page.js";
+import { boxOfPoints } from "/static/canvas/geometry.js";
 import { GarmentDrawing } from "/static/garment/drawing.js";
 import { dimensions, percent, pointButton, shares } from "/static/garment/lists.js";
 import { words } from "/static/garment/marks.js";
@@ -43,9 +44,7 @@ export class GarmentPanel extends PagePart {
   /** Where the outline is, once the shape is upright; of the first views it may lie anywhere. @returns {Box | null} */
   get box() {
     const outline = this.turnedFrom && this.page.canvas.side === "this" ? this.drawing.drawn?.outline_uv_m : null;
-    if (!outline?.length) return null;
-    const [us, vs] = [outline.map(([u]) => u), outline.map(([, v]) => v)];
-    return { left: Math.min(...us), top: Math.min(...vs), right: Math.max(...us), bottom: Math.max(...vs) };
+    return outline?.length ? boxOfPoints(outline.flat()) : null;
   }
 
   get found() {

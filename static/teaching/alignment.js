@@ -1,10 +1,10 @@
 // What stages 12 to 16 draw: the new view, the lines, the overlay, the search, the renewed view.
 
 import { cm2, degrees, mm, number } from "/static/page/format.js";
-import { applied, boxOf, cornersOf, union, boxOfPoints } from "/static/canvas/geometry.js";
+import { applied, boxOf, movedBox, union } from "/static/canvas/geometry.js";
 import { outlineOf } from "/static/canvas/picture.js";
 import { within } from "/static/page/dom.js";
-import { lastOf } from "/static/teaching/lesson.js";
+import { between, lastOf } from "/static/teaching/lesson.js";
 import { columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
 import { imageBox } from "/static/teaching/detail.js";
 import { Plot, ticks } from "/static/teaching/plot.js";
@@ -39,9 +39,6 @@ function drawLine(sheet, map, line, pixels, /** @type {Motion | null} */ moved =
 
 // --- overlay and search ----------------------------------------------------------------------------
 
-/** @param {Box} box @param {Motion} motion */
-const movedBox = (box, motion) => boxOfPoints(cornersOf(box).flatMap(([u, v]) => applied(motion, u, v)));
-
 /**
  * @param {Sheet} sheet @param {Rect} rect @param {AlignmentLesson} lesson @param {Motion} motion @param {string} key
  * @param {boolean} withLines
@@ -59,14 +56,6 @@ function drawOverlay(sheet, rect, lesson, motion, key, withLines) {
     drawLine(sheet, map, lesson.lines.current, lesson.array.current_pixels_uv);
     drawLine(sheet, map, lesson.lines.new, lesson.array.new_pixels_uv, motion);
   });
-}
-
-/** @returns {Motion} */
-function motionAt(/** @type {Motion[]} */ motions, /** @type {number} */ time) {
-  const from = Math.min(motions.length - 1, Math.floor(time));
-  const to = motions[Math.min(motions.length - 1, from + 1)];
-  const [turn, u, v] = motions[from].map((x, i) => x + (time - from) * (to[i] - x));
-  return [turn, u, v];
 }
 
 /** @param {AlignmentLesson} lesson @param {number} slice @param {Sheet} sheet */
@@ -236,7 +225,7 @@ export const ALIGNMENT_STAGES = {
     draw(sheet, rect, { alignment: lesson }, ui) {
       const [left, right] = columns(rect, [0.52, 0.48]);
       const { turns_deg: turns, shifts_mm: shifts, motions } = lesson.search;
-      const motion = motionAt(motions, ui.time);
+      const motion = between(motions, ui.time);
       drawOverlay(sheet, sheet.titled(left, "The plane", stepName(lesson, ui)), lesson, motion, "overlay", false);
       const path = lesson.array.path;
       const last = path.slice(-3);
@@ -271,7 +260,7 @@ export const ALIGNMENT_STAGES = {
           sheet.ring(plot.at(lesson.array.starts[i + 1], lesson.array.starts[i + 2]), 3, sheet.color.text, 1.5);
         for (let i = 3; i < path.length; i += 3)
           sheet.line(plot.at(path[i - 2], path[i - 1]), plot.at(path[i + 1], path[i + 2]), sheet.color.mark, 2);
-        const now = motionAt(
+        const now = between(
           Array.from({ length: path.length / 3 }, (_, i) => [path[3 * i], path[3 * i + 1], path[3 * i + 2]]),
           ui.time,
         );

@@ -4,7 +4,7 @@ import { boxOf, boxOfPoints } from "/static/canvas/geometry.js";
 import { words as asWords } from "/static/garment/marks.js";
 import { cm2, number, percent } from "/static/page/format.js";
 import { columns } from "/static/teaching/draw.js";
-import { lastOf } from "/static/teaching/lesson.js";
+import { between, lastOf, statesOf } from "/static/teaching/lesson.js";
 import { Plot } from "/static/teaching/plot.js";
 
 const TRUSTED = 0.6; // an edge that counts this much is drawn as well seen
@@ -49,23 +49,10 @@ const detailOf = (/** @type {GarmentLesson} */ lesson) => (lesson.flat ? "" : "n
 
 // --- starts and fits ---------------------------------------------------------------------------------
 
-/** The outlines at a time between the recorded steps, one a start, and their energies. */
-function outlinesAt(/** @type {GarmentLesson} */ lesson, /** @type {number} */ time) {
-  const [steps, starts, vertices] = lesson.state_shape;
-  const from = Math.min(steps - 1, Math.floor(time));
-  const to = Math.min(steps - 1, from + 1);
-  const share = time - from;
-  const size = 2 * vertices;
-  const all = lesson.array.states;
-  const outlines = Array.from({ length: starts }, (_, k) => {
-    const uv = new Float32Array(size);
-    for (let i = 0; i < size; i++) {
-      const a = all[(from * starts + k) * size + i];
-      uv[i] = a + share * (all[(to * starts + k) * size + i] - a);
-    }
-    return uv;
-  });
-  return { step: Math.round(time), outlines };
+/** The outlines at a time between the recorded steps, one a start. */
+function outlinesAt(/** @type {GarmentLesson} */ { state_shape, array }, /** @type {number} */ time) {
+  const [, starts, vertices] = state_shape;
+  return statesOf(between(statesOf(array.states, starts * vertices), time), vertices);
 }
 
 const bestStart = (/** @type {GarmentLesson} */ { energy }) => lastOf(energy).indexOf(Math.min(...lastOf(energy)));
@@ -159,7 +146,7 @@ export const GARMENT_STAGES = {
     },
     draw(sheet, rect, { garment: lesson }, ui) {
       const [left, right] = columns(rect, [1.7, 1]);
-      const { outlines } = outlinesAt(lesson, ui.time);
+      const outlines = outlinesAt(lesson, ui.time);
       const best = bestStart(lesson);
       const inner = sheet.titled(left, shapeName(lesson), `starts: ${asWords(lesson.kinds[0].name)}`);
       drawShape(sheet, inner, lesson, lesson.array.states, (map) => {

@@ -14,10 +14,8 @@ export class LessonError extends Error {}
 export async function fetchLesson(part, query, signal, progress) {
   let response;
   try {
-    response = await fetch(
-      `/teaching/${part}?${new URLSearchParams(Object.entries(query).map(([name, value]) => [name, String(value)]))}`,
-      { signal },
-    );
+    const asked = new URLSearchParams(/** @type {Record<string, any>} */ (query));
+    response = await fetch(`/teaching/${part}?${asked}`, { signal });
   } catch (error) {
     if (signal.aborted) throw error;
     throw new LessonError("There is no connection to flatcloth; start it again and try once more.");
@@ -46,12 +44,7 @@ async function* records(/** @type {NonNullable<Response["body"]>} */ stream, /**
       chunks.push(value);
       size += value.length;
     }
-    const joined = new Uint8Array(size);
-    let at = 0;
-    for (const chunk of chunks) {
-      joined.set(chunk, at);
-      at += chunk.length;
-    }
+    const joined = new Uint8Array(await new Blob(chunks).arrayBuffer());
     waiting = joined.slice(length);
     return joined.slice(0, length);
   };
@@ -102,12 +95,13 @@ function prepared(/** @type {Record<string, NumberArray>} */ array, /** @type {s
     members,
     mainEdges: Int32Array.from(main),
     mainLength: Float32Array.from(lengths),
-    states: statesOf(array[`${name}_states`], members.length),
+    states: statesOf(/** @type {Float32Array} */ (array[`${name}_states`]), members.length),
     local,
   };
 }
 
-function statesOf(/** @type {NumberArray} */ flat, /** @type {number} */ count) {
+/** States of so many places each, which come one after the other. */
+export function statesOf(/** @type {Float32Array} */ flat, /** @type {number} */ count) {
   const size = 2 * count;
   return Array.from({ length: size ? flat.length / size : 0 }, (_, i) => flat.subarray(i * size, (i + 1) * size));
 }
@@ -115,17 +109,17 @@ function statesOf(/** @type {NumberArray} */ flat, /** @type {number} */ count) 
 /** The last of a list, which has one. @template T @param {T[]} list */
 export const lastOf = (list) => list[list.length - 1];
 
-/** The points of a level at a time between its recorded states (0 to their number less one). */
-export function stateAt(/** @type {Level} */ level, /** @type {number} */ time) {
-  const last = level.states.length - 1;
+/**
+ * What is between recorded states at a time (0 to their number less one).
+ * @template {Float32Array | number[]} T
+ * @param {T[]} states @param {number} time
+ */
+export function between(states, time) {
+  const last = states.length - 1;
   const from = Math.min(last, Math.floor(time));
-  const a = level.states[from];
-  const b = level.states[Math.min(last, from + 1)];
-  const share = time - from;
-  if (share <= 0 || a === b) return a;
-  const points = new Float32Array(a.length);
-  for (let i = 0; i < a.length; i++) points[i] = a[i] + share * (b[i] - a[i]);
-  return points;
+  const [a, b] = [states[from], states[Math.min(last, from + 1)]];
+  const at = (/** @type {number} */ x, /** @type {number} */ i) => x + (time - from) * (b[i] - x);
+  return /** @type {T} */ (a instanceof Float32Array ? a.map(at) : a.map(at));
 }
 
 /** The iteration at a time; states are thinned, iterations are not. */

@@ -4,7 +4,7 @@ import { count, hex, mm, number } from "/static/page/format.js";
 import { within } from "/static/page/dom.js";
 import { union, boxOfPoints } from "/static/canvas/geometry.js";
 import { columns, rgbOf, rows } from "/static/teaching/draw.js";
-import { energy, iterationAt, lastOf, stateAt, strains } from "/static/teaching/lesson.js";
+import { between, energy, iterationAt, lastOf, strains } from "/static/teaching/lesson.js";
 import { Plot } from "/static/teaching/plot.js";
 
 const STRAIN_SPAN = 0.2; // relative errors beyond have the last color
@@ -74,7 +74,7 @@ function energyPlot(sheet, rect, level, time, now) {
 export function statePane(sheet, rect, level, time, key) {
   // All states in one frame, so that nothing jumps while they are played.
   const box = union(boxOfPoints(level.states[0]), boxOfPoints(lastOf(level.states)));
-  const points = stateAt(level, time);
+  const points = between(level.states, time);
   const strain = strains(level, points);
   sheet.show(key, box, rect, { margin: 10, bar: true }, (map) => {
     drawPairsByStrain(sheet, map, level, points, strain);
@@ -106,7 +106,7 @@ export function drawMinimisation(sheet, rect, level, ui, key) {
 
 /** @returns {Fact[]} */
 export function minimisationFacts(/** @type {Level} */ level, /** @type {Ui} */ ui) {
-  const now = energy(level, strains(level, stateAt(level, ui.time)));
+  const now = energy(level, strains(level, between(level.states, ui.time)));
   const [first, last] = [level.energy_mm2[0], lastOf(level.energy_mm2)];
   return [
     ["Iteration", `${number(iterationAt(level, ui.time), 0)} of ${level.energy_mm2.length - 1}`],
