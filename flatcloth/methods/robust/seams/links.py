@@ -231,7 +231,7 @@ def _judged_by_edges(
     at_other: Int64,
     in_part: Bool,
 ) -> tuple[bool, Bool | None]:
-    """Return whether true edges on the other sheet show a set to be false, or the part (N,) to cut instead.
+    """Return whether true edges on the other sheet show that a set is false, or else the part (N,) to cut.
 
     ``in_part`` (N,) are the nodes of the part of the other side that the set joins.
     """
@@ -252,10 +252,10 @@ def _torn_between(
     against: Sequence[SeamLink],
     link: SeamLink,
 ) -> Bool | None:
-    """Return the part (N,) of this side that is joined falsely if one of the sets ``against`` a set is true.
+    """Return the part (N,) of this side that is joined falsely if both a set and one ``against`` it are true.
 
-    It is the smaller one of those that the cloth between the two sets joins. None if that cloth has enough
-    evidence, or the other side's cloth between them has less.
+    Of the two parts that the cloth between the sets joins, it is the smaller one. None if that cloth has
+    enough evidence, or the other side's cloth between the sets has less.
     """
     for before in against:
         if link.is_kept or before.this_piece != link.this_piece:
