@@ -232,7 +232,7 @@ class Integration:
         return self._by_garment(document, self.algorithm.canonical(document)).taken_off
 
     def parts_taken_off(self, document: Document) -> list[Bool]:
-        """Return the parts (N,) of a piece's samples that were removed: no garment, or seam, allows them."""
+        """Return the parts (N,) that were removed because no garment, or no seam, allows their links."""
         pieces = self.algorithm.cloth_of_pieces(document) if document.garment.parts else ()
         return [part for cloth in pieces for part in parts_taken_off(cloth, document.garment.parts)]
 

@@ -60,7 +60,7 @@ class PlacedPiece:
 
 @dataclass(frozen=True)
 class DoubtedPart:
-    """A part of the shape that is removed because no garment allows its link, or that is kept.
+    """A part of a piece that is removed because no garment, or no seam, allows its link; or that is kept.
 
     ``part`` are points of its cloth and ``rest`` of the other cloth of the shape, with their places.
     ``probability`` is that of the link when it was decided. If nobody decided, but a run without an operator
@@ -129,7 +129,7 @@ class DecidePiece:
 
 @dataclass(frozen=True)
 class DecideLink:
-    """Remove a part from the shape because no garment allows its link, or keep it."""
+    """Remove a part from its piece because no garment, or no seam, allows its link; or keep it."""
 
     part: DoubtedPart
 

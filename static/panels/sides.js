@@ -68,7 +68,10 @@ export class SidesPanel extends PagePart {
   update(/** @type {State} */ state) {
     this.known = state.sides ?? null;
     this.panel.hidden = !this.known;
-    if (!this.known) return void (this.kind = null);
+    if (!this.known) {
+      this.kind = null;
+      return;
+    }
     this.show(this.known);
     this.fetchImage(state);
   }
@@ -92,8 +95,10 @@ export class SidesPanel extends PagePart {
   // --- the brush -------------------------------------------------------------------------------
 
   take(/** @type {BrushKind} */ kind) {
-    if (!this.known)
-      return this.page.notify("info", "This recording has masks of its own; there is nothing to paint.");
+    if (!this.known) {
+      this.page.notify("info", "This recording has masks of its own; there is nothing to paint.");
+      return;
+    }
     this.kind = this.kind === kind ? null : kind;
     this.line = this.cutLine = null;
     this.tellScene();

@@ -1,4 +1,4 @@
-"""What a run without an operator decides by the garment and the seams, as decisions of the session."""
+"""Decisions by the garment about links, pieces and seams; which of them a run takes without an operator."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
     """Place the floating pieces with a reliable place on the garment, as decisions of the session.
 
     First, parts of this side that seams show to be joined falsely are removed, and seams of bridges that the
-    garment confirms are kept. Then parts whose link is certainly wrong are
-    removed, and parts joined by other doubted links become uncertain. Earlier decisions are kept. On a shape
-    of a wrong recording nothing is reliable.
+    garment confirms are kept. Then parts whose link is certainly wrong are removed, and parts joined by other
+    doubted links become uncertain. Earlier decisions are kept. On a shape of a wrong recording nothing is
+    reliable.
     """
     _take_off_torn(service, session)
     if _keep_bridges(service, session):  # then more seams are on one piece
@@ -56,7 +56,10 @@ def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:
 
 
 def _take_off_torn(service: GarmentService, session: Keeper) -> None:
-    """Take off the parts of this side that seams show to be joined falsely; each may show the next."""
+    """Take off the parts of this side that seams show to be joined falsely.
+
+    Both sides are joined again after each time, which may show further ones.
+    """
     for _ in range(_MOST_TAKEN_OFF):
         document = session.state.document
         sides = service.sides(document)
@@ -69,7 +72,7 @@ def _take_off_torn(service: GarmentService, session: Keeper) -> None:
             shared = [np.count_nonzero(cloth.placed & part) for cloth in pieces]
             cloth = pieces[int(np.argmax(shared))]
             session.record(DecideLink(torn_off(cloth, cloth.placed & part)))
-            if document.garment.seams:  # the cloth that leads from it to the others is believed
+            if document.garment.seams:  # the same cloth of the other side leads to those that are kept
                 session.record(decided_seam(seam.xyz_m, kept=True))
 
 

@@ -304,9 +304,9 @@ def minimise_piece(
 
 
 def misfit(uv_m: Float64, links: Links, inside: Int64) -> float:
-    """Return the sum of the squared residuals of pairs ``inside``, in deviations.
+    """Return the sum of the squared residuals of pairs ``inside``, in standard deviations.
 
-    Each is 3 at most, which is also that of a pair with an end without a place.
+    A residual counts as 3 at most. It counts as 3 if one end of the pair has no place.
     """
     apart_m = np.linalg.norm(np.diff(uv_m[links.edges[inside]], axis=1)[:, 0], axis=1)
     off = np.abs(apart_m - links.length_m[inside]) / links.std_m[inside]

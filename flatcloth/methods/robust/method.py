@@ -425,7 +425,7 @@ def _on_shown(seams: Sequence[Seam], alone: JointShape, shown: JointShape) -> tu
 def _edges_of(shape: JointShape, piece: int = 0) -> Cloth:
     uv_m = np.where((shape.piece == piece)[:, None], shape.all_uv_m, np.nan)
     return Cloth(
-        uv_m=uv_m - np.nanmean(uv_m, axis=0) if piece else uv_m,  # a plane of its own, far from the shape's
+        uv_m=uv_m - np.nanmean(uv_m, axis=0) if piece else uv_m,  # floating pieces lie metres away
         xyz_m=shape.nodes.xyz_m,
         edges=shape.links.edges,
         length_m=shape.links.length_m,
