@@ -164,7 +164,7 @@ def test_the_page_takes_an_axis_keeps_it_and_shows_the_shape_anew() -> None:
         wait_until(lambda: server.application.last_state.layers.revision > before)
         assert folder.kept == [wanted]
         assert integration.turned == [wanted]
-        panel = server._scene._axis_panel
+        panel = server._now.scene._axis_panel
         assert panel is not None
         assert "10.0 mm right" in panel._text.content
 

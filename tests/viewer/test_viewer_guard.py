@@ -123,13 +123,13 @@ def test_no_port_but_the_page_s_is_opened(server):
             connect(f"ws://127.0.0.1:{port}", subprotocols=[f"viser-v{version}"], open_timeout=2) as opened,
         ):
             opened.recv(timeout=2)
-    mode = server._scene.path.parent.stat().st_mode
+    mode = server._now.scene.path.parent.stat().st_mode
     assert stat.S_IMODE(mode) == 0o700
 
 
 def test_the_socket_file_goes_with_the_server(integration, folder):
     with PageServer(Opened(integration, folder), port=0) as server:
-        path = server._scene.path
+        path = server._now.scene.path
         assert path.exists()
     assert not path.parent.exists()
 
@@ -151,7 +151,7 @@ def test_a_server_that_is_terminated_leaves_no_files(monkeypatch, capsys, tmp_pa
     places = []
 
     def terminated(self):
-        places.append(self._scene.path.parent)
+        places.append(self._now.scene.path.parent)
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(WAIT_S)
 
@@ -166,7 +166,7 @@ def test_nobody_can_open_a_tunnel_or_send_files():
     from viser import _messages
 
     with PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=0) as server:
-        handlers = server._scene._server._websock_server._incoming_handlers
+        handlers = server._now.scene._server._websock_server._incoming_handlers
     assert handlers.keys().isdisjoint(
         {_messages.ShareUrlRequest, _messages.FileTransferStartUpload, _messages.FileTransferPart}
     )

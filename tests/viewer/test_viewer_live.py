@@ -165,7 +165,7 @@ def test_frames_come_with_all_that_both_sides_need(serve):
     assert frame["image"].shape == (grid["rows"], grid["cols"], 4)
     assert state["mode"] == "live"
     assert state["live"] == {"playing": True, "forward": True, "fps": STILL}
-    position = server._scene._frustum.position
+    position = server._now.scene._frustum.position
     np.testing.assert_allclose(position, 0, atol=1e-9)
 
 

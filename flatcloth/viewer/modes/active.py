@@ -163,7 +163,7 @@ class ActiveApplication(Application):
 
     @property
     def _is_up_to_date(self) -> bool:
-        return self._picture is not None and self._picture.document is self._state.document
+        return self.picture is not None and self.picture.document is self._state.document
 
     def _page_state(self) -> PageState:
         state = super()._page_state()

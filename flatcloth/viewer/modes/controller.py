@@ -31,14 +31,15 @@ from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.protocol import messages
+from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.answers import HoverAnswer, Measured, Picked, RayAnswer
 from flatcloth.viewer.protocol.fields import MAX_MESSAGE_CHARS
 from flatcloth.viewer.protocol.picks import PickStore, faces_away, hit_by
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, described
 from flatcloth.viewer.protocol.sent import UV, Note, NoteLevel
 from flatcloth.viewer.protocol.settings import Settings, SettingsStore, numbers_route
-from flatcloth.viewer.protocol.snapshot import PageStatus, page_state
-from flatcloth.viewer.protocol.state import PageState
+from flatcloth.viewer.protocol.snapshot import PageStatus, layers_of_shape
+from flatcloth.viewer.protocol.state import PageState, RecordingInfo
 from flatcloth.viewer.worker import Worker
 
 if TYPE_CHECKING:  # viser is loaded with the first source, and not at all for a robot without a page
@@ -82,28 +83,18 @@ class PageController(ABC):
         self._picks = PickStore(folder, integration.axis, self._highlight)
         self._both = BothSides(integration)
         self.garments = GarmentService(integration, self._both)
-        self._picture: Picture | None = None
+        self.picture: Picture | None = None  # what is shown at present; immutable
         self._note_ids = itertools.count(1)
         self._revision = 0
-        self._last_state: PageState | None = None
+        self.last_state: PageState | None = None  # what was sent last
         self._front = Worker("flatcloth-session", self._recover)
 
     # --- from any thread ---------------------------------------------------------------------
 
     @property
-    def picture(self) -> Picture | None:
-        """The picture that is shown at present; immutable."""
-        return self._picture
-
-    @property
     def other_sheet(self) -> OtherSheet | None:
         """The other side that is shown; immutable."""
-        return None if self._picture is None else self._picture.other
-
-    @property
-    def last_state(self) -> PageState | None:
-        """The state that was sent last; None before the first."""
-        return self._last_state
+        return None if self.picture is None else self.picture.other
 
     @property
     def is_swamped(self) -> bool:
@@ -164,13 +155,11 @@ class PageController(ABC):
         """Let the cameras follow the view, or not."""
         self._put(None, lambda: self._set(messages.Set(follow=follow)))
 
-    def describe(self, hover: messages.Hover) -> HoverAnswer:
-        """Describe the point under the pointer; fast, because it only reads the present picture."""
-        return described(self._picture, self._integration, hover)
-
-    def describe_ray(self, hover: messages.HoverRay) -> RayAnswer:
-        """Return the point that a ray of the 3D scene hits, and its place on the plane; reads only."""
-        return hit_by(self._picture, self._scene_view.visible_points(), hover)
+    def pointed_at(self, hover: messages.Hover | messages.HoverRay) -> HoverAnswer | RayAnswer:
+        """Describe what is under the pointer; fast, because it only reads the present picture."""
+        if isinstance(hover, messages.HoverRay):
+            return hit_by(self.picture, self._scene_view.visible_points(), hover)
+        return described(self.picture, self._integration, hover)
 
     def grasps(
         self,
@@ -190,7 +179,7 @@ class PageController(ABC):
         """
         from flatcloth.export.data import GraspFrames, grasps_document
 
-        picture = self._picture
+        picture = self.picture
         if picture is None:
             raise FlatclothError("Nothing is flattened yet, so there are no grasp points to export.")
         frames = GraspFrames(
@@ -207,7 +196,7 @@ class PageController(ABC):
         """Return the named points of the garment that were seen, as grasps; may take a second."""
         from flatcloth.export.garment import garment_points, other_points
 
-        picture = self._picture
+        picture = self.picture
         if picture is None or picture.document is None:
             return ()
         known, other = self.garments.known(picture.document), picture.other
@@ -230,7 +219,7 @@ class PageController(ABC):
         """
 
         def add() -> int:
-            pick = self._picks.add_near(self._picture, place, name, revision)
+            pick = self._picks.add_near(self.picture, place, name, revision)
             self._tell(None, "info", f"A program picked {pick.name}.")
             return pick.id
 
@@ -290,8 +279,8 @@ class PageController(ABC):
             case messages.DeletePick(id=pick_id):
                 self._picks.delete(pick_id)
                 self._publish()
-            case messages.SetGrip(id=pick_id, axis_deg=axis_deg, outline=outline, opening_m=opening_m):
-                self._picks.grip(self._picture, pick_id, axis_deg, outline, opening_m)
+            case messages.SetGrip():
+                self._picks.grip(self.picture, message)
                 self._publish()
             case messages.Set():
                 self._set(message)
@@ -299,15 +288,15 @@ class PageController(ABC):
                 self._turn_to(view)
             case messages.Look(layer=layer, map=name, low=low, high=high):
                 self._scene_view.color_by(layer, Appearance(name, low, high))
-            case messages.Hover():
-                self._sink.tell(client, self.describe(message))
+            case messages.Hover() | messages.HoverRay():
+                self._sink.tell(client, self.pointed_at(message))
             case messages.Measure():
                 self._sink.tell(client, self._measured(message))
             case _:
                 self._take(client, message)
 
     def _pick_at(self, u_m: float, v_m: float, name: str = "", side: SheetSide = "this") -> None:
-        self._picks.add(self._picture, u_m, v_m, name=name, side=side)
+        self._picks.add(self.picture, u_m, v_m, name=name, side=side)
         self._turn_to_pick()
         self._publish()
 
@@ -324,17 +313,17 @@ class PageController(ABC):
 
     def _turn_to_pick(self) -> None:
         """Turn the camera to a view that saw the current pick, if the pick faces away from it now."""
-        current, picture = self._picks.current, self._picture
+        current, picture = self._picks.current, self.picture
         if current is None or picture is None or not self._page_settings.now.turn_to_pick:
             return
         if faces_away(current.pick, self._integration.axis, picture.angle_deg):
             self._turn_to(current.pick.view_index)
 
     def _measured(self, asked: messages.Measure) -> Measured:
-        if self._picture is None:
+        if self.picture is None:
             raise FlatclothError("Nothing is flattened yet, so nothing can be measured.")
         ends = np.array([[asked.from_u_m, asked.from_v_m], [asked.to_u_m, asked.to_v_m]])
-        found = measure(self._picture.side(asked.sheet), ends[0], ends[1])
+        found = measure(self.picture.side(asked.sheet), ends[0], ends[1])
         return Measured(
             id=asked.id,
             flat_mm=1000 * found.flat_m,
@@ -352,21 +341,31 @@ class PageController(ABC):
         """Return the state for the tabs."""
 
     def _state_of(self, picture: Picture | None, **mode: Any) -> PageState:
-        """Return the state of the page with a picture; ``mode`` as for :func:`page_state`."""
-        return page_state(
-            self._revision,
-            self._page_status,
-            self._page_settings.table(),
-            self._picks,
-            picture,
-            self._integration,
+        """Return the state of the page with a picture; ``mode`` are the fields that depend on the mode."""
+        integration, status = self._integration, self._page_status
+        recording = integration.recording
+        return PageState(
+            revision=self._revision,
+            method=integration.method,
+            recording=RecordingInfo(
+                name=recording.name, description=recording.description, n_views=len(recording)
+            ),
+            notes=tuple(integration.notes),
+            auto=status.auto,
+            edges=status.edges,
+            layers=None if picture is None else layers_of_shape(picture),
+            pick=self._picks.current_info(picture),
+            picks=self._picks.listed(picture),
+            log=status.log,
+            settings=self._page_settings.table(),
+            reject_reasons=REJECT_REASONS,
             **mode,
         )
 
     def _publish(self) -> None:
         self._revision += 1
-        self._last_state = self._page_state()
-        self._sink.show(self._last_state)
+        self.last_state = self._page_state()
+        self._sink.show(self.last_state)
 
     def _tell(self, client: int | None, level: NoteLevel, text: str) -> None:
         note = self._note(level, text)
@@ -387,7 +386,7 @@ class PageController(ABC):
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         # A click on the background changes nothing.
         # The camera does not turn: the clicked point is visible already.
-        if self._picks.add_on_ray(self._picture, self._scene_view.visible_points(), origin_m, direction):
+        if self._picks.add_on_ray(self.picture, self._scene_view.visible_points(), origin_m, direction):
             self._publish()
 
     def _set(self, message: messages.Set) -> None:

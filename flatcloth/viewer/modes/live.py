@@ -25,6 +25,7 @@ from flatcloth.viewer.protocol.actions import IN_LIVE_MODE
 from flatcloth.viewer.protocol.answers import FrameInfo
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
+from flatcloth.viewer.protocol.snapshot import of_live
 from flatcloth.viewer.protocol.state import LiveInfo, PageState
 from flatcloth.viewer.scene.scene import Scene
 from flatcloth.viewer.worker import Worker, attempt
@@ -144,21 +145,19 @@ class LiveApplication(PageController):
         shown = self._loop.hold(sequence)
         if shown is None or shown.picture is None:
             raise FlatclothError("This frame shows no cloth to pick; go to another one.")
-        self._shown, self._picture = shown, shown.picture
+        self._shown, self.picture = shown, shown.picture
         return shown.picture
 
     def _page_state(self) -> PageState:
         head, shown = self._loop.head, self._shown
-        return self._state_of(
-            None if shown is None else shown.picture,
-            live=LiveInfo(playing=head.playing, forward=head.forward, fps=head.fps),
-            present_view=None if shown is None else shown.frame,
-        )
+        live = LiveInfo(playing=head.playing, forward=head.forward, fps=head.fps)
+        picture, frame = (None, None) if shown is None else (shown.picture, shown.frame)
+        return self._state_of(picture, **of_live(self._integration.recording.angles_deg, live, frame))
 
     # --- the loop's threads ------------------------------------------------------------------
 
     def _deliver(self, shown: Shown, tabs: dict[int, str]) -> None:
-        self._shown, self._picture = shown, shown.picture
+        self._shown, self.picture = shown, shown.picture
         if shown is not self._staged:
             self._staged = shown
             self._put_on_stage(shown)

@@ -28,7 +28,7 @@ from flatcloth.viewer import http
 from flatcloth.viewer.protocol.garment import SeamInfo, SeamPlaces, SidePlaces
 from flatcloth.viewer.protocol.picture import OtherSheet, Picture, outline_of
 from flatcloth.viewer.protocol.sent import Legend, Progress, typed
-from flatcloth.viewer.protocol.snapshot import layers_of
+from flatcloth.viewer.protocol.snapshot import layers_of_other
 from flatcloth.viewer.protocol.state import OtherSideInfo
 from flatcloth.viewer.worker import Worker, attempt, one_at_a_time
 
@@ -206,7 +206,7 @@ class OtherSideController:
         about = uncertainty(made.sides.other.view)
         return structs.replace(
             info,
-            layers=layers_of(made),
+            layers=layers_of_other(made),
             is_related=made.sides.is_related,
             seams=tuple(seam_info(made, seam) for seam in made.sides.seams),
             reliable_share=about.get("firm_share"),

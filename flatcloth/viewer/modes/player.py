@@ -151,7 +151,8 @@ class LiveLoop:
         self._angles_deg = angles_deg
         self._prepare, self._deliver, self._report = prepare, deliver, report
         self._changed = threading.Condition()
-        self._head = Playhead(n_frames=len(angles_deg), fps=fps)
+        # The present position; the shown frame may be one behind.
+        self.head = Playhead(n_frames=len(angles_deg), fps=fps)
         self._wanted = True
         self._due_s = 0.0
         self._waiting: dict[int, str] = {}
@@ -163,11 +164,6 @@ class LiveLoop:
         self._ahead = Worker("flatcloth-read")
         self._out = Worker("flatcloth-show")
         self._thread = threading.Thread(target=self._run, name="flatcloth-live", daemon=True)
-
-    @property
-    def head(self) -> Playhead:
-        """The present position; the shown frame may be one behind."""
-        return self._head
 
     @property
     def shown(self) -> Shown | None:
@@ -191,11 +187,11 @@ class LiveLoop:
     def change(self, edit: Callable[[Playhead], Playhead]) -> None:
         """Change the position or the playing; another frame is shown immediately."""
         with self._changed:
-            before, self._head = self._head, edit(self._head)
-            if self._head.frame != before.frame:
+            before, self.head = self.head, edit(self.head)
+            if self.head.frame != before.frame:
                 self._wanted = True
             if not before.playing:
-                self._due_s = time.monotonic() + 1.0 / self._head.fps
+                self._due_s = time.monotonic() + 1.0 / self.head.fps
             self._changed.notify()
 
     def again(self) -> None:
@@ -211,7 +207,7 @@ class LiveLoop:
             if not kept:
                 return None
             shown = kept[0]
-            self._head = replace(self._head.at(shown.frame), playing=False)
+            self.head = replace(self.head.at(shown.frame), playing=False)
             self._wanted = False
             self._holds += 1
             if shown is not self._kept[-1]:
@@ -273,7 +269,7 @@ class LiveLoop:
     def _is_due(self) -> bool:
         if not self._is_watched():
             return False
-        return self._wanted or (self._head.playing and time.monotonic() >= self._due_s)
+        return self._wanted or (self.head.playing and time.monotonic() >= self._due_s)
 
     def _is_watched(self) -> bool:
         # At most one frame is flattened while the tabs draw the last one.
@@ -282,23 +278,23 @@ class LiveLoop:
         return any(sequence == self.shown.sequence for sequence, _ in self._taken.values())
 
     def _pause_s(self) -> float | None:
-        if not self._is_watched() or not self._head.playing:
+        if not self._is_watched() or not self.head.playing:
             return None
         return max(0.0, self._due_s - time.monotonic())
 
     def _next_frame(self) -> int:
-        now_s, period_s = time.monotonic(), 1.0 / self._head.fps
+        now_s, period_s = time.monotonic(), 1.0 / self.head.fps
         if self._wanted:
             self._wanted = False
             self._due_s = now_s + period_s
         else:
-            ticks = ticks_due(now_s, self._due_s, self._head.fps)
-            self._head = self._head.advanced(ticks)
+            ticks = ticks_due(now_s, self._due_s, self.head.fps)
+            self.head = self.head.advanced(ticks)
             self._due_s = max(self._due_s + ticks * period_s, now_s)
-        return self._head.frame
+        return self.head.frame
 
     def _show(self, frame: int) -> None:
-        head, holds = self._head, self._holds
+        head, holds = self.head, self._holds
         if head.playing:
             self._ahead.put(lambda: self._read_ahead(head.advanced().frame))
         picture, reason, flatten_ms = None, "", None
@@ -335,9 +331,9 @@ class LiveLoop:
     def _fail(self, error: Exception) -> None:
         _log.error("playing failed", exc_info=error)
         with self._changed:
-            self._head = replace(self._head, playing=False)
+            self.head = replace(self.head, playing=False)
         text = f"Unexpected error while playing: {error!r}. See the terminal."
-        self._keep(self._head.frame, None, text, None)
+        self._keep(self.head.frame, None, text, None)
         self._report(text)
 
     def _read_ahead(self, frame: int) -> None:

@@ -81,7 +81,14 @@ class RepairService:
         if isinstance(found, str):
             self._tell(client, PreviewAnswer(id=number, why=found))
         else:
-            self._tell(client, preview_answer(number, found))
+            answer = PreviewAnswer(
+                id=number,
+                score=found.score.total,
+                apart_mm=found.score.apart_mm,
+                refined_score=found.refined_score.total,
+                refined_apart_mm=found.refined_score.apart_mm,
+            )
+            self._tell(client, answer)
 
 
 def meant(document: Document, view_index: int) -> Pending:
@@ -111,17 +118,6 @@ def place_of_part(pending: Pending, overlay: Overlay | None, component: int) -> 
     if overlay is None or overlay.proposal.view_index != pending.view_index or part is None:
         raise FlatclothError(f"View {pending.view_index} has no part {component + 1} to place; look again.")
     return pending.current_from_new if part.hypothesis is None else part.hypothesis.current_from_new
-
-
-def preview_answer(number: int, found: RefinedScore) -> PreviewAnswer:
-    """Return the score of a placement and of its refinement for a tab."""
-    return PreviewAnswer(
-        id=number,
-        score=found.score.total,
-        apart_mm=found.score.apart_mm,
-        refined_score=found.refined_score.total,
-        refined_apart_mm=found.refined_score.apart_mm,
-    )
 
 
 def fit_of(placement: Rigid2, pairs: messages.Pairs) -> PairFit:

@@ -11,7 +11,7 @@ from msgspec import structs
 from starlette.routing import BaseRoute
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Floats, Rigid2, RotationAxis
+from flatcloth.core.types import Floats, RotationAxis
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.repair import RefinedScore
@@ -52,6 +52,7 @@ from flatcloth.viewer.protocol.actions import NOT_LIVE
 from flatcloth.viewer.protocol.allowed import command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
+from flatcloth.viewer.protocol.snapshot import of_session
 from flatcloth.viewer.protocol.state import AutoInfo, PageState
 from flatcloth.viewer.scene.scene import Scene
 
@@ -85,20 +86,20 @@ class Application(PageController):
         self._work = SessionWork(integration, on_thread, self._answered, self._drawn, tell, self.other.laid)
         self._repair = repair.RepairService(integration, sink.tell)
         self._diagnostics = DiagnosticsService(
-            integration, lambda: self._picture, scene_view, self._work.later
+            integration, lambda: self.picture, scene_view, self._work.later
         )
         self._review = ReviewService(
             integration,
             folder,
             self.garments,
-            lambda: self._picture,
+            lambda: self.picture,
             self._work.later,
             lambda: self._put(None, self._publish),
         )
         self._sides = SideController(
             integration, on_thread, lambda text: self._tell(None, "info", text) if text else self._publish()
         )
-        self._joints = JointService(integration, self.garments, lambda: self._picture)
+        self._joints = JointService(integration, self.garments, lambda: self.picture)
         self._garment = GarmentController(
             self.garments, on_thread, self._publish, sink.tell, self._joints.decision, self._draw_again
         )
@@ -116,7 +117,7 @@ class Application(PageController):
             *self._diagnostics.routes(),
             *self._review.routes(),
             *self._joints.routes(),
-            *self._sides.routes(lambda: self._picture),
+            *self._sides.routes(lambda: self.picture),
             *self.other.routes(),
         ]
 
@@ -164,10 +165,10 @@ class Application(PageController):
             case messages.Do():
                 self._decide(client, message)
             case messages.Preview():
-                by = self._meant(message.theta_rad, message.u_m, message.v_m)
+                by = session_work.meant(self._placed(), message)
                 self._repair.preview(client, message, self._state.document, by)
-            case messages.Move(view_index=view, theta_rad=theta, u_m=u, v_m=v):
-                self._by_hand(Nudge(view, self._meant(theta, u, v)))
+            case messages.Move(view_index=view):
+                self._by_hand(Nudge(view, session_work.meant(self._placed(), message)))
             case messages.TakePart(view_index=view, component=component):
                 pending = repair.meant(self._state.document, view)
                 place = repair.place_of_part(pending, self._overlay, component)
@@ -175,7 +176,7 @@ class Application(PageController):
             case messages.LeaveOut(view_index=view, part_view=part_view, component=component):
                 self._by_hand(LeaveOut(view, part_view, component))
             case messages.PlacePiece(label=label):
-                sheet = None if self._picture is None else self._picture.sheet
+                sheet = None if self.picture is None else self.picture.sheet
                 laid = self.other.laid(self._state.document)
                 self._placing = session_work.placing_piece(
                     self._integration, self._state.document, sheet, label, self.garments.last, laid
@@ -197,7 +198,7 @@ class Application(PageController):
                 self._diagnostics.show_edges(show)
                 self._publish()
             case messages.StrokeImage() | messages.StrokeShape() | messages.CutShape():
-                self._by_hand(paint(self._sides.decision(message, self._picture)))
+                self._by_hand(paint(self._sides.decision(message, self.picture)))
             case messages.Brush():
                 self._sides.brush = message if message.side is not None else None
             case messages.WhereToStroke(number=n):
@@ -228,7 +229,7 @@ class Application(PageController):
         given = {
             "view_index": do.view_index,
             "reason": do.reason,
-            "score": session_work.score_shown(self._picture, self._state.document),
+            "score": session_work.score_shown(self.picture, self._state.document),
         }
         before = self._state
         command = command_of(do.action, before, {k: v for k, v in given.items() if v is not None})
@@ -241,13 +242,10 @@ class Application(PageController):
 
     @property
     def _overlay(self) -> Overlay | None:
-        return None if self._picture is None else self._picture.overlay
+        return None if self.picture is None else self.picture.overlay
 
     def _placed(self) -> tuple[Pending, Overlay] | None:
         return session_work.placed(self._state.document, self._overlay)
-
-    def _meant(self, theta_rad: float, u_m: float, v_m: float) -> Rigid2:
-        return session_work.meant(self._placed(), theta_rad, u_m, v_m)
 
     def _refine(self, client: int, view: int) -> None:
         document = self._state.document
@@ -278,7 +276,7 @@ class Application(PageController):
     def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
         if self._sides.brush is None:
             return super()._pick_on_ray(origin_m, direction)
-        dab = self._sides.dab(self._picture, self._scene_view.visible_points(), origin_m, direction)
+        dab = self._sides.dab(self.picture, self._scene_view.visible_points(), origin_m, direction)
         if dab is not None:
             self._by_hand(paint(dab))
 
@@ -291,9 +289,8 @@ class Application(PageController):
         self._page_status = replace(self._page_status, auto=AutoInfo())
 
         def work() -> None:
-            text = session_work.turned_about(
-                self._integration, axis
-            )  # later jobs of the queue use the new axis
+            # Later jobs of the queue use the new axis.
+            text = session_work.turned_about(self._integration, axis)
             self._put(None, lambda: self._turned_about(axis, text))
 
         self._work.later(work)
@@ -330,9 +327,9 @@ class Application(PageController):
         self._follow_garment()
         # After Auto, both sides are known as after an unattended run.
         self.other.is_wanted |= self._state.phase is Phase.FINISHED and self._page_status.auto.running
-        self.other.follow(self._picture, busy=self._page_status.auto.is_busy)
-        if document.start_view is None and self._picture is not None:
-            self._picture = None
+        self.other.follow(self.picture, busy=self._page_status.auto.is_busy)
+        if document.start_view is None and self.picture is not None:
+            self.picture = None
             self._scene_view.show(None)
             self._diagnostics.picture_changed()
         self._publish()
@@ -349,7 +346,7 @@ class Application(PageController):
 
     def _auto_step(self) -> None:
         running, settings = self._page_status.auto, self._page_settings.now
-        step = auto.next_step(self._state, running, settings, self._picture, self._expected)
+        step = auto.next_step(self._state, running, settings, self.picture, self._expected)
         match step:
             case None:
                 return
@@ -363,7 +360,7 @@ class Application(PageController):
                 self.other.is_wanted = True
                 self._end_auto(step.level, step.text, step.by_choice)
             case Accept(view_index=view):
-                self._do(Accept(view, session_work.score_shown(self._picture, self._state.document)))
+                self._do(Accept(view, session_work.score_shown(self.picture, self._state.document)))
             case _:
                 self._do(step)
 
@@ -372,29 +369,30 @@ class Application(PageController):
         self._put(None, self._auto_step)
 
     def _follow_garment(self) -> None:
-        shown = None if self._picture is None else self._picture.document
+        shown = None if self.picture is None else self.picture.document
         self._garment.follow(shown, busy=self._page_status.auto.is_busy)
 
     def _other_made(self) -> None:
         """Show the other side with the shape that it was joined to."""
-        made, picture = self.other.status.made, self._picture
+        made, picture = self.other.status.made, self.picture
         if picture is not None and picture.sheet is not None:
             if made is not None and made.this is not picture.sheet:
                 self._work.forget_picture()  # both sides lay out this one, and its pieces
-            self._picture = replace(picture, other=made)
-            self._scene_view.show(self._picture)
+            self.picture = replace(picture, other=made)
+            self._scene_view.show(self.picture)
         self._garment.forget()  # one outline fits the edges of both sides
         self._settle()
 
     def _end_auto(self, level: NoteLevel, text: str, ended: str = "") -> None:
         self._page_status = replace(self._page_status, auto=AutoInfo(ended=ended))
         self._follow_garment()
-        self.other.follow(self._picture, busy=False)
+        self.other.follow(self.picture, busy=False)
         self._tell(None, level, text)
 
     def _page_state(self) -> PageState:
         self._page_status = replace(self._page_status, progress=self._work.progress)
-        state = self._state_of(self._picture, session=self._state)
+        own = of_session(self._state, self._page_status, self.picture, self._integration.recording.angles_deg)
+        state = self._state_of(self.picture, **own)
         views, review = self._review.of_views(state.views, self._state.document)
         told = {"sides": self._sides.info(), "garment": self._garment.info(), "other": self.other.info()}
         until = structs.replace(state.auto, until=auto.until_text(self._page_settings.now))
@@ -444,7 +442,7 @@ class Application(PageController):
     def _take_picture(self, picture: Picture) -> None:
         # Until it is joined to this shape, the other side is shown as it was.
         picture = replace(picture, other=self.other.status.made)
-        self._picture = picture
+        self.picture = picture
         self._scene_view.show(picture)
         self._review.follow(picture)
         self._diagnostics.picture_changed()

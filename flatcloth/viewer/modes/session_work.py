@@ -36,7 +36,7 @@ from flatcloth.session.machine import (
     apply,
 )
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.protocol.messages import GoTo
+from flatcloth.viewer.protocol.messages import GoTo, Move
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import Progress
 from flatcloth.viewer.protocol.snapshot import center_uv_m, placement_of
@@ -290,9 +290,9 @@ def score_shown(picture: Picture | None, document: Document) -> float | None:
     return finite(picture.overlay.score.total)
 
 
-def meant(shown: tuple[Pending, Overlay] | None, theta_rad: float, u_m: float, v_m: float) -> Rigid2:
-    """Return the nudge for a turn about the centre of the shown proposal, and a shift."""
-    by = Rigid2(theta_rad, u_m, v_m)
+def meant(shown: tuple[Pending, Overlay] | None, asked: Move) -> Rigid2:
+    """Return the nudge that the page means, whose turn is about the centre of the shown proposal."""
+    by = Rigid2(asked.theta_rad, asked.u_m, asked.v_m)
     if shown is None:
         return by
     pending, overlay = shown

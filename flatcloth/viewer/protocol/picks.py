@@ -24,7 +24,7 @@ from flatcloth.grasping.grips import GripStore, grip_numbers
 from flatcloth.session.journal import Pick, PickDeleted, PickRenamed, SheetSide
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.protocol.answers import RayAnswer
-from flatcloth.viewer.protocol.messages import HoverRay
+from flatcloth.viewer.protocol.messages import HoverRay, SetGrip
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.protocol.sent import UV, typed
 from flatcloth.viewer.protocol.state import ListedPick, PickInfo
@@ -213,25 +213,18 @@ class PickStore:
             self._places[key] = _place(picture.side(pick.side), position_m, pick.side)
         return self._places[key]
 
-    def grip(
-        self,
-        picture: Picture | None,
-        pick_id: int,
-        axis_deg: float | None = None,
-        along_outline: bool | None = None,
-        opening_m: float | None = None,
-    ) -> None:
+    def grip(self, picture: Picture | None, asked: SetGrip) -> None:
         """Change a pick's grip: its axis, as an angle on the plane or along the outline; its opening."""
-        pick, grip = self._listed(pick_id), self._book.get(pick_id)
-        if along_outline:
+        pick, grip = self._listed(asked.id), self._book.get(asked.id)
+        if asked.outline:
             grip = replace(grip, axis_held=None)
-        elif axis_deg is not None:
-            by_hand = axis_by_hand(_shown(picture).side(pick.side), pick.position_held_m, axis_deg)
+        elif asked.axis_deg is not None:
+            by_hand = axis_by_hand(_shown(picture).side(pick.side), pick.position_held_m, asked.axis_deg)
             grip = replace(grip, axis_held=by_hand)
-        if opening_m is not None:
-            grip = replace(grip, opening_m=opening_m)
-        self._book.set(pick_id, grip)
-        if self.current is not None and self.current.pick.id == pick_id:
+        if asked.opening_m is not None:
+            grip = replace(grip, opening_m=asked.opening_m)
+        self._book.set(asked.id, grip)
+        if self.current is not None and self.current.pick.id == asked.id:
             self.current = replace(self.current, grip=grip)
 
     def rename(self, pick_id: int, name: str) -> None:

@@ -1,4 +1,4 @@
-"""Makes the state of the page, of a session or in live mode."""
+"""Makes the parts of the page's state: what a session or live mode adds to it, layers, the proposal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 from msgspec import structs
 
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import Sheet, floating_file, label_of, other_floating_file
 from flatcloth.engine.warmup import is_compiling
 from flatcloth.registration.registered import describe
@@ -19,9 +18,7 @@ from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
-from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.allowed import action_table
-from flatcloth.viewer.protocol.picks import PickStore
 from flatcloth.viewer.protocol.picture import OtherSheet, Overlay, Picture
 from flatcloth.viewer.protocol.sent import Grid, Legend, Motion, Note, Placement, Progress, typed
 from flatcloth.viewer.protocol.state import (
@@ -33,11 +30,8 @@ from flatcloth.viewer.protocol.state import (
     Layers,
     LiveInfo,
     OverlayInfo,
-    PageState,
     PendingInfo,
     PendingPart,
-    RecordingInfo,
-    SettingsTable,
     ViewRow,
     ViewState,
 )
@@ -54,60 +48,24 @@ class PageStatus:
     trouble: str = ""  # why the shape of the present document cannot be drawn
 
 
-def page_state(
-    revision: int,
-    status: PageStatus,
-    settings: SettingsTable,
-    picks: PickStore,
-    picture: Picture | None,
-    integration: Integration,
-    *,
-    session: SessionState | None = None,
-    live: LiveInfo | None = None,
-    present_view: int | None = None,
-) -> PageState:
-    """Return the whole state of the page: of a session, or of live mode, whose frames are sent apart from it.
-
-    ``present_view`` is that of live mode; a session has its own.
-    """
-    recording, angles_deg = integration.recording, integration.recording.angles_deg
-    present = present_view if session is None else session.document.present_view
-    return PageState(
-        revision=revision,
-        method=integration.method,
-        recording=RecordingInfo(
-            name=recording.name, description=recording.description, n_views=len(recording)
-        ),
-        notes=tuple(integration.notes),
-        auto=status.auto,
-        edges=status.edges,
-        layers=None if picture is None else _layers(picture),
-        pick=picks.current_info(picture),
-        picks=picks.listed(picture),
-        log=status.log,
-        settings=settings,
-        present_view=present,
-        angle_deg=None if present is None else angles_deg[present],
-        actions=action_table(session),
-        reject_reasons=REJECT_REASONS,
-        live=live,
-        **(
-            _unused_views(angles_deg)
-            if session is None
-            else _of_session(session, status, picture, angles_deg)
-        ),
-    )
-
-
-def _unused_views(angles_deg: tuple[float, ...]) -> dict[str, Any]:
+def of_live(angles_deg: tuple[float, ...], live: LiveInfo, frame: int | None) -> dict[str, Any]:
+    """Return the fields of the state of live mode, whose frames are sent apart from it."""
     rows = (ViewRow(index=i, angle_deg=angle, state="unused") for i, angle in enumerate(angles_deg))
-    return {"mode": "live", "phase": "live", "views": tuple(rows)}
+    return {
+        "mode": "live",
+        "phase": "live",
+        "live": live,
+        "actions": action_table(None),
+        "present_view": frame,
+        "angle_deg": None if frame is None else angles_deg[frame],
+        "views": tuple(rows),
+    }
 
 
-def _of_session(
+def of_session(
     state: SessionState, status: PageStatus, picture: Picture | None, angles_deg: tuple[float, ...]
 ) -> dict[str, Any]:
-    """Return the fields of the state that only a session has."""
+    """Return the fields of the state of a session."""
     document, request = state.document, state.request
     # The session is ahead of what is shown until its picture is computed.
     behind = document.start_view is not None and (picture is None or picture.document is not document)
@@ -117,6 +75,9 @@ def _of_session(
     return {
         "mode": "session",
         "phase": state.phase.value,
+        "actions": action_table(state),
+        "present_view": document.present_view,
+        "angle_deg": None if document.present_view is None else angles_deg[document.present_view],
         "step": len(document.used_views),
         "start_view": document.start_view,
         "finished": document.finished,
@@ -263,7 +224,8 @@ def placement_of(motion: Rigid2) -> Placement:
     return Placement(theta_rad=motion.theta_rad, u_m=motion.u_m, v_m=motion.v_m)
 
 
-def _layers(picture: Picture) -> Layers:
+def layers_of_shape(picture: Picture) -> Layers:
+    """Return the layers of the shape, or of a frame, with the proposal on it."""
     return Layers(
         revision=picture.revision,
         names=tuple(LAYERS),
@@ -275,7 +237,7 @@ def _layers(picture: Picture) -> Layers:
     )
 
 
-def layers_of(other: OtherSheet) -> Layers:
+def layers_of_other(other: OtherSheet) -> Layers:
     """Return the layers of the other side; no proposal lies on it."""
     return Layers(
         revision=other.revision,

@@ -12,14 +12,15 @@ from flatcloth.core.types import Float64
 from flatcloth.engine.integration import Proposal
 from flatcloth.methods.answers import ColumnCurves
 from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.scene.clouds import HELD, LIVE, PROPOSAL
 
 _AXIS = {"stroke": "#888888", "grid": {"stroke": "#88888840", "width": 1}, "size": 46}
 _BLUE, _ORANGE = "#3b82c4", "#d9822b"
 
 SWITCHES = (
-    ("/live/cloud", "Present view"),
-    ("/held/cloud", "Shape so far"),
-    ("/proposal/cloud", "What the proposal adds"),
+    (LIVE, "Present view"),
+    (HELD, "Shape so far"),
+    (PROPOSAL, "What the proposal adds"),
     ("/axis", "Turning axis"),
     ("/camera", "Camera"),
 )

@@ -15,13 +15,13 @@ import numpy as np
 import viser
 
 from flatcloth.core.geometry import object_from_camera
-from flatcloth.core.types import Float32, Float64, Floats, Intrinsics, RotationAxis, Uint8
+from flatcloth.core.types import Float32, Float64, Intrinsics, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.scene.axis_panel import AxisPanel
-from flatcloth.viewer.scene.clouds import CloudPanel, clouds_of, dimmed
+from flatcloth.viewer.scene.clouds import HELD, LIVE, NOTHING, Cloud, CloudPanel, clouds_of, dimmed
 from flatcloth.viewer.scene.panels import Panels
 from flatcloth.viewer.scene.private_viser import PrivateViser
 
@@ -57,7 +57,7 @@ class Scene:
         self._points: dict[str, Float32] = {}
         self._wanted: dict[str, bool] = {}
         self._filled: dict[str, bool] = {}
-        self._shown: tuple[Any, int] | None = None
+        self._shown: int | None = None  # the present view
         self._view_from: tuple[Float64, Float64, float, float] | None = None
         self._follow = True
         self._viser = PrivateViser()
@@ -119,14 +119,14 @@ class Scene:
         """Show a frame of a recording in live mode: only its points, subsampled, framed once."""
         with self._lock, self._server.atomic():
             if picture is None:
-                self._fill("/live/cloud", np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
+                self._fill(LIVE, NOTHING)
             else:
                 live = picture.cloud
                 keep = _evenly(len(live.xyz_m), MAX_LIVE_POINTS)
                 shades = dimmed(live.rgb[keep], live.of_interest[keep])
-                self._fill("/live/cloud", live.xyz_m[keep], shades, 0.0022)
+                self._fill(LIVE, Cloud(live.xyz_m[keep], shades, 0.0022))
                 if self._view_from is None:
-                    self._place_camera(picture)
+                    self._frame_view(picture.angle_deg, picture.present_view)
                 else:
                     self._turn_camera(picture)
         self._server.flush()
@@ -134,7 +134,7 @@ class Scene:
     def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
         """Show the cloud of a camera in its own frame; ``anew`` resets the view to show all of it."""
         with self._lock, self._server.atomic():
-            self._fill("/live/cloud", points_m, colors, 0.0022)
+            self._fill(LIVE, Cloud(points_m, colors, 0.0022))
             if len(points_m) and (anew or self._view_from is None):
                 self._shown = None
                 self._frame_view(0.0, 0)
@@ -153,16 +153,16 @@ class Scene:
         self._picture = picture
         if picture is None:
             for name in self._clouds:
-                self._fill(name, np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
+                self._fill(name, NOTHING)
             self._shown = None
             return
-        if self._filled.get("/live/cloud"):  # what was seen before there was a picture
-            self._fill("/live/cloud", np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8), 0.0)
+        if self._filled.get(LIVE):  # what was seen before there was a picture
+            self._fill(LIVE, NOTHING)
         panel = self._cloud_panel
         shown = clouds_of(picture, self._axis, 1) if panel is None else panel.clouds(picture, self._axis)
         for name, cloud in shown.items():
-            self._fill(name, cloud.points_m, cloud.colors, cloud.size_m)
-        self._place_camera(picture)
+            self._fill(name, cloud)
+        self._frame_view(picture.angle_deg, picture.present_view)
 
     def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
         """Draw edges (K, 2, 3) in the object frame with colours (K, 2, 3), or hide them."""
@@ -190,18 +190,18 @@ class Scene:
             self._view_from = (self._view_from[0], eye_m, *self._view_from[2:])
         self._aim_all()
 
-    def _fill(self, name: str, points_m: Floats, colors: Uint8, size_m: float) -> None:
-        self._filled[name] = len(points_m) > 0
-        if len(points_m):
-            keep = _evenly(len(points_m))
-            points, shades = points_m[keep].astype(np.float32), colors[keep]
+    def _fill(self, name: str, cloud: Cloud) -> None:
+        self._filled[name] = len(cloud.points_m) > 0
+        if len(cloud.points_m):
+            keep = _evenly(len(cloud.points_m))
+            points, shades = cloud.points_m[keep].astype(np.float32), cloud.colors[keep]
             self._points[name] = points
             if name in self._clouds:
                 self._clouds[name].points = points
                 self._clouds[name].colors = shades
             else:
                 self._clouds[name] = self._server.scene.add_point_cloud(
-                    name, points, shades, point_size=size_m, point_shape="circle",
+                    name, points, shades, point_size=cloud.size_m, point_shape="circle",
                     precision="float32", point_shading="flat",
                 )  # fmt: skip
         if name in self._clouds:
@@ -219,14 +219,11 @@ class Scene:
             self._axis_line.visible = self._wanted.get("/axis", True)
         self._server.flush()
 
-    def _place_camera(self, picture: Picture) -> None:
-        self._frame_view(picture.angle_deg, picture.present_view)
-
     def _frame_view(self, angle_deg: float, present_view: int) -> None:
         held = object_from_camera(self._axis, angle_deg)
         self._frustum.position = held.translation_m
         self._frustum.wxyz = quaternion_wxyz(held.rotation)
-        clouds = [self._points[n] for n in ("/live/cloud", "/held/cloud") if self._filled.get(n)]
+        clouds = [self._points[n] for n in (LIVE, HELD) if self._filled.get(n)]
         if not clouds:
             return
         points = np.concatenate(clouds)
@@ -239,8 +236,8 @@ class Scene:
         half_width = float(np.percentile(np.hypot(offset[:, 0], offset[:, 2]), 99.5))
         self._view_from = (center, held.translation_m, half_width, half_height)
         first = self._shown is None
-        turned = self._shown is not None and self._shown[1] != present_view
-        self._shown = (None, present_view)
+        turned = self._shown is not None and self._shown != present_view
+        self._shown = present_view
         initial = self._server.initial_camera
         initial.fov, initial.position = self._fov_rad(1.0), held.translation_m
         initial.look_at = center

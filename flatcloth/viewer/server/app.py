@@ -32,7 +32,6 @@ from flatcloth.viewer.server.limits import limited_logs, limited_server
 
 if TYPE_CHECKING:
     from flatcloth.viewer.modes.controller import PageController
-    from flatcloth.viewer.scene.scene import Scene as SpaceScene
     from flatcloth.viewer.server.workspace import Opened, Workspace
 
     Opener = Callable[[Chosen, Path | None], Opened | None]
@@ -142,11 +141,6 @@ class PageServer:
         """The application of the open source."""
         assert self._now is not None
         return self._now.application
-
-    @property
-    def _scene(self) -> SpaceScene:
-        assert self._now is not None
-        return self._now.scene
 
     def start(self) -> PageServer:
         """Start serving; returns when the page can be opened."""

@@ -31,7 +31,6 @@ from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.modes.teaching import TeachingRoutes
 from flatcloth.viewer.places import Chosen
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.answers import HoverAnswer, RayAnswer
 from flatcloth.viewer.protocol.sent import encoded
 from flatcloth.viewer.routes.active import active_routes
 from flatcloth.viewer.routes.capture import capture_routes
@@ -49,10 +48,6 @@ MAX_HAND_EYE_BYTES = 65536
 """Limit of a hand-eye file that a page sends. Chosen: it has sixteen numbers."""
 _SWAMPED_S = 0.05
 """Interval between checks whether an overloaded page can take messages again. Chosen."""
-
-
-def _nothing() -> None:
-    """Close nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +70,7 @@ class Opened:
     folder: SessionFolder
     controller: Callable[[Scene, Hub], PageController] | None = None
     base_from_camera: Rigid3 | None = None
-    close: Callable[[], None] = _nothing
+    close: Callable[[], object] = lambda: None
 
 
 class Workspace:
@@ -83,7 +78,7 @@ class Workspace:
 
     def __init__(self, opened: Opened) -> None:
         integration, folder = opened.integration, opened.folder
-        self._opened = opened
+        self._opened, self.integration = opened, integration
         self.scene = Scene(integration.axis, integration.recording.intrinsics)
         self.hub = Hub()
         controller = opened.controller or partial(Application, integration, folder)
@@ -121,11 +116,6 @@ class Workspace:
                 WebSocketRoute("/viser", self._viser_socket),
             ]
         )
-
-    @property
-    def integration(self) -> Integration:
-        """What the page shows."""
-        return self._opened.integration
 
     @property
     def name(self) -> str:
@@ -173,22 +163,15 @@ class Workspace:
 
     async def _messages(self, browser: WebSocket) -> None:
         async def receive(key: int, tab: Tab, text: str) -> None:
-            answer = self._pointed_at(text)
-            if answer is not None:
-                tab.put(encoded(answer).decode())
+            hover = _hover(text)
+            if hover is not None:
+                tab.put(encoded(self.application.pointed_at(hover)).decode())
                 return
             while self.application.is_swamped:  # until then, no further message of this tab is read
                 await asyncio.sleep(_SWAMPED_S)
             self.application.receive(key, text)
 
         await self.hub.serve(browser, self.application.last_state, receive)
-
-    def _pointed_at(self, text: str) -> HoverAnswer | RayAnswer | None:
-        """Answer a question about what is under the pointer; None for any other message."""
-        hover = _hover(text)
-        if isinstance(hover, messages.HoverRay):
-            return self.application.describe_ray(hover)
-        return None if hover is None else self.application.describe(hover)
 
     async def _viser_socket(self, browser: WebSocket) -> None:
         await relay(browser, self.scene.path)
