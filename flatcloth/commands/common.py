@@ -7,7 +7,7 @@ import dataclasses
 import gc
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -232,7 +232,7 @@ def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None
     default = "all cores" if jobs is None else str(jobs)
     where.add_argument(
         "--jobs",
-        type=_count,
+        type=whole(1, 1024, "is not a number of recordings; give 1 to 1024"),
         default=jobs,
         metavar="N",
         help=f"recordings at the same time, on this machine (default: {default})",
@@ -246,16 +246,17 @@ def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None
         dest="tls",
         help="use a scheduler that asks for no certificate: whoever reaches it can run code as you",
     )
+    positive = number(lambda value: 0 < value < 1e6, "is not a positive number")
     parser.add_argument(
         "--memory",
-        type=_positive,
+        type=positive,
         default=2.0,
         metavar="GB",
         help="memory that a recording may take beyond the libraries (default: %(default)g)",
     )
     parser.add_argument(
         "--time-limit",
-        type=_positive,
+        type=positive,
         default=1800.0,
         metavar="S",
         help="seconds that a recording may take (default: %(default)g)",
@@ -269,20 +270,30 @@ def limits_of(options: argparse.Namespace) -> Limits:
     return Limits(memory_bytes=int(options.memory * 1e9), seconds=options.time_limit)
 
 
-def _count(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of recordings; give 1 to 1024")
-    return int(text)
+def whole(least: int, most: int, cause: str) -> Callable[[str], int]:
+    """Return what reads a whole number of the command line within limits; else it says the ``cause``."""
+
+    def read(text: str) -> int:
+        if not text.isascii() or not text.isdigit() or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"{text!r} {cause}")
+        return int(text)
+
+    return read
 
 
-def _positive(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0 < number < 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
-    return number
+def number(fits: Callable[[float], bool], cause: str) -> Callable[[str], float]:
+    """Return what reads a number of the command line that ``fits``; else it says the ``cause``."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not fits(value):
+            raise argparse.ArgumentTypeError(f"{text!r} {cause}")
+        return value
+
+    return read
 
 
 class ProgressBar:

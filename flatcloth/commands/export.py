@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar, add_source_options, source_options_of
+from flatcloth.commands.common import ProgressBar, add_source_options, number, source_options_of
 from flatcloth.commands.output import report
 from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.plain_files import check_replacing
@@ -65,7 +65,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_hand_eye(parser)
     parser.add_argument(
         "--rotation",
-        type=_rotation,
+        type=number(math.isfinite, "is not an angle; give degrees"),
         metavar="DEG",
         help="rotation of the item for --grasps in camera and robot frame (default: that of the last view)",
     )
@@ -236,13 +236,3 @@ def _write(
 
             turn_rad, name = upright_rad(session.garment), session.history.header.recording.name
             write_text(path, outline_text(session.view, name, path.suffix, turn_rad, session.other_view))
-
-
-def _rotation(text: str) -> float:
-    try:
-        angle_deg = float(text)
-    except ValueError:
-        angle_deg = math.nan
-    if not math.isfinite(angle_deg):
-        raise argparse.ArgumentTypeError(f"{text!r} is not an angle; give degrees")
-    return angle_deg

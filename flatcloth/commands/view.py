@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
 from flatcloth.commands.active import add_cell, add_goal
-from flatcloth.commands.common import add_method, add_source
+from flatcloth.commands.common import add_method, add_source, number, whole
 from flatcloth.commands.export import add_hand_eye
 from flatcloth.commands.opening import add_camera, opened_recording, page_options, serve_camera
 from flatcloth.core.errors import FlatclothError
@@ -32,7 +31,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
     )
     parser.add_argument(
-        "--port", type=_port, default=8080, help="port of the page, 0 for any free one (default: 8080)"
+        "--port",
+        type=whole(0, 65535, "is not a port; give a number from 0 to 65535"),
+        default=8080,
+        help="port of the page, 0 for any free one (default: 8080)",
     )
     token = parser.add_mutually_exclusive_group()
     token.add_argument(
@@ -67,7 +69,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--fps",
-        type=_fps,
+        type=number(lambda fps: 0 < fps <= 240, "is not a frame rate; give a number above 0, up to 240"),
         metavar="N",
         help="with --live: initial frames per second (default: 30)",
     )
@@ -92,19 +94,3 @@ def run(options: argparse.Namespace) -> None:
         serve(**page)
         return
     serve(first=lambda: opened_recording(options, options.source, options.session), **page)
-
-
-def _port(text: str) -> int:
-    if not text.isascii() or not text.isdigit() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a port; give a number from 0 to 65535")
-    return int(text)
-
-
-def _fps(text: str) -> float:
-    try:
-        fps = float(text)
-    except ValueError:
-        fps = math.nan
-    if not 0 < fps <= 240:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a frame rate; give a number above 0, up to 240")
-    return fps
