@@ -15,7 +15,7 @@ from flatcloth.core.errors import FlatclothError
 if TYPE_CHECKING:
     from flatcloth.active.goal import Budget, Goal
     from flatcloth.active.loop import ActiveLoop
-    from flatcloth.active.service import ActiveService, Eye
+    from flatcloth.active.service import ActiveService
     from flatcloth.synthesis.cell import Cell
 
 NAME = "active"
@@ -99,6 +99,7 @@ def run(options: argparse.Namespace) -> int:
     with loading():
         from flatcloth.active.loop import ActiveLoop
         from flatcloth.active.service import ActiveService
+        from flatcloth.active.station import view_of_cell
 
     goal, budget = goal_of(options)
     base_from_camera = hand_eye_of(options)
@@ -108,7 +109,8 @@ def run(options: argparse.Namespace) -> int:
         )
     cell = None if options.cell is None else cell_of(options)
     loop = ActiveLoop(options.out, goal, budget, options.method)
-    service = ActiveService(loop, _eye(cell, options), base_from_camera)
+    eye = None if cell is None else functools.partial(view_of_cell, cell, masks=not options.no_masks)
+    service = ActiveService(loop, eye, base_from_camera)
     try:
         say(f"Goal: {goal}. Budget: {budget}. {loop.views} views so far.")
         if options.listen is not None:
@@ -121,13 +123,6 @@ def run(options: argparse.Namespace) -> int:
     finally:
         loop.close()
     return told_end(options, service, files)
-
-
-def _eye(cell: Cell | None, options: argparse.Namespace) -> Eye | None:
-    """Return what looks at the cell; without one a robot sends the views."""
-    from flatcloth.active.station import view_of_cell
-
-    return None if cell is None else functools.partial(view_of_cell, cell, masks=not options.no_masks)
 
 
 def listen(service: ActiveService, options: argparse.Namespace) -> None:

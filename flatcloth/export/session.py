@@ -155,24 +155,17 @@ class OpenedSession:
     def _numbers(self) -> dict[int, ViewNumbers]:
         return {}
 
-    def frames(
-        self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None
-    ) -> GraspFrames:
-        """Return the frames of the grasp poses; by default at the item's present rotation."""
-        return frames_of(
-            self.integration, self.history.document, self.history.grips, base_from_camera, rotation_deg
-        )
-
     def data(self, base_from_camera: Rigid3 | None = None, rotation_deg: float | None = None) -> SessionData:
         """Return the data files; grasp poses are by default at the item's present rotation."""
         from flatcloth.export.session_data import SessionData
 
+        history = self.history
         return SessionData(
             self.integration,
-            self.history.begun,
-            self.history.picks,
-            self.frames(base_from_camera, rotation_deg),
-            earlier_scores(self.history.folder),
+            history.begun,
+            history.picks,
+            frames_of(self.integration, history.document, history.grips, base_from_camera, rotation_deg),
+            earlier_scores(history.folder),
             self.garments,
             None if self.both is None else self._joined,
         )

@@ -66,13 +66,10 @@ def read_manifest(folder: Path) -> Manifest:
         In one line: file, cause and remedy.
     """
     folder = folder.resolve()
-    return _Reader(folder).manifest(_load(folder / HEADER))
-
-
-def _load(path: Path) -> Any:
+    path = folder / HEADER
     if not path.is_file():
         raise RecordingError(f"{path}: missing. A recording is a folder that contains {HEADER}.")
-    return load_json(path)
+    return _Reader(folder).manifest(load_json(path))
 
 
 class CameraOfHeader(msgspec.Struct, frozen=True):

@@ -60,19 +60,6 @@ class SourceOptions:
             if getattr(self, name) is not None:
                 raise RecordingError(f"{source}: {_REFUSED[name]}. Leave out {OPTION_NAMES[name]}.")
 
-    def refuse_together(self, name: str, *others: str) -> None:
-        """Raise if options were given that contradict each other.
-
-        Raises
-        ------
-        RecordingError
-            If this option was given together with one of the others.
-        """
-        for other in others:
-            if getattr(self, name) is not None and getattr(self, other) is not None:
-                pair = f"{OPTION_NAMES[name]} given together with {OPTION_NAMES[other]}"
-                raise RecordingError(f"{pair}. Give only one of them.")
-
     def files(self) -> tuple[Path, ...]:
         """Return the files named by the options."""
         return tuple(path for path in (self.angles, self.camera_file) if path is not None)

@@ -134,10 +134,6 @@ class RecordingWriter:
         """Angles of the views that are on disk."""
         return tuple(float(view["angle_deg"]) for view in self._views)
 
-    def has_angle(self, angle_deg: float) -> bool:
-        """Return whether a view at this angle (modulo a full turn) is on disk."""
-        return any(apart_deg(angle_deg, a) < TOLERANCE_DEG for a in self.angles_deg)
-
     def add(
         self,
         angle_deg: float,
@@ -277,7 +273,7 @@ class RecordingWriter:
             raise RecordingError(f"{where} exceeds the limit of {MAX_VIEWS} views.")
         if not math.isfinite(angle_deg) or abs(angle_deg) > 3600:
             raise RecordingError(f"{where} has the angle {angle_deg}. Give degrees since view 0.")
-        if self.has_angle(angle_deg):
+        if any(apart_deg(angle_deg, taken) < TOLERANCE_DEG for taken in self.angles_deg):
             raise RecordingError(
                 f"{where} repeats an angle ({angle_deg:g} degrees). "
                 "Every view needs its own angle, also modulo 360."

@@ -121,17 +121,12 @@ class Drawing:
         x, y = np.asarray(points, dtype=np.float64).reshape(-1, 2).T
         self._add(Line2D(x, y, color=color, linewidth=width, solid_capstyle="butt"))
 
-    def area(self, points: Floats, color: str, opacity: float = 1.0) -> None:
-        """Fill a polygon (N, 2)."""
-        from matplotlib.patches import Polygon
-
-        corners = np.asarray(points, dtype=np.float64)
-        self._add(Polygon(corners, closed=True, facecolor=color, edgecolor="none", alpha=opacity))
-
     def box(self, x: float, y: float, width: float, height: float, color: str, opacity: float = 1.0) -> None:
         """Fill a rectangle."""
-        corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
-        self.area(np.array(corners), color, opacity)
+        from matplotlib.patches import Polygon
+
+        corners = np.array([(x, y), (x + width, y), (x + width, y + height), (x, y + height)], np.float64)
+        self._add(Polygon(corners, closed=True, facecolor=color, edgecolor="none", alpha=opacity))
 
     def dot(self, x: float, y: float, radius: float, color: str) -> None:
         """Fill a circle."""

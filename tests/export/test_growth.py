@@ -187,7 +187,7 @@ def test_the_axis_that_the_session_keeps_is_used_and_left_alone(tmp_path: Path) 
     write_axis(made.history.folder, replace(own, point_m=own.point_m + np.array([0.004, 0.0, 0.0])))
     before = {p.name: p.read_bytes() for p in made.history.folder.iterdir()}
     opened = open_session(made.history.folder)
-    np.testing.assert_allclose(opened.frames().axis.point_m, own.point_m + np.array([0.004, 0.0, 0.0]))
+    np.testing.assert_allclose(opened.data().frames.axis.point_m, own.point_m + np.array([0.004, 0.0, 0.0]))
     assert opened.growth.view.valid.any()
     assert {p.name: p.read_bytes() for p in made.history.folder.iterdir()} == before
 
@@ -199,9 +199,9 @@ def test_a_session_in_memory_cannot_be_exported(session: OpenedSession) -> None:
 
 def test_poses_are_given_where_the_item_stands_unless_a_rotation_is_named(session: OpenedSession) -> None:
     last = session.integration.recording.angles_deg[session.growth.steps[-1].view_index]
-    assert session.frames().rotation_deg == last
-    assert session.frames(rotation_deg=12.5).rotation_deg == 12.5
-    assert session.frames().grips[1].opening_m == 0.06
+    assert session.data().frames.rotation_deg == last
+    assert session.data(rotation_deg=12.5).frames.rotation_deg == 12.5
+    assert session.data().frames.grips[1].opening_m == 0.06
 
 
 # --- what exports share ---------------------------------------------------------------------------

@@ -142,7 +142,7 @@ def test_a_recording_is_gone_on_with_only_when_asked(tmp_path: Path) -> None:
         writing(tmp_path)
     assert (tmp_path / "recording.json").read_bytes() == before
     with writing(tmp_path, description="second", resume=True) as made:
-        assert made.has_angle(360.0)
+        assert made.angles_deg == (0.0,)
         made.add(10, color(1), depth(1))
     assert open_recording(tmp_path).description == "first"
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,8 +39,6 @@ class Lens:
         self._intrinsics = intrinsics
         self._coefficients = np.array(coefficients, dtype=np.float64)
         self._fisheye = fisheye
-        self._maps: tuple[NDArray[Any], NDArray[Any]] | None = None
-        self._lock = threading.Lock()
 
     @property
     def is_identity(self) -> bool:
@@ -86,17 +84,13 @@ class Lens:
             return image
         import cv2
 
-        map_x, map_y = self._sampling_maps()
+        map_x, map_y = self._maps
         how = cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST
         return cv2.remap(image, map_x, map_y, how, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
 
-    def _sampling_maps(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        with self._lock:
-            if self._maps is None:
-                self._maps = self._made_maps()
-            return self._maps
-
-    def _made_maps(self) -> tuple[NDArray[Any], NDArray[Any]]:
+    @cached_property
+    def _maps(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The columns and rows (H, W) from which the pixels are taken."""
         import cv2
 
         k = self._intrinsics
@@ -109,7 +103,8 @@ class Lens:
 class InverseLens(Lens):
     """librealsense's inverse Brown-Conrady model: its polynomial maps the image to the true ray."""
 
-    def _made_maps(self) -> tuple[NDArray[Any], NDArray[Any]]:
+    @cached_property
+    def _maps(self) -> tuple[NDArray[Any], NDArray[Any]]:
         k = self._intrinsics
         rows, cols = np.mgrid[0 : k.height, 0 : k.width].astype(np.float64)
         ideal = np.stack([(cols - k.cx) / k.fx, (rows - k.cy) / k.fy])

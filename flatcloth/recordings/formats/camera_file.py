@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -124,7 +124,7 @@ def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None
         if not _same(camera_of_file(path, size).intrinsics, intrinsics):
             raise RecordingError(f"{path}: describes another camera than --fov. Give only one of them.")
     elif path is not None:
-        write_camera_file(path, intrinsics, rough=True)
+        _write(path, intrinsics)
     return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), notes=(_rough(intrinsics),))
 
 
@@ -159,23 +159,16 @@ def _same(a: Intrinsics, b: Intrinsics) -> bool:
     return all(math.isclose(getattr(a, n), getattr(b, n), abs_tol=1e-3) for n in ("fx", "fy", "cx", "cy"))
 
 
-def write_camera_file(path: Path, intrinsics: Intrinsics, *, rough: bool) -> None:
-    """Write a camera file (JSON), which records whether the camera is approximate.
+def _write(path: Path, intrinsics: Intrinsics) -> None:
+    """Write a camera file (JSON) that says that the camera is approximate.
 
     It is there whole or not at all, also if several processes of a batch write it.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be written.
     """
-    names = ("width", "height", "fx", "fy", "cx", "cy")
-    table = {name: round(float(getattr(intrinsics, name)), 4) for name in names}
-    table |= {"width": intrinsics.width, "height": intrinsics.height}
+    table = {name: round(value, 4) for name, value in asdict(intrinsics).items()}
     draft = path.with_name(f".{path.name}.{os.getpid()}.partial")
     with os_errors_as(RecordingError, f"{path}: cannot be written", "Choose another path."):
         with open_new(draft) as file:
-            file.write((json.dumps({**table, "rough": rough}, indent=1) + "\n").encode())
+            file.write((json.dumps({**table, "rough": True}, indent=1) + "\n").encode())
         draft.replace(path)
 
 

@@ -23,7 +23,7 @@ from flatcloth.recordings.files.pcd import camera_of, read_pcd, read_pcd_header
 from flatcloth.recordings.film.angles import ANGLES_FILE, Shots
 from flatcloth.recordings.formats.camera_file import Camera, camera_file, given_camera
 from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
-from flatcloth.recordings.source import Format, SourceOptions
+from flatcloth.recordings.source import OPTION_NAMES, Format, SourceOptions
 
 UNITS_PER_M = 1000.0
 """Depth of the data set: millimetres."""
@@ -121,7 +121,10 @@ def _sweep(folder: Path, options: SourceOptions) -> tuple[list[Path], list[float
     colors = [found[n][1] for n in numbers]
     if options.turning_deg is None:
         return _as_given(folder, colors, options)
-    options.refuse_together("turning_deg", "angles", "step_deg")
+    for name in ("angles", "step_deg"):
+        if getattr(options, name) is not None:
+            pair = f"{OPTION_NAMES['turning_deg']} given together with {OPTION_NAMES[name]}"
+            raise RecordingError(f"{pair}. Give only one of them.")
     turning = options.turning_deg
     if not _LEAST_TURN_DEG <= abs(turning) <= _MOST_TURN_DEG:
         raise RecordingError(f"--turning {turning:g}: give the range in degrees, 1 to 720 or negative.")
