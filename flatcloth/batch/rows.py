@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -152,7 +153,4 @@ def rows_in(out: Path) -> list[dict[str, Any]]:
 
 def counted(rows: Iterable[Mapping[str, Any]]) -> dict[str, int]:
     """Return how many rows have each outcome."""
-    count = dict.fromkeys(OUTCOMES, 0)
-    for row in rows:
-        count[row["outcome"]] = count.get(row["outcome"], 0) + 1
-    return count
+    return dict.fromkeys(OUTCOMES, 0) | Counter(row["outcome"] for row in rows)

@@ -22,9 +22,9 @@ Picture = Literal["turned", "outline"]
 class Finding:
     """A mistake of a recording.
 
-    ``name`` is one of :data:`NAMES`; ``text`` says in one line what is wrong; ``probability`` how sure that
-    is. ``mends`` are the settings that remove it, the likeliest first; empty if none does. ``stops`` is
-    whether results would be wrong, not only worse. ``views`` are two views that show it.
+    ``name`` is a word that stays, such as ``sense``; ``text`` says in one line what is wrong; ``probability``
+    how sure that is. ``mends`` are the settings that remove it, the likeliest first; empty if none does.
+    ``stops`` is whether results would be wrong, not only worse. ``views`` are two views that show it.
     """
 
     name: str
@@ -57,13 +57,6 @@ class Finding:
         sure = f"{min(self.probability, MOST_SURE):.1%}".replace(".0%", "%")
         mend = " or ".join(mend.words() for mend in self.mends)
         return f"{self.text} ({sure} sure). {f'Mended by {mend}.' if mend else 'Record it again.'}"
-
-
-NAMES = (
-    *("sense", "factor", "still", "order", "views", "axis", "rotated", "coverage"),
-    *("unit", "masks", "background", "color", "focal", "exposure", "sway"),
-)
-"""All names of findings."""
 
 
 @dataclass(frozen=True, kw_only=True)
