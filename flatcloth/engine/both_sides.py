@@ -156,7 +156,7 @@ class BothSides:
         if self._doubts_links:
             place_sure_pieces(GarmentService(other), session)
         found = session.state.document
-        other.trust.recognised(found, 0.0)  # both sides together decide whether it is a garment
+        other.trust.recognised(found, None)  # both sides together decide whether it is a garment
         return other, found
 
     def _masks(self, document: Document, progress: Progress) -> Callable[[RgbdFrame], Bool]:

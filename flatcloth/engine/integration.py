@@ -202,11 +202,16 @@ class Integration:
         FlatclothError
             If the session has no start view.
         """
+        whole = self.laid_out(document, alone=alone)
+        return self.trust.of(document, whole, self.algorithm.cameras(document))
+
+    def laid_out(self, document: Document, *, alone: bool = False) -> Canonical:
+        """Return what :meth:`canonical` does, as sure as the views are, without other doubts."""
         self.views.segment(document.strokes)
         whole = self.algorithm.alone(document) if alone else self.algorithm.canonical(document)
         if document.garment.parts:
             whole = self._by_garment(document, whole, alone=alone).canonical
-        return self.trust.of(document, whole, self.algorithm.cameras(document))
+        return whole
 
     def wrong(self, document: Document) -> list[str]:
         """Return the reasons why something about the recording of a shape is wrong; empty if none."""

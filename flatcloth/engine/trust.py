@@ -13,6 +13,7 @@ from flatcloth.checking import result
 from flatcloth.checking.check import known_check
 from flatcloth.checking.lens import FOCAL_STD
 from flatcloth.core.types import FlattenedView, Float64
+from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings.base import Recording
 from flatcloth.registration.registered import Registered
@@ -25,7 +26,7 @@ class _Doubts(NamedTuple):
 
     is_wrong: bool
     scale_std: float
-    no_kind: float
+    kind: float
 
 
 class Trust:
@@ -33,25 +34,34 @@ class Trust:
 
     A shape that no known kind of garment explains has a false joint somewhere, or is another item. What lies
     beyond such a joint may be anywhere on the item, and it is not known where the joint is. So nothing of it
-    is reliable until an operator names the kind.
+    is reliable until an operator names the kind. So it is where the kind is not sure though all views were
+    looked at; before, too little may have been seen to tell.
     """
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self._no_kind: tuple[Hashable, float] = None, 0.0
+        self._kind: tuple[Hashable, Recognition | None] = None, None
         self._last: tuple[Canonical, _Doubts, Canonical] | None = None
         self._last_sides: tuple[JoinedSides, _Doubts, JoinedSides] | None = None
 
-    def recognised(self, document: Document, no_kind: float) -> None:
-        """Take the probability that a document's shape is no known kind; 0 if a kind is likelier."""
-        self._no_kind = _recognised_by(document), no_kind
+    def recognised(self, document: Document, found: Recognition | None) -> None:
+        """Take what a document's shape is; None if that is not asked."""
+        self._kind = _recognised_by(document), found
 
     def wrong(self, document: Document, canonical: Canonical, registered: Registered | None) -> list[str]:
         """Return the reasons why something about the recording is wrong."""
         floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
         share = floating_m2 / max(floating_m2 + canonical.view.area_m2, 1e-9)
-        fits_none = self._no_kind_of(document) > 0.0
+        found = self._kind_of(document)
+        fits_none = found is not None and found.by_hand is None and found.kind == NONE
         return result.wrong_with(known_check(self._recording), registered, share, fits_none=fits_none)
+
+    def doubt_of_kind(self, document: Document) -> float:
+        """Return the probability that the shape of a document is not what its kind looks like."""
+        found = self._kind_of(document)
+        if found is None or (found.kind != NONE and document.finished is None):
+            return 0.0
+        return found.doubt
 
     def of(self, document: Document, canonical: Canonical, registered: Registered | None) -> Canonical:
         """Return a shape as unsure as its scale and its kind; not reliable at all if something is wrong."""
@@ -66,21 +76,21 @@ class Trust:
         """Return the other side, and the pieces that it lays, as unsure as the shape that it is joined to."""
         doubts = self._doubts(document, canonical, registered)
         if self._last_sides is None or self._last_sides[0] is not sides or self._last_sides[1] != doubts:
-            away_m = _apart_m(canonical.view) * math.sqrt(doubts.no_kind)
+            away_m = apart_m(canonical.view) * math.sqrt(doubts.kind)
             laid = tuple(replace(each, std_m=math.hypot(each.std_m, away_m)) for each in sides.laid)
             made = replace(sides, other=_doubted(sides.other, doubts), laid=laid)
             self._last_sides = sides, doubts, made
         return self._last_sides[2]
 
-    def _no_kind_of(self, document: Document) -> float:
-        of, no_kind = self._no_kind
-        return no_kind if of == _recognised_by(document) else 0.0
+    def _kind_of(self, document: Document) -> Recognition | None:
+        of, found = self._kind
+        return found if of == _recognised_by(document) else None
 
     def _doubts(self, document: Document, canonical: Canonical, registered: Registered | None) -> _Doubts:
         return _Doubts(
             is_wrong=bool(self.wrong(document, canonical, registered)),
             scale_std=scale_std_of(self._recording),
-            no_kind=self._no_kind_of(document),
+            kind=self.doubt_of_kind(document),
         )
 
 
@@ -98,7 +108,7 @@ def scale_std_of(recording: Recording) -> float:
 def _doubted(canonical: Canonical, doubts: _Doubts) -> Canonical:
     """Return a shape with the deviations that doubts leave it: none that is known if something is wrong.
 
-    An unsure scale is the worse the farther from the middle. A place is right, or (probability ``no_kind``)
+    An unsure scale is the worse the farther from the middle. A place is right, or (probability ``kind``)
     anywhere on the item: as far away as two places of the shape are from each other, in the root mean square.
     """
     view = canonical.view
@@ -109,7 +119,7 @@ def _doubted(canonical: Canonical, doubts: _Doubts) -> Canonical:
         std_m = np.full_like(std_m, np.nan)
     else:
         away_m = doubts.scale_std * _from_middle_m(view)
-        std_m = np.sqrt(std_m**2 + away_m**2 + doubts.no_kind * _apart_m(view) ** 2).astype(std_m.dtype)
+        std_m = np.sqrt(std_m**2 + away_m**2 + doubts.kind * apart_m(view) ** 2).astype(std_m.dtype)
     return replace(canonical, view=replace(view, placement_std_m=std_m))
 
 
@@ -120,6 +130,6 @@ def _from_middle_m(view: FlattenedView) -> Float64:
     return away_m
 
 
-def _apart_m(view: FlattenedView) -> float:
+def apart_m(view: FlattenedView) -> float:
     """Return the root mean square distance of two places of the cloth of a view."""
     return math.sqrt(2.0 * float(np.square(_from_middle_m(view)[view.valid]).mean()))

@@ -142,6 +142,7 @@ def summary(known: KnownGarment) -> dict[str, Any]:
         "kind": None if found.kind == NONE else found.kind,
         "likeliest": found.fit.kind.name,
         "by_hand": found.by_hand is not None,
+        "doubted": known.doubt > 0.0,
         "upright_rad": _turn_rad(known),
         "probabilities": _sorted(found.probabilities),
         "dimensions": [
@@ -222,6 +223,7 @@ def lines_of(known: KnownGarment | str) -> list[str]:
     lines = [
         f"Garment: {name} ({found.probabilities[name]:.0%}); "
         f"{seen} of {len(found.points)} named points seen.",
+        *(["Its kind is not sure, so nothing is called reliable; set it on the page."] * (known.doubt > 0.0)),
         f"Dimensions in mm: {sizes}.",
         *_doubts(known),
     ]

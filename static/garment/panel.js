@@ -255,7 +255,9 @@ function summary(/** @type {NonNullable<State["garment"]>} */ known) {
   if (found.by_hand) return `${words(found.kind ?? NONE)}, set by hand.${again}`;
   /** @param {string | null} name */
   const share = (name) => percent(found.probabilities.find(([each]) => each === name)?.[1] ?? 0);
-  if (found.kind) return `${words(found.kind)}, ${share(found.kind)}.${again}`;
-  const none = `None of the known kinds, ${share(NONE)}; the likeliest is ${words(found.likeliest)}.`;
-  return `${none} So nothing of the shape is called reliable; if it is right, set the kind.${again}`;
+  const kind = found.kind
+    ? `${words(found.kind)}, ${share(found.kind)}.`
+    : `None of the known kinds, ${share(NONE)}; the likeliest is ${words(found.likeliest)}.`;
+  const doubt = " So nothing of the shape is called reliable; if it is right, set the kind.";
+  return `${kind}${found.doubted ? doubt : ""}${again}`;
 }

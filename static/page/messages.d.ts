@@ -751,6 +751,7 @@ export interface FoundGarment {
   kind: string | null;
   likeliest: string;
   by_hand: boolean;
+  doubted: boolean;
   probabilities: [string, number][];
   dimensions: Dimension[];
   outline_uv_m: [number, number][];

@@ -17,8 +17,10 @@ from flatcloth.checking.result import LEAST_VIEWS, contradicting_views, is_hopel
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.geometry import object_from_camera
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.engine.trust import Trust
+from flatcloth.export.garment import lines_of
 from flatcloth.garments.deciding import DecidedPieces
-from flatcloth.garments.recognition import NONE, Measure, Recognition
+from flatcloth.garments.recognition import NONE, Measure, Point, Recognition
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.mending import Mends, mended
 from flatcloth.registration.cameras import begin_registration
@@ -115,26 +117,27 @@ def test_cloth_most_of_which_floats_is():
 
 
 def service_of(found, monkeypatch, wrong=(), focal_factor=1.0):
-    """Return a service that recognises a given garment, and the list of what it says of kinds."""
-    shape = SimpleNamespace(view=SimpleNamespace(valid=np.ones((2, 2), bool)))
+    """Return a service that recognises a given garment by four pixels of a shape, 0.1 m apart."""
+    view = SimpleNamespace(valid=np.ones((2, 2), bool), uv_from_rc=lambda rc: 0.1 * rc)
+    shape = SimpleNamespace(view=view, taken_off=())
     none = DecidedPieces(shape_from_piece={}, refused=frozenset())
     known = KnownGarment(canonical=shape, evidence=(), by_evidence=found, found=found, pieces=none)
-    said = []
+    recording = SimpleNamespace(mends=Mends(focal_factor=focal_factor))
     integration = SimpleNamespace(
-        recording=SimpleNamespace(mends=Mends(focal_factor=focal_factor)),
+        recording=recording,
         algorithm=SimpleNamespace(is_unattended=False),
-        canonical=lambda _: shape,
+        laid_out=lambda _: shape,
         wrong=lambda _: wrong,
-        trust=SimpleNamespace(recognised=lambda *of: said.append(of)),
+        trust=Trust(recording),
     )
     service = GarmentService(integration)
     monkeypatch.setattr(service, "_recognised", lambda *_: known)
     monkeypatch.setattr(service, "_decided", lambda *_: known)
-    return service, said
+    return service
 
 
 def recognition(probabilities, **more):
-    return Recognition(probabilities=probabilities, fits=(), points={}, **{"dimensions": {}, **more})
+    return Recognition(probabilities=probabilities, fits=(), **{"dimensions": {}, "points": {}, **more})
 
 
 @pytest.mark.parametrize(
@@ -145,27 +148,48 @@ def test_a_wrong_result_has_no_lengths_and_an_estimated_camera_unsure_ones(
     wrong, focal_factor, std_m, monkeypatch
 ):
     found = recognition({"towel": 0.9, NONE: 0.1}, dimensions={"width": Measure(value_m=0.5, std_m=0.01)})
-    service, _ = service_of(found, monkeypatch, wrong, focal_factor)
+    service = service_of(found, monkeypatch, wrong, focal_factor)
     lengths = service.of(Document()).found.dimensions
     assert [length.std_m for length in lengths.values()] == pytest.approx([] if wrong else [std_m])
     assert service.of(Document()).is_wrong == bool(wrong)
 
 
 @pytest.mark.parametrize(
-    ("none", "by_hand", "no_kind"),
-    [(0.3, None, 0.0), (0.4, None, 0.4), (0.4, NONE, 0.0), (0.4, "towel", 0.0)],
+    ("none", "towel", "by_hand", "growing", "finished"),
+    [
+        (0.3, 0.35, None, 0.0, 0.65),  # which kind it is may be told by further views
+        (0.05, 0.92, None, 0.0, 0.0),
+        (0.4, 0.35, None, 0.4, 0.4),
+        (0.4, 0.35, NONE, 0.0, 0.0),
+        (0.3, 0.35, "towel", 0.0, 0.0),
+    ],
 )
-def test_a_shape_is_of_no_kind_if_that_is_likeliest_and_nobody_named_one(none, by_hand, no_kind, monkeypatch):
-    shares = {"towel": 0.35, "skirt": 0.65 - none, NONE: none}
-    service, said = service_of(recognition(shares, by_hand=by_hand), monkeypatch)
-    service.of(Document())
-    assert said == [(Document(), no_kind)]
+def test_a_shape_is_doubted_of_no_kind_or_finished_of_none_that_is_sure_unless_somebody_names_one(
+    none, towel, by_hand, growing, finished, monkeypatch
+):
+    shares = {"towel": towel, "skirt": 1.0 - none - towel, NONE: none}
+    width, point = Measure(value_m=0.5, std_m=0.01), Point(uv_m=np.zeros(2), std_m=0.004, pixel=(0, 0))
+    found = recognition(shares, by_hand=by_hand, dimensions={"width": width}, points={"neck": point})
+    service = service_of(found, monkeypatch)
+    for document, doubt in ((Document(), growing), (Document(finished="All views."), finished)):
+        known = service.of(document)
+        assert known.doubt == pytest.approx(doubt)
+        away_m = math.sqrt(doubt) * 0.1  # four places, 0.1 m from each other in the root mean square
+        assert known.found.dimensions["width"].std_m == pytest.approx(math.hypot(0.01, away_m))
+        assert known.found.points["neck"].std_m == pytest.approx(math.hypot(0.004, away_m))
+
+
+def test_a_finished_run_says_that_its_kind_is_not_sure(monkeypatch):
+    shares = {"towel": 0.7, "skirt": 0.2, NONE: 0.1}
+    service = service_of(recognition(shares), monkeypatch)
+    assert len(lines_of(service.of(Document()))) == 2
+    assert "nothing is called reliable" in lines_of(service.of(Document(finished="All views.")))[1]
 
 
 def test_no_garment_is_tried_on_an_unattended_result_that_is_wrong(monkeypatch):
     integration = SimpleNamespace(
         algorithm=SimpleNamespace(is_unattended=True),
-        canonical=lambda _: SimpleNamespace(),
+        laid_out=lambda _: SimpleNamespace(),
         wrong=lambda _: ["88% of the cloth floats"],
     )
     service = GarmentService(integration)

@@ -10,6 +10,7 @@ import pytest
 from flatcloth.checking.lens import FOCAL_STD
 from flatcloth.core.types import LaidPiece, Rigid2
 from flatcloth.engine.trust import Trust
+from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings.mending import Mends
 from flatcloth.session.document import Document
@@ -38,6 +39,10 @@ def _shape(std_m: float | None = STD_M) -> Canonical:
     return Canonical(view=Row(np.ones((1, 3), bool), std), current_from_view={})  # type: ignore[arg-type]
 
 
+def _of(probabilities: dict[str, float]) -> Recognition:
+    return Recognition(probabilities=probabilities, fits=(), dimensions={}, points={})
+
+
 def _trust(focal_factor: float = 1.0) -> Trust:
     return Trust(SimpleNamespace(mends=Mends(focal_factor=focal_factor)))  # type: ignore[arg-type]
 
@@ -59,19 +64,29 @@ def test_places_are_as_unsure_as_an_estimated_scale_far_from_the_middle():
 
 def test_a_shape_of_no_known_kind_may_be_anywhere_on_the_item():
     trust, shape = _trust(), _shape()
-    trust.recognised(TWO, 0.8)
+    trust.recognised(TWO, _of({"towel": 0.2, NONE: 0.8}))
     doubted = trust.of(TWO, shape, None)
     assert _std_m(doubted) == pytest.approx(3 * [math.hypot(STD_M, math.sqrt(0.8) * APART_M)])
     assert trust.of(TWO, shape, None) is doubted  # or the garment is fitted anew
     assert trust.of(replace(TWO, start_view=1), shape, None) is shape
-    trust.recognised(TWO, 0.0)
+    trust.recognised(TWO, _of({"towel": 0.8, NONE: 0.2}))
     assert trust.of(TWO, shape, None) is shape
+
+
+def test_a_shape_whose_kind_is_not_sure_is_doubted_once_all_views_were_looked_at():
+    trust, shape, all_seen = _trust(), _shape(), replace(TWO, finished="All views were looked at.")
+    trust.recognised(TWO, _of({"towel": 0.7, "skirt": 0.2, NONE: 0.1}))
+    assert trust.of(TWO, shape, None) is shape
+    far = math.hypot(STD_M, math.sqrt(0.3) * APART_M)
+    assert _std_m(trust.of(all_seen, shape, None)) == pytest.approx(3 * [far])
+    trust.recognised(TWO, _of({"towel": 0.95, "skirt": 0.05, NONE: 0.0}))
+    assert trust.of(all_seen, shape, None) is shape
 
 
 def test_links_that_a_run_doubts_do_not_change_what_the_garment_says():
     trust, cloth = _trust(), ClothPlaces(points_m=((0.0, 0.0, 1.0),), uv_m=((0.0, 0.0),))
     part = DoubtedPart(taken_off=False, part=cloth, rest=cloth, probability=0.7, std_m=0.1)
-    trust.recognised(TWO, 0.8)
+    trust.recognised(TWO, _of({"towel": 0.2, NONE: 0.8}))
     doubting = replace(TWO, garment=GarmentDecisions(parts=(part,)))
     assert _std_m(trust.of(doubting, _shape(), None)).min() > 0.1
     off = replace(TWO, garment=GarmentDecisions(parts=(replace(part, taken_off=True, std_m=0.0),)))
@@ -83,7 +98,7 @@ def test_the_other_side_and_what_it_lays_is_as_unsure_as_this_one():
     laid = (LaidPiece(index=0, shape_from_piece=Rigid2(0.0, 0.0, 0.0), std_m=STD_M),)
     sides = JoinedSides(other=_shape(), seams=(), is_related=True, laid=laid)
     assert trust.of_sides(TWO, shape, None, sides).laid == laid
-    trust.recognised(TWO, 0.8)
+    trust.recognised(TWO, _of({"towel": 0.2, NONE: 0.8}))
     doubted = trust.of_sides(TWO, shape, None, sides)
     far = math.hypot(STD_M, math.sqrt(0.8) * APART_M)
     assert _std_m(doubted.other) == pytest.approx(3 * [far])

@@ -76,7 +76,14 @@ class Service:
         if kind is not None or self.is_none:
             sure = {**dict.fromkeys(found.probabilities, 0.0), NONE: 1.0}
             found = dataclasses.replace(found, probabilities=sure, by_hand=kind)
-        return dataclasses.replace(self._known, found=found, pieces=decided, cloth=self.cloth, links=links)
+        return dataclasses.replace(
+            self._known,
+            found=found,
+            doubt=found.doubt if found.kind == NONE else 0.0,
+            pieces=decided,
+            cloth=self.cloth,
+            links=links,
+        )
 
     def known(self, document: Document) -> KnownGarment | str:
         return self.of(document)

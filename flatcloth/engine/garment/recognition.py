@@ -17,7 +17,7 @@ from flatcloth.core.geometry import fit_rigid2, object_from_camera
 from flatcloth.core.types import MIRROR, FlattenedView, RgbdFrame
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
-from flatcloth.engine.trust import scale_std_of
+from flatcloth.engine.trust import apart_m, scale_std_of
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.surface import crop_to_item
 from flatcloth.garments.deciding import (
@@ -94,8 +94,9 @@ class KnownGarment:
 
     ``by_evidence`` is the result without the operator's decisions, ``found`` the result with them; ``pieces``
     are the decisions about the floating pieces of ``canonical``. ``links`` are the undecided links of
-    ``cloth`` that no garment allows, the least probable first. ``is_wrong``: the recording is. ``sides`` are
-    the joined sides whose edges are in the evidence, None if those of this side are alone.
+    ``cloth`` that no garment allows, the least probable first. ``is_wrong``: the recording is. ``doubt`` is
+    the probability that the shape is not what its kind looks like, 0 if that is no reason for doubt.
+    ``sides`` are the joined sides whose edges are in the evidence, None if those of this side are alone.
     """
 
     canonical: Canonical
@@ -106,6 +107,7 @@ class KnownGarment:
     cloth: Cloth | None = None
     links: tuple[DoubtedLink, ...] = ()
     is_wrong: bool = False
+    doubt: float = 0.0
     sides: JoinedSides | None = None
 
     @property
@@ -117,6 +119,10 @@ class KnownGarment:
     def shape(self) -> FlattenedView:
         """The canonical view with the cloth of the placed pieces."""
         return with_placed_pieces(self.canonical, self.pieces).view
+
+    def is_of(self, canonical: Canonical) -> bool:
+        """Return whether it was recognised by a shape, however sure that is by now."""
+        return self.canonical.view.valid is canonical.view.valid
 
     def cloth_of(self, point: Point) -> FlattenedView:
         """Return the flattened view with the pixel of a named point: the shape, or a placed piece."""
@@ -148,7 +154,7 @@ class GarmentService:
         self.integration, self._both, self._doubts_links = integration, both, doubts_links
         self._lock = threading.Lock()
         self._shape: KnownGarment | None = None
-        self._last: tuple[GarmentDecisions, KnownGarment] | None = None
+        self._last: tuple[tuple[GarmentDecisions, bool], KnownGarment] | None = None
 
     @property
     def last(self) -> KnownGarment | None:
@@ -168,32 +174,28 @@ class GarmentService:
         # The shape is recognised with all its links; doubts about links follow from the result.
         document = replace(document, garment=without_doubts(document.garment))
         with self._lock:
-            canonical = self.integration.canonical(document)
+            canonical = self.integration.laid_out(document)
             other = self._other(document)
             sides = None if other is None else other[0]
             shape = self._shape
-            if (
-                shape is None
-                or shape.canonical.view.valid is not canonical.view.valid
-                or shape.sides is not sides
-            ):
+            if shape is None or not shape.is_of(canonical) or shape.sides is not sides:
                 if integration.algorithm.is_unattended and integration.wrong(document):
                     # No garment fits what was laid out, and to try them all takes long.
                     raise GarmentError(f"{WRONG}. No garment is recognised.")
                 shape = self._shape = self._recognised(canonical, document)
                 self._last = None
-            if self._last is None or self._last[0] != document.garment:
+            decided = document.garment, document.finished is None
+            if self._last is None or self._last[0] != decided:
                 known = self._decided(shape, document.garment)
-                is_none = known.found.kind == NONE and not known.found.by_hand
-                no_kind = known.found.probability if is_none else 0.0
-                self.integration.trust.recognised(document, no_kind)
-                if self.integration.wrong(document):  # then no length is reliable
+                integration.trust.recognised(document, known.found)
+                doubt = integration.trust.doubt_of_kind(document)
+                if integration.wrong(document):  # then no length is reliable
                     known = replace(known, found=replace(known.found, dimensions={}), is_wrong=True)
                 else:
-                    known = replace(
-                        known, found=_as_unsure_as(scale_std_of(integration.recording), known.found)
-                    )
-                self._last = document.garment, known
+                    away_m = math.sqrt(doubt) * apart_m(canonical.view) if doubt else 0.0
+                    found = _as_unsure_as(scale_std_of(integration.recording), away_m, known.found)
+                    known = replace(known, found=found, doubt=doubt)
+                self._last = decided, known
             return self._last[1]
 
     def known(self, document: Document) -> KnownGarment | str:
@@ -216,7 +218,7 @@ class GarmentService:
             raise GarmentError(
                 "The shape was made of one view; a garment cannot be recognised from one. Add views."
             )
-        main, *floating = evidence_of_shape(self.integration.canonical(document), views)
+        main, *floating = evidence_of_shape(self.integration.laid_out(document), views)
         if (other := self._other(document)) is not None:
             sides, integration, its = other
             seen = seen_from(integration, its)
@@ -236,7 +238,7 @@ class GarmentService:
         try:
             if self._both is not None:
                 self._both.of(document)
-            canonical = self.integration.canonical(document)
+            canonical = self.integration.laid_out(document)
             return dict(recognise(canonical.view, self.evidence(document)).probabilities)
         except GarmentError:
             return {}
@@ -300,15 +302,21 @@ def _with_joined(
     return evidence.with_other_side(evidence_of(pieces[other], seen, rest), this_from_mirrored)
 
 
-def _as_unsure_as(scale_std: float, found: Recognition) -> Recognition:
-    """Return a garment whose lengths have the deviation of the scale, too, a share of each."""
-    if not scale_std:
+def _as_unsure_as(scale_std: float, away_m: float, found: Recognition) -> Recognition:
+    """Return a garment whose lengths have the deviation of the scale, too, a share of each.
+
+    They and the named points have that of its kind: a point may be ``away_m`` from its place.
+    """
+    if not (scale_std or away_m):
         return found
     lengths = {
-        name: replace(length, std_m=math.hypot(length.std_m, scale_std * length.value_m))
+        name: replace(length, std_m=math.hypot(length.std_m, scale_std * length.value_m, away_m))
         for name, length in found.dimensions.items()
     }
-    return replace(found, dimensions=lengths)
+    points = {
+        name: replace(point, std_m=math.hypot(point.std_m, away_m)) for name, point in found.points.items()
+    }
+    return replace(found, dimensions=lengths, points=points)
 
 
 def points_on_other_side(found: Recognition, sides: JoinedSides) -> dict[str, tuple[int, int]]:

@@ -77,7 +77,7 @@ class GarmentController:
     ) -> None:
         self._service, self._put, self._changed, self._tell = service, put, changed, tell
         self._of_joint, self._doubted = of_joint, doubted
-        self._is_none = False
+        self._doubt = 0.0
         self._worker = Worker("flatcloth-garment")
         self._asked: Document | None = None
         self._answered: Document | None = None
@@ -137,9 +137,9 @@ class GarmentController:
         self.status = replace(status, revision=self.status.revision + 1)
         self.status = replace(self.status, working=self._is_outdated())
         known = status.known
-        is_none = known is not None and known.found.kind == NONE and not known.found.by_hand
-        if is_none != self._is_none:
-            self._is_none = is_none
+        doubt = 0.0 if known is None else known.doubt
+        if doubt != self._doubt:
+            self._doubt = doubt
             self._doubted()
         self._changed()
 
@@ -339,5 +339,5 @@ def _shown(known: KnownGarment) -> list[Placed]:
 
 
 def _same(a: Document, b: Document) -> bool:
-    """Return whether two documents have the same shape and the same decisions about its garment."""
-    return (a.shape_key, a.garment) == (b.shape_key, b.garment)
+    """Return whether a garment is the same, and as sure: by shape, decisions, and whether views are left."""
+    return (a.shape_key, a.garment, a.finished is None) == (b.shape_key, b.garment, b.finished is None)

@@ -353,7 +353,7 @@ def placing_piece(
         motion = shape_from_piece @ plane_from_own
         return Ghost(source=source, theta_rad=motion.theta_rad, u_m=motion.u_m, v_m=motion.v_m, std_m=std_m)
 
-    is_known = known is not None and known.canonical is sheet.canonical
+    is_known = known is not None and known.is_of(sheet.canonical)
     own = known.found.pieces if known is not None and is_known else ()
     places = [
         *(ghost("garment", p.shape_from_piece, p.std_m) for p in own if p.index == piece.number - 1),

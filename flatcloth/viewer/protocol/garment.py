@@ -49,11 +49,15 @@ class DoubtedLinkInfo(Sent, frozen=True):
 
 
 class FoundGarment(Sent, frozen=True):
-    """The garment: its kind (None: of no known kind), dimensions, outline and named points."""
+    """The garment: its kind (None: of no known kind), dimensions, outline and named points.
+
+    ``doubted``: nothing of the shape is reliable until the kind is set.
+    """
 
     kind: str | None
     likeliest: str
     by_hand: bool
+    doubted: bool
     probabilities: list[tuple[str, float]]
     dimensions: list[Dimension]
     outline_uv_m: list[UV]

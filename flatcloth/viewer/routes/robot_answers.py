@@ -158,7 +158,7 @@ class RobotAnswers:
     ) -> Present:
         """Return what a picture shows; the garment only once the page has recognised it."""
         canonical = None if picture.sheet is None else picture.sheet.canonical
-        if known is not None and known.canonical is not canonical:
+        if known is not None and (canonical is None or not known.is_of(canonical)):
             known = None
         grasps = self.application.grasps(
             self.base_from_camera, with_garment=known is not None, rotation_deg=rotation_deg
