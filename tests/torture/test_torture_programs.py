@@ -225,7 +225,8 @@ def test_a_batch_that_is_killed_loses_no_row(tmp_path: Path) -> None:
     for _ in range(BATCH_KILLS):
         if len(done) == len(names):  # one that is done is done again, in its place
             name = rng.choice(names)
-            (sources / name / "recording.json").open("a").write(" ")
+            with (sources / name / "recording.json").open("a") as file:
+                file.write(" ")
             del done[name]
         process = started("batch", str(sources), "--out", str(out), "--jobs", "2")
         with contextlib.suppress(subprocess.TimeoutExpired):
