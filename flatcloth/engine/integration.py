@@ -202,16 +202,14 @@ class Integration:
         FlatclothError
             If the session has no start view.
         """
-        whole = self.laid_out(document, alone=alone)
-        return self.trust.of(document, whole, self.algorithm.cameras(document))
+        return self.trust.of(document, self.laid_out(document, alone=alone), self.algorithm.cameras(document))
 
     def laid_out(self, document: Document, *, alone: bool = False) -> Canonical:
         """Return what :meth:`canonical` does, as sure as the views are, without other doubts."""
         self.views.segment(document.strokes)
-        whole = self.algorithm.alone(document) if alone else self.algorithm.canonical(document)
         if document.garment.parts:
-            whole = self._by_garment(document, whole, alone=alone).canonical
-        return whole
+            return self._by_garment(document, alone=alone).canonical
+        return self.algorithm.alone(document) if alone else self.algorithm.canonical(document)
 
     def wrong(self, document: Document) -> list[str]:
         """Return the reasons why something about the recording of a shape is wrong; empty if none."""
@@ -222,9 +220,7 @@ class Integration:
 
         Removed parts have no place.
         """
-        if not document.garment.parts:
-            return self._cloth(document)
-        return self._by_garment(document, self.algorithm.canonical(document)).cloth
+        return self._by_garment(document).cloth if document.garment.parts else self._cloth(document)
 
     def _cloth(self, document: Document) -> Cloth | None:
         edges = self.algorithm.surface_edges(document)
@@ -232,23 +228,22 @@ class Integration:
 
     def taken_off(self, document: Document) -> Bool | None:
         """Return which samples (N,) were removed from the shape; None if none were."""
-        if not document.garment.parts:
-            return None
-        return self._by_garment(document, self.algorithm.canonical(document)).taken_off
+        return self._by_garment(document).taken_off if document.garment.parts else None
 
     def parts_taken_off(self, document: Document) -> list[Bool]:
         """Return the parts (N,) that were removed because no garment, or no seam, allows their links."""
         pieces = self.algorithm.cloth_of_pieces(document) if document.garment.parts else ()
         return [part for cloth in pieces for part in parts_taken_off(cloth, document.garment.parts)]
 
-    def _by_garment(self, document: Document, whole: Canonical, *, alone: bool = False) -> _ByGarment:
+    def _by_garment(self, document: Document, *, alone: bool = False) -> _ByGarment:
         """Return a shape and its cloth after the decisions about links that no garment allows (cached).
 
         Removed parts float; parts joined by a doubted link are as uncertain as the link.
         """
 
         def make() -> _ByGarment:
-            made, cloth = whole, self._cloth(document)
+            made = self.algorithm.alone(document) if alone else self.algorithm.canonical(document)
+            cloth = self._cloth(document)
             if cloth is None:
                 return _ByGarment(made, None, None)
             parts = self.parts_taken_off(document)
@@ -273,8 +268,7 @@ class Integration:
 
     def proposal(self, document: Document) -> Proposal:
         """Return the proposal of a document's pending view; after resuming it is computed again."""
-        pending = document.pending
-        if pending is None:
+        if (pending := document.pending) is None:
             raise FlatclothError("There is no proposal now; step first.")
         key = (*_shape_of(document), pending.view_index, pending.side)
         return self._proposals.get(key, lambda: self._proposal_again(document, pending))

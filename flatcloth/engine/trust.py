@@ -20,6 +20,10 @@ from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document
 from flatcloth.session.garment import without_doubts
 
+_KNOWN = 0.75
+"""Probability from which a kind is known: odds of 3. Evidence below is hardly worth a mention (Kass and
+Raftery 1995, Bayes Factors, 3.2)."""
+
 
 class _Doubts(NamedTuple):
     """What makes a shape less reliable: its recording, its scale (a share of each length), its kind."""
@@ -34,7 +38,7 @@ class Trust:
 
     A shape that no known kind of garment explains has a false joint somewhere, or is another item. What lies
     beyond such a joint may be anywhere on the item, and it is not known where the joint is. So nothing of it
-    is reliable until an operator names the kind. So it is where the kind is not sure though all views were
+    is reliable until an operator names the kind. So it is where the kind is not known though all views were
     looked at; before, too little may have been seen to tell.
     """
 
@@ -52,16 +56,18 @@ class Trust:
         """Return the reasons why something about the recording is wrong."""
         floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
         share = floating_m2 / max(floating_m2 + canonical.view.area_m2, 1e-9)
-        found = self._kind_of(document)
-        fits_none = found is not None and found.by_hand is None and found.kind == NONE
+        fits_none = _is_none(self._kind_of(document))
         return result.wrong_with(known_check(self._recording), registered, share, fits_none=fits_none)
 
     def doubt_of_kind(self, document: Document) -> float:
         """Return the probability that the shape of a document is not what its kind looks like."""
         found = self._kind_of(document)
-        if found is None or (found.kind != NONE and document.finished is None):
+        if found is None or found.by_hand is not None:
             return 0.0
-        return found.doubt
+        if _is_none(found):
+            return found.probability
+        is_unknown = document.finished is not None and found.probability < _KNOWN
+        return 1.0 - found.probability if is_unknown else 0.0
 
     def of(self, document: Document, canonical: Canonical, registered: Registered | None) -> Canonical:
         """Return a shape as unsure as its scale and its kind; not reliable at all if something is wrong."""
@@ -92,6 +98,11 @@ class Trust:
             scale_std=scale_std_of(self._recording),
             kind=self.doubt_of_kind(document),
         )
+
+
+def _is_none(found: Recognition | None) -> bool:
+    """Return whether a shape was found to be of no known kind."""
+    return found is not None and found.by_hand is None and found.kind == NONE
 
 
 def _recognised_by(document: Document) -> Hashable:

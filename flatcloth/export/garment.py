@@ -223,7 +223,10 @@ def lines_of(known: KnownGarment | str) -> list[str]:
     lines = [
         f"Garment: {name} ({found.probabilities[name]:.0%}); "
         f"{seen} of {len(found.points)} named points seen.",
-        *(["Its kind is not sure, so nothing is called reliable; set it on the page."] * (known.doubt > 0.0)),
+        *(
+            ["Its kind is not known, so nothing is called reliable; set it on the page."]
+            * (known.doubt > 0.0)
+        ),
         f"Dimensions in mm: {sizes}.",
         *_doubts(known),
     ]

@@ -111,15 +111,6 @@ class Recognition:
         return self.probabilities[self.kind]
 
     @property
-    def doubt(self) -> float:
-        """The probability that no kind, or another one, explains the shape; 0 if the kind is sure."""
-        if self.by_hand:
-            return 0.0
-        if self.kind == NONE:
-            return self.probability
-        return 1.0 - self.probability if self.probability < SURE else 0.0
-
-    @property
     def outline_uv_m(self) -> Float64:
         """(V, 2) the fitted outline on the plane of the shape."""
         return self.fit.garment_from_piece[0].inverse().apply(self.fit.outline)

@@ -79,7 +79,7 @@ class Service:
         return dataclasses.replace(
             self._known,
             found=found,
-            doubt=found.doubt if found.kind == NONE else 0.0,
+            doubt=float(found.kind == NONE and kind is None),
             pieces=decided,
             cloth=self.cloth,
             links=links,
