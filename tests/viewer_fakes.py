@@ -166,6 +166,9 @@ class CylinderIntegration:
             )
         return self._canonicals[key]
 
+    def laid_out(self, document: Document) -> Canonical:
+        return self.canonical(document)
+
     def overlay(self, document: Document) -> FlattenedView:
         pending = document.pending
         if pending not in self._overlays:
