@@ -14,7 +14,7 @@ import numpy as np
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import wrapped_deg
+from flatcloth.core.geometry import Rigid3, wrapped_deg
 from flatcloth.core.types import (
     Bool,
     FlattenedView,
@@ -286,6 +286,10 @@ class Method(Protocol):
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views; None if the method registers none."""
         return None
+
+    def poses(self, document: Document) -> dict[int, Rigid3]:
+        """Return ``object_from_camera`` of each accepted view; empty if the method registers none."""
+        return {}
 
     def side_of(self, document: Document, view_index: int) -> Side | None:
         """Return the side that a view chosen by the operator extends; None if the method has no sides."""

@@ -52,15 +52,11 @@ from flatcloth.session.garment import (
 
 def seen_from(integration: Integration, document: Document) -> list[SeenFrom]:
     """Return the views of a document's shape, with their registered cameras."""
-    registered = integration.algorithm.cameras(document)
-    held = {}
-    if registered is not None:
-        poses = registered.object_from_camera if registered.is_loose else registered.known
-        held = {seen.view_index: pose for seen, pose in zip(registered.features, poses, strict=True)}
+    poses = integration.algorithm.poses(document)
     views = []
     for index in sorted(document.used_views):
         frame = _around_item(integration.views.frame(index))
-        pose = held.get(index) or object_from_camera(integration.axis, frame.angle_deg)
+        pose = poses.get(index) or object_from_camera(integration.axis, frame.angle_deg)
         views.append(
             SeenFrom(
                 depth_m=frame.depth_m,

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.geometry import wrapped_deg
+from flatcloth.core.geometry import Rigid3, wrapped_deg
 from flatcloth.core.types import Bool, Float64, LaidPiece, Progress, RgbdFrame, Rigid2, Uint8, no_progress
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.pixel_states import states_of_view
@@ -359,6 +359,11 @@ class RobustMethod(Method):
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views."""
         return self.seen.registered(document.views_in_order)
+
+    def poses(self, document: Document) -> dict[int, Rigid3]:
+        """Return the registered ``object_from_camera`` of each accepted view."""
+        views = document.views_in_order
+        return dict(zip(views, self.seen.poses(views), strict=True))
 
     def joined_piece(self, document: Document) -> JoinedPiece | None:
         """Return the floating piece that the pending view joins to the shape where it lies."""

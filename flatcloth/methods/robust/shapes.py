@@ -79,6 +79,7 @@ class RegisteredViews:
         self._registrations: Cache[Registered] = Cache(4)
         self._registered: WeakValueDictionary[tuple[int, ...], Registered] = WeakValueDictionary()
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
+        self._poses: Cache[tuple[Rigid3, ...]] = Cache(MOST_KEPT)  # kept when registrations are released
         self._component_maps: Cache[Int32] = Cache(2)
         self._costs: Cache[Float32] = Cache(MOST_KEPT)
         self._observed: WeakKeyDictionary[Observation, PlacesInView] = WeakKeyDictionary()
@@ -111,8 +112,12 @@ class RegisteredViews:
 
     def poses(self, views: tuple[int, ...]) -> tuple[Rigid3, ...]:
         """Return ``object_from_camera`` of each view: as recorded unless the views show otherwise."""
-        registered = self.registered(views)
-        return registered.object_from_camera if registered.is_loose else registered.known
+
+        def make() -> tuple[Rigid3, ...]:
+            registered = self.registered(views)
+            return registered.object_from_camera if registered.is_loose else registered.known
+
+        return self._poses.get(views, make)
 
     def _view_features(self, view_index: int) -> ViewFeatures:
         kept = self._features.get(view_index)
