@@ -131,7 +131,11 @@ class CylinderIntegration:
         self._canonicals: dict[Any, Canonical] = {}
         self._overlays: dict[Any, FlattenedView] = {}
         self.algorithm = SimpleNamespace(
-            is_unattended=False, cameras=_no_cameras, joined_piece=lambda _document: None, joins_sides=False
+            is_unattended=False,
+            cameras=_no_cameras,
+            poses=_no_cameras,
+            joined_piece=lambda _document: None,
+            joins_sides=False,
         )
 
     def _held_angle(self, view_index: int) -> float:
