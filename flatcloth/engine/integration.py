@@ -205,7 +205,7 @@ class Integration:
         return self.trust.of(document, self.laid_out(document, alone=alone), self.algorithm.cameras(document))
 
     def laid_out(self, document: Document, *, alone: bool = False) -> Canonical:
-        """Return what :meth:`canonical` does, as sure as the views are, without other doubts."""
+        """Return the canonical view with deviations by its views alone, not by its scale or kind."""
         self.views.segment(document.strokes)
         if document.garment.parts:
             return self._by_garment(document, alone=alone).canonical

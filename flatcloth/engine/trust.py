@@ -21,7 +21,7 @@ from flatcloth.session.document import Document
 from flatcloth.session.garment import without_doubts
 
 _KNOWN = 0.75
-"""Probability from which a kind is known: odds of 3. Evidence below is hardly worth a mention (Kass and
+"""A kind is known from this probability on, odds of 3. Weaker evidence is hardly worth a mention (Kass and
 Raftery 1995, Bayes Factors, 3.2)."""
 
 
@@ -38,8 +38,8 @@ class Trust:
 
     A shape that no known kind of garment explains has a false joint somewhere, or is another item. What lies
     beyond such a joint may be anywhere on the item, and it is not known where the joint is. So nothing of it
-    is reliable until an operator names the kind. So it is where the kind is not known though all views were
-    looked at; before, too little may have been seen to tell.
+    is reliable until an operator names the kind. The same holds for a kind that is still not known when all
+    views were looked at; before, too little may have been seen to tell.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -49,7 +49,7 @@ class Trust:
         self._last_sides: tuple[JoinedSides, _Doubts, JoinedSides] | None = None
 
     def recognised(self, document: Document, found: Recognition | None) -> None:
-        """Take what a document's shape is; None if that is not asked."""
+        """Keep which garment a document's shape is; None: its kind is no reason for doubt."""
         self._kind = _recognised_by(document), found
 
     def wrong(self, document: Document, canonical: Canonical, registered: Registered | None) -> list[str]:
@@ -60,7 +60,7 @@ class Trust:
         return result.wrong_with(known_check(self._recording), registered, share, fits_none=fits_none)
 
     def doubt_of_kind(self, document: Document) -> float:
-        """Return the probability that the shape of a document is not what its kind looks like."""
+        """Return the probability that a shape is not of its kind; 0 if the kind is no reason for doubt."""
         found = self._kind_of(document)
         if found is None or found.by_hand is not None:
             return 0.0

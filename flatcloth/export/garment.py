@@ -220,11 +220,11 @@ def lines_of(known: KnownGarment | str) -> list[str]:
         f"{key.replace('_', ' ')} {1e3 * d.value_m:.0f} +- {1e3 * d.std_m:.0f}"
         for key, d in found.dimensions.items()
     )
-    doubt = ["That is not sure, so nothing is called reliable; set the kind on the page if it is right."]
+    doubt = "That is not sure, so nothing is called reliable; set the kind on the page if it is right."
     lines = [
         f"Garment: {name} ({found.probabilities[name]:.0%}); "
         f"{seen} of {len(found.points)} named points seen.",
-        *(doubt if known.doubt else []),
+        *([doubt] if known.doubt else []),
         f"Dimensions in mm: {sizes}.",
         *_doubts(known),
     ]

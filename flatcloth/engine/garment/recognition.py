@@ -91,7 +91,7 @@ class KnownGarment:
     ``by_evidence`` is the result without the operator's decisions, ``found`` the result with them; ``pieces``
     are the decisions about the floating pieces of ``canonical``. ``links`` are the undecided links of
     ``cloth`` that no garment allows, the least probable first. ``is_wrong``: the recording is. ``doubt`` is
-    the probability that the shape is not what its kind looks like, 0 if that is no reason for doubt.
+    the probability that the shape is not of its kind, 0 if the kind is no reason for doubt.
     ``sides`` are the joined sides whose edges are in the evidence, None if those of this side are alone.
     """
 
@@ -117,7 +117,7 @@ class KnownGarment:
         return with_placed_pieces(self.canonical, self.pieces).view
 
     def is_of(self, canonical: Canonical) -> bool:
-        """Return whether it was recognised by a shape, however sure that is by now."""
+        """Return whether it is the garment of a shape, whose deviations may have changed since."""
         return self.canonical.view.valid is canonical.view.valid
 
     def cloth_of(self, point: Point) -> FlattenedView:
@@ -299,9 +299,9 @@ def _with_joined(
 
 
 def _as_unsure_as(scale_std: float, away_m: float, found: Recognition) -> Recognition:
-    """Return a garment whose lengths have the deviation of the scale, too, a share of each.
+    """Return a garment with the deviations of its scale and its kind.
 
-    They and the named points have that of its kind: a point may be ``away_m`` from its place.
+    A length has a share of itself by the scale. By the kind, lengths and named points have ``away_m``.
     """
     if not (scale_std or away_m):
         return found

@@ -79,7 +79,7 @@ class RegisteredViews:
         self._registrations: Cache[Registered] = Cache(4)
         self._registered: WeakValueDictionary[tuple[int, ...], Registered] = WeakValueDictionary()
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
-        self._poses: Cache[tuple[Rigid3, ...]] = Cache(MOST_KEPT)  # kept when registrations are released
+        self._poses: Cache[tuple[Rigid3, ...]] = Cache(MOST_KEPT)  # small: release() keeps them
         self._component_maps: Cache[Int32] = Cache(2)
         self._costs: Cache[Float32] = Cache(MOST_KEPT)
         self._observed: WeakKeyDictionary[Observation, PlacesInView] = WeakKeyDictionary()
