@@ -26,11 +26,11 @@ Raftery 1995, Bayes Factors, 3.2)."""
 
 
 class _Doubts(NamedTuple):
-    """What makes a shape less reliable: its recording, its scale (a share of each length), its kind."""
+    """What makes a shape less reliable: its recording, its scale (a share of each length), its kind (m)."""
 
     is_wrong: bool
     scale_std: float
-    kind: float
+    kind_std_m: float
 
 
 class Trust:
@@ -69,6 +69,14 @@ class Trust:
         is_unknown = document.finished is not None and found.probability < _KNOWN
         return 1.0 - found.probability if is_unknown else 0.0
 
+    def kind_std_m(self, document: Document) -> float:
+        """Return the deviation of a place of a shape by the doubt of its kind.
+
+        A place is right, or, with the probability of the doubt, anywhere on the item.
+        """
+        found, doubt = self._kind_of(document), self.doubt_of_kind(document)
+        return math.sqrt(doubt) * found.apart_m if found is not None and doubt else 0.0
+
     def of(self, document: Document, canonical: Canonical, registered: Registered | None) -> Canonical:
         """Return a shape as unsure as its scale and its kind; not reliable at all if something is wrong."""
         doubts = self._doubts(document, canonical, registered)
@@ -82,8 +90,9 @@ class Trust:
         """Return the other side, and the pieces that it lays, as unsure as the shape that it is joined to."""
         doubts = self._doubts(document, canonical, registered)
         if self._last_sides is None or self._last_sides[0] is not sides or self._last_sides[1] != doubts:
-            away_m = apart_m(canonical.view) * math.sqrt(doubts.kind)
-            laid = tuple(replace(each, std_m=math.hypot(each.std_m, away_m)) for each in sides.laid)
+            laid = tuple(
+                replace(each, std_m=math.hypot(each.std_m, doubts.kind_std_m)) for each in sides.laid
+            )
             made = replace(sides, other=_doubted(sides.other, doubts), laid=laid)
             self._last_sides = sides, doubts, made
         return self._last_sides[2]
@@ -96,7 +105,7 @@ class Trust:
         return _Doubts(
             is_wrong=bool(self.wrong(document, canonical, registered)),
             scale_std=scale_std_of(self._recording),
-            kind=self.doubt_of_kind(document),
+            kind_std_m=self.kind_std_m(document),
         )
 
 
@@ -119,8 +128,7 @@ def scale_std_of(recording: Recording) -> float:
 def _doubted(canonical: Canonical, doubts: _Doubts) -> Canonical:
     """Return a shape with the deviations that doubts leave it: none that is known if something is wrong.
 
-    An unsure scale is the worse the farther from the middle. A place is right, or (probability ``kind``)
-    anywhere on the item: as far away as two places of the shape are from each other, in the root mean square.
+    An unsure scale is the worse the farther from the middle.
     """
     view = canonical.view
     std_m = view.placement_std_m
@@ -130,7 +138,7 @@ def _doubted(canonical: Canonical, doubts: _Doubts) -> Canonical:
         std_m = np.full_like(std_m, np.nan)
     else:
         away_m = doubts.scale_std * _from_middle_m(view)
-        std_m = np.sqrt(std_m**2 + away_m**2 + doubts.kind * apart_m(view) ** 2).astype(std_m.dtype)
+        std_m = np.sqrt(std_m**2 + away_m**2 + doubts.kind_std_m**2).astype(std_m.dtype)
     return replace(canonical, view=replace(view, placement_std_m=std_m))
 
 
@@ -139,8 +147,3 @@ def _from_middle_m(view: FlattenedView) -> Float64:
     uv_m = view.uv_from_rc(np.moveaxis(np.indices(view.valid.shape), 0, -1))
     away_m: Float64 = np.linalg.norm(uv_m - uv_m[view.valid].mean(axis=0), axis=-1)
     return away_m
-
-
-def apart_m(view: FlattenedView) -> float:
-    """Return the root mean square distance of two places of the cloth of a view."""
-    return math.sqrt(2.0 * float(np.square(_from_middle_m(view)[view.valid]).mean()))

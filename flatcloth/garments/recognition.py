@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
+import cv2
 import numpy as np
 from scipy.special import expit
 
@@ -114,6 +115,13 @@ class Recognition:
     def outline_uv_m(self) -> Float64:
         """(V, 2) the fitted outline on the plane of the shape."""
         return self.fit.garment_from_piece[0].inverse().apply(self.fit.outline)
+
+    @property
+    def apart_m(self) -> float:
+        """The root mean square distance of two places of the item, by its most probable outline."""
+        outline = self.fit.outline
+        middle = cv2.moments(outline[:, None].astype(np.float32))  # central moments of a polygon's area
+        return math.sqrt(2.0 * (middle["mu20"] + middle["mu02"]) / middle["m00"])
 
     @property
     def upright_from_shape(self) -> Rigid2:

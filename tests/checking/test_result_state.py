@@ -117,9 +117,8 @@ def test_cloth_most_of_which_floats_is():
 
 
 def service_of(found, monkeypatch, wrong=(), focal_factor=1.0):
-    """Return a service that recognises a given garment by four pixels of a shape, 0.1 m apart."""
-    view = SimpleNamespace(valid=np.ones((2, 2), bool), uv_from_rc=lambda rc: 0.1 * rc)
-    shape = SimpleNamespace(view=view, taken_off=())
+    """Return a service that recognises a given garment."""
+    shape = SimpleNamespace(view=SimpleNamespace(valid=np.ones((2, 2), bool)), taken_off=())
     none = DecidedPieces(shape_from_piece={}, refused=frozenset())
     known = KnownGarment(canonical=shape, evidence=(), by_evidence=found, found=found, pieces=none)
     recording = SimpleNamespace(mends=Mends(focal_factor=focal_factor))
@@ -137,7 +136,11 @@ def service_of(found, monkeypatch, wrong=(), focal_factor=1.0):
 
 
 def recognition(probabilities, **more):
-    return Recognition(probabilities=probabilities, fits=(), **{"dimensions": {}, "points": {}, **more})
+    side_m = math.sqrt(0.12)
+    square = SimpleNamespace(outline=side_m * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))
+    return Recognition(
+        probabilities=probabilities, fits=(square,), **{"dimensions": {}, "points": {}, **more}
+    )
 
 
 @pytest.mark.parametrize(
@@ -174,7 +177,7 @@ def test_a_shape_is_doubted_of_no_kind_or_finished_of_none_that_is_sure_unless_s
     for document, doubt in ((Document(), growing), (Document(finished="All views."), finished)):
         known = service.of(document)
         assert known.doubt == pytest.approx(doubt)
-        away_m = math.sqrt(doubt) * 0.1  # four places, 0.1 m from each other in the root mean square
+        away_m = math.sqrt(doubt * 0.04)  # of two places of the outline, in the root mean square 0.2 m apart
         assert known.found.dimensions["width"].std_m == pytest.approx(math.hypot(0.01, away_m))
         assert known.found.points["neck"].std_m == pytest.approx(math.hypot(0.004, away_m))
 

@@ -18,8 +18,9 @@ from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 
 STD_M = 0.003
 TWO = Document(start_view=0)
-APART_M = math.sqrt(2.0 * np.mean([0.1**2, 0.0, 0.1**2]))
-"""Of two of three pixels, 0.1 m apart, in the root mean square."""
+TOWEL = SimpleNamespace(outline=np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.4], [0.0, 0.4]]))
+APART_M = math.sqrt((0.3**2 + 0.4**2) / 6.0)
+"""Of two places of the towel, in the root mean square: a side of length L has the variance L^2 / 12."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,12 @@ def _shape(std_m: float | None = STD_M) -> Canonical:
 
 
 def _of(probabilities: dict[str, float]) -> Recognition:
-    return Recognition(probabilities=probabilities, fits=(), dimensions={}, points={})
+    return Recognition(
+        probabilities=probabilities,
+        fits=(TOWEL,),  # type: ignore[arg-type]
+        dimensions={},
+        points={},
+    )
 
 
 def _trust(focal_factor: float = 1.0) -> Trust:

@@ -17,7 +17,7 @@ from flatcloth.core.geometry import fit_rigid2, object_from_camera
 from flatcloth.core.types import MIRROR, FlattenedView, RgbdFrame
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.sheet import with_placed_pieces
-from flatcloth.engine.trust import apart_m, scale_std_of
+from flatcloth.engine.trust import scale_std_of
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.surface import crop_to_item
 from flatcloth.garments.deciding import (
@@ -188,7 +188,7 @@ class GarmentService:
                 if integration.wrong(document):  # then no length is reliable
                     known = replace(known, found=replace(known.found, dimensions={}), is_wrong=True)
                 else:
-                    away_m = math.sqrt(doubt) * apart_m(canonical.view) if doubt else 0.0
+                    away_m = integration.trust.kind_std_m(document)
                     found = _as_unsure_as(scale_std_of(integration.recording), away_m, known.found)
                     known = replace(known, found=found, doubt=doubt)
                 self._last = decided, known
