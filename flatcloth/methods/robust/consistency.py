@@ -61,28 +61,46 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
     Returns
     -------
     cut : (M,) bool
-        The edges; none if the overlap is within one layer.
+        The edges.
     strength : float
         Their evidence together.
     smaller : (N,) bool
         Nodes on the smaller side.
     """
-    none = np.zeros(len(edges), dtype=np.bool_)
-    nodes = np.unique(pairs)
-    near = cKDTree(xyz_m[nodes]).query_pairs(2.0 * TWICE_M, output_type="ndarray")
-    layer = np.full(len(xyz_m), -1)
-    layer[nodes] = components(nodes.size, near)
-    both, count = np.unique(np.sort(layer[pairs], axis=1), axis=0, return_counts=True)
-    count = np.where(both[:, 0] == both[:, 1], 0, count)
-    if not count.any():
-        return none, math.inf, np.zeros(len(xyz_m), dtype=np.bool_)
-    one, other = (np.flatnonzero(layer == k) for k in both[count.argmax()])
+    one, other = _layers(pairs, xyz_m)
     side = cut_between(len(xyz_m), edges, evidence, one, other)
     linked = np.zeros(len(xyz_m), dtype=np.bool_)
     linked[edges] = True
     sides = side & linked, ~side & linked
     cut: Bool = side[edges[:, 0]] != side[edges[:, 1]]
     return cut, float(evidence[cut].sum()), min(sides, key=np.count_nonzero)
+
+
+def _layers(pairs: Int64, xyz_m: Float64) -> tuple[Int64, Int64]:
+    """Return nodes of either of the two layers that lie on one another most.
+
+    Layers that are apart in space are known whole. Cloth that meets at a fold, or lies on itself because it
+    was laid out as a cone, is one in space: its layers are known around the two of its nodes that lie on one
+    another and are the farthest apart, nearer to each than the middle between them.
+    """
+    nodes = np.unique(pairs)
+    near = cKDTree(xyz_m[nodes]).query_pairs(2.0 * TWICE_M, output_type="ndarray")
+    layer = np.full(len(xyz_m), -1)
+    layer[nodes] = components(nodes.size, near)
+    both, which, count = np.unique(
+        np.sort(layer[pairs], axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    most = count.argmax()
+    one, other = (np.flatnonzero(layer == k) for k in both[most])
+    if both[most, 0] != both[most, 1]:
+        return one, other
+    within = pairs[which.ravel() == most]
+    apart_m = np.linalg.norm(xyz_m[within[:, 0]] - xyz_m[within[:, 1]], axis=1)
+    reach_m = 0.5 * apart_m.max() - TWICE_M
+    first, last = (
+        one[np.linalg.norm(xyz_m[one] - xyz_m[k], axis=1) < reach_m] for k in within[apart_m.argmax()]
+    )
+    return first, last
 
 
 def without_overlap(
