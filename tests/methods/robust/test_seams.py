@@ -33,7 +33,7 @@ from flatcloth.methods.robust.joint import flatten_jointly
 from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, JointShape
 from flatcloth.methods.robust.method import _on_shown, _relaid_by
 from flatcloth.methods.robust.observations import Nodes
-from flatcloth.methods.robust.seams.joining import join_sides, other_of
+from flatcloth.methods.robust.seams.joining import join_sides, other_of, seams_of
 from flatcloth.methods.robust.seams.links import (
     LEAST_MATCHES,
     SeamLink,
@@ -262,6 +262,8 @@ def test_a_floating_piece_of_this_side_and_its_back_are_one_piece() -> None:
     assert np.ptp(off, axis=0).max() < 0.004  # rigidly beside its half, on the plane of both
     assert off[:, 0].mean() > 0.5 * PIECES_APART_M
     assert {(seam.this_piece, seam.other_piece) for seam in seams(found) if not seam.why} == {(0, 0), (1, 1)}
+    without_right = [raster(found.shape, found.shape.all_uv_m * MIRROR, 0, is_other=True)]
+    assert {(seam.this_piece, seam.other_piece) for seam in seams_of(found, without_right)} == {(0, 0)}
 
 
 def test_a_floating_piece_takes_with_it_what_lies_on_the_same_back() -> None:

@@ -400,6 +400,7 @@ def seams_of(joined: JoinedSide, pieces: Sequence[FlattenedView]) -> tuple[Seam,
     """Return the sets of matches as seams, at their places on the present planes.
 
     ``pieces`` are the other side's canonical view and its floating pieces, which joining may have changed.
+    A set on cloth that is too small to be one of them joins nothing that is shown, and is left out.
     """
     matches, found = joined.matches, []
     cloth = [cKDTree(piece.uv_from_rc(np.argwhere(piece.valid))) for piece in pieces]
@@ -408,6 +409,8 @@ def seams_of(joined: JoinedSide, pieces: Sequence[FlattenedView]) -> tuple[Seam,
         own = link.members[has_place] if has_place.any() else link.members
         there = np.nan_to_num(matches.other_uv_m[own])
         away_m = [float(np.median(tree.query(there)[0])) for tree in cloth]
+        if min(away_m) > 0.5 * PIECES_APART_M:
+            continue
         found.append(
             Seam(
                 this_piece=int(np.bincount(matches.pieces[own, 0]).argmax()),
