@@ -78,6 +78,23 @@ def test_the_weakest_cut_is_the_false_link() -> None:
     np.testing.assert_array_equal(smaller, ON_FLAP)
 
 
+def test_layers_that_meet_in_space_are_cut_where_they_are_joined_least() -> None:
+    """Two strips that part from a fold, like a V. The second is laid on the first, a little farther on."""
+    n = 12
+    along = 0.01 * np.arange(n)
+    sloped = 2.4 * along
+    zero = np.zeros(n)
+    xyz = np.stack([np.tile(along, 2), np.concatenate([sloped, -sloped]), np.tile(zero, 2)], axis=1)
+    uv = np.stack([np.concatenate([along, along + 0.009]), np.tile(zero, 2)], axis=1)
+    chain = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    edges = np.concatenate([chain, chain + n, [[0, n]]]).astype(np.int32)
+    evidence = np.append(np.full(2 * (n - 1), 10.0), 4.0)
+    cut, strength, smaller = weakest_cut(overlapping_pairs(uv, xyz), xyz, edges, evidence)
+    np.testing.assert_array_equal(np.flatnonzero(cut), [len(edges) - 1])
+    assert strength == 4.0
+    assert smaller.sum() == n
+
+
 def test_a_flap_that_would_lie_on_the_sheet_is_cut_off_and_floats() -> None:
     solved = flatten_jointly(falsely_joined(5))
     assert set(solved.piece[~ON_FLAP]) == {0}
