@@ -266,6 +266,21 @@ def test_a_floating_piece_of_this_side_and_its_back_are_one_piece() -> None:
     assert {(seam.this_piece, seam.other_piece) for seam in seams_of(found, without_right)} == {(0, 0)}
 
 
+def test_pairs_that_a_side_cut_stay_cut_where_seams_lead_past_them() -> None:
+    row = np.rint(UV[:, 1] / STEP_M)
+    lower = row > 9
+    shift = np.outer(np.where(lower, PIECES_APART_M, 0.0), [1.0, 0.0])
+    whole = side(EVERYTHING, is_other=False)
+    between = lower[whole.links.edges].any(axis=1) & ~lower[whole.links.edges].all(axis=1)
+    this = replace(whole, is_cut=between, all_uv_m=UV + shift, piece=lower.astype(np.int32))
+    far = (row < 9) | (row > 10)
+    its_lower = lower[far]
+    other = side(far, is_other=True)
+    other = replace(other, all_uv_m=UV[far] * MIRROR + shift[far], piece=its_lower.astype(np.int32))
+    found = joined(this, other, UV, UV[far])
+    np.testing.assert_array_equal(found.shape.piece > 0, its_lower)
+
+
 def test_a_floating_piece_takes_with_it_what_lies_on_the_same_back() -> None:
     """The right half of this side floats in two pieces; one has a known place, their back joins them."""
     left, upper = COLUMN < 10, UV[:, 1] < 9 * STEP_M

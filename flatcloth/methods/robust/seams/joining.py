@@ -294,10 +294,12 @@ def _pairs_at(shape: JointShape, seam_uv_m: Float64, first_node: int, first_seam
     uv = np.concatenate([shape.all_uv_m[placed[near]], seam_uv_m])
     node = np.concatenate([first_node + placed[near], first_seam + np.arange(len(seam_uv_m))])
     pairs = cKDTree(uv).query_pairs(reach_m, output_type="ndarray")
-    # What lies near on the plane need not be joined: of the nodes, only those that are.
+    # What lies near on the plane need not be joined, nor what is joined lie near: pairs of one piece.
     number = np.full(len(shape.nodes), -1, dtype=np.int64)
     number[placed[near]] = np.arange(near.size)
-    joined = number[shape.links.once[both_ends(number >= 0, shape.links.once)]]
+    once = shape.links.once[np.unique(shape.links.pair[~shape.is_cut])]
+    once = once[np.ptp(shape.piece[once], axis=1) == 0]
+    joined = number[once[both_ends(number >= 0, once)]]
     pairs = np.concatenate([pairs[(pairs >= near.size).any(axis=1)], joined])
     along = uv[pairs[:, 1]] - uv[pairs[:, 0]]
     length_m = np.linalg.norm(along, axis=1)
