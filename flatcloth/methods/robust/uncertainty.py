@@ -262,7 +262,10 @@ def with_placement_std(
 ) -> FlattenedView:
     """Return a view of a joint shape with the standard deviation of each pixel's position.
 
-    Each pixel takes the standard deviation (N,) of the node nearest to it on the plane. It is larger
+    Each pixel takes the standard deviation (N,) of the node nearest to it on the plane, at most
+    :data:`MOST_STD_M`, by which the shape would float: in strips the linearised displacements grow beyond
+    what their pairs allow. Of pixels for which they are larger, 95 % lie within 44 mm (``python -m benchmarks
+    sides``, 34 recordings and eleven unseen ones). It is larger
     where the pixel's view is noisy and shows another layer next to it, whose depth may be mixed in.
     """
     nodes = np.flatnonzero(np.isfinite(shape.all_uv_m[:, 0]) & np.isfinite(std_m))
@@ -271,7 +274,7 @@ def with_placement_std(
     along = (np.arange(0, size + block_px, block_px) for size in (rows, cols))
     coarse = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
     _, nearest = cKDTree(shape.all_uv_m[nodes]).query(view.uv_from_rc(coarse))
-    values = std_m[nodes][nearest].astype(np.float32)
+    values = np.minimum(std_m[nodes], MOST_STD_M)[nearest].astype(np.float32)
     smooth = cv2.resize(values, None, fx=block_px, fy=block_px, interpolation=cv2.INTER_LINEAR)
     # cv2 aligns the corners of pixels: the value of a coarse pixel is at the centre of its block.
     shift = block_px // 2
