@@ -14,6 +14,7 @@ from flatcloth.methods.robust.compositing import _Canvas, _composite, _PlacedVie
 from flatcloth.methods.robust.joint import begin_joint, extend_joint
 from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.observations import FRONTAL_NOISE, associate
+from flatcloth.methods.robust.uncertainty import MOST_STD_M, with_placement_std
 
 ANGLES = (0.0, 30.0)
 PIXEL_M = 0.002
@@ -61,6 +62,19 @@ def test_what_is_read_is_what_the_image_shows_there(view: FlattenedView) -> None
         recorded = CYLINDER[int(view.view_index[row, col])]
         near = recorded.color[max(r - 1, 0) : r + 2, max(c - 1, 0) : c + 2, 0].astype(int)
         assert near.min() - 1 <= int(view.rgb[row, col, 0]) <= near.max() + 1
+
+
+@pytest.mark.parametrize(
+    ("node_std_m", "shown_m"), [(0.005, 0.005), (MOST_STD_M, MOST_STD_M), (0.3, MOST_STD_M)]
+)
+def test_what_does_not_float_is_no_less_sure_than_what_just_does(
+    node_std_m: float, shown_m: float, shape: JointShape, view: FlattenedView
+) -> None:
+    std_m = np.full(len(shape.nodes), node_std_m)
+    seen = with_placement_std(view, shape, std_m, SURFACES).placement_std_m
+    assert seen is not None
+    assert seen[view.valid] == pytest.approx(shown_m)
+    assert np.isnan(seen[~view.valid]).all()
 
 
 def test_nodes_without_a_place_are_not_drawn(shape: JointShape, view: FlattenedView) -> None:
