@@ -118,10 +118,12 @@ class Recognition:
 
     @property
     def apart_m(self) -> float:
-        """The root mean square distance of two places of the item, by its most probable outline."""
-        outline = self.fit.outline
-        middle = cv2.moments(outline[:, None].astype(np.float32))  # central moments of a polygon's area
-        return math.sqrt(2.0 * (middle["mu20"] + middle["mu02"]) / middle["m00"])
+        """The root mean square distance of two places of the item, whichever of the kinds it is."""
+        # Central moments of the area of each outline. All kinds count if it is surely none of them.
+        areas = [cv2.moments(fit.outline[:, None].astype(np.float32)) for fit in self.fits]
+        squared_m2 = [2.0 * (area["mu20"] + area["mu02"]) / area["m00"] for area in areas]
+        shares = [self.probabilities[fit.kind.name] + 1e-9 for fit in self.fits]
+        return math.sqrt(float(np.average(squared_m2, weights=shares)))
 
     @property
     def upright_from_shape(self) -> Rigid2:

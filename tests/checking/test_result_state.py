@@ -137,7 +137,8 @@ def service_of(found, monkeypatch, wrong=(), focal_factor=1.0):
 
 def recognition(probabilities, **more):
     side_m = math.sqrt(0.12)
-    square = SimpleNamespace(outline=side_m * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))
+    outline = side_m * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    square = SimpleNamespace(kind=SimpleNamespace(name="towel"), outline=outline)
     return Recognition(
         probabilities=probabilities, fits=(square,), **{"dimensions": {}, "points": {}, **more}
     )

@@ -18,9 +18,15 @@ from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 
 STD_M = 0.003
 TWO = Document(start_view=0)
-TOWEL = SimpleNamespace(outline=np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.4], [0.0, 0.4]]))
+OUTLINES = {
+    name: SimpleNamespace(
+        kind=SimpleNamespace(name=name), outline=size_m * np.array([[0, 0], [3, 0], [3, 4], [0, 4]])
+    )
+    for name, size_m in (("towel", 0.1), ("skirt", 0.2))
+}
 APART_M = math.sqrt((0.3**2 + 0.4**2) / 6.0)
-"""Of two places of the towel, in the root mean square: a side of length L has the variance L^2 / 12."""
+"""Of two places of the towel, which is half as long as the skirt, in the root mean square: a side of length L
+has the variance L^2 / 12."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +49,7 @@ def _shape(std_m: float | None = STD_M) -> Canonical:
 def _of(probabilities: dict[str, float]) -> Recognition:
     return Recognition(
         probabilities=probabilities,
-        fits=(TOWEL,),  # type: ignore[arg-type]
+        fits=tuple(OUTLINES[name] for name in probabilities if name != NONE),  # type: ignore[misc]
         dimensions={},
         points={},
     )
@@ -83,7 +89,8 @@ def test_a_shape_whose_kind_is_not_known_is_doubted_once_all_views_were_looked_a
     trust, shape, all_seen = _trust(), _shape(), replace(TWO, finished="All views were looked at.")
     trust.recognised(TWO, _of({"towel": 0.7, "skirt": 0.2, NONE: 0.1}))
     assert trust.of(TWO, shape, None) is shape
-    far = math.hypot(STD_M, math.sqrt(0.3) * APART_M)
+    mean = math.sqrt((0.7 * 1.0 + 0.2 * 4.0) / 0.9)
+    far = math.hypot(STD_M, math.sqrt(0.3) * mean * APART_M)
     assert _std_m(trust.of(all_seen, shape, None)) == pytest.approx(3 * [far])
     trust.recognised(TWO, _of({"towel": 0.8, "skirt": 0.2, NONE: 0.0}))
     assert trust.of(all_seen, shape, None) is shape
