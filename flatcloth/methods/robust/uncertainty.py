@@ -263,10 +263,9 @@ def with_placement_std(
     """Return a view of a joint shape with the standard deviation of each pixel's position.
 
     Each pixel takes the standard deviation (N,) of the node nearest to it on the plane, at most
-    :data:`MOST_STD_M`, by which the shape would float: in strips the linearised displacements grow beyond
-    what their pairs allow. Of pixels for which they are larger, 95 % lie within 44 mm (``python -m benchmarks
-    sides``, 34 recordings and eleven unseen ones). It is larger
-    where the pixel's view is noisy and shows another layer next to it, whose depth may be mixed in.
+    :data:`MOST_STD_M`, by which a part would float: in strips, linearised displacements grow beyond what
+    their pairs allow (``docs/tried.md``). It is larger where the pixel's view is noisy and shows another
+    layer next to it, whose depth may be mixed in.
     """
     nodes = np.flatnonzero(np.isfinite(shape.all_uv_m[:, 0]) & np.isfinite(std_m))
     rows, cols = view.shape
