@@ -26,7 +26,7 @@ Raftery 1995, Bayes Factors, 3.2)."""
 
 
 class _Doubts(NamedTuple):
-    """What makes a shape less reliable: its recording, its scale (a share of each length), its kind (m)."""
+    """What makes a shape less reliable: its recording, its scale (a share of each length), and its kind."""
 
     is_wrong: bool
     scale_std: float

@@ -79,9 +79,9 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
 def _layers(pairs: Int64, xyz_m: Float64) -> tuple[Int64, Int64]:
     """Return nodes of either of the two layers that lie on one another most.
 
-    Layers that are apart in space are known whole. Cloth that meets at a fold, or lies on itself because it
-    was laid out as a cone, is one in space: its layers are known around the two of its nodes that lie on one
-    another and are the farthest apart, nearer to each than the middle between them.
+    Layers that are apart in space are separate components there. Cloth that meets at a fold, or that false
+    pairs close to a cone, is one component. Then the two of its nodes that lie on one another and are
+    farthest apart in space stand for the layers, each with the nodes within nearly half their distance.
     """
     nodes = np.unique(pairs)
     near = cKDTree(xyz_m[nodes]).query_pairs(2.0 * TWICE_M, output_type="ndarray")
