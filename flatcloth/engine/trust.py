@@ -70,9 +70,9 @@ class Trust:
         return 1.0 - found.probability if is_unknown else 0.0
 
     def kind_std_m(self, document: Document) -> float:
-        """Return the deviation of a place of a shape by the doubt of its kind.
+        """Return the deviation of each place of a shape that its doubted kind adds; 0 without doubt.
 
-        A place is right, or, with the probability of the doubt, anywhere on the item.
+        A place is right or, with the probability of :meth:`doubt_of_kind`, anywhere on the item.
         """
         found, doubt = self._kind_of(document), self.doubt_of_kind(document)
         return math.sqrt(doubt) * found.apart_m if found is not None and doubt else 0.0

@@ -119,7 +119,7 @@ class Recognition:
     @property
     def apart_m(self) -> float:
         """The root mean square distance of two places of the item, whichever of the kinds it is."""
-        # Central moments of the area of each outline. All kinds count if it is surely none of them.
+        # Central moments of the area of each outline; all kinds count alike if it is surely none of them.
         areas = [cv2.moments(fit.outline[:, None].astype(np.float32)) for fit in self.fits]
         squared_m2 = [2.0 * (area["mu20"] + area["mu02"]) / area["m00"] for area in areas]
         shares = [self.probabilities[fit.kind.name] + 1e-9 for fit in self.fits]

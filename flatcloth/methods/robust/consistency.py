@@ -61,7 +61,7 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
     Returns
     -------
     cut : (M,) bool
-        The edges.
+        These edges.
     strength : float
         Their evidence together.
     smaller : (N,) bool
@@ -77,7 +77,7 @@ def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -
 
 
 def _layers(pairs: Int64, xyz_m: Float64) -> tuple[Int64, Int64]:
-    """Return nodes of either of the two layers that lie on one another most.
+    """Return nodes of each of the two layers with the most nodes on one another.
 
     Layers that are apart in space are separate components there. Cloth that meets at a fold, or that false
     pairs close to a cone, is one component. Then the two of its nodes that lie on one another and are

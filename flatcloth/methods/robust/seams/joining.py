@@ -294,7 +294,8 @@ def _pairs_at(shape: JointShape, seam_uv_m: Float64, first_node: int, first_seam
     uv = np.concatenate([shape.all_uv_m[placed[near]], seam_uv_m])
     node = np.concatenate([first_node + placed[near], first_seam + np.arange(len(seam_uv_m))])
     pairs = cKDTree(uv).query_pairs(reach_m, output_type="ndarray")
-    # What lies near on the plane need not be joined, nor what is joined lie near: pairs of one piece.
+    # Nodes that are near on the plane need not be joined: only the side's own pairs count. Those that are
+    # cut or join two of its pieces, which lie metres apart, have no length here.
     number = np.full(len(shape.nodes), -1, dtype=np.int64)
     number[placed[near]] = np.arange(near.size)
     once = shape.links.once[np.unique(shape.links.pair[~shape.is_cut])]
@@ -412,7 +413,7 @@ def seams_of(joined: JoinedSide, pieces: Sequence[FlattenedView]) -> tuple[Seam,
         there = np.nan_to_num(matches.other_uv_m[own])
         away_m = [float(np.median(tree.query(there)[0])) for tree in cloth]
         if min(away_m) > 0.5 * PIECES_APART_M:
-            continue
+            continue  # the nearest cloth is another piece
         found.append(
             Seam(
                 this_piece=int(np.bincount(matches.pieces[own, 0]).argmax()),
