@@ -215,13 +215,15 @@ def better_start(
 
     None if the shape shows more, or has not begun.
     """
-    best = integration.algorithm.start_view(progress)
-    if best is None or document.start_view in (None, best):
+    if document.start_view is None:
         return None
-    shown_m2 = integration.views.observed_areas_m2(progress)[best]
-    if shown_m2 <= integration.algorithm.least_m2(document):
+    algorithm, observed_m2 = integration.algorithm, integration.views.observed_areas_m2(progress)
+    if observed_m2.max() <= algorithm.least_m2(document):  # whether a view is folded is not asked, then
         return None
-    return best if shown_m2 > integration.canonical(document).view.area_m2 else None
+    best = algorithm.start_view(progress)
+    if best in (None, document.start_view):
+        return None
+    return best if observed_m2[best] > integration.canonical(document).view.area_m2 else None
 
 
 def _share_done(integration: Integration, state: SessionState) -> float:

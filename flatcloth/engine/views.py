@@ -146,6 +146,7 @@ class RecordedViews:
         self._flattenings: Cache[Flattening] = Cache(MAX_VIEWS, 42 * _MIB)
         self._failures: Cache[FlatclothError] = Cache(MAX_VIEWS)
         self._areas: Cache[Float64] = Cache(2)
+        self._unfolded: Cache[float] = Cache(MAX_VIEWS)
         self._find_sides()
         self.on_change()
 
@@ -205,6 +206,12 @@ class RecordedViews:
     def _mask_key(self, view_index: int) -> int:
         return -1 if self.masks is None else self.masks.keys[view_index]
 
+    def _segmented_key(self, view_index: int) -> tuple[int, int]:
+        """Return the key of what follows from a view's mask, which is found first."""
+        if self.masks is None:
+            self.segment(())
+        return view_index, self._mask_key(view_index)
+
     # ---------------------------------------------------------------- single views
 
     def keep_frames(self) -> None:
@@ -235,9 +242,7 @@ class RecordedViews:
         SurfaceError, FlatteningError
             If the view shows too little cloth; the error is cached as well.
         """
-        if self.masks is None:
-            self.segment(())
-        key = view_index, self._mask_key(view_index)
+        key = self._segmented_key(view_index)
         failure = self._failures.kept(key)
         if failure is None:
             try:
@@ -278,6 +283,19 @@ class RecordedViews:
         """Return the observed area of the side of interest in each view (n_views,), cached."""
         keys = tuple(self._mask_key(n) for n in range(len(self.recording)))
         return self._areas.get(keys, lambda: self._observed(progress))
+
+    def unfolded_area_m2(self, view_index: int) -> float:
+        """Return the area of the largest component, 0 if it is folded or cannot be flattened (cached)."""
+        key = self._segmented_key(view_index)
+        return self._unfolded.get(key, lambda: self._unfolded_m2(view_index))
+
+    def _unfolded_m2(self, view_index: int) -> float:
+        try:
+            largest = self.flattening(view_index).components[0]
+        except (SurfaceError, FlatteningError):
+            return 0.0
+        folded = largest.folded_share > self.config.flattening.max_folded_share
+        return 0.0 if folded else largest.view.area_m2
 
     def _observed(self, progress: Progress) -> Float64:
         areas = np.zeros(len(self.recording))

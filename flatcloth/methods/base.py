@@ -73,6 +73,10 @@ class Views(Protocol):
         """Return the observed area of the side of interest in each view (n_views,), cached."""
         ...
 
+    def unfolded_area_m2(self, view_index: int) -> float:
+        """Return the area of the largest component, 0 if it is folded or cannot be flattened (cached)."""
+        ...
+
 
 class Method(Protocol):
     """A method of integrating views.

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from flatcloth.core.errors import FlatteningError, SurfaceError
 from flatcloth.core.types import Float64, Progress, no_progress
 from flatcloth.methods.base import Views
 from flatcloth.methods.sides import LEAST_COMPONENT_SHARE
@@ -27,7 +26,7 @@ dress; steep cloth counts for less in the observed area, and dropouts are filled
 def start_by_view(views: Views, progress: Progress = no_progress) -> int | None:
     """Return the view of largest observed area whose largest component flattens without folds, if any."""
     for view in _by_area(views.observed_areas_m2(progress)):
-        if _unfolded_area_m2(views, view) > 0.0:
+        if views.unfolded_area_m2(view) > 0.0:
             return view
     return None
 
@@ -48,7 +47,7 @@ def components_by_area(views: Views, progress: Progress = no_progress) -> Iterat
         if _FILLED * areas[view] <= largest_m2:
             return
         progress(0.9, f"looking for the start view: flattening view {view}")
-        area_m2 = _unfolded_area_m2(views, view)
+        area_m2 = views.unfolded_area_m2(view)
         largest_m2 = max(largest_m2, area_m2)
         yield view, area_m2
 
@@ -62,13 +61,3 @@ def overlap_area_m2(views: Views) -> float:
 def _by_area(areas_m2: Float64) -> list[int]:
     order: list[int] = np.argsort(-areas_m2, kind="stable").tolist()
     return order
-
-
-def _unfolded_area_m2(views: Views, view_index: int) -> float:
-    """Return the area of the largest component, 0 if it is folded or cannot be flattened."""
-    try:
-        largest = views.flattening(view_index).components[0]
-    except (SurfaceError, FlatteningError):
-        return 0.0
-    folded = largest.folded_share > views.config.flattening.max_folded_share
-    return 0.0 if folded else largest.view.area_m2

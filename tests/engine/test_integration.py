@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,30 @@ def test_the_start_view_is_the_one_with_the_largest_observed_area() -> None:
     made = integration(span_deg=(-20.0, 100.0))
     # The cloth is centred at 40 deg: it faces the camera when the item is turned by -40 deg.
     assert STEPS[started(made).document.start_view or 0] == pytest.approx(320.0)
+
+
+@pytest.mark.parametrize("folded_share", [0.0, 0.5, None])
+def test_whether_a_view_is_folded_is_remembered_when_it_is_released(
+    folded_share: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flattened: list[int] = []
+
+    def flattening(view_index: int) -> Any:
+        flattened.append(view_index)
+        if folded_share is None:
+            raise FlatteningError("It shows too little cloth.")
+        component = SimpleNamespace(view=SimpleNamespace(area_m2=0.1), folded_share=folded_share)
+        return SimpleNamespace(components=(component,))
+
+    views = integration().views
+    monkeypatch.setattr(views, "flattening", flattening)
+    for _ in range(2):
+        assert views.unfolded_area_m2(3) == (0.1 if folded_share == 0.0 else 0.0)
+        views.release({3})
+    assert flattened == [3]
+    views.turn_about(views.axis)  # what depends on the axis is asked again
+    assert views.unfolded_area_m2(3) == (0.1 if folded_share == 0.0 else 0.0)
+    assert flattened == [3, 3]
 
 
 def test_unattended_two_threads_read_the_views_and_each_is_read_once() -> None:
