@@ -47,6 +47,7 @@ class BothSides:
         self._lock = threading.Lock()
         self._others: Cache[tuple[Integration, Document]] = Cache(1)
         self._alone: Cache[OneSide] = Cache(1)  # the other side, not joined
+        self._kinds: Cache[dict[str, float]] = Cache(1)  # of the other side by itself
         self._joined: Cache[JoinedSides] = Cache(2)
 
     def of(
@@ -87,6 +88,10 @@ class BothSides:
         sides = self._joined.kept(self._key(_as_seen(document)))
         other = self._others.kept(self._of(document))
         return None if sides is None or other is None else (sides, *other)
+
+    def kinds_of_other(self, document: Document) -> dict[str, float]:
+        """Return the probabilities of the kinds by the other side alone; empty if it was not recognised."""
+        return self._kinds.kept(self._of(document)) or {}
 
     def _join(
         self, document: Document, progress: Progress, cores: int, check: Callable[[], None]
@@ -154,7 +159,9 @@ class BothSides:
             SessionState(len(other.recording), document=_all_views(other, progress, cores))
         )
         if self._doubts_links:
-            place_sure_pieces(GarmentService(other), session)
+            known = place_sure_pieces(GarmentService(other), session)
+            if isinstance(known, KnownGarment):
+                self._kinds.put(self._of(document), known.by_evidence.probabilities)
         found = session.state.document
         other.trust.recognised(found, None)  # both sides together decide whether it is a garment
         return other, found

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M
@@ -35,13 +36,15 @@ from flatcloth.garments.model import with_slope
 class Placed:
     """Where a floating piece lies: ``shape_from_piece``, and how probable that is against other places.
 
-    ``std_m`` is the standard deviation of the distance from its true place.
+    ``std_m`` is the standard deviation of the distance from its true place; ``fit_std_m`` what the fit
+    leaves open of it, if the main piece is as it lies.
     """
 
     index: int
     shape_from_piece: Rigid2
     probability: float
     std_m: float
+    fit_std_m: float
     fit: Fit
 
 
@@ -72,7 +75,7 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
         return None
     tried.sort(key=lambda each: each[0])
     energy, best = tried[0]
-    at = best.garment_from_piece[1]
+    at, fit_std_m = best.garment_from_piece[1], _fit_std_m(best, piece)
     total = 0.0
     for other_energy, other in tried:
         if other_energy > energy and are_apart(other.garment_from_piece[1], at, piece):
@@ -84,7 +87,8 @@ def place_piece(fit: Fit, main: PieceEvidence, piece: PieceEvidence, index: int)
         index=index,
         shape_from_piece=best.garment_from_piece[0].inverse() @ at,
         probability=float(misfit / (1.0 + total)),
-        std_m=_std_m(best, piece),
+        std_m=float(np.hypot(fit_std_m, _edge_std_m(best, main, piece))),
+        fit_std_m=fit_std_m,
         fit=best,
     )
 
@@ -137,7 +141,20 @@ def _contradiction(
     return energy + piece.inside_weight * len(there) * float(nearer.mean())
 
 
-def _std_m(fit: Fit, piece: PieceEvidence) -> float:
+def _edge_std_m(fit: Fit, main: PieceEvidence, piece: PieceEvidence) -> float:
+    """Return the deviation of the main piece's edges around a piece.
+
+    To the fit each edge is a measurement of its own; but an unsure part of the main piece, or its other
+    side, is off as a whole.
+    """
+    if not len(main.edge_uv_m):
+        return 0.0
+    main_from_garment, own = fit.garment_from_piece[0].inverse(), fit.garment_from_piece[1]
+    _, nearest = cKDTree(main.edge_uv_m).query((main_from_garment @ own).apply(piece.edge_uv_m))
+    return float(np.sqrt(np.square(main.edge_std_m[nearest]).mean()))
+
+
+def _fit_std_m(fit: Fit, piece: PieceEvidence) -> float:
     """Return the standard deviation of the distance of the piece's middle from its true place."""
     count = len(fit.kind.parameters)
     shape = fit.covariance[count:, count:]

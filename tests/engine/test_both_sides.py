@@ -133,6 +133,15 @@ def test_one_outline_fits_the_edges_of_both_sides(shape):
     assert np.median(off_m) < 0.012
 
 
+def test_the_kind_by_the_other_side_alone_is_known_where_it_was_recognised(shape, place: str):
+    both, document = shape.data.both.__self__, shape.data.document
+    its = GarmentService(shape.data.integration, both).kinds_of_other(document)
+    assert max(its, key=its.__getitem__) == "trousers"
+    assert sum(its.values()) == pytest.approx(1.0)
+    assert GarmentService(shape.data.integration).kinds_of_other(document) == {}
+    assert BothSides(shape.data.integration).kinds_of_other(document) == {}
+
+
 def test_with_one_side_nothing_of_the_other_is_left(shape, tmp_path: Path):
     shape.write(tmp_path)
     one = replace(shape, data=replace(shape.data, both=None))

@@ -47,8 +47,12 @@ class Service:
             view=view_at(0.0), current_from_view={}, floating=(view_at(9.0, 20), view_at(5.0))
         )
         found = recognise(self.canonical.view, [evidence])
-        piece = Placed(index=1, shape_from_piece=LAID, probability=0.97, std_m=0.01, fit=found.fit)
-        hopeless = Placed(index=0, shape_from_piece=LAID, probability=0.004, std_m=1.5, fit=found.fit)
+        piece = Placed(
+            index=1, shape_from_piece=LAID, probability=0.97, std_m=0.01, fit_std_m=0.01, fit=found.fit
+        )
+        hopeless = Placed(
+            index=0, shape_from_piece=LAID, probability=0.004, std_m=1.5, fit_std_m=1.5, fit=found.fit
+        )
         found = dataclasses.replace(found, pieces=(piece, hopeless))
         nothing = DecidedPieces(shape_from_piece={}, refused=frozenset())
         self._known = KnownGarment(
@@ -66,6 +70,7 @@ class Service:
         self.integration = self
         self.algorithm = self
         self.by_both: dict[str, float] = {}
+        self.by_other: dict[str, float] = {}
 
     def of(self, document: Document) -> KnownGarment:
         if self.error is not None:
@@ -91,11 +96,16 @@ class Service:
     def sides(self, document: Document) -> JoinedSides:
         torn = not document.garment.parts
         seams = tuple(s if torn else dataclasses.replace(s, tears=None) for s in self.seams)
+        if document.garment.seams:
+            seams = tuple(dataclasses.replace(s, decided="keep") for s in seams)
         return JoinedSides(other=self.canonical, seams=seams, is_related=True)
 
     def cloth_of_pieces(self, _document: Document) -> list[Cloth]:
         nowhere = np.full_like(self.cloth.uv_m, np.nan)
         return [dataclasses.replace(self.cloth, uv_m=nowhere), self.cloth]
+
+    def kinds_of_other(self, _document: Document) -> dict[str, float]:
+        return self.by_other
 
     def probabilities_by_both(self, document: Document) -> dict[str, float]:
         self.joined = document
@@ -306,6 +316,27 @@ def test_run_keeps_seams_over_doubted_cloth_if_the_garment_is_as_sure_with_them(
         assert len(service.joined.garment.seams) == 2, "they are tried together"
     middles = [np.mean(seam.points_m, axis=0) for seam in seams]
     assert np.linalg.norm(middles[1] - middles[0] - 1.0) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("own", "other", "kept"),
+    [
+        ({"towel": 0.85, "trousers": 0.1, NONE: 0.05}, {"trousers": 0.97}, True),
+        ({"towel": 0.85, "trousers": 0.1, NONE: 0.05}, {"trousers": 0.8, NONE: 0.2}, False),
+        ({"towel": 0.85, "trousers": 0.1, NONE: 0.05}, {}, False),
+        ({"towel": SURE, "trousers": 0.1}, {"trousers": 0.99}, False),
+    ],
+    ids=["the other is surer", "this is surer", "the other is not known", "this is sure"],
+)
+def test_run_believes_the_surer_side_about_the_kind_unless_this_one_is_sure(own, other, kept) -> None:
+    service, places = Service(), np.random.default_rng(0).normal(size=(50, 3))
+    found = dataclasses.replace(service._known.by_evidence, probabilities=own)
+    service._known = dataclasses.replace(service._known, by_evidence=found)
+    service.seams = [dataclasses.replace(seam_at(places + piece), is_bridge=True) for piece in (0, 1)]
+    service.by_other, service.by_both = other, {"trousers": 0.95, NONE: 0.05}
+    session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
+    place_sure_pieces(service, session)
+    assert bool(session.state.document.garment.seams) == kept
 
 
 def test_run_makes_what_a_doubted_link_joins_unsure_once_and_still_asks(service, doubted) -> None:

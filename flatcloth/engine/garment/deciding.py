@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from operator import itemgetter
+
 import numpy as np
 
 from flatcloth.core.types import Float64
@@ -31,8 +34,10 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
     reliable.
     """
     _take_off_torn(service, session)
-    if _keep_bridges(service, session):  # then more seams are on one piece
-        _take_off_torn(service, session)
+    for _ in range(_MOST_TAKEN_OFF):
+        if not _keep_bridges(service, session):
+            break
+        _take_off_torn(service, session)  # more seams are on one piece now
     known = service.known(session.state.document)
     if not isinstance(known, str) and known.is_wrong:
         return known
@@ -80,10 +85,11 @@ def _keep_bridges(service: GarmentService, session: Keeper) -> bool:
     """Keep the seams of bridges if the garment confirms them; a bridge has too little evidence by itself.
 
     With the pieces so joined the garment must be of the same kind as without them: surely, or as probably.
+    Where this side is not sure of its kind, and the other by itself is surer, it is the kind of that.
     """
     document = session.state.document
     sides = service.sides(document)
-    bridges = [] if sides is None else [seam for seam in sides.seams if seam.is_bridge]
+    bridges = [] if sides is None else [s for s in sides.seams if s.is_bridge and s.decided is None]
     kept = [decided_seam(seam.xyz_m, kept=True) for seam in bridges]
     apart = service.known(document) if kept else ""
     if isinstance(apart, str):
@@ -91,9 +97,10 @@ def _keep_bridges(service: GarmentService, session: Keeper) -> bool:
     tried = MemorySession(SessionState(0, document=document))
     for decision in kept:
         tried.record(decision)
-    before = {name: p for name, p in apart.by_evidence.probabilities.items() if name != NONE}
-    kind = max(before, key=before.__getitem__)
-    confirms = service.probabilities_by_both(tried.state.document).get(kind, 0.0) >= min(before[kind], SURE)
+    kind, probability = _likeliest(apart.by_evidence.probabilities)
+    if probability < SURE and (its := service.kinds_of_other(document)):
+        kind, probability = max((kind, probability), _likeliest(its), key=itemgetter(1))
+    confirms = service.probabilities_by_both(tried.state.document).get(kind, 0.0) >= min(probability, SURE)
     if confirms:
         for decision in kept:
             session.record(decision)
@@ -141,3 +148,8 @@ def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> Pl
         piece.std_m,
         accepted=accepted,
     )
+
+
+def _likeliest(probabilities: Mapping[str, float]) -> tuple[str, float]:
+    """Return the most probable of the known kinds, with its probability."""
+    return max(((kind, p) for kind, p in probabilities.items() if kind != NONE), key=itemgetter(1))

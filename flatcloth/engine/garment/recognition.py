@@ -136,6 +136,10 @@ class _Joined(Protocol):
         """Return the joined sides of a document's shape; with the other side's integration and decisions."""
         ...
 
+    def kinds_of_other(self, document: Document) -> dict[str, float]:
+        """Return the probabilities of the kinds by the other side alone; empty if it was not recognised."""
+        ...
+
 
 class GarmentService:
     """Recognises the garments of an integration's shapes; keeps the last result. Safe for several threads.
@@ -238,6 +242,10 @@ class GarmentService:
             return dict(recognise(canonical.view, self.evidence(document)).probabilities)
         except GarmentError:
             return {}
+
+    def kinds_of_other(self, document: Document) -> dict[str, float]:
+        """Return the probabilities of the kinds by the other side alone; empty if it was not recognised."""
+        return {} if self._both is None else self._both.kinds_of_other(document)
 
     def _other(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
         """Return the other side with its integration and decisions, if it is joined to this one."""

@@ -109,8 +109,9 @@ class SeamLink:
     ``strength`` is their number, weighted by the width of the strip that they cover: along a straight line
     other parts touch, too. ``why`` says why it does not join them; it is empty if it does. ``is_kept``: the
     operator or the garment decided that it does. ``is_bridge``: cloth of the other side led from it to a set
-    of another piece of this side, and was cut because its evidence is small. ``tears`` (N,) are the nodes of
-    this side that are joined falsely, if the set is true.
+    of another piece of this side, and was cut because its evidence is small; or, if no cloth was cut, one of
+    the sets is too straight to join its piece. ``tears`` (N,) are the nodes of this side that are joined
+    falsely, if the set is true.
     """
 
     this_piece: int
@@ -173,6 +174,7 @@ def linked(
     at_this = node_at(this, matches.this_uv_m)
     side = np.zeros(len(other.nodes), dtype=np.int64)  # the part of each node
     bridges: set[int] = set()
+    weak: set[int] = set()
 
     def part_of(link: SeamLink) -> int:
         """Return the part of most of the places of a set."""
@@ -205,6 +207,8 @@ def linked(
             side = side if part is None else divided(link, part)
         if against and not link.is_kept and link.strength < LEAST_MATCHES:
             links[n] = replace(link, why=_CONTRADICTS)
+            if all(links[k].this_piece != link.this_piece for k in against):
+                weak |= {n, *against}
             continue
         for k in against:
             before = links[k]
@@ -219,7 +223,7 @@ def linked(
                 links[n] = replace(link, why=_CONTRADICTS)
                 break
     apart, matches = _taken_apart(other, side, matches, at_other)
-    links = [replace(link, is_bridge=n in bridges) for n, link in enumerate(links)]
+    links = [replace(link, is_bridge=n in (bridges or weak)) for n, link in enumerate(links)]
     return apart, matches, [_renumbered(link, apart.piece[at_other]) for link in links]
 
 
