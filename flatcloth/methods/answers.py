@@ -241,7 +241,7 @@ class Seam:
     ``views`` (K, 2) those that show either rim; ``residual_m`` (K,) how far apart their motion leaves them.
     ``why`` says why the seam joins nothing; it is empty if it does. ``decided`` is the decision of
     the operator or of the garment. ``is_bridge``: cloth of the other side led from it to a second piece of
-    this side, and was cut because its evidence is small (``docs/robust.md``, "Both sides"). ``tears`` (N,)
+    this side that is not believed yet (``docs/robust.md``, "Both sides"). ``tears`` (N,)
     are the samples of this side that are falsely joined to their piece, if the seam is true.
     """
 

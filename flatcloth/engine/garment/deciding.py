@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from operator import itemgetter
 
 import numpy as np
@@ -16,8 +17,15 @@ from flatcloth.garments.recognition import NONE, is_sure
 from flatcloth.methods.answers import Canonical
 from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Document
-from flatcloth.session.garment import DecidedSeam, DecideLink, DecidePiece, DecideSeam, PlacedPiece
-from flatcloth.session.machine import Keeper, MemorySession, SessionState
+from flatcloth.session.garment import (
+    DecidedSeam,
+    DecideLink,
+    DecidePiece,
+    DecideSeam,
+    GarmentCommand,
+    PlacedPiece,
+)
+from flatcloth.session.machine import Command, Event, Keeper, MemorySession, SessionState
 
 _SEAM_PLACES = 40
 """Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
@@ -50,6 +58,25 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
         return known
     _record_doubts(session, known)
     return _with_sure_pieces(known, service, session)
+
+
+def sure_decisions(service: GarmentService, document: Document) -> tuple[GarmentCommand, ...]:
+    """Return the decisions that :func:`place_sure_pieces` takes in a session with a document."""
+    session = _Noting(SessionState(0, document=document))
+    place_sure_pieces(service, session)
+    return tuple(session.noted)
+
+
+@dataclass
+class _Noting(MemorySession):
+    """A session that notes what is recorded."""
+
+    noted: list[GarmentCommand] = field(default_factory=list)
+
+    def record(self, command: Command | Event) -> None:
+        super().record(command)
+        if isinstance(command, GarmentCommand):
+            self.noted.append(command)
 
 
 def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:

@@ -100,8 +100,9 @@ class Application(PageController):
             integration, on_thread, lambda text: self._tell(None, "info", text) if text else self._publish()
         )
         self._joints = JointService(integration, self.garments, lambda: self.picture)
+        note = partial(self._tell, None)
         self._garment = GarmentController(
-            self.garments, on_thread, self._publish, sink.tell, self._joints.decision, self._draw_again
+            self.garments, on_thread, self._publish, sink.tell, self._joints.decision, self._draw_again, note
         )
 
     @property

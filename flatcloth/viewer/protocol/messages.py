@@ -39,6 +39,7 @@ from flatcloth.viewer.protocol.garment import (
     DecideJoint,
     DecideLink,
     DecidePiece,
+    DecideSure,
     HoldPoint,
     ReleasePoints,
     SetKind,
@@ -308,7 +309,7 @@ class WhereToStroke(Said, tag="where_to_stroke", frozen=True, kw_only=True):
     number: Annotated[int, Meta(ge=-1000, le=1000)] = 0
 
 
-GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink | DecideJoint
+GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink | DecideSure | DecideJoint
 Message = Said
 """Any message of the page: each subclass is one."""
 

@@ -41,6 +41,7 @@ from flatcloth.methods.robust.seams.links import (
     linked,
     matches_of,
     motion_onto,
+    node_at,
 )
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.session.garment import DecidedSeam
@@ -324,6 +325,41 @@ def test_cloth_that_is_not_believed_joins_two_pieces_once_their_seams_are_kept()
     assert np.linalg.norm(there - pattern[number == 1], axis=1).max() < 0.006
     believed = side(EVERYTHING, is_other=True, strength=200.0)
     assert [piece.index for piece in joined(this, believed, pattern).laid] == [0]
+
+
+def test_a_set_that_is_too_straight_to_join_a_further_piece_is_a_bridge_unless_cloth_was_cut_for_one() -> (
+    None
+):
+    """The thirds of this side hang together by their back, on which the seams of two are straight."""
+    thirds = np.where(COLUMN < 7, 0, np.where(COLUMN < 20, 1, 2))
+    seen = (COLUMN != 7) & (COLUMN != 20)
+    pattern, number = UV[seen], thirds[seen].astype(np.int32)
+    whole = side(seen, is_other=False)
+    this = replace(whole, all_uv_m=pattern + np.outer(number * PIECES_APART_M, [1.0, 0.0]), piece=number)
+    own = [raster(this, pattern, n, is_other=False) for n in range(3)]
+    pieces = own, [raster(OTHER, UV, is_other=True)]
+    matches = matches_of(*pieces)
+    of_piece = [
+        np.flatnonzero(this.piece[node_at(this, matches.this_uv_m)] == n)[:count]
+        for n, count in enumerate((80, 60, 40))
+    ]
+
+    def found(*strengths: float) -> tuple[JointShape, list[tuple[str, bool]]]:
+        sets = [
+            SeamLink(this_piece=n, other_piece=0, members=members, strength=strength)
+            for n, (members, strength) in enumerate(zip(of_piece, strengths, strict=True))
+        ]
+        other, _, links = linked(this, OTHER, matches, sets, endless(pieces))
+        return other, [(link.why, link.is_bridge) for link in links]
+
+    straight = "it contradicts a stronger seam"
+    assert all(len(members) >= LEAST_MATCHES for members in of_piece)
+    other, links = found(300.0, 20.0, 10.0)
+    assert links == [("", True), (straight, True), (straight, True)]
+    assert (other.piece == 0).all(), "no cloth is cut for a set that joins nothing"
+    other, links = found(300.0, 100.0, 10.0)  # the second joins: what little cloth leads to it is cut
+    assert [is_bridge for _, is_bridge in links] == [True, True, False]
+    assert len(np.unique(other.piece[other.piece >= 0])) > 1
 
 
 def test_another_side_of_a_few_places_only_is_refused_in_words() -> None:

@@ -173,17 +173,11 @@ def linked(
     links, at_other = list(sets), node_at(other, matches.other_uv_m)
     at_this = node_at(this, matches.this_uv_m)
     side = np.zeros(len(other.nodes), dtype=np.int64)  # the part of each node
-    bridges: set[int] = set()
-    weak: set[int] = set()
+    bridges, straight = set[int](), set[int]()
 
     def part_of(link: SeamLink) -> int:
         """Return the part of most of the places of a set."""
         return int(np.bincount(side[at_other[link.members]]).argmax())
-
-    def divided(link: SeamLink, part: Bool) -> Int64:
-        """Return the part of each node (N,) once ``part`` (N,) of the set's piece is cut from the rest."""
-        own = part & (other.piece == link.other_piece)
-        return np.unique(2 * side + own, return_inverse=True)[1].ravel()
 
     for n, link in enumerate(links):
         if link.why:
@@ -204,11 +198,11 @@ def linked(
             if is_false:
                 links[n] = replace(link, why="true edges would lie on cloth of the other sheet")
                 continue
-            side = side if part is None else divided(link, part)
+            side = side if part is None else _divided(side, part & (other.piece == link.other_piece))
         if against and not link.is_kept and link.strength < LEAST_MATCHES:
             links[n] = replace(link, why=_CONTRADICTS)
             if all(links[k].this_piece != link.this_piece for k in against):
-                weak |= {n, *against}
+                straight |= {n, *against}
             continue
         for k in against:
             before = links[k]
@@ -217,14 +211,19 @@ def linked(
             if is_bridge and before.is_kept and link.is_kept:
                 continue
             if evidence < (_DOUBTED_EVIDENCE if is_bridge else _BENT * link.strength):
-                side = divided(link, part)
+                side = _divided(side, part & (other.piece == link.other_piece))
                 bridges |= {k, n} if is_bridge else set()
             elif not is_bridge and not link.is_kept:
                 links[n] = replace(link, why=_CONTRADICTS)
                 break
     apart, matches = _taken_apart(other, side, matches, at_other)
-    links = [replace(link, is_bridge=n in (bridges or weak)) for n, link in enumerate(links)]
+    links = [replace(link, is_bridge=n in (bridges or straight)) for n, link in enumerate(links)]
     return apart, matches, [_renumbered(link, apart.piece[at_other]) for link in links]
+
+
+def _divided(side: Int64, part: Bool) -> Int64:
+    """Return the part of each node (N,) once ``part`` (N,) is cut from the rest."""
+    return np.unique(2 * side + part, return_inverse=True)[1].ravel()
 
 
 def _judged_by_edges(
