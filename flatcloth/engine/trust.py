@@ -16,6 +16,7 @@ from flatcloth.core.types import FlattenedView, Float64
 from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings.base import Recording
+from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document
 from flatcloth.session.garment import without_doubts
@@ -39,7 +40,7 @@ class Trust:
     A shape that no known kind of garment explains has a false joint somewhere, or is another item. What lies
     beyond such a joint may be anywhere on the item, and it is not known where the joint is. So nothing of it
     is reliable until an operator names the kind. The same holds for a kind that is still not known when all
-    views were looked at; before, too little may have been seen to tell.
+    views were looked at; before, and while a recording grows, too little may have been seen to tell.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -66,8 +67,8 @@ class Trust:
             return 0.0
         if _is_none(found):
             return found.probability
-        is_unknown = document.finished is not None and found.probability < _KNOWN
-        return 1.0 - found.probability if is_unknown else 0.0
+        is_all = document.finished is not None and not isinstance(self._recording, GrowingRecording)
+        return 1.0 - found.probability if is_all and found.probability < _KNOWN else 0.0
 
     def kind_std_m(self, document: Document) -> float:
         """Return the deviation of each place of a shape that its doubted kind adds; 0 without doubt.

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from flatcloth.checking.lens import FOCAL_STD
-from flatcloth.core.types import LaidPiece, Rigid2
+from flatcloth.core.types import Intrinsics, LaidPiece, Rigid2
 from flatcloth.engine.trust import Trust
 from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.methods.answers import Canonical, JoinedSides
+from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.recordings.mending import Mends
+from flatcloth.recordings.writer import RecordingWriter
 from flatcloth.session.document import Document
 from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions
 
@@ -94,6 +96,18 @@ def test_a_shape_whose_kind_is_not_known_is_doubted_once_all_views_were_looked_a
     assert _std_m(trust.of(all_seen, shape, None)) == pytest.approx(3 * [far])
     trust.recognised(TWO, _of({"towel": 0.8, "skirt": 0.2, NONE: 0.0}))
     assert trust.of(all_seen, shape, None) is shape
+
+
+def test_the_kind_of_a_recording_that_still_grows_may_follow_from_further_views(tmp_path):
+    all_seen = replace(TWO, finished="No view is left.")
+    camera = Intrinsics(fx=100.0, fy=100.0, cx=1.0, cy=1.0, width=2, height=2)
+    with RecordingWriter(tmp_path, name="grows", intrinsics=camera, depth_scale_m=0.001) as writer:
+        trust, shape = Trust(GrowingRecording(writer)), _shape()
+        trust.recognised(TWO, _of({"towel": 0.7, "skirt": 0.3}))
+        assert trust.of(all_seen, shape, None) is shape
+        assert trust.doubt_of_kind(all_seen) == 0.0
+        trust.recognised(TWO, _of({"towel": 0.2, NONE: 0.8}))
+        assert trust.doubt_of_kind(all_seen) == 0.8
 
 
 def test_links_that_a_run_doubts_do_not_change_what_the_garment_says():
