@@ -160,7 +160,11 @@ class Registered:
 
     @cached_property
     def surprises(self) -> Float64:
-        """By how much each pair (P,) contradicts the registered poses: see :func:`surprise`."""
+        """By how much each pair (P,) contradicts the registered poses: see :func:`surprise`.
+
+        An item twists and bends while it sways. So views may be off by what is allowed to the poses of an
+        exact turntable (the prior's first level), too: else little of what an exact sensor sees would fit.
+        """
         if not self.pairs:
             return np.zeros(0)
         moved = [
@@ -174,7 +178,8 @@ class Registered:
         off -= np.array([(*pair.twist, pair.fattening_px) for pair in self.pairs])
         form = np.array([pair.matrix for pair in self.pairs])
         pull = np.array([pair.gradient for pair in self.pairs]) + np.einsum("pij,pj->pi", form, off)
-        return surprise(form, pull)
+        turn, shift_m = math.radians(self.prior.turn_stds_deg[0]), self.prior.axis_stds_m[0]
+        return surprise(form, pull, np.repeat([turn, shift_m], 3))
 
     @cached_property
     def views(self) -> tuple[Registration, ...]:
@@ -182,14 +187,18 @@ class Registered:
         return tuple(_report(self, n) for n in range(len(self.features)))
 
 
-def surprise(form: Float64, pull: Float64) -> Float64:
+def surprise(form: Float64, pull: Float64, free: Float64 | None = None) -> Float64:
     """Return by how much pairs (P,) are less likely than at their best, twice the logarithm.
 
     ``form`` (P, 7, 7) and ``pull`` (P, 7) are matrix and gradient of the negative log likelihood. If the
-    stated deviations are right, it follows a chi-squared distribution with 7 degrees of freedom.
+    stated deviations are right, it follows a chi-squared distribution with 7 degrees of freedom. ``free``
+    (6,) are deviations of the motion by which each pair may be off besides.
     """
     best = np.linalg.solve(form + 1e-6 * np.eye(UNKNOWNS), pull[..., None])[..., 0]
     surprises: Float64 = (pull * best).sum(axis=1)
+    if free is not None:  # (F^-1 + T)^-1 in place of F, by Woodbury's identity
+        form, pull = form[:, :6, :6] + np.diag(1.0 / np.square(free)), pull[:, :6]
+        surprises -= (pull * np.linalg.solve(form, pull[..., None])[..., 0]).sum(axis=1)
     return surprises
 
 

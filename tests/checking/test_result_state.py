@@ -78,11 +78,22 @@ _OFF_ONE = {(2, 4): 0.02, (3, 4): 0.02, (4, 5): 0.02, (4, 6): 0.02}
 _OFF_TWO = {(0, 2): 0.02, (1, 2): 0.02, (2, 3): 0.02}
 
 
-def test_surprise_counts_in_stated_deviations():
+def test_surprise_counts_in_stated_deviations_and_by_what_an_item_bends():
     registered = _compared(8, {(2, 3): 0.003})
+    surprise = 9.0 / (1.0 + 0.1**2)  # 3 mm, with deviations of 1 and 0.1 mm
     assert registered.surprises == pytest.approx(
-        [9.0 if (p.first, p.second) == (2, 3) else 0.0 for p in registered.pairs], abs=1e-6
+        [surprise if (p.first, p.second) == (2, 3) else 0.0 for p in registered.pairs], abs=1e-6
     )
+
+
+def test_what_a_swaying_item_bends_is_no_contradiction_however_exact_the_sensor_is():
+    bent = _compared(8, {(2, 3): 0.0002, (3, 4): 0.0002, (3, 5): 0.0002})
+    exact = np.diag([1e12] * 6 + [1.0])  # a micrometre
+    pairs = tuple(replace(pair, matrix=exact) for pair in bent.pairs)
+    assert wrong_with(None, replace(bent, pairs=pairs), 0.0) == []
+    off = _compared(8, _OFF_ONE)
+    pairs = tuple(replace(pair, matrix=exact) for pair in off.pairs)
+    assert len(wrong_with(None, replace(off, pairs=pairs), 0.0)) == 1
 
 
 def test_views_that_contradict_half_of_the_others_are_a_doubt():
@@ -97,7 +108,7 @@ def test_views_that_contradict_half_of_the_others_are_a_doubt():
 
 def test_a_shape_of_no_known_kind_is_no_doubt_alone_but_needs_less():
     assert wrong_with(None, _compared(8, {}), 0.0, fits_none=True) == []
-    between = _compared(8, {(2, 3): 0.0066, (3, 4): 0.0066})  # 43.6, between the limits
+    between = _compared(8, {(2, 3): 0.0066, (3, 4): 0.0066})  # 43.1, between the limits
     assert wrong_with(None, between, 0.0) == []
     assert wrong_with(None, between, 0.0, fits_none=True)[-1] == "no known kind of garment fits"
 
