@@ -133,9 +133,8 @@ class Recognition:
 
 def is_sure(piece: Placed) -> bool:
     """Return whether a piece may be placed without asking the operator, as unsure as the cloth around it."""
-    return (
-        piece.probability >= SURE and piece.fit_std_m <= math.sqrt(2) * KNOWN_STD_M
-    )  # of both axes together
+    most_m = math.sqrt(2) * KNOWN_STD_M  # of both axes together
+    return piece.probability >= SURE and piece.fit_std_m <= most_m
 
 
 def is_offered(piece: Placed) -> bool:

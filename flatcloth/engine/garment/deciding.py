@@ -29,8 +29,9 @@ from flatcloth.session.machine import Command, Event, Keeper, MemorySession, Ses
 
 _SEAM_PLACES = 40
 """Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
-_MOST_TAKEN_OFF = 3
-"""Most parts that an unattended run removes. Chosen: each takes some seconds."""
+_MOST_ROUNDS = 3
+"""Most parts that an unattended run removes, and most times that it keeps seams. Chosen: each takes some
+seconds."""
 
 
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
@@ -42,14 +43,14 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
     reliable.
     """
     _take_off_torn(service, session)
-    for _ in range(_MOST_TAKEN_OFF):
+    for _ in range(_MOST_ROUNDS):
         if not _keep_bridges(service, session):
             break
         _take_off_torn(service, session)  # more seams are on one piece now
     known = service.known(session.state.document)
     if not isinstance(known, str) and known.is_wrong:
         return known
-    for _ in range(_MOST_TAKEN_OFF):
+    for _ in range(_MOST_ROUNDS):
         if isinstance(known, str) or not known.links or not is_wrong(known.links[0]):
             break
         session.record(link_decision(known, known.links[0], taken_off=True))
@@ -92,7 +93,7 @@ def _take_off_torn(service: GarmentService, session: Keeper) -> None:
 
     Both sides are joined again after each time, which may show further ones.
     """
-    for _ in range(_MOST_TAKEN_OFF):
+    for _ in range(_MOST_ROUNDS):
         document = session.state.document
         sides = service.sides(document)
         seams = () if sides is None else sides.seams
