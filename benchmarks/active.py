@@ -89,7 +89,7 @@ def run(options: Options) -> None:
         rows = [
             row for file in sorted(Path(options.keep).glob("*.json")) for row in json.loads(file.read_text())
         ]
-    for mesh in map(Path, options.meshes):
+    for mesh in map(Path, options.meshes if options.starts else ()):
         found = [name for name in options.recordings if Path(name).name.startswith(mesh.stem)]
         if found:
             rows += _rows_of(mesh, found[0], options)
