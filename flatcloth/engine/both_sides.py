@@ -20,6 +20,7 @@ from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, e
 from flatcloth.engine.integration import VIEWS_AHEAD, Integration
 from flatcloth.engine.segmenting import evidence_of
 from flatcloth.garments.deciding import decided_pieces
+from flatcloth.garments.recognition import Recognition
 from flatcloth.methods.answers import JoinedSides, OneSide
 from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.registration.registered import Registered
@@ -47,7 +48,7 @@ class BothSides:
         self._lock = threading.Lock()
         self._others: Cache[tuple[Integration, Document]] = Cache(1)
         self._alone: Cache[OneSide] = Cache(1)  # the other side, not joined
-        self._kinds: Cache[dict[str, float]] = Cache(1)  # of the other side by itself
+        self._found: Cache[Recognition] = Cache(1)  # the garment by the other side alone
         self._joined: Cache[JoinedSides] = Cache(2)
 
     def of(
@@ -89,9 +90,9 @@ class BothSides:
         other = self._others.kept(self._of(document))
         return None if sides is None or other is None else (sides, *other)
 
-    def kinds_of_other(self, document: Document) -> dict[str, float]:
-        """Return the probabilities of the kinds by the other side alone; empty if it was not recognised."""
-        return self._kinds.kept(self._of(document)) or {}
+    def found_by_other(self, document: Document) -> Recognition | None:
+        """Return what the other side alone is, None if it was not recognised."""
+        return self._found.kept(self._of(document))
 
     def _join(
         self, document: Document, progress: Progress, cores: int, check: Callable[[], None]
@@ -161,7 +162,7 @@ class BothSides:
         if self._doubts_links:
             known = place_sure_pieces(GarmentService(other), session)
             if isinstance(known, KnownGarment):
-                self._kinds.put(self._of(document), known.by_evidence.probabilities)
+                self._found.put(self._of(document), known.by_evidence)
         found = session.state.document
         other.trust.recognised(found, None)  # both sides together decide whether it is a garment
         return other, found

@@ -140,7 +140,7 @@ def summary(known: KnownGarment) -> dict[str, Any]:
     found = known.found
     return {
         "kind": None if found.kind == NONE else found.kind,
-        "likeliest": found.fit.kind.name,
+        "likeliest": found.likeliest[0],
         "by_hand": found.by_hand is not None,
         "doubted": known.doubt > 0.0,
         "upright_rad": _turn_rad(known),
@@ -209,10 +209,10 @@ def lines_of(known: KnownGarment | str) -> list[str]:
     found = known.found
     name = found.kind
     if name == NONE:
-        likeliest = found.fit.kind.name
+        likeliest, share = found.likeliest
         return [
             f"Garment: none of the known kinds ({found.probabilities[NONE]:.0%}); the likeliest kind is "
-            f"{likeliest} ({found.probabilities[likeliest]:.0%}).",
+            f"{likeliest} ({share:.0%}).",
             *_doubts(known),
         ]
     seen = sum(point.pixel is not None for point in found.points.values())

@@ -102,6 +102,11 @@ class Recognition:
         return self.fits[0]
 
     @property
+    def likeliest(self) -> tuple[str, float]:
+        """The most probable of the known kinds, with its probability."""
+        return self.fit.kind.name, self.probabilities[self.fit.kind.name]
+
+    @property
     def kind(self) -> str:
         """The kind set by hand, else the most probable answer: a kind, or :data:`NONE`."""
         return self.by_hand or max(self.probabilities, key=lambda name: self.probabilities[name])

@@ -240,9 +240,9 @@ class Seam:
     order. ``this_uv_m``, ``other_uv_m`` (K, 2) on the planes of both sides, ``xyz_m`` (K, 3) object frame,
     ``views`` (K, 2) those that show either rim; ``residual_m`` (K,) how far apart their motion leaves them.
     ``why`` says why the seam joins nothing; it is empty if it does. ``decided`` is the decision of
-    the operator or of the garment. ``is_bridge``: cloth of the other side led from it to a second piece of
-    this side that is not believed yet (``docs/robust.md``, "Both sides"). ``tears`` (N,)
-    are the samples of this side that are falsely joined to their piece, if the seam is true.
+    the operator or of the garment. ``is_bridge``: it is one of the seams by which cloth of the other side
+    would join a further piece of this side, with too little evidence (``docs/robust.md``, "Both sides").
+    ``tears`` (N,) are the samples of this side that are falsely joined to their piece, if the seam is true.
     """
 
     this_piece: int

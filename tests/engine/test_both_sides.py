@@ -133,13 +133,13 @@ def test_one_outline_fits_the_edges_of_both_sides(shape):
     assert np.median(off_m) < 0.012
 
 
-def test_the_kind_by_the_other_side_alone_is_known_where_it_was_recognised(shape, place: str):
+def test_the_kind_by_the_other_side_alone_is_known_where_it_was_recognised(shape):
     both, document = shape.data.both.__self__, shape.data.document
-    its = GarmentService(shape.data.integration, both).kinds_of_other(document)
-    assert max(its, key=its.__getitem__) == "trousers"
-    assert sum(its.values()) == pytest.approx(1.0)
-    assert GarmentService(shape.data.integration).kinds_of_other(document) == {}
-    assert BothSides(shape.data.integration).kinds_of_other(document) == {}
+    its = GarmentService(shape.data.integration, both).found_by_other(document)
+    assert its.likeliest == ("trousers", max(its.probabilities.values()))
+    assert sum(its.probabilities.values()) == pytest.approx(1.0)
+    assert GarmentService(shape.data.integration).found_by_other(document) is None
+    assert BothSides(shape.data.integration).found_by_other(document) is None
 
 
 def test_with_one_side_nothing_of_the_other_is_left(shape, tmp_path: Path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -22,7 +23,7 @@ from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import DecidedPieces, decided_pieces, parts_taken_off
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.placing import Placed
-from flatcloth.garments.recognition import NONE, recognise
+from flatcloth.garments.recognition import NONE, Recognition, recognise
 from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Accepted, Document
@@ -72,7 +73,7 @@ class Service:
         self.integration = self
         self.algorithm = self
         self.by_both: dict[str, float] = {}
-        self.by_other: dict[str, float] = {}
+        self.by_other: Recognition | None = None
 
     def of(self, document: Document) -> KnownGarment:
         if self.error is not None:
@@ -106,7 +107,7 @@ class Service:
         nowhere = np.full_like(self.cloth.uv_m, np.nan)
         return [dataclasses.replace(self.cloth, uv_m=nowhere), self.cloth]
 
-    def kinds_of_other(self, _document: Document) -> dict[str, float]:
+    def found_by_other(self, _document: Document) -> Recognition | None:
         return self.by_other
 
     def probabilities_by_both(self, document: Document) -> dict[str, float]:
@@ -382,17 +383,22 @@ def test_run_keeps_seams_over_doubted_cloth_if_the_garment_is_as_sure_with_them(
     [
         ({"towel": 0.85, "trousers": 0.1, NONE: 0.05}, {"trousers": 0.97}, True),
         ({"towel": 0.85, "trousers": 0.1, NONE: 0.05}, {"trousers": 0.8, NONE: 0.2}, False),
-        ({"towel": 0.85, "trousers": 0.1, NONE: 0.05}, {}, False),
+        ({"towel": 0.85, "trousers": 0.1, NONE: 0.05}, None, False),
         ({"towel": SURE, "trousers": 0.1}, {"trousers": 0.99}, False),
     ],
     ids=["the other is surer", "this is surer", "the other is not known", "this is sure"],
 )
 def test_run_believes_the_surer_side_about_the_kind_unless_this_one_is_sure(own, other, kept) -> None:
     service, places = Service(), np.random.default_rng(0).normal(size=(50, 3))
-    found = dataclasses.replace(service._known.by_evidence, probabilities=own)
-    service._known = dataclasses.replace(service._known, by_evidence=found)
+
+    def found(probabilities: dict[str, float]) -> Recognition:
+        fits = [SimpleNamespace(kind=SimpleNamespace(name=kind)) for kind in probabilities if kind != NONE]
+        return dataclasses.replace(service._known.by_evidence, probabilities=probabilities, fits=tuple(fits))
+
+    service._known = dataclasses.replace(service._known, by_evidence=found(own))
     service.seams = [dataclasses.replace(seam_at(places + piece), is_bridge=True) for piece in (0, 1)]
-    service.by_other, service.by_both = other, {"trousers": 0.95, NONE: 0.05}
+    service.by_other = None if other is None else found(other)
+    service.by_both = {"trousers": 0.95, NONE: 0.05}
     session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
     place_sure_pieces(service, session)
     assert bool(session.state.document.garment.seams) == kept

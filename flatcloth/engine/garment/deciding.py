@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from operator import itemgetter
 
@@ -125,9 +124,9 @@ def _keep_bridges(service: GarmentService, session: Keeper) -> bool:
     tried = MemorySession(SessionState(0, document=document))
     for decision in kept:
         tried.record(decision)
-    kind, probability = _likeliest(apart.by_evidence.probabilities)
-    if probability < SURE and (its := service.kinds_of_other(document)):
-        kind, probability = max((kind, probability), _likeliest(its), key=itemgetter(1))
+    kind, probability = apart.by_evidence.likeliest
+    if probability < SURE and (its := service.found_by_other(document)) is not None:
+        kind, probability = max((kind, probability), its.likeliest, key=itemgetter(1))
     confirms = service.probabilities_by_both(tried.state.document).get(kind, 0.0) >= min(probability, SURE)
     if confirms:
         for decision in kept:
@@ -176,8 +175,3 @@ def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> Pl
         piece.std_m,
         accepted=accepted,
     )
-
-
-def _likeliest(probabilities: Mapping[str, float]) -> tuple[str, float]:
-    """Return the most probable of the known kinds, with its probability."""
-    return max(((kind, p) for kind, p in probabilities.items() if kind != NONE), key=itemgetter(1))

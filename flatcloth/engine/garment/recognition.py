@@ -136,8 +136,8 @@ class _Joined(Protocol):
         """Return the joined sides of a document's shape; with the other side's integration and decisions."""
         ...
 
-    def kinds_of_other(self, document: Document) -> dict[str, float]:
-        """Return the probabilities of the kinds by the other side alone; empty if it was not recognised."""
+    def found_by_other(self, document: Document) -> Recognition | None:
+        """Return what the other side alone is, None if it was not recognised."""
         ...
 
 
@@ -243,9 +243,9 @@ class GarmentService:
         except GarmentError:
             return {}
 
-    def kinds_of_other(self, document: Document) -> dict[str, float]:
-        """Return the probabilities of the kinds by the other side alone; empty if it was not recognised."""
-        return {} if self._both is None else self._both.kinds_of_other(document)
+    def found_by_other(self, document: Document) -> Recognition | None:
+        """Return what the other side alone is, None if it was not recognised."""
+        return None if self._both is None else self._both.found_by_other(document)
 
     def _other(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
         """Return the other side with its integration and decisions, if it is joined to this one."""
