@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import queue
 import threading
-import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -211,23 +211,18 @@ def test_the_garment_decides_on_the_page_what_a_run_decides(page, service) -> No
 
 
 def test_the_garment_decides_nothing_about_a_shape_that_has_changed_or_that_fails(service) -> None:
-    jobs: list[Any] = []
-    page = Page(service)
-    page.controller._put = jobs.append
-    made: list[Any] = []
+    jobs: queue.Queue[Any] = queue.Queue()
+    page, made = Page(service), list[Any]()
+    page.controller._put = jobs.put
     try:
         for error, text in ((None, "The shape has changed"), (FlatclothError("Too little."), "Too little.")):
             page.controller.follow(TWO_VIEWS, busy=False)
-            while not jobs:
-                time.sleep(0.01)
-            jobs.pop()()  # the garment is recognised
+            jobs.get(timeout=20)()  # the garment is recognised
             service.error = error
             page.controller.take(1, asked.DecideSure(), TWO_VIEWS, made.append)
-            while not jobs:
-                time.sleep(0.01)
             if error is None:
                 page.controller.follow(dataclasses.replace(TWO_VIEWS, start_view=2), busy=True)
-            jobs.pop()()
+            jobs.get(timeout=20)()
             assert page.notes[-1][0] == "warning"
             assert text in page.notes[-1][1]
             assert made == []
@@ -363,9 +358,8 @@ def test_run_takes_off_what_a_seam_shows_to_be_joined_falsely(is_kept: bool) -> 
 
 def test_run_keeps_seams_over_doubted_cloth_if_the_garment_is_as_sure_with_them() -> None:
     service, places = Service(), np.random.default_rng(0).normal(size=(50, 3))
-    before = service.known(TWO_VIEWS).by_evidence.probabilities
-    kind = max((name for name in before if name != NONE), key=before.__getitem__)
-    as_sure = min(before[kind], SURE)
+    kind, before = service.known(TWO_VIEWS).by_evidence.likeliest
+    as_sure = min(before, SURE)
     service.seams = [dataclasses.replace(seam_at(places + piece), is_bridge=True) for piece in (0, 1)]
     for by_both, kept in (({}, 0), ({"towel": 1.0}, 0), ({kind: 0.9 * as_sure}, 0), ({kind: as_sure}, 2)):
         service.by_both, session = by_both, MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
