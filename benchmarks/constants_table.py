@@ -28,6 +28,33 @@ SHORT = {
 }
 """What the figures of ``constants`` are called in its table."""
 CHANGED = ("the result", "the last digits", "nothing")
+KEPT_FOR = {
+    "bounds memory or time, or ends what has converged": (
+        "MOST_STEPS", "_FACTORS", "MOST_PIXELS", "_STILL", "KEPT_BYTES", "MOST_KEPT", "_FILLED", "THREADS",
+        "_IMAGES_KEPT", "_TRIES",
+    ),
+    "finds the axis of recordings that name none (`python -m benchmarks axis`)": (
+        "TOP_M", "_AROUND_M", "VIEWS_USED", "_GATES", "_GRID_PIXELS", "_LEAST_AGREEING", "_SCALES_M",
+        "_USUAL_TILT", "thinned()",
+    ),
+    "finds wrong poses and turns (`python -m benchmarks mistakes`)": ("_LOOK", "_PARTNERS", "_LEAST_POINTS"),
+    "serves an operator: how sure a proposal is, points placed by hand, strokes (`python -m benchmarks "
+    "confidence`, `strokes`)": (
+        "CONFIDENCE_WEIGHTS", "_REFINE_RADIUS_M", "HELD_STD_M", "_CONTRADICTED", "_MOST_INNER",
+        "LEAST_AREA_M2", "SegmentationConfig.thickness_weight",
+    ),
+    "cuts or doubts false links, which these recordings do not have (`python -m benchmarks accuracy`, "
+    "`garments`)": ("MOST_CUT_EVIDENCE", "WEAK_EVIDENCE", "_BENT"),
+    "recognises what is not there: an opening inside the outline, a gripper, an item too small": (
+        "HOLE_M", "_UNLIKE", "_SMALL_SHARE", "LEAST_ITEM_M2",
+    ),
+    "proposes motions of seams on other recordings (docs/tried.md)": ("_SEED_M",),
+    "keeps the score of the paper's method finite: plain textures, views without overlap": (
+        "_INTENSITY_FLOOR", "LEAST_OVERLAP_SHARE",
+    ),
+    "is geometry with a test of its own": ("_ENDS", "_AREA"),
+}  # fmt: skip
+"""Why those stay whose halves and doubles change nothing on the recordings measured."""
 
 
 def constants() -> str:
@@ -45,8 +72,14 @@ def constants() -> str:
         )
         for row in rows
     )
-    return f"Of {len(rows)} constants: {summary}.\n\n" + table(
-        ("module", "constant", "value", "halved", "doubled"), lines
+    kept = [row["name"] for row in rows if row["changes"] == "nothing"]
+    assert sorted(kept) == sorted(name for names in KEPT_FOR.values() for name in names), "KEPT_FOR is stale"
+    reasons = ((why, ", ".join(f"`{name}`" for name in names)) for why, names in KEPT_FOR.items())
+    return (
+        f"Of {len(rows)} constants: {summary}.\n\n"
+        + table(("module", "constant", "value", "halved", "doubled"), lines)
+        + "\n\nWhy those stay that change nothing here:\n\n"
+        + table(("what it is for", "constants"), reasons)
     )
 
 

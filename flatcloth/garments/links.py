@@ -31,9 +31,6 @@ the operator sees the part next to the shape, and can undo that."""
 WEAK_EVIDENCE = 2.0
 """... and if less evidence joins it for each row of samples along the seam. Set by hand: wrong
 links have 0.2 to 1.8, right ones 0.2 and more, most of them more than this (docs/garments.md)."""
-_SADDLE = 0.8
-"""Two areas are separate if less than this share of the evidence within the smaller one joins them.
-Chosen: less than the unevenness of one area."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +135,7 @@ def basins(cloth: Cloth) -> list[tuple[Int64, Int64]]:
                 continue
             if len(members[one]) < len(members[two]):
                 one, two = two, one  # an area is called by its first sample
-            if len(members[two]) >= least and strength[node] < _SADDLE * strength[two]:
+            if len(members[two]) >= least and strength[node] < strength[two]:
                 found.append((np.array(members[two]), np.array(members[one])))
             area[members[two]] = one
             members[one] += members.pop(two)

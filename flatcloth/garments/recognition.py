@@ -19,6 +19,7 @@ from scipy.special import expit
 from flatcloth.core.errors import GarmentError
 from flatcloth.core.types import FlattenedView, Float64, Rigid2
 from flatcloth.flattening.borders import SPACING_M
+from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.garments.distance import to_edges
 from flatcloth.garments.evidence import LEAST_AREA_M2, PieceEvidence
 from flatcloth.garments.fit import (
@@ -46,8 +47,8 @@ HOLE_M = 0.03
 """Length of true edges round holes that makes an unknown garment e times as likely: no kind has an opening
 inside its outline. Chosen; in no recording of the development is an inner border a true edge all round
 (``python -m benchmarks garments``)."""
-POINT_NEAR_M = 0.012
-"""Cloth as near to the place of a named point shows it. Set by hand."""
+POINT_NEAR_M = LEAST_INTERVAL_M
+"""Cloth as near to the place of a named point as samples are to one another shows it."""
 KNOWN_STD_M = 0.025
 """A named point whose place is known worse than this is predicted, whatever cloth lies there, and a loose
 piece is not placed without asking. Chosen: twice ``POINT_NEAR_M``."""

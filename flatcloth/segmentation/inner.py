@@ -26,10 +26,6 @@ _ONE_LAYER = 0.75
 """Cloth thinner than this share of two layers is one layer. By definition: half way from one to two."""
 _AROUND = 12
 """Iterations of averaging the thickness with the neighbours. Chosen: this covers about 2 cm."""
-
-
-_LEAST_KNOWN = 0.02
-"""Least weight of an averaged thickness. Chosen: measurements 2 cm away still count."""
 _LEAST_THIN = 0.2
 """Noisy cloth whose averaged thinness (0 half way from one layer to two, 1 at no thickness) is above this is
 doubtful. Chosen."""
@@ -75,7 +71,7 @@ def doubtful_faces(clusters: Clusters, graph: SignedGraph, config: SegmentationC
     sums = np.stack([thin * known, known], axis=1)
     for _ in range(_AROUND):
         sums = 0.5 * (sums + (links @ sums) / degree[:, None])
-    thin_around = (sums[:, 1] > _LEAST_KNOWN) & (sums[:, 0] > _LEAST_THIN * sums[:, 1])
+    thin_around = sums[:, 0] > _LEAST_THIN * sums[:, 1]
     return _faces(graph, thin_around, config)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from garment_evidence import blank_view
@@ -12,12 +14,14 @@ from flatcloth.flattening.resampling import bounds, place, place_all
 
 
 def test_views_that_are_placed_together_keep_their_places_and_the_first_is_on_top() -> None:
-    view = blank_view(np.ones((20, 30), dtype=bool))
+    colors = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
+    view = dataclasses.replace(blank_view(np.ones((20, 30), dtype=bool)), rgb=colors)
     apart_m = 25 * view.pixel_size_m
     made = place_all([(view, Rigid2()), (view, Rigid2(0.0, apart_m, 0.0))])
     assert made.shape == (20, 55)
     assert made.valid.all()
     np.testing.assert_allclose(made.origin_uv_m, view.origin_uv_m, atol=1e-9)
+    np.testing.assert_array_equal(made.rgb, np.concatenate([colors, colors[:, 5:]], axis=1))
     np.testing.assert_allclose(made.xyz_m[:, :30], view.xyz_m, atol=1e-6)
     np.testing.assert_allclose(made.xyz_m[:, 30:], view.xyz_m[:, 5:], atol=1e-6)
     alone = place(view, Rigid2(0.0, apart_m, 0.0))

@@ -32,3 +32,18 @@ def test_a_second_place_as_likely_as_the_first_is_told_in_the_deviation() -> Non
     assert {name: point.std_m for name, point in rare.items()} == {
         name: point.std_m for name, point in sure.items()
     }
+
+
+def test_a_named_point_follows_the_edges_around_it() -> None:
+    evidence = evidence_from(at_mean("towel"))
+    fit = best_fits(evidence, [kind_named("towel")])[0]
+    before = points_of(fit, VIEW, evidence)
+    corner = before["corner_0"].uv_m
+    moved = np.array([0.006, -0.004])
+    around = np.linalg.norm(evidence.edge_uv_m - corner, axis=1) < 0.12
+    edges = evidence.edge_uv_m + np.where(around[:, None], moved, 0.0)
+    after = points_of(fit, VIEW, dataclasses.replace(evidence, edge_uv_m=edges))
+    # The fit of the whole outline is its prior, and holds it back a little.
+    assert np.linalg.norm(after["corner_0"].uv_m - corner - moved) < 0.4 * np.linalg.norm(moved)
+    for name in ("corner_1", "corner_2", "corner_3"):
+        np.testing.assert_allclose(after[name].uv_m, before[name].uv_m, atol=1e-9)

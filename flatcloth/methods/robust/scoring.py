@@ -18,7 +18,7 @@ import numpy as np
 from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries
 from flatcloth.core.types import Bool, Float64, Int32, Rigid2, RotationAxis
 from flatcloth.flattening.patches import median
-from flatcloth.flattening.sampling import LEAST_INTERVAL_M
+from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
@@ -32,8 +32,6 @@ length between a seam and the cloth next to it. Set by hand; in ``outcome.json``
 places of a seam fit its motion to 2 to 4 mm in the median (``residual_mm``)."""
 _REFINE_RADIUS_M = 0.02
 """Initial scale of the robust refinement, distance in space. Set by hand."""
-_CORRELATED_SAMPLES = 20.0
-"""Number of samples that count as one independent measurement. Set by hand."""
 CONFIDENCE_WEIGHTS = (4.51, 1.28, 0.38, -2.38, -2.17, -0.19, -1.58)
 """Logistic regression of a right placement: constant, place and outline agreement, shares of other
 cloth and of cloth that is present twice, log10 of the overlap in cm2, median distance in cm.
@@ -232,7 +230,8 @@ def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2
     motion, hessian = fitted(reference.nodes, samples, initial, (_REFINE_RADIUS_M, scale), rounds)
     if hessian is None:
         return Refined(shape_from_component=motion, std=np.full(3, np.inf))
-    std = scale * np.sqrt(_CORRELATED_SAMPLES * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
+    alike = (CORRELATED_M / LEAST_INTERVAL_M) ** 2  # so many samples count as one measurement
+    std = scale * np.sqrt(alike * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
     return Refined(shape_from_component=motion, std=std)
 
 
