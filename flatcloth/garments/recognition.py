@@ -48,7 +48,7 @@ HOLE_M = 0.03
 inside its outline. Chosen; in no recording of the development is an inner border a true edge all round
 (``python -m benchmarks garments``)."""
 POINT_NEAR_M = LEAST_INTERVAL_M
-"""Cloth as near to the place of a named point as samples are to one another shows it."""
+"""A named point is seen if cloth lies this near to its place: the distance of neighbouring samples."""
 KNOWN_STD_M = 0.025
 """A named point whose place is known worse than this is predicted, whatever cloth lies there, and a loose
 piece is not placed without asking. Chosen: twice ``POINT_NEAR_M``."""

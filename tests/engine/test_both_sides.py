@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny_recordings import few_views
 
 import flatcloth
 from flatcloth.api.integrating import integrate
 from flatcloth.cli import main
+from flatcloth.core.resources import sample_recordings
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.garment.recognition import GarmentService
@@ -29,9 +29,9 @@ NAME = "trousers-waist-d435"
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Return a recording of all views: of every second one the other side depends on the processor."""
-    return str(few_views(NAME, 1, tmp_path_factory.mktemp("recording") / NAME))
+def place() -> str:
+    """Return a recording with all of its views: with every second one the result depends on the processor."""
+    return str(sample_recordings()[NAME])
 
 
 @pytest.fixture(scope="module")
