@@ -175,7 +175,7 @@ def _told(argument: Any) -> Any:
             colons[-1 if argument.layout == "C" else 0] = "::1"
         return f"{_SHORT[str(argument.dtype)]}[{','.join(colons)}]"
     if isinstance(argument, types.BaseTuple):
-        fields = [_told(one) for one in argument]
+        fields = [_told(one) for one in argument]  # type: ignore[attr-defined]
         kind = getattr(argument, "instance_class", None)
         if kind is None:
             return fields

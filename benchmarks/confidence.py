@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options
 from flatcloth.core.config import RobustConfig
-from flatcloth.core.geometry import fit_rigid2
+from flatcloth.core.geometry import fit_rigid2, project
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
 from flatcloth.engine.garment.deciding import place_sure_pieces
@@ -90,8 +90,9 @@ def placements_of(found: Watched, random: np.random.Generator) -> list[Laid]:
         node_truth = _truth_of_nodes(integration, document, truth)
         for component, hypotheses in considered.items():
             part = parts[component]
-            offset_rc = integration.views.flattening(view).surface.frame.offset_rc
-            true = _truth_at(truth, view, part.rc + np.asarray(offset_rc, dtype=np.float64))
+            held = robust.seen.associated(shape, view)[1]
+            rc = project(held.inverse().apply(part.xyz_m), integration.recording.intrinsics)
+            true = _truth_at(truth, view, rc)
             best = hypotheses[0].current_from_new
             motions = [(hypothesis.current_from_new, False) for hypothesis in hypotheses]
             motions += [(_disturbed(best, part.uv_m, random), True) for _ in range(WRONG_PER_PART)]

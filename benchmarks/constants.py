@@ -172,10 +172,10 @@ class Read:
         with tempfile.TemporaryDirectory() as folder:
             if constant is not None and (stale := stale_kernels(constant)):
                 keep_kernels(Path(folder), stale)
-                numba.config.CACHE_DIR = folder
+                numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
             child.start()
             there.close()
-            numba.config.CACHE_DIR = ""
+            numba.config.CACHE_DIR = ""  # type: ignore[attr-defined]
             found: dict[str, Any] = {"error": f"no result after {LIMIT_S} s"}
             if here.poll(LIMIT_S):
                 try:

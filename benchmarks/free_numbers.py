@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 ROOT = Path(__file__).parents[1]
 NUMERICS = ("methods", "flattening", "segmentation", "garments", "registration")
@@ -107,7 +107,7 @@ def _inline(module: ast.Module, source: str, file: str) -> Iterator[Constant]:
                 yield _constant(file, f"{function.name}()", [node], comment, is_inline=True)
 
 
-def is_number(node: ast.AST) -> bool:
+def is_number(node: ast.AST) -> TypeGuard[ast.Constant]:
     """Return whether a node is a number, and no truth value."""
     return (
         isinstance(node, ast.Constant)

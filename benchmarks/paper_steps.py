@@ -180,16 +180,17 @@ def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     first: dict[bool, Integration] = {}
     for name in variants:
-        kind = type("Variant", (Before,), {"kept": VARIANTS[name], "name": f"paper-{name}"})
-        register(kind.name, lambda kind=kind: kind)
+        method = f"paper-{name}"
+        kind = type("Variant", (Before,), {"kept": VARIANTS[name], "name": method})
+        register(method, lambda kind=kind: kind)
         try:
             cuts = "necks" in VARIANTS[name]
             whole = Config(flattening=FlatteningConfig(least_core_samples=0))
-            made = Integration(recording, Config() if cuts else whole, method=kind.name)
+            made = Integration(recording, Config() if cuts else whole, method=method)
         finally:
-            unregister(kind.name)
+            unregister(method)
         same = first.setdefault(cuts, made)
-        made._flattenings, made._areas = same._flattenings, same._areas
+        made.views._flattenings, made.views._areas = same.views._flattenings, same.views._areas
         document = Run(made, MemorySession(SessionState(len(recording)))).finish().document
         found = compare(made.canonical(document).view, truth, recording).evaluation
         rows.append(

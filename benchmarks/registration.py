@@ -168,7 +168,7 @@ def _seen(points: Float64, by: ViewFeatures, held: Rigid3) -> np.ndarray:
     shape = np.array(by.usable.shape)
     inside = np.isfinite(rc).all(axis=1) & (rc > -0.5).all(axis=1) & (rc < shape - 0.5).all(axis=1)
     pixel = np.rint(np.where(inside[:, None], rc, 0.0)).astype(int)
-    depth = by.xyz_m[pixel[:, 0], pixel[:, 1], 2]
+    depth = by.depth_m[pixel[:, 0], pixel[:, 1]]
     with np.errstate(invalid="ignore"):
         return inside & (np.abs(depth - local[:, 2]) < SAME_CLOTH_M)
 

@@ -24,8 +24,8 @@ from benchmarks.output import RESULTS, Options, kept, recordings_of, save, say
 from flatcloth.api.integrating import integrate
 from flatcloth.api.shape import Shape
 from flatcloth.checking.check import checked
-from flatcloth.core.errors import FlatclothError
-from flatcloth.engine.evaluation import EvaluationError, compare
+from flatcloth.core.errors import EvaluationError, FlatclothError
+from flatcloth.engine.evaluation import compare
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import read_truth
