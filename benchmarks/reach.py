@@ -3,16 +3,20 @@
 By the truth, with the pixels that count as surface and the neighbours that no jump divides: cells of
 cloth are joined where a view shows them side by side. Coverage counts one connected piece, so it
 cannot exceed the largest of these but where a place is known without a chain.
+
+Of a recording ``NAME-d435`` with ``NAME-clean`` beside it, also which share of all cloth of either side that
+any view shows was measured: some view's depth there is right to 10 mm. What was not has no place in space.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.inputs import sources
+from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.unattended import unattended
 from flatcloth.core.errors import FlatclothError
@@ -20,9 +24,14 @@ from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.engine.evaluation import CELL_M, Truth, compare, of_interest, reachable_cells
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.results.sides_truth import OtherTruth
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT
 from flatcloth.flattening.surface import Surface
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.base import Recording
 
+RIGHT_M = 0.010
+"""A depth as near to that without noise is right. Chosen: half of what makes a pixel wrong."""
 _LAYER_M = 0.02
 """Neighbours whose true places are farther apart lie on two layers."""
 
@@ -44,6 +53,9 @@ def row_of(source: str) -> dict[str, Any]:
     compared = compare(integration.canonical(document).view, truth, integration.recording)
     chosen = largest_chain(integration, truth, document.used_views, reachable, origin)
     every = largest_chain(integration, truth, range(len(integration.recording)), reachable, origin)
+    exact = Path(integration.recording.location).with_name(
+        f"{integration.recording.name.removesuffix('-d435')}-clean"
+    )
     return {
         "recording": integration.recording.name,
         "coverage": round(compared.evaluation.coverage, 3),
@@ -51,7 +63,29 @@ def row_of(source: str) -> dict[str, Any]:
         "chains_chosen_views": round(float(chosen.sum() / reachable.sum()), 3),
         "chains_all_views": round(float(every.sum() / reachable.sum()), 3),
         "coverage_of_chains": round(float((compared.placed_cells & every).sum() / every.sum()), 3),
+        **(
+            measured_shares(integration.recording, truth, Remembered(open_recording(str(exact))))
+            if integration.recording.name.endswith("-d435") and exact.is_dir()
+            else {}
+        ),
     }
+
+
+def measured_shares(recording: Recording, truth: Truth, exact: Recording) -> dict[str, float]:
+    """Return of all cells of this side and of the other that any view shows the share that was measured."""
+    shares = {}
+    for key, its in (("measured", truth), ("other_measured", OtherTruth(truth, len(recording)))):
+        cells, is_right = [], []
+        for n in range(len(recording)):
+            true, depth_m = its[n], recording[n].depth_m
+            shown = of_interest(true, its.panel_of_interest)
+            cells.append(np.floor(true.flat_uv_m[shown] / CELL_M).astype(np.int64))
+            off_m = np.abs(depth_m[shown] - exact[n].depth_m[shown])
+            is_right.append((depth_m[shown] > 0) & (off_m < RIGHT_M))
+        _, cell = np.unique(np.concatenate(cells), axis=0, return_inverse=True)
+        found = np.bincount(cell.ravel(), np.concatenate(is_right)) > 0
+        shares[key] = round(float(found.mean()), 3)
+    return shares
 
 
 def largest_chain(

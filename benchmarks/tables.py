@@ -107,6 +107,19 @@ def accuracy() -> str:
     )
 
 
+def seen_and_measured() -> str:
+    """Return which shares of either side were measured, and are in the shape, the least measured first."""
+    shown = {row["recording"]: row for row in result("sides")}
+    rows = [row for row in result("reach") if "measured" in row]
+    head = ("recording", "this side: measured", "in the shape", "other side: measured", "in the shape")
+    cells = []
+    for row in sorted(rows, key=lambda row: row["other_measured"]):
+        both = shown[row["recording"]]
+        shares = (row["measured"], both["this_seen"], row["other_measured"], both["other_seen"])
+        cells.append((row["recording"], *(f"{share:.2f}" for share in shares)))
+    return table(head, cells)
+
+
 def summary() -> str:
     """Return medians and worst figures of all recordings, and where they come from."""
     rows = result("accuracy")
@@ -402,6 +415,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "mended_results": mended_results,
     "bundled": accuracy_of_bundled,
     "accuracy": accuracy,
+    "seen-and-measured": seen_and_measured,
     "summary": summary,
     "speed": speed,
     "garments": lambda: garments_page("Garments"),

@@ -17,13 +17,14 @@ from benchmarks import output
 from benchmarks.__main__ import ON_ALL_CORES, ON_ONE_CORE
 from benchmarks.developable import AXIS, NOISE_M, SheetView, depth_noise_m, sheets, view_of
 from benchmarks.problems import problem_of, signed_areas
-from benchmarks.reach import neighbouring_cells
+from benchmarks.reach import measured_shares, neighbouring_cells
 from benchmarks.report import exponent
 from benchmarks.single_views import errors_mm, whole_frame
 from benchmarks.speed import Stopwatch
 from flatcloth.core.geometry import back_project
 from flatcloth.core.types import Float64, Intrinsics
 from flatcloth.flattening.patches import STEP_RIGHT, STEPS_BOTH
+from flatcloth.recordings.truth import TrueView
 from flatcloth.session.machine import NothingMore, Propose, Start
 
 # The benchmark's camera, cropped to the sheets.
@@ -122,6 +123,28 @@ def test_reach_follows_neighbours_that_no_jump_divides_and_stops_at_layers() -> 
     pairs = neighbouring_cells(cast(Any, surface), flat, (1, 16), np.zeros(2))
     joined = {tuple(p) for p in pairs.tolist() if p[0] != p[1]}
     assert joined == {(0, 1), (1, 2), (3, 4)}
+
+
+def test_cloth_is_measured_where_the_depth_of_some_view_is_right() -> None:
+    flat = np.zeros((2, 4, 2), dtype=np.float32)
+    flat[..., 0] = 0.005 * (np.arange(4) + 0.5)
+    panel = np.repeat(np.uint8([[1], [2]]), 4, axis=1)
+    true = TrueView(panel=panel, outer_face=np.ones((2, 4), dtype=bool), flat_uv_m=flat)
+    exact = np.full((2, 4), 0.9, dtype=np.float32)
+    first, second = exact.copy(), exact.copy()
+    first[:, 1:] = 0.0  # not measured
+    second[0, :3], second[1] = 1.2, 1.2  # the depth of the background
+
+    class Views(list[Any]):
+        panel_of_interest = 1
+
+    recording, without_noise = (
+        Views(SimpleNamespace(depth_m=depth_m) for depth_m in depths)
+        for depths in ((first, second), (exact, exact))
+    )
+    truth = Views([true, true])
+    shares = measured_shares(cast(Any, recording), cast(Any, truth), cast(Any, without_noise))
+    assert shares == {"measured": 0.5, "other_measured": 0.25}
 
 
 def test_the_stopwatch_times_proposals_only() -> None:
