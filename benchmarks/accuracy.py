@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks.output import Options
 from benchmarks.unattended import measure_each, unattended
+from flatcloth.core.types import finite
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.integration import Integration
 from flatcloth.session.machine import Document
@@ -60,7 +61,11 @@ def figures_of(integration: Integration, document: Document, truth: Any) -> dict
     return {
         "recording": integration.recording.name,
         "views": len(document.used_views),
-        **{key: round(figures[key], 2 if key.endswith("_mm") else 4) for key in _COLUMNS if key != "views"},
+        **{
+            key: finite(round(figures[key], 2 if key.endswith("_mm") else 4))
+            for key in _COLUMNS
+            if key != "views"
+        },
     }
 
 
@@ -72,7 +77,11 @@ def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 def page(rows: Sequence[dict[str, Any]]) -> str:
     """Return the Markdown page."""
     lines = "\n".join(
-        "| " + " | ".join([str(row["recording"]), *(str(row[key]) for key in _COLUMNS)]) + " |"
+        "| "
+        + " | ".join(
+            [str(row["recording"]), *("" if row[key] is None else str(row[key]) for key in _COLUMNS)]
+        )
+        + " |"
         for row in rows
     )
     return f"""# Unattended results against the truth

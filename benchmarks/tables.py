@@ -98,8 +98,14 @@ def accuracy() -> str:
                 f"{row['coverage']:.2f}",
                 f"{chains[row['recording']]:.2f}" if row["recording"] in chains else "",
                 percent(row["firm_share"]),
-                f"{row['firm_median_mm']:.1f} / {row['firm_p95_mm']:.1f}",
-                percent(row["firm_far_share"], 1),
+                *(
+                    ("-", "-")
+                    if row["firm_median_mm"] is None
+                    else (
+                        f"{row['firm_median_mm']:.1f} / {row['firm_p95_mm']:.1f}",
+                        percent(row["firm_far_share"], 1),
+                    )
+                ),
                 percent(row["within_3_std_share"], 1),
             )
             for row in rows
