@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from flatcloth.core.errors import JournalError
+from flatcloth.core.geometry import widest_gap_deg
 from flatcloth.core.plain_files import MOST_JOURNAL_BYTES, open_own, read_plain
 
 LOG = "active.jsonl"
@@ -24,8 +23,7 @@ on a few loops of ``benchmarks active``."""
 
 def stand_all_round(angles_deg: Sequence[float]) -> bool:
     """Return whether no gap between views is wider than ``ALL_ROUND_DEG``."""
-    angles = np.sort(np.asarray(angles_deg) % 360.0)
-    return len(angles) > 0 and bool(np.diff([*angles, angles[0] + 360.0]).max() <= ALL_ROUND_DEG)
+    return widest_gap_deg(angles_deg) <= ALL_ROUND_DEG
 
 
 class ActiveLog:

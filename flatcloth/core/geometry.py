@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -130,6 +131,12 @@ def wrapped_deg(angles_deg: _Angles) -> _Angles:
     wrapped: Any = angles_deg - 360.0 * np.ceil((angles_deg - 180.0) / 360.0)
     result: _Angles = wrapped if np.ndim(wrapped) else wrapped.item()
     return result
+
+
+def widest_gap_deg(angles_deg: Sequence[float]) -> float:
+    """Return the widest turn between neighbouring angles (N,); a full turn for one, or none."""
+    angles = np.sort(np.asarray(angles_deg, dtype=np.float64) % 360.0)
+    return float(np.diff(angles, append=angles[:1] + 360.0).max(initial=0.0)) if angles.size else 360.0
 
 
 def tangent_basis(normal: Float64) -> tuple[Float64, Float64]:

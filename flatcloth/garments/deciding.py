@@ -18,17 +18,9 @@ from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import APART_M, HELD_STD_M, Pull, thinned
 from flatcloth.garments.links import DoubtedLink, side_of
+from flatcloth.garments.named_points import KNOWN_STD_M, POINT_NEAR_M, dimensions_of, pixel_near, points_of
 from flatcloth.garments.placing import place_pieces
-from flatcloth.garments.recognition import (
-    KNOWN_STD_M,
-    NONE,
-    POINT_NEAR_M,
-    Recognition,
-    dimensions_of,
-    held_fit,
-    pixel_near,
-    points_of,
-)
+from flatcloth.garments.recognition import NONE, Recognition, held_fit
 from flatcloth.session.garment import ClothPlaces, DoubtedPart, GarmentDecisions, HeldPoint, PlacedPiece
 
 _LEAST_FOUND = 0.5  # by definition: most of the points of a decision, or its cloth is gone

@@ -39,7 +39,8 @@ from flatcloth.garments.deciding import DecidedPieces
 from flatcloth.garments.fit import OUTLINE_STD_M, Fit
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.model import Kind
-from flatcloth.garments.recognition import Point, Recognition
+from flatcloth.garments.named_points import Point
+from flatcloth.garments.recognition import Recognition
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.growing import GrowingRecording

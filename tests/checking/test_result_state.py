@@ -20,7 +20,8 @@ from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.trust import Trust
 from flatcloth.export.garment import lines_of
 from flatcloth.garments.deciding import DecidedPieces
-from flatcloth.garments.recognition import NONE, Measure, Point, Recognition
+from flatcloth.garments.named_points import Measure, Point
+from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.mending import Mends, mended
 from flatcloth.registration.cameras import begin_registration

@@ -9,7 +9,8 @@ from garment_evidence import at_mean, blank_view, evidence_from
 
 from flatcloth.core.types import Rigid2
 from flatcloth.garments.kinds import kind_named
-from flatcloth.garments.recognition import POINT_NEAR_M, best_fits, points_of
+from flatcloth.garments.named_points import POINT_NEAR_M, points_of
+from flatcloth.garments.recognition import best_fits
 
 VIEW = blank_view(np.ones((10, 10), dtype=bool))
 

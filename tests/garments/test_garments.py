@@ -15,17 +15,17 @@ from flatcloth.core.types import FlattenedView, Intrinsics, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M
 from flatcloth.garments.distance import inside_outline, outside, poses_within, straight_inside, to_edges
 from flatcloth.garments.evidence import PieceEvidence, evidence_of
-from flatcloth.garments.fit import Pull, crossing_energy, refine, starts
+from flatcloth.garments.fit import TEMPERATURE, Pull, crossing_energy, refine, starts
 from flatcloth.garments.kinds import kind_named, known_kinds
 from flatcloth.garments.model import with_slope
+from flatcloth.garments.named_points import Point, dimensions_of
 from flatcloth.garments.recognition import (
     NONE,
-    Point,
-    dimensions_of,
     fits_of,
     held_fit,
     probabilities_by,
     recognise,
+    temperature_of,
 )
 from flatcloth.garments.true_edges import SeenFrom
 
@@ -300,6 +300,17 @@ def test_a_whole_outline_gives_its_own_parameters_and_pose() -> None:
 
 def chances_of(main: PieceEvidence) -> dict[str, float]:
     return probabilities_by(fits_of(main), main)
+
+
+def test_the_evidence_of_kinds_counts_by_the_part_of_the_turn_that_views_surround() -> None:
+    assert temperature_of([350.0, 0.0, 170.0]) == pytest.approx(TEMPERATURE)  # half a turn
+    assert temperature_of(np.arange(0.0, 360.0, 10.0).tolist()) == pytest.approx(TEMPERATURE * 180.0 / 350.0)
+    main = evidence_from(at_mean("shorts"), Rigid2(0.8, 0.1, 0.2), noise_m=0.003)
+    fits = fits_of(main)
+    shares = [probabilities_by(fits, main, temperature_of(angles)) for angles in ([0.0, 180.0], [0.0, 20.0])]
+    assert shares[0]["shorts"] > shares[1]["shorts"] > 1.0 / len(KINDS)
+    alike = probabilities_by(fits, main, temperature_of([30.0, 390.0]))  # one direction tells nothing
+    assert [alike[kind] for kind in KINDS] == pytest.approx([(1.0 - alike[NONE]) / len(KINDS)] * len(KINDS))
 
 
 @pytest.mark.parametrize("name", ["shorts", "skirt", "towel", "sleeveless_dress"])

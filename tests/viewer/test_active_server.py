@@ -33,7 +33,8 @@ from flatcloth.active.service import ActiveService
 from flatcloth.core.geometry import camera_from_object
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.garments.deciding import DecidedPieces
-from flatcloth.garments.recognition import Point, Recognition
+from flatcloth.garments.named_points import Point
+from flatcloth.garments.recognition import Recognition
 from flatcloth.recordings import open_recording
 from flatcloth.viewer.protocol.posted import Image, PostedView
 from flatcloth.viewer.protocol.robot import Hello, PointsChanged, ShapeChanged

@@ -10,7 +10,7 @@ from flatcloth.core.types import FlattenedView, Float64, Progress, no_progress
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.example import half_seen_tshirt
-from flatcloth.garments.fit import STARTS, Fit, refine, starts
+from flatcloth.garments.fit import STARTS, TEMPERATURE, Fit, refine, starts
 from flatcloth.garments.recognition import NONE, THINNED, fits_of, probabilities_by
 
 _STEPS = ((4.0, 6), (2.0, 6), (1.0, 8))
@@ -23,13 +23,14 @@ class GarmentLesson:
 
     ``view`` is the shape, or None for an example, if the session has no shape of two views yet. ``evidence``
     is that of the shape; ``fits`` are the best of each kind, the most probable first, ``probabilities`` are
-    those by this shape alone. ``states`` (S, K, V, 2) are the outlines on the shape's plane from each of K
-    starts with the best kind, step by step, and ``energy`` (S, K) their costs; ``widened`` (S,) is the factor
-    on the standard deviations in each step.
+    those by this shape alone, at a ``temperature``. ``states`` (S, K, V, 2) are the outlines on the shape's
+    plane from each of K starts with the best kind, step by step, and ``energy`` (S, K) their costs;
+    ``widened`` (S,) is the factor on the standard deviations in each step.
     """
 
     view: FlattenedView | None
     evidence: PieceEvidence
+    temperature: float
     fits: tuple[Fit, ...]
     probabilities: dict[str, float]
     states: Float64
@@ -42,12 +43,14 @@ def garment_lesson(known: KnownGarment | None, progress: Progress = no_progress)
     evidence = half_seen_tshirt() if known is None else known.evidence[0]
     progress(0.1, "fitting every kind")
     fits = fits_of(evidence)
-    probabilities = probabilities_by(fits, evidence)
+    temperature = TEMPERATURE if known is None else known.by_evidence.temperature
+    probabilities = probabilities_by(fits, evidence, temperature)
     progress(0.7, "following the fits")
     states, energy, widened = _followed(fits[0], evidence)
     return GarmentLesson(
         view=None if known is None else known.canonical.view,
         evidence=evidence,
+        temperature=temperature,
         fits=tuple(fits),
         probabilities={
             **{fit.kind.name: probabilities[fit.kind.name] for fit in fits},

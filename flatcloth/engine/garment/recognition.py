@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
@@ -31,16 +32,8 @@ from flatcloth.garments.deciding import (
 from flatcloth.garments.evidence import PieceEvidence, evidence_of
 from flatcloth.garments.kinds import known_kinds
 from flatcloth.garments.links import DoubtedLink, doubted_links, is_offered
-from flatcloth.garments.recognition import (
-    KNOWN_STD_M,
-    NONE,
-    Point,
-    Recognition,
-    best_fits,
-    is_suspect,
-    pixel_near,
-    recognise,
-)
+from flatcloth.garments.named_points import KNOWN_STD_M, Point, pixel_near
+from flatcloth.garments.recognition import NONE, Recognition, best_fits, is_suspect, recognise, temperature_of
 from flatcloth.garments.true_edges import FARTHEST_M, SeenFrom
 from flatcloth.methods.answers import Canonical, JoinedSides
 from flatcloth.session.document import Document
@@ -239,7 +232,7 @@ class GarmentService:
             if self._both is not None:
                 self._both.of(document)
             canonical = self.integration.laid_out(document)
-            return dict(recognise(canonical.view, self.evidence(document)).probabilities)
+            return dict(self._compared(canonical, self.evidence(document), document).probabilities)
         except GarmentError:
             return {}
 
@@ -252,10 +245,20 @@ class GarmentService:
         known = None if self._both is None else self._both.known(document)
         return known if known is not None and known[0].is_related else None
 
+    def _compared(
+        self, canonical: Canonical, evidence: Sequence[PieceEvidence], document: Document
+    ) -> Recognition:
+        """Compare the kinds by all views of the shape, and of the other side."""
+        other, used = self._other(document), set(document.used_views)
+        if other is not None:
+            used.update(other[2].used_views)
+        angles_deg = [self.integration.views.angles_deg[n] for n in used]
+        return recognise(canonical.view, evidence, temperature_of(angles_deg))
+
     def _recognised(self, canonical: Canonical, document: Document) -> KnownGarment:
         """Return the garment recognised without any decision."""
         evidence, other = self.evidence(document), self._other(document)
-        found = recognise(canonical.view, evidence)
+        found = self._compared(canonical, evidence, document)
         cloth, links = None, []
         if self._doubts_links and is_suspect(found.fit, evidence[0]) and not self.integration.wrong(document):
             cloth = self.integration.cloth(document)

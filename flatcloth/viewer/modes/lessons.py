@@ -18,7 +18,6 @@ from flatcloth.engine.teaching import AlignmentLesson, FlatteningLesson, Plannin
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Level
 from flatcloth.flattening.surface import Surface
-from flatcloth.garments.fit import TEMPERATURE
 from flatcloth.garments.recognition import MISFIT, NONE, misfit_of
 from flatcloth.methods.answers import Alignment, ColumnCurves, SidePlan, ZAngleLine
 from flatcloth.rendering import layers
@@ -347,7 +346,7 @@ def garment_parcel(lesson: GarmentLesson, axis: RotationAxis) -> Parcel:
         "state_shape": list(lesson.states.shape),
         "energy": lesson.energy.tolist(),
         "widened": lesson.widened.tolist(),
-        "temperature": TEMPERATURE,
+        "temperature": lesson.temperature,
         "kinds": [
             {
                 "name": fit.kind.name,
