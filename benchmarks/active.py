@@ -4,9 +4,9 @@
 their beginning. Each panel is looked at from ``--starts`` start angles, by ``--sensor`` with 2 mm of sway:
 for two named points that are visible by truth, for two that are not, for its kind, and for its shape.
 From the first start, ``fixed`` turns by 10 degrees, and ``present`` chooses among views every 10 degrees
-by new area alone. ``all`` is what 36 views give, integrated as a recording: what they do not know cannot be
-known. A view at an angle is the same in all loops of a mesh. ``--keep`` keeps views and loops, so that
-many can be measured in pieces; with ``--starts 0`` nothing more is measured.
+by new area alone. ``all`` is what both sides of 36 views give, integrated as a recording: what they do not
+know cannot be known. A view at an angle is the same in all loops of a mesh. ``--keep`` keeps views and
+loops, so that many can be measured in pieces; with ``--starts 0`` nothing more is measured.
 
 The time of a view is that from the frame to the next angle: what is learnt of the view before takes the time
 of the turn, and counts as far as it takes longer.
@@ -29,7 +29,7 @@ from benchmarks.cells import Views, true_points
 from benchmarks.inputs import Remembered
 from benchmarks.output import Options, kept, save, say
 from benchmarks.speed import unit_s
-from benchmarks.unattended import integrated
+from benchmarks.unattended import integrated_sides
 from flatcloth.active.choosing import Next
 from flatcloth.active.ending import End
 from flatcloth.active.goal import Budget, Goal, knowledge_of
@@ -37,7 +37,7 @@ from flatcloth.active.loop import ActiveLoop
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import object_from_camera, wrapped_deg
 from flatcloth.core.types import finite
-from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
+from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.garment import garment_points, other_points
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
@@ -133,9 +133,9 @@ def _all_views(views: Views, panel: int, truth: dict[str, Any]) -> list[dict[str
                 view = views.at(panel, 0.0, angle)
                 writer.add(angle, view.color, depth_units(view.depth_m), view.mask)
         try:
-            integration, document = integrated(Remembered(open_recording(folder)))
-            known = GarmentService(integration).known(document)
-            area_m2 = integration.canonical(document).view.area_m2
+            service, _, document = integrated_sides(Remembered(open_recording(folder)))
+            known = service.known(document)
+            area_m2 = service.integration.canonical(document).view.area_m2
         except FlatclothError as error:
             known, area_m2 = str(error), 0.0
     knowledge = knowledge_of(36, area_m2, known)
