@@ -68,7 +68,8 @@ class Trust:
         if _is_none(found):
             return found.probability
         is_all = document.finished is not None and not isinstance(self._recording, GrowingRecording)
-        return 1.0 - found.probability if is_all and found.probability < _KNOWN else 0.0
+        of_kind = found.of_shape[found.kind]
+        return 1.0 - of_kind if is_all and of_kind < _KNOWN else 0.0
 
     def kind_std_m(self, document: Document) -> float:
         """Return the deviation of each place of a shape that its doubted kind adds; 0 without doubt.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -54,7 +54,8 @@ class Recognition:
     ``probabilities`` of every known kind and of :data:`NONE`; ``fits`` the best fit of each kind, the
     most probable first; ``pieces`` the floating pieces that the most probable kind has a place for.
     ``by_hand`` is the kind that an operator set, ``held`` the named points that one holds in their places;
-    ``temperature`` is that of the probabilities.
+    ``temperature`` is that of the probabilities. ``cautious`` are those at ``TEMPERATURE``, if they are
+    others: the shape itself is trusted by them, for with false joints a garment still fits, but less well.
     """
 
     probabilities: dict[str, float]
@@ -65,6 +66,7 @@ class Recognition:
     by_hand: str | None = None
     held: frozenset[str] = frozenset()
     temperature: float = TEMPERATURE
+    cautious: dict[str, float] = field(default_factory=dict)
 
     @property
     def fit(self) -> Fit:
@@ -87,6 +89,11 @@ class Recognition:
         return self.probabilities[self.kind]
 
     @property
+    def of_shape(self) -> dict[str, float]:
+        """The probabilities by which the shape is trusted."""
+        return self.cautious or self.probabilities
+
+    @property
     def outline_uv_m(self) -> Float64:
         """(V, 2) the fitted outline on the plane of the shape."""
         return self.fit.garment_from_piece[0].inverse().apply(self.fit.outline)
@@ -97,7 +104,7 @@ class Recognition:
         # Central moments of the area of each outline; all kinds count alike if it is surely none of them.
         areas = [cv2.moments(fit.outline[:, None].astype(np.float32)) for fit in self.fits]
         squared_m2 = [2.0 * (area["mu20"] + area["mu02"]) / area["m00"] for area in areas]
-        shares = [self.probabilities[fit.kind.name] + 1e-9 for fit in self.fits]
+        shares = [self.of_shape[fit.kind.name] + 1e-9 for fit in self.fits]
         return math.sqrt(float(np.average(squared_m2, weights=shares)))
 
     @property
@@ -178,6 +185,7 @@ def recognise(
         points=points,
         pieces=tuple(placed[best.kind.name]),
         temperature=temperature,
+        cautious=_probabilities(fits, gains, least, main, TEMPERATURE),
     )
 
 
