@@ -94,6 +94,9 @@ def test_a_shape_whose_kind_is_not_known_is_doubted_once_all_views_were_looked_a
     mean = math.sqrt((0.7 * 1.0 + 0.2 * 4.0) / 0.9)
     far = math.hypot(STD_M, math.sqrt(0.3) * mean * APART_M)
     assert _std_m(trust.of(all_seen, shape, None)) == pytest.approx(3 * [far])
+    cautious = {"towel": 0.7, "skirt": 0.2, NONE: 0.1}
+    trust.recognised(TWO, replace(_of({"towel": 0.95, "skirt": 0.05, NONE: 0.0}), cautious=cautious))
+    assert _std_m(trust.of(all_seen, shape, None)) == pytest.approx(3 * [far])
     trust.recognised(TWO, _of({"towel": 0.8, "skirt": 0.2, NONE: 0.0}))
     assert trust.of(all_seen, shape, None) is shape
 

@@ -310,6 +310,12 @@ def test_the_evidence_of_kinds_counts_by_the_part_of_the_turn_that_views_surroun
     shares = [probabilities_by(fits, main, temperature_of(angles)) for angles in ([0.0, 180.0], [0.0, 20.0])]
     assert shares[0]["shorts"] > shares[1]["shorts"] > 1.0 / len(KINDS)
     alike = probabilities_by(fits, main, temperature_of([30.0, 390.0]))  # one direction tells nothing
+    found, cautious = (
+        recognise(towel_shape(Rigid2())[0], [main], temperature_of([0.0, 120.0, 240.0])),
+        shares[0],
+    )
+    assert found.cautious == pytest.approx(cautious)
+    assert found.probability > found.of_shape["shorts"]
     assert [alike[kind] for kind in KINDS] == pytest.approx([(1.0 - alike[NONE]) / len(KINDS)] * len(KINDS))
 
 
