@@ -220,7 +220,7 @@ def lines_of(known: KnownGarment | str) -> list[str]:
         f"{key.replace('_', ' ')} {1e3 * d.value_m:.0f} +- {1e3 * d.std_m:.0f}"
         for key, d in found.dimensions.items()
     )
-    doubt = "That is not sure, so nothing is called reliable; set the kind on the page if it is right."
+    doubt = "The shape may have a false joint, so nothing is called reliable; if it is right, set its kind."
     lines = [
         f"Garment: {name} ({found.probabilities[name]:.0%}); "
         f"{seen} of {len(found.points)} named points seen.",

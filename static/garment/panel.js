@@ -264,6 +264,6 @@ function summary(/** @type {NonNullable<State["garment"]>} */ known) {
   const kind = found.kind
     ? `${words(found.kind)}, ${share(found.kind)}.`
     : `None of the known kinds, ${share(NONE)}; the likeliest is ${words(found.likeliest)}.`;
-  const doubt = " So nothing of the shape is called reliable; if it is right, set the kind.";
+  const doubt = " The shape may have a false joint, so nothing is called reliable; if it is right, set its kind.";
   return `${kind}${found.doubted ? doubt : ""}${again}`;
 }
