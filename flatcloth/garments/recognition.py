@@ -302,4 +302,4 @@ def misfit_of(fit: Fit, main: PieceEvidence) -> float:
 
 def is_suspect(fit: Fit, main: PieceEvidence) -> bool:
     """Return whether a shape may be no garment as it is, so that its links are looked into."""
-    return misfit_of(fit, main) > MISFIT - 5.0 * MISFIT_STD
+    return misfit_of(fit, main) > MISFIT / 3.0
