@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64, Intrinsics, Progress, no_progress
 from flatcloth.recordings.writer import RecordingWriter
+from flatcloth.registration.axis import THREADS
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel, pattern_panel
 from flatcloth.synthesis.hanging import Hung, PoseErrors, hang, share_in_image, turn, twisted
 from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh
@@ -21,6 +24,7 @@ from flatcloth.synthesis.sensor import DepthSensor, measure_color, measure_depth
 from flatcloth.synthesis.stereo import Exposure, aligned_color, color_camera, measure_stereo, projector
 from flatcloth.synthesis.textures import PATTERNS
 
+_T = TypeVar("_T")
 CAMERA = Intrinsics(width=480, height=848, fx=425.0, fy=425.0, cx=239.5, cy=423.5)
 """The depth camera of a D435 at 848 x 480 px, upright, 59 by 90 degrees (datasheet: 58 by 87)."""
 NOISES = {
@@ -121,6 +125,12 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
     turning = turn(item.hung, angles, request.loose, random)
     hung, panels, of_interest = item.hung, item.panels, item.panel_of_interest
     look = sensor_of(request, item)
+
+    def seen(n: int) -> tuple[Rendered, np.ndarray, np.ndarray]:
+        twist_deg = turning.twist_deg[n]
+        points = twisted(hung, twist_deg) if twist_deg else None
+        return look(turning.camera_from_view0[n], points, np.random.default_rng([request.seed, 2, n]))
+
     name = request.name or request.out.resolve().name
     with RecordingWriter(
         request.out,
@@ -136,12 +146,10 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
             "panel_of_interest": of_interest,
         },
     ) as writer:
-        for n, (pose, twist_deg, angle) in enumerate(
-            zip(turning.camera_from_view0, turning.twist_deg, turning.recorded_angles_deg, strict=True)
+        for n, ((view, depth, rgb), angle) in enumerate(
+            zip(_ahead(seen, len(angles)), turning.recorded_angles_deg, strict=True)
         ):
             progress(n / len(angles), f"view {n + 1} of {len(angles)}")
-            points = twisted(hung, twist_deg) if twist_deg else None
-            view, depth, rgb = look(pose, points, np.random.default_rng([request.seed, 2, n]))
             if not view.depth_m.any():
                 raise SynthesisError(
                     f"{request.mesh}: the item is not in view {n}. Choose another --distance or --scale."
@@ -155,6 +163,16 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
         panel_of_interest=of_interest,
         warnings=tuple(_warnings(hung, panels, request.camera)),
     )
+
+
+def _ahead(make: Callable[[int], _T], count: int) -> Iterator[_T]:
+    """Yield what is made of each number; so many are made at the same time as views are read."""
+    with ThreadPoolExecutor(THREADS) as pool:
+        waiting = [pool.submit(make, n) for n in range(min(THREADS, count))]
+        for n in range(count):
+            yield waiting.pop(0).result()
+            if n + THREADS < count:
+                waiting.append(pool.submit(make, n + THREADS))
 
 
 @dataclass(frozen=True, kw_only=True)
