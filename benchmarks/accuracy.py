@@ -76,14 +76,10 @@ def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def page(rows: Sequence[dict[str, Any]]) -> str:
     """Return the Markdown page."""
-    lines = "\n".join(
-        "| "
-        + " | ".join(
-            [str(row["recording"]), *("" if row[key] is None else str(row[key]) for key in _COLUMNS)]
-        )
-        + " |"
-        for row in rows
+    cells = (
+        [row["recording"], *("" if row[key] is None else str(row[key]) for key in _COLUMNS)] for row in rows
     )
+    lines = "\n".join(f"| {' | '.join(row)} |" for row in cells)
     return f"""# Unattended results against the truth
 
 Method `robust`, the worst recording first. Coverage is the shape's alone, of all cloth that any view shows;

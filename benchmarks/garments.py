@@ -68,9 +68,8 @@ def row_of(source: str) -> tuple[str, GarmentEvaluation, dict[str, float], dict[
     assert points is not None, f"{source}: no truth/points.json"
     times = [time.perf_counter()]
     evidence = service.evidence(document)
-    angles_deg = [integration.views.angles_deg[n] for n in document.used_views]
     times.append(time.perf_counter())
-    found = recognition.recognise(canonical.view, evidence, recognition.temperature_of(angles_deg))
+    found = service.compared(canonical, evidence, document)
     times.append(time.perf_counter())
     name, point = next(iter(found.points.items()))
     recognition.held_fit(found.fit, evidence[0], (Pull(name=name, uv_m=point.uv_m + 0.02),))

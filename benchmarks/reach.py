@@ -31,7 +31,7 @@ from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
 
 RIGHT_M = 0.010
-"""A depth as near to that without noise is right. Chosen: half of what makes a pixel wrong."""
+"""A depth is right if it is as near to that without noise. Chosen: half of what makes a pixel wrong."""
 _LAYER_M = 0.02
 """Neighbours whose true places are farther apart lie on two layers."""
 

@@ -136,7 +136,7 @@ def wrapped_deg(angles_deg: _Angles) -> _Angles:
 def widest_gap_deg(angles_deg: Sequence[float]) -> float:
     """Return the widest turn between neighbouring angles (N,); a full turn for one, or none."""
     angles = np.sort(np.asarray(angles_deg, dtype=np.float64) % 360.0)
-    return float(np.diff(angles, append=angles[:1] + 360.0).max(initial=0.0)) if angles.size else 360.0
+    return float(np.diff(angles, append=angles[:1] + 360.0).max()) if angles.size else 360.0
 
 
 def tangent_basis(normal: Float64) -> tuple[Float64, Float64]:

@@ -166,7 +166,7 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
 
 
 def _ahead(make: Callable[[int], _T], count: int) -> Iterator[_T]:
-    """Yield what is made of each number; so many are made at the same time as views are read."""
+    """Yield what is made of each number below ``count``, in order; ``THREADS`` are made at the same time."""
     with ThreadPoolExecutor(THREADS) as pool:
         waiting = [pool.submit(make, n) for n in range(min(THREADS, count))]
         for n in range(count):

@@ -232,7 +232,7 @@ class GarmentService:
             if self._both is not None:
                 self._both.of(document)
             canonical = self.integration.laid_out(document)
-            return dict(self._compared(canonical, self.evidence(document), document).probabilities)
+            return dict(self.compared(canonical, self.evidence(document), document).probabilities)
         except GarmentError:
             return {}
 
@@ -245,10 +245,10 @@ class GarmentService:
         known = None if self._both is None else self._both.known(document)
         return known if known is not None and known[0].is_related else None
 
-    def _compared(
+    def compared(
         self, canonical: Canonical, evidence: Sequence[PieceEvidence], document: Document
     ) -> Recognition:
-        """Compare the kinds by all views of the shape, and of the other side."""
+        """Return the kinds, compared by all views of the shape and of the other side; errors as :meth:`of`."""
         other, used = self._other(document), set(document.used_views)
         if other is not None:
             used.update(other[2].used_views)
@@ -258,7 +258,7 @@ class GarmentService:
     def _recognised(self, canonical: Canonical, document: Document) -> KnownGarment:
         """Return the garment recognised without any decision."""
         evidence, other = self.evidence(document), self._other(document)
-        found = self._compared(canonical, evidence, document)
+        found = self.compared(canonical, evidence, document)
         cloth, links = None, []
         if self._doubts_links and is_suspect(found.fit, evidence[0]) and not self.integration.wrong(document):
             cloth = self.integration.cloth(document)
