@@ -248,7 +248,7 @@ class GarmentService:
     def compared(
         self, canonical: Canonical, evidence: Sequence[PieceEvidence], document: Document
     ) -> Recognition:
-        """Return the kinds, compared by all views of the shape and of the other side; errors as :meth:`of`."""
+        """Return the kinds, compared by all views of the shape and the other side; errors as :meth:`of`."""
         other, used = self._other(document), set(document.used_views)
         if other is not None:
             used.update(other[2].used_views)
