@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -124,11 +124,27 @@ class Knowledge:
         """Return the wanted points that are not known well enough."""
         return tuple(name for name in goal.points if not self.point(name).is_within(goal.within_m))
 
-    def is_surer(self, before: Knowledge, goal: Goal) -> bool:
-        """Return whether a wanted point is known for the first time, or by a tenth better than before."""
+    def is_news(self, before: Knowledge, goal: Goal) -> bool:
+        """Return whether the last view told something about a goal besides cloth.
+
+        A wanted point is known for the first time, or by a tenth better than before; or it is another kind.
+        """
+        if goal.about == "kind":
+            return self.kind != before.kind
         return any(
             math.isfinite(self.point(name).std_m) and self.point(name).std_m < 0.9 * before.point(name).std_m
             for name in goal.points
+        )
+
+    def sobered(self, before: Knowledge) -> Knowledge:
+        """Return it with the mean of both probabilities if a view less told another kind.
+
+        Two shapes of nearly the same views contradict each other then: one may have a false joint.
+        """
+        if not self.kind or not before.kind or self.kind == before.kind:
+            return self
+        return replace(
+            self, probability=min(self.probability, (self.probability + 1.0 - before.probability) / 2)
         )
 
     def point(self, name: str) -> PointKnown:

@@ -22,7 +22,7 @@ class Learnt:
     """What a loop has learnt: the garment, or why there is none, what follows from it, and the other side.
 
     ``other`` is what further views are expected to show of the other side. The garment is known by the first
-    so many ``views``; the area may be of later ones, too.
+    so many ``views``; the area may be of later ones, too. ``before`` is what fewer views told.
     """
 
     known: KnownGarment | str = "No view was taken yet."
@@ -30,22 +30,32 @@ class Learnt:
     both: BothSides | None = None
     other: OtherSide | None = None
     views: int = 0
+    before: Knowledge = field(default_factory=Knowledge)
 
 
 def learn(
-    garments: GarmentService, document: Document, views: int, goal: Goal, *, doubts_links: bool
+    garments: GarmentService,
+    document: Document,
+    views: int,
+    goal: Goal,
+    *,
+    doubts_links: bool,
+    before: Knowledge,
 ) -> Learnt:
-    """Recognise the garment of a shape by the first ``views``; ``doubts_links`` of the other side."""
+    """Recognise the garment of a shape by the first ``views``; ``doubts_links`` of the other side.
+
+    ``before`` is what fewer views told: where they told another kind, the kind is less sure.
+    """
     area_m2 = garments.integration.canonical(document).view.area_m2
     known = known_with_pieces(garments, document)
-    knowledge = knowledge_of(views, area_m2, known)
+    knowledge = knowledge_of(views, area_m2, known).sobered(before)
     if goal.about == "shape" or knowledge.is_reached(goal) or len(document.used_views) < 2:
-        return Learnt(known=known, knowledge=knowledge, views=views)
+        return Learnt(known=known, knowledge=knowledge, views=views, before=before)
     both, by_both = known_by_both(garments.integration, document, doubts_links=doubts_links)
     if isinstance(by_both, KnownGarment):
-        known, knowledge = by_both, knowledge_of(views, area_m2, by_both)
+        known, knowledge = by_both, knowledge_of(views, area_m2, by_both).sobered(before)
     other = of_other_side(both, document, known, knowledge, goal)
-    return Learnt(known=known, knowledge=knowledge, both=both, other=other, views=views)
+    return Learnt(known=known, knowledge=knowledge, both=both, other=other, views=views, before=before)
 
 
 def got_by(before: Knowledge, now: Knowledge, goal: Goal) -> str:

@@ -359,7 +359,7 @@ class ActiveLoop:
                 **line,
                 new_m2=self.knowledge.area_m2 - before.area_m2,
                 got=got_by(before, self.knowledge, self.goal),
-                surer=self.knowledge.is_surer(before, self.goal),
+                surer=self.knowledge.is_news(before, self.goal),
                 knows=self.knowledge.about(self.goal),
                 elapsed_s=round(self.elapsed_s, 2),
             )
@@ -393,8 +393,9 @@ class ActiveLoop:
     def _learn(self, *, doubts_links: bool) -> None:
         """Learn what is known of the present shape."""
         if self.garments is not None and self.document.start_view is not None:
-            of_now = self.garments, self.document, self.views, self.goal
-            learnt = learn(*of_now, doubts_links=doubts_links)
+            last, of_now = self._learnt, (self.garments, self.document, self.views, self.goal)
+            before = last.before if last.views == self.views else last.knowledge
+            learnt = learn(*of_now, doubts_links=doubts_links, before=before)
             with self.lock:
                 self._learnt = learnt
 
@@ -434,9 +435,9 @@ class ActiveLoop:
             goal,
             self.stands_deg,
             # Where nobody has looked yet, there may be more than the last views brought.
-            scale=self._log.kept_promise() if stand_all_round(taken) else 1.0,
+            scale=self._log.kept_promise() if stand_all_round(taken, goal) else 1.0,
             other=self._learnt.other,
         )
-        exhausted = self._log.is_exhausted(taken, least_m2)
+        exhausted = self._log.is_exhausted(taken, least_m2, goal)
         end = end_of(following, self.known, knowledge, goal, least_m2, is_exhausted=exhausted)
         return end or following or FIRST

@@ -73,7 +73,7 @@ class BothSides:
                 for each in (_as_seen(document), document):
                     joined = self._join(each, progress, cores, check)
                 kept = self._others.kept(self._of(document))
-                if kept is not None:
+                if kept is not None and not kept[0].views.keeps_frames:
                     kept[0].views.release(kept[1].used_views)
                     kept[0].algorithm.release(surfaces=True)
                 return self._trusted(document, joined)
@@ -220,8 +220,9 @@ def one_side(side: Integration, document: Document) -> OneSide:
 def _alone(other: Integration, its: Document) -> OneSide:
     """Return the other side by itself, and release what was kept to integrate it."""
     alone = one_side(other, its)
-    other.views.release(its.used_views)
-    other.algorithm.release()
+    if not other.views.keeps_frames:
+        other.views.release(its.used_views)
+        other.algorithm.release()
     return alone
 
 
