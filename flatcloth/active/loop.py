@@ -35,6 +35,7 @@ from flatcloth.api.integrating import integration_of
 from flatcloth.core.errors import FlatclothError, RecordingError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import finite
+from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.deciding import place_sure_pieces
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
 from flatcloth.engine.headless import Run
@@ -188,6 +189,8 @@ class ActiveLoop:
             garments = GarmentService(integration, both := self._learnt.both)
             self._learnt = replace(self._learnt, known=place_sure_pieces(garments, session))
             frames = frames_of(integration, self.document, {}, base_from_camera, self.stands_deg)
+            if both is None and integration.algorithm.joins_sides:  # this side alone told the garment
+                both = BothSides(integration)
             joined = None if both is None else both.of
             data = SessionData(integration, self.document, session.picks, frames, {}, garments, joined)
             return data.write(self.folder)

@@ -52,6 +52,7 @@ def test_a_shape_is_known_when_no_view_adds_enough_and_its_files_lie_in_the_fold
     assert loop.asked.reached, loop.asked
     assert "is expected to add only" in loop.asked.reason
     assert {file.name for file in files} >= {"flattened.npz", "grasps.json", "outcome.json"}
+    assert "other_side" in json.loads((tmp_path / "out" / "outcome.json").read_text())  # as ``run`` writes it
     recording = open_recording(tmp_path / "out" / "recording")
     assert 3 <= len(recording) < 12
     # 300 degrees of a cylinder of 0.1 m radius and 0.3 m height
