@@ -41,10 +41,15 @@ class BothSides:
     doubts_links : bool
         Whether parts of the other side whose link no garment allows are taken off before it is joined to
         this one. Its garment is recognised for that, which takes about as long as to integrate it.
+    keeps_views : bool
+        Whether what was made of the other side's views is kept, to look ahead soon: a hundred megabytes more.
     """
 
-    def __init__(self, integration: Integration, *, doubts_links: bool = True) -> None:
+    def __init__(
+        self, integration: Integration, *, doubts_links: bool = True, keeps_views: bool = False
+    ) -> None:
         self.integration, self._doubts_links = integration, doubts_links
+        self._keeps_views = keeps_views
         self._lock = threading.Lock()
         self._others: Cache[tuple[Integration, Document]] = Cache(1)
         self._alone: Cache[OneSide] = Cache(1)  # the other side, not joined
@@ -73,7 +78,7 @@ class BothSides:
                 for each in (_as_seen(document), document):
                     joined = self._join(each, progress, cores, check)
                 kept = self._others.kept(self._of(document))
-                if kept is not None and not kept[0].views.keeps_frames:
+                if kept is not None and not self._keeps_views:
                     kept[0].views.release(kept[1].used_views)
                     kept[0].algorithm.release(surfaces=True)
                 return self._trusted(document, joined)
@@ -122,8 +127,16 @@ class BothSides:
             LaidPiece(index=index, shape_from_piece=motion, std_m=pieces.std_m[index])
             for index, motion in pieces.shape_from_piece.items()
         ]
-        alone = self._alone.get(self._of(document), lambda: _alone(other, its))
+        alone = self._alone.get(self._of(document), lambda: self._by_itself(other, its))
         return this.algorithm.with_other_side(own, laid, other.algorithm, alone, check)
+
+    def _by_itself(self, other: Integration, its: Document) -> OneSide:
+        """Return the other side, not joined, and release what was kept to integrate it."""
+        alone = one_side(other, its)
+        if not self._keeps_views:
+            other.views.release(its.used_views)
+            other.algorithm.release()
+        return alone
 
     def _trusted(self, document: Document, joined: JoinedSides) -> JoinedSides:
         this = self.integration
@@ -217,15 +230,6 @@ def one_side(side: Integration, document: Document) -> OneSide:
     )
 
 
-def _alone(other: Integration, its: Document) -> OneSide:
-    """Return the other side by itself, and release what was kept to integrate it."""
-    alone = one_side(other, its)
-    if not other.views.keeps_frames:
-        other.views.release(its.used_views)
-        other.algorithm.release()
-    return alone
-
-
 def _all_views(other: Integration, progress: Progress, cores: int) -> Document:
     """Return the decisions that integrate all views of a side, the nearest to the start view first.
 
@@ -273,10 +277,10 @@ def known_by_both(
 ) -> tuple[BothSides, KnownGarment | str | None]:
     """Return both sides, integrated again, and the garment by both, as :func:`known_with_pieces` does.
 
-    ``doubts_links`` as for :class:`BothSides`. The garment is None if nothing relates the sides: then it is
-    known by this one.
+    ``doubts_links`` as for :class:`BothSides`; the views are kept. The garment is None if nothing relates the
+    sides: then it is known by this one.
     """
-    both = BothSides(integration, doubts_links=doubts_links)
+    both = BothSides(integration, doubts_links=doubts_links, keeps_views=True)
     both.of(document)
     sides = both.known(document)
     if sides is None or not sides[0].is_related:
