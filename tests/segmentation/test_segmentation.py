@@ -293,6 +293,14 @@ def test_what_does_not_turn_and_what_lies_above_the_held_point_is_cut_off_and_to
         assert beyond.sum() <= 0.01 * item.sum() + 12, n
 
 
+def test_two_views_that_show_cloth_at_the_same_depth_do_not_make_it_a_stand():
+    views = plate((0.0, 180.0))
+    item = find_item([view.frame for view in views], AXIS, TOP_M, Config().surface)
+    assert item.cut_off == ()
+    for view, mask in zip(views, item.masks, strict=True):
+        assert np.array_equal(mask, view.front | view.back)
+
+
 def test_a_pixel_read_far_away_is_no_background_and_hides_no_item():
     for view in plate((0.0, 80.0)):  # at 80 degrees 49 cm2 are seen: less than one pixel has at 65 m
         wrong = view.frame.depth_m.copy()
