@@ -47,6 +47,7 @@ from flatcloth.synthesis.cell import Cell
 WITHIN_M, TRULY_M = 0.020, 0.040
 """What is asked of a point: its deviation, and its true error."""
 VIEWS = 12
+"""Budget; twice for points that no view shows, which is said after views from all round."""
 PAIRS = ("shoulder", "waist", "hem", "sleeve_top", "armpit", "neck", "pipe_outer", "cuff")
 """Pairs of named points, the first that fits is asked for."""
 CHOICES = ("active", "fixed", "present")
@@ -201,7 +202,8 @@ def measured(
         return []
     goal = Goal(about="points", points=names, within_m=WITHIN_M) if names else Goal(about=about)
     with tempfile.TemporaryDirectory() as folder:
-        loop = LOOPS[choice](Path(folder) / "out", goal, Budget(views=VIEWS))
+        most = 2 * VIEWS if about == "hidden" else VIEWS
+        loop = LOOPS[choice](Path(folder) / "out", goal, Budget(views=most))
         steps, learning_s = list[dict[str, Any]](), 0.0
         while isinstance(loop.asked, Next):
             angle, turn_s = loop.asked.angle_deg, loop.asked.seconds
