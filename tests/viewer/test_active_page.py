@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cells import SHAPE, sheet_cell
 from page_tabs import Tab, get, post
 
 from flatcloth.active.goal import Budget
+from flatcloth.active.incoming import SeenView
 from flatcloth.active.station import view_of_cell
 from flatcloth.recordings import open_recording
 from flatcloth.viewer.modes.active import ActiveApplication, PageLoop
@@ -18,9 +21,23 @@ from flatcloth.viewer.server.workspace import Opened
 
 
 @pytest.fixture
-def served(tmp_path: Path):
+def spoils() -> int | None:
+    """The number of the view that shows too little to be flattened; None: all show enough."""
+    return None
+
+
+@pytest.fixture
+def served(tmp_path: Path, spoils: int | None):
     cell = sheet_cell(tmp_path / "cell")
-    eye = functools.partial(view_of_cell, cell)
+
+    def eye(angle_deg: float, number: int) -> SeenView:
+        view = view_of_cell(cell, angle_deg, number)
+        if number == spoils:
+            seen = np.argwhere(view.mask)[:3]
+            view = replace(view, mask=np.zeros_like(view.mask))
+            view.mask[tuple(seen.T)] = True
+        return view
+
     loop = PageLoop(tmp_path / "out", SHAPE, Budget(views=5.0))
     loop.take(eye(0.0, 0))
     controller = functools.partial(ActiveApplication, loop, eye=eye, source=cell.name)
@@ -77,6 +94,16 @@ def test_auto_turns_until_the_loop_ends_and_its_files_are_written(served: PageSe
         assert state["step"] >= 4
     assert get(served, "/robot/next").json()["done"]
     assert (tmp_path / "out" / "grasps.json").exists()
+
+
+@pytest.mark.parametrize("spoils", [2])
+def test_auto_goes_on_after_a_view_that_cannot_be_flattened(served: PageServer) -> None:
+    with Tab(served) as tab:
+        tab.state_where(asking)
+        tab.say(type="auto", running=True)
+        state = tab.state_where(lambda s: s["active"]["end"] and not s["auto"]["running"])
+        assert state["active"]["views"] == 5
+        assert state["step"] == 4
 
 
 def test_a_robot_announces_to_the_page_and_waits_for_the_operator(served: PageServer) -> None:

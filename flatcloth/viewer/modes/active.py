@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import logging
+from dataclasses import replace
 from typing import Any
 
 from msgspec import structs
@@ -28,10 +29,11 @@ from flatcloth.session.document import UNSURE
 from flatcloth.session.machine import Phase, Propose, Reject, Restart, Start
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.session import Application
+from flatcloth.viewer.modes.session_work import Answer
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.sent import ActiveStatus, ActiveStep
-from flatcloth.viewer.protocol.state import PageState
+from flatcloth.viewer.protocol.state import AutoInfo, PageState
 from flatcloth.viewer.scene.scene import Scene
 
 _log = logging.getLogger(__name__)
@@ -143,6 +145,13 @@ class ActiveApplication(Application):
             return
         self._is_learning = True
         self._work.later(functools.partial(self._learn, number))
+
+    def _answered(self, answer: Answer) -> None:
+        """Also let Auto go on after a view that cannot be placed: it is put off, as without a page."""
+        puts_off = self._page_status.auto.running and self._undecided is not None
+        super()._answered(answer)
+        if answer.event is None and puts_off:
+            self._page_status = replace(self._page_status, auto=AutoInfo(running=True))
 
     def _auto_step(self) -> None:
         """Also let the cell turn, and put off what is not sure, as a run without an operator does."""
