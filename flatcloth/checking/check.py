@@ -40,6 +40,7 @@ from flatcloth.core.errors import RecordingError, SurfaceError
 from flatcloth.core.types import Bool, Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
+from flatcloth.recordings.growing import GrowingRecording
 from flatcloth.registration.axis_estimation import UP, choose_views
 from flatcloth.registration.view_features import ViewFeatures
 
@@ -141,7 +142,8 @@ def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
     findings = mask_findings(looks) if recording.has_masks else []
     background = background_findings(looks)
     findings += background
-    findings += coverage_findings([recording.angles_deg[look.view_index] for look in looks])
+    if not isinstance(recording, GrowingRecording):  # its angles are being chosen by what they show
+        findings += coverage_findings([recording.angles_deg[look.view_index] for look in looks])
     findings += exposure_findings(looks)
     if frames:
         findings += color_findings(frames)

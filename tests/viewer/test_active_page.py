@@ -119,3 +119,12 @@ def test_a_robot_announces_to_the_page_and_waits_for_the_operator(served: PageSe
         following = get(served, "/robot/next").json()
         assert following["waiting"] is None
         assert following["number"] == 2
+
+
+def test_turns_that_the_loop_asked_for_are_no_fault_of_the_recording(served: PageServer) -> None:
+    with Tab(served) as tab:
+        tab.state_where(asking)
+        tab.say(type="auto", running=True)
+        state = tab.state_where(lambda s: s["active"]["end"] and not s["auto"]["running"])
+        assert state["recording"]["n_views"] == 5
+    assert get(served, "/check.json").json()["findings"] == []

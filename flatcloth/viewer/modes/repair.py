@@ -51,8 +51,15 @@ class RepairService:
         self._worker.stop(timeout_s)
 
     def preview(self, client: int, asked: messages.Preview, document: Document, by: Rigid2) -> None:
-        """Send a tab the score of the proposal moved ``by``; replaces its previous request."""
-        pending = meant(document, asked.view_index)
+        """Send a tab the score of the proposal moved ``by``; replaces its previous request.
+
+        The page asks for it with each proposal, so that one that was decided meanwhile is no error.
+        """
+        try:
+            pending = meant(document, asked.view_index)
+        except FlatclothError as error:
+            self._tell(client, PreviewAnswer(id=asked.id, why=str(error)))
+            return
         moved = replace(document, pending=replace(pending, nudge=by @ pending.nudge))
         with self._lock:
             waiting = client in self._wanted
