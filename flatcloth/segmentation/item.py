@@ -210,15 +210,17 @@ def _largest(frame: RgbdFrame, mask: Bool, cuts: list[CutOff]) -> tuple[Bool, bo
 
 
 def _still(frames: Sequence[RgbdFrame]) -> tuple[Bool, Float32] | None:
-    """Pixels (H, W) whose depth stays while the item turns, and that depth.
+    """Pixels (H, W) whose depth stays while the item turns, and that depth; None if it turns too little.
 
-    None if the views turn too little, or are too few.
+    None stays in so few views that cloth near the axis may have the same depth in all.
     """
     angles = np.array([frame.angle_deg for frame in frames])
-    if np.ptp(angles) < 90.0 or len(frames) * (1.0 - _STILL_SHARE) < 1.0:  # they cannot tell a stand
+    if np.ptp(angles) < 90.0:  # less shows too little of what stands still
         return None
     if len({frame.depth_m.shape for frame in frames}) != 1:
         return None
+    if len(frames) * (1.0 - _STILL_SHARE) < 1.0:
+        return np.zeros(frames[0].depth_m.shape, np.bool_), frames[0].depth_m
     chosen = [frames[n] for n in np.unique(np.linspace(0, len(frames) - 1, 12).astype(int))]
     still, middle = np.empty(frames[0].depth_m.shape, np.bool_), np.empty_like(frames[0].depth_m)
     for rows in np.array_split(np.arange(len(middle)), len(chosen)):  # all rows together would take 60 MB
