@@ -42,6 +42,7 @@ def run(options: argparse.Namespace) -> None:
     with loading():
         from flatcloth.api.integrating import integrate
         from flatcloth.checking.check import checked
+        from flatcloth.core.memory import return_freed_memory
         from flatcloth.engine.outcome import view_lines
         from flatcloth.recordings import open_recording
 
@@ -51,6 +52,7 @@ def run(options: argparse.Namespace) -> None:
         check = checked(recording, progress=bar.show)
         if not options.as_recorded:
             check.refuse(recording.location)
+        return_freed_memory()
         shape = integrate(
             recording,
             method=options.method,

@@ -136,6 +136,8 @@ class BothSides:
         if not self._keeps_views:
             other.views.release(its.used_views)
             other.algorithm.release()
+            for side in (self.integration, other):  # to join them takes the most memory of a run
+                side.views.forget_frames()
         return alone
 
     def _trusted(self, document: Document, joined: JoinedSides) -> JoinedSides:

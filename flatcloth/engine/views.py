@@ -257,6 +257,10 @@ class RecordedViews:
             self._frames.drop(lambda key: key in views)
         self._flattenings.drop(lambda key: cast("tuple[int, int]", key)[0] in views)
 
+    def forget_frames(self) -> None:
+        """Free the frames, too; they are read again if they are asked for."""
+        self._frames.drop()
+
     def read_ahead(self, view_indices: Iterable[int]) -> None:
         """Read views that will probably be requested, the most probable first, on another core."""
         self._ahead.want(view_indices)
