@@ -20,7 +20,7 @@ LAST_VIEWS = 3
 ALL_ROUND_DEG = 60.0
 """Widest gap between views that stand all round: every surface is then seen within 30 degrees. Set by hand,
 on a few loops of ``benchmarks active``. That something cannot be known is said at half of it: with all of it,
-six loops gave up after 9 to 11 views, and got to know their kinds after 10 to 23."""
+six loops gave up after 9 to 11 views, and knew five kinds and a pair of points after 10 to 23."""
 
 
 def stand_all_round(angles_deg: Sequence[float], goal: Goal) -> bool:
