@@ -125,9 +125,9 @@ class Knowledge:
         return tuple(name for name in goal.points if not self.point(name).is_within(goal.within_m))
 
     def is_news(self, before: Knowledge, goal: Goal) -> bool:
-        """Return whether the last view told something about a goal besides cloth.
+        """Return whether the last view told something about a goal besides new cloth.
 
-        A wanted point is known for the first time, or by a tenth better than before; or it is another kind.
+        A wanted point is known for the first time, or its deviation is less by a tenth; or the kind is another.
         """
         if goal.about == "kind":
             return self.kind != before.kind
@@ -137,9 +137,10 @@ class Knowledge:
         )
 
     def sobered(self, before: Knowledge) -> Knowledge:
-        """Return it with the mean of both probabilities if a view less told another kind.
+        """Return it with a less probable kind if a view less told another one.
 
-        Two shapes of nearly the same views contradict each other then: one may have a false joint.
+        Two shapes of nearly the same views contradict each other then: one may have a false joint. The
+        probability is the mean of this one and of the most that ``before`` leaves to other kinds.
         """
         if not self.kind or not before.kind or self.kind == before.kind:
             return self

@@ -88,10 +88,10 @@ class ActiveLog:
         return float(min(1.0, got / max(expected, 1e-9)))
 
     def is_exhausted(self, angles_deg: Sequence[float], least_new_m2: float, goal: Goal) -> bool:
-        """Return whether views stand all round, and the last ones brought neither cloth nor surer points."""
+        """Return whether views stand all round, and the last ones brought neither cloth nor other news."""
         views = [line for line in self.lines if line["event"] == "view"][-LAST_VIEWS:]
         return stand_all_round(angles_deg, goal) and all(
-            line.get("new_m2", math.inf) < least_new_m2 and not line.get("surer", True) for line in views
+            line.get("new_m2", math.inf) < least_new_m2 and not line.get("news", True) for line in views
         )
 
     def close(self) -> None:

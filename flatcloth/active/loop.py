@@ -362,7 +362,7 @@ class ActiveLoop:
                 **line,
                 new_m2=self.knowledge.area_m2 - before.area_m2,
                 got=got_by(before, self.knowledge, self.goal),
-                surer=self.knowledge.is_news(before, self.goal),
+                news=self.knowledge.is_news(before, self.goal),
                 knows=self.knowledge.about(self.goal),
                 elapsed_s=round(self.elapsed_s, 2),
             )

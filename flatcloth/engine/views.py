@@ -258,7 +258,7 @@ class RecordedViews:
         self._flattenings.drop(lambda key: cast("tuple[int, int]", key)[0] in views)
 
     def forget_frames(self) -> None:
-        """Free the frames, too; they are read again if they are asked for."""
+        """Free the frames of all views; they are read again if they are asked for."""
         self._frames.drop()
 
     def read_ahead(self, view_indices: Iterable[int]) -> None:

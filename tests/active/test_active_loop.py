@@ -361,14 +361,14 @@ def test_a_point_is_expected_to_be_surer_by_new_cloth_by_cloth_seen_again_and_by
 def test_views_that_brought_nothing_end_a_loop_only_all_round(tmp_path: Path) -> None:
     log = ActiveLog(tmp_path)
     for number in range(6):
-        log.add("view", number=number, new_m2=0.0, surer=False)
+        log.add("view", number=number, new_m2=0.0, news=False)
     sixths = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0]
     assert log.is_exhausted(sixths, 0.002, SHAPE)
     assert not log.is_exhausted([*sixths[:5], 290.0], 0.002, SHAPE)  # 70 degrees are open
     # that nothing shows it is said later than that the rest is small
     assert not log.is_exhausted(sixths, 0.002, Goal(about="kind"))
     assert log.is_exhausted([*sixths, *(angle + 30.0 for angle in sixths)], 0.002, Goal(about="kind"))
-    log.add("view", number=6, new_m2=0.0, surer=True)
+    log.add("view", number=6, new_m2=0.0, news=True)
     assert not log.is_exhausted([*sixths, 30.0], 0.002, SHAPE)
     log.close()
 

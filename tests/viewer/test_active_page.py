@@ -54,6 +54,12 @@ def action(state: dict, name: str) -> str | None:
     return next(row["why_not"] for row in state["actions"] if row["name"] == name)
 
 
+def ended_by_auto(tab: Tab) -> dict:
+    """The state once Auto has led a loop that asks to its end."""
+    tab.say(type="auto", running=True)
+    return tab.state_where(lambda s: s["active"]["end"] and not s["auto"]["running"])
+
+
 def test_a_click_turns_the_cell_and_the_view_is_a_proposal_as_any_other(
     served: PageServer, tmp_path: Path
 ) -> None:
@@ -88,8 +94,7 @@ def test_auto_turns_until_the_loop_ends_and_its_files_are_written(served: PageSe
     with Tab(served) as tab:
         state = tab.state_where(asking)
         assert action(state, "auto") is None
-        tab.say(type="auto", running=True)
-        state = tab.state_where(lambda s: s["active"]["end"] and not s["auto"]["running"])
+        state = ended_by_auto(tab)
         assert "budget of 5 views" in state["active"]["end"]
         assert state["step"] >= 4
     assert get(served, "/robot/next").json()["done"]
@@ -100,8 +105,7 @@ def test_auto_turns_until_the_loop_ends_and_its_files_are_written(served: PageSe
 def test_auto_goes_on_after_a_view_that_cannot_be_flattened(served: PageServer) -> None:
     with Tab(served) as tab:
         tab.state_where(asking)
-        tab.say(type="auto", running=True)
-        state = tab.state_where(lambda s: s["active"]["end"] and not s["auto"]["running"])
+        state = ended_by_auto(tab)
         assert state["active"]["views"] == 5
         assert state["step"] == 4
 
@@ -124,7 +128,6 @@ def test_a_robot_announces_to_the_page_and_waits_for_the_operator(served: PageSe
 def test_turns_that_the_loop_asked_for_are_no_fault_of_the_recording(served: PageServer) -> None:
     with Tab(served) as tab:
         tab.state_where(asking)
-        tab.say(type="auto", running=True)
-        state = tab.state_where(lambda s: s["active"]["end"] and not s["auto"]["running"])
+        state = ended_by_auto(tab)
         assert state["recording"]["n_views"] == 5
     assert get(served, "/check.json").json()["findings"] == []
