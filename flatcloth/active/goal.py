@@ -127,7 +127,7 @@ class Knowledge:
     def is_news(self, before: Knowledge, goal: Goal) -> bool:
         """Return whether the last view told something about a goal besides new cloth.
 
-        A wanted point is known for the first time, or its deviation is less by a tenth; or the kind is another.
+        A wanted point is known for the first time, or its deviation is less by a tenth; or the kind changed.
         """
         if goal.about == "kind":
             return self.kind != before.kind

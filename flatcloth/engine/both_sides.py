@@ -42,7 +42,7 @@ class BothSides:
         Whether parts of the other side whose link no garment allows are taken off before it is joined to
         this one. Its garment is recognised for that, which takes about as long as to integrate it.
     keeps_views : bool
-        Whether the frames and flattened views of the other side are kept, because a look ahead needs them soon.
+        Whether the frames and flattened views of the other side are kept: a look ahead needs them soon.
     """
 
     def __init__(

@@ -30,9 +30,9 @@ _APART_M = 0.03
 either. Set by hand."""
 _STILL_SHARE = 0.9
 """Least share of the views in which a pixel of the background has the same depth. Chosen: noise and dropouts
-affect the others. If there are so few views that the share is all of them, they may all show cloth near the axis
-at the same depth: by 2, 3 and 4 views of the bundled T-shirt's simulated cell, 241, 38 and 14 cm2 of it were
-cut off as a stand."""
+affect the others. If there are so few views that the share is all of them, they may all show cloth near the
+axis at the same depth: by 2, 3 and 4 views of the bundled T-shirt's simulated cell, 241, 38 and 14 cm2 of it
+were cut off as a stand."""
 _STILL_DEPTH = 0.005
 """Same depth: at most this share of it apart. Chosen: about 3 sigma of a D435 at 0.85 m (1.5 mm)."""
 LEAST_AREA_M2 = 2e-4
