@@ -22,6 +22,7 @@ Float64 = NDArray[np.float64]
 Int16 = NDArray[np.int16]
 Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
+Complex128 = NDArray[np.complex128]
 Bool = NDArray[np.bool_]
 Uint8 = NDArray[np.uint8]
 

@@ -11,13 +11,11 @@ import cv2
 import numpy as np
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.errors import FlatclothError, FlatteningError, SurfaceError
-from flatcloth.core.geometry import wrapped_deg
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, LaidPiece, Progress, RgbdFrame, no_progress
-from flatcloth.engine.following import ended
 from flatcloth.engine.garment.deciding import known_with_pieces, place_sure_pieces
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, evidence_of_shape, seen_from
-from flatcloth.engine.integration import VIEWS_AHEAD, Integration
+from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import evidence_of
 from flatcloth.garments.deciding import decided_pieces
 from flatcloth.garments.recognition import Recognition
@@ -26,7 +24,7 @@ from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.registration.registered import Registered
 from flatcloth.segmentation.observed import Evidence
 from flatcloth.segmentation.other_side import other_side
-from flatcloth.session.document import Document, finish, with_view_in_place
+from flatcloth.session.document import Document, accept_all
 from flatcloth.session.garment import without_doubts
 from flatcloth.session.machine import MemorySession, Request, SessionState, Started
 
@@ -119,7 +117,7 @@ class BothSides:
         this = self.integration
         if not this.algorithm.joins_sides:
             raise FlatclothError(f"the method {this.method} integrates one.")
-        other, its = self._others.get(self._of(document), lambda: self.integrated(document, progress, cores))
+        other, its = self._others.get(self._of(document), lambda: self.integrated(document, progress))
         check()
         own = one_side(this, document)
         pieces = decided_pieces(document.garment, own.canonical.view, own.canonical.floating)
@@ -147,7 +145,7 @@ class BothSides:
         )
 
     def integrated(
-        self, document: Document, progress: Progress = no_progress, cores: int = 1
+        self, document: Document, progress: Progress = no_progress
     ) -> tuple[Integration, Document]:
         """Integrate the other side alone: all views that show it, each where its cloth is in space.
 
@@ -172,7 +170,7 @@ class BothSides:
         if this.views.keeps_frames:
             other.views.keep_frames()
         session = MemorySession(
-            SessionState(len(other.recording), document=_all_views(other, progress, cores))
+            SessionState(len(other.recording), document=_all_views(other, progress))
         )
         if self._doubts_links:
             known = place_sure_pieces(GarmentService(other), session)
@@ -223,7 +221,7 @@ def _as_seen(document: Document) -> Document:
 
 def one_side(side: Integration, document: Document) -> OneSide:
     """Return a side by itself as its method joins it to another, by the decisions about it."""
-    canonical = side.canonical(document, alone=True)
+    canonical = side.canonical(document)
     return OneSide(
         document=document,
         parts=side.parts_taken_off(document),
@@ -232,30 +230,18 @@ def one_side(side: Integration, document: Document) -> OneSide:
     )
 
 
-def _all_views(other: Integration, progress: Progress, cores: int) -> Document:
-    """Return the decisions that integrate all views of a side, the nearest to the start view first.
-
-    A view that the others contradict is left out.
-    """
-    method, angles_deg = other.algorithm, np.asarray(other.recording.angles_deg)
+def _all_views(other: Integration, progress: Progress) -> Document:
+    """Return the decisions that integrate all views of a side; a view that the others contradict is left out."""
     start = other.answer(Document(), Request(0, "start"), progress)
     assert isinstance(start, Started)
-    document = Document(start_view=start.view_index)
-    turn = np.abs(wrapped_deg(angles_deg - angles_deg[start.view_index]))
-    order: list[int] = np.argsort(turn, kind="stable")[1:].tolist()
-    for n, view in enumerate(order):
-        progress((n + 1) / (len(order) + 1), f"other side: view {view}")
-        if cores > 1:
-            other.views.flatten_ahead(order[n + 1 : n + 1 + VIEWS_AHEAD])
-        grown = with_view_in_place(document, view)
-        try:
-            if not method.is_contradicted(grown):
-                document = grown
-        except (SurfaceError, FlatteningError):
-            continue  # it shows too little
-    other.views.flatten_ahead([])
-    end = ended(method, other.canonical, document, 0, "All views were looked at.")
-    return finish(document, end.reason, takes_largest=end.takes_largest)
+    begun = Document(start_view=start.view_index)
+    rest = [view for view in range(len(other.recording)) if view != start.view_index]
+    progress(0.5, f"other side: the shape of {1 + len(rest)} views")
+    against = other.algorithm.contradicting(accept_all(begun, rest, {}))
+    return replace(
+        accept_all(begun, [view for view in rest if view not in against], {}),
+        finished="All views were looked at.",
+    )
 
 
 def _or_empty(mask: Bool | None, frame: RgbdFrame) -> Bool:

@@ -20,36 +20,19 @@ from flatcloth.core.types import FlattenedView, Progress, Rigid2
 from flatcloth.methods.answers import (
     Alignment,
     AlignmentScore,
-    Canonical,
     ComponentPlacement,
     Placement,
     Plan,
 )
 from flatcloth.methods.base import Method
 from flatcloth.recordings.base import Recording
-from flatcloth.session.document import finish
-from flatcloth.session.machine import Document, Followed, NothingMore, Side
+from flatcloth.session.document import NO_COMPONENT
+from flatcloth.session.machine import Document, Followed, Side
 
 _MOST_LOSS = 0.1
 """A larger decrease of the score is reported to the operator. Set by hand."""
 _GAP_M = 0.02
 """Gap between the components that are laid side by side. Chosen."""
-
-
-def ended(
-    method: Method, canonical: Callable[[Document], Canonical], document: Document, token: int, reason: str
-) -> NothingMore:
-    """Return the answer that no view is planned, for a ``reason``.
-
-    A floating piece that has outgrown the shape takes its place, if it is larger then, too: doubted links
-    may part it.
-    """
-    if method.is_outgrown(document):
-        shown = canonical(finish(document, reason, takes_largest=True))
-        if all(piece.area_m2 <= shown.view.area_m2 for piece in shown.floating):
-            reason += " A floating piece has outgrown the shape and takes its place."
-            return NothingMore(token, reason, takes_largest=True)
-    return NothingMore(token, reason)
 
 
 def follow(
@@ -73,6 +56,8 @@ def follow(
     later = document.later[0]
     decision = later.decision
     view, component = decision.view_index, decision.component
+    if component == NO_COMPONENT:  # it is where it hangs
+        return Followed(token, view, decision.current_from_new, component=component)
     motion = method.carried(document, later)
     carried = motion @ decision.current_from_new.inverse()
     also = tuple(replace(p, current_from_new=carried @ p.current_from_new) for p in decision.also)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 
 from flatcloth.core.errors import FlatclothError, SurfaceError
-from flatcloth.core.types import Progress, Rigid2, no_progress
+from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.integration import Integration
+from flatcloth.session.commands import LeftOut
+from flatcloth.session.document import accept_all
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
+    AcceptAll,
     Command,
     Document,
     Event,
@@ -25,7 +28,6 @@ from flatcloth.session.machine import (
     SessionState,
     Start,
     Started,
-    apply,
 )
 
 Policy = Callable[[Integration, SessionState], Accept | Reject | Nudge]
@@ -33,44 +35,29 @@ Policy = Callable[[Integration, SessionState], Accept | Reject | Nudge]
 
 
 CONTRADICTS = "contradicts the other views"
-"""Reason of an automatic rejection: the joint flattening with this view is strained."""
+"""Reason why a view is left out: too many of its pairs contradict those of the other views."""
 
 
 def accept_by_score(integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
-    """Accept proposals with a sufficient score; reject the others as uncertain, to be tried again later.
-
-    If the other views contradict an accepted placement (:meth:`Method.is_contradicted`), the next best
-    hypothesis with a sufficient score is tried; if there is none, the view is rejected. One that shows too
-    little to be flattened with the others is uncertain, too.
-    """
+    """Accept proposals with a sufficient score; reject the others as uncertain, to be tried again later."""
     pending = state.document.pending
     assert pending is not None
     if integration.score(state.document).total < integration.accept_score:
         return Reject(pending.view_index, UNSURE)
-    accept = Accept(pending.view_index)
-    try:
-        if not integration.algorithm.is_contradicted(apply(state, accept).document):
-            return accept
-    except SurfaceError:
-        return Reject(pending.view_index, UNSURE)
-    hypotheses = integration.proposal(state.document).placement.hypotheses
-    if pending.nudge == Rigid2() and len(hypotheses) > 1:
-        second = hypotheses[1]
-        if second.score.total >= integration.accept_score:
-            return Nudge(pending.view_index, second.current_from_new @ pending.proposed.inverse())
-    return Reject(pending.view_index, CONTRADICTS)
+    return Accept(pending.view_index)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ViewDecision:
     """A decision about a view.
 
-    ``score`` is that of its placement, NaN of the start view; ``reason`` that of a rejection.
+    ``score`` is that of its placement, NaN if it was accepted where it hangs; ``reason`` that of a rejection.
     """
 
     view_index: int
+    _: KW_ONLY
     accepted: bool
-    score: float
+    score: float = math.nan
     reason: str = ""
 
 
@@ -117,6 +104,8 @@ class Run:
     ) -> SessionState:
         """Integrate until no view can add anything, and return the final state.
 
+        A method whose shapes are those of sets takes all views at once, but for those that the others contradict.
+
         With more than one of the ``cores``, likely views are flattened ahead, and if frames are kept, none
         is read twice; the result is the same.
 
@@ -132,6 +121,8 @@ class Run:
         self.integration.flattens_ahead = cores > 1
         if self.state.document.start_view is None:
             self._ask(Start(), progress)
+        if self._takes_all:
+            self._take_all(progress)
         while self.state.phase is not Phase.FINISHED:
             match self.state.phase:
                 case Phase.DECIDING:
@@ -143,6 +134,42 @@ class Run:
         self.integration.views.flatten_ahead([])
         return self.state
 
+    @property
+    def _takes_all(self) -> bool:
+        return (
+            self.integration.algorithm.takes_all
+            and self.policy is accept_by_score
+            and not self.is_limited
+            and self.state.phase is Phase.READY
+            and not self.state.document.later
+        )
+
+    def _take_all(self, progress: Progress) -> None:
+        """Accept all views that nothing was decided about, each where it hangs."""
+        document, count = self.state.document, len(self.integration.recording)
+        known = document.used_views | document.refused_views
+        self._take([view for view in range(count) if view not in known], progress)
+
+    def _take(self, views: Sequence[int], progress: Progress) -> None:
+        integration, document, left = self.integration, self.state.document, list[LeftOut]()
+        if integration.flattens_ahead:
+            integration.views.read_ahead(reversed(views))
+        usable = []
+        for n, view in enumerate(views):
+            progress(n / max(len(views), 1), f"view {view}")
+            try:
+                integration.views.surface(view)
+            except SurfaceError as error:
+                left.append(LeftOut(view, str(error)))
+            else:
+                usable.append(view)
+        progress(0.9, f"computing the shape of {len(document.used_views) + len(usable)} views")
+        against = integration.algorithm.contradicting(accept_all(document, usable, {}))
+        left += [LeftOut(view, CONTRADICTS) for view in usable if view in against]
+        taken = tuple(view for view in usable if view not in against)
+        if taken or left:
+            self._do(AcceptAll(taken, tuple(left)))
+
     def add(self, view_index: int, progress: Progress = no_progress) -> str:
         """Integrate a view that was added to the recording, and views that waited for it.
 
@@ -150,7 +177,9 @@ class Run:
         """
         why = "it shows nothing that can be placed yet"
         try:
-            if self.state.document.start_view is not None:
+            if self._takes_all and self.state.document.start_view is not None:
+                self._take([view_index], progress)
+            elif self.state.document.start_view is not None:
                 self._ask(Propose(view_index), progress)
             self.finish(progress)
         except FlatclothError as error:
@@ -175,21 +204,23 @@ class Run:
             self.finish(progress)
 
     def _do(self, command: Command | Event) -> None:
-        decision, pending = None, self.state.document.pending
+        decided, pending = list[ViewDecision](), self.state.document.pending
         if pending is not None and isinstance(command, Accept | Reject):
             reason = command.reason if isinstance(command, Reject) else ""
-            decision = ViewDecision(
-                view_index=pending.view_index,
-                accepted=isinstance(command, Accept),
-                score=pending.score,
-                reason=reason,
-            )
-            self.decisions.append(decision)
-        elif isinstance(command, Started):
-            decision = ViewDecision(view_index=command.view_index, accepted=True, score=math.nan)
+            is_accepted = isinstance(command, Accept)
+            decided = [
+                ViewDecision(pending.view_index, accepted=is_accepted, score=pending.score, reason=reason)
+            ]
+        elif isinstance(command, AcceptAll):
+            decided = [ViewDecision(view, accepted=True) for view in command.view_indices]
+            decided += [
+                ViewDecision(each.view_index, accepted=False, reason=each.reason) for each in command.left_out
+            ]
+        started = [ViewDecision(command.view_index, accepted=True)] if isinstance(command, Started) else []
+        self.decisions += decided
         self.session.record(command)
         self.watch(command)
-        if decision is not None:
+        for decision in (*decided, *started):
             self.on_view(decision)
 
     def _ask(self, command: Start | Propose | Restart, progress: Progress) -> None:

@@ -31,7 +31,6 @@ from flatcloth.core.types import (
     no_progress,
 )
 from flatcloth.engine.following import (
-    ended,
     follow,
     laid_beside,
     plan_put_off,
@@ -52,6 +51,7 @@ from flatcloth.recordings.base import Recording
 from flatcloth.session.machine import (
     Document,
     Event,
+    NothingMore,
     Pending,
     PlacedPart,
     Proposed,
@@ -192,24 +192,22 @@ class Integration:
         """The settings of the rotation (paper, 4.1), with S_0 as it is by the size of the item."""
         return replace(self.config.planning, overlap_area_m2=overlap_area_m2(self.views))
 
-    def canonical(self, document: Document, *, alone: bool = False) -> Canonical:
+    def canonical(self, document: Document) -> Canonical:
         """Return the canonical view of a document's accepted views (cached).
-
-        Once the other side is joined, both may lay out this one better; ``alone``: as without it.
 
         Raises
         ------
         FlatclothError
             If the session has no start view.
         """
-        return self.trust.of(document, self.laid_out(document, alone=alone), self.algorithm.cameras(document))
+        return self.trust.of(document, self.laid_out(document), self.algorithm.cameras(document))
 
-    def laid_out(self, document: Document, *, alone: bool = False) -> Canonical:
+    def laid_out(self, document: Document) -> Canonical:
         """Return the canonical view with deviations by its views alone, not by its scale or kind."""
         self.views.segment(document.strokes)
         if document.garment.parts:
-            return self._by_garment(document, alone=alone).canonical
-        return self.algorithm.alone(document) if alone else self.algorithm.canonical(document)
+            return self._by_garment(document).canonical
+        return self.algorithm.canonical(document)
 
     def wrong(self, document: Document) -> list[str]:
         """Return the reasons why something about the recording of a shape is wrong; empty if none."""
@@ -235,26 +233,25 @@ class Integration:
         pieces = self.algorithm.cloth_of_pieces(document) if document.garment.parts else ()
         return [part for cloth in pieces for part in parts_taken_off(cloth, document.garment.parts)]
 
-    def _by_garment(self, document: Document, *, alone: bool = False) -> _ByGarment:
+    def _by_garment(self, document: Document) -> _ByGarment:
         """Return a shape and its cloth after the decisions about links that no garment allows (cached).
 
         Removed parts float; parts joined by a doubted link are as uncertain as the link.
         """
 
         def make() -> _ByGarment:
-            made = self.algorithm.alone(document) if alone else self.algorithm.canonical(document)
+            made = self.algorithm.canonical(document)
             cloth = self._cloth(document)
             if cloth is None:
                 return _ByGarment(made, None, None)
             parts = self.parts_taken_off(document)
-            apart = self.algorithm.apart(document, parts, alone=alone) if parts else None
+            apart = self.algorithm.apart(document, parts) if parts else None
             if apart is not None:
                 made, cloth = apart
             made = replace(made, view=with_doubts(made.view, cloth, document.garment.parts))
             return _ByGarment(made, cloth, np.any(parts, axis=0) if parts else None)
 
-        decided = document.garment.parts, document.garment.seams
-        return self._decided.get((*_shape_of(document), *decided, alone, self.algorithm.times_joined), make)
+        return self._decided.get((*_shape_of(document), document.garment.parts), make)
 
     def fronts(self, document: Document) -> dict[Side, tuple[int, float]]:
         """Return the outermost accepted view on each side and its rotation from the start view (deg)."""
@@ -347,14 +344,14 @@ class Integration:
         passed = set(document.rejected)
         hopeless = why_hopeless(self.recording, self.algorithm, document)
         if hopeless:
-            return ended(self.algorithm, self.canonical, document, token, hopeless)
+            return NothingMore(token, hopeless)
         while True:
             progress(0.05, "choosing the rotation")
             refused = tuple(sorted(passed, key=lambda r: r.view_index))
             plan = plan_put_off(self.plan, replace(document, rejected=refused))
             if plan.view_index is None:
                 reason = plan.reason + (" Left out: " + " ".join(tried) if tried else "")
-                return ended(self.algorithm, self.canonical, document, token, reason)
+                return NothingMore(token, reason)
             if self.flattens_ahead:
                 self.views.flatten_ahead(self._likely_after(plan))
             try:
@@ -446,4 +443,4 @@ class Integration:
 
 def _shape_of(document: Document) -> tuple[Hashable, ...]:
     """Return the key of a document's shape: everything that it depends on."""
-    return document.start_view, document.accepted, document.largest_after
+    return document.start_view, document.accepted

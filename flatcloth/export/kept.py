@@ -97,8 +97,7 @@ class Kept:
 
 def key_of(axis: RotationAxis, document: Document) -> Hashable:
     """Return the key of a document's sheet: everything that it depends on."""
-    largest = tuple(after for after in document.largest_after if after <= len(document.accepted))
-    shape = replace(document, largest_after=largest).shape_key
+    shape = document.shape_key
     return axis.point_m.tobytes(), axis.direction.tobytes(), shape, document.garment.pieces
 
 

@@ -99,8 +99,8 @@ class Method(Protocol):
     """Whether it joins the other side of an item to the shape: :meth:`with_other_side`."""
     is_unattended: bool = False
     """Set by a run without an operator: it ends where further views cannot help."""
-    times_joined: int = 0
-    """How often the other side has changed what is shown of a shape."""
+    takes_all: ClassVar[bool] = False
+    """Whether a shape is that of a set of views, so that a run takes all at once: :meth:`contradicting`."""
     is_limited: bool = False
     """Set by a run that uses no more than a number of views; otherwise what a view would add decides."""
 
@@ -130,17 +130,6 @@ class Method(Protocol):
         FlatclothError
             If the session has no start view.
         """
-
-    def alone(self, document: Document) -> Canonical:
-        """Return the canonical view without the effect of the other side that was joined to it."""
-        return self.canonical(document)
-
-    def earlier(self, earlier: Document, document: Document) -> Canonical:
-        """Return the canonical view of an ``earlier`` state of a document, for pictures of its growth.
-
-        It may differ by a few millimetres from what :meth:`canonical` computes in a longer time.
-        """
-        return self.canonical(earlier)
 
     def release(self, *, surfaces: bool = False) -> None:
         """Free what only further views or earlier shapes need; it is made again if it is asked for.
@@ -224,14 +213,23 @@ class Method(Protocol):
         """Return how each piece is connected, the shape first; none if the edges have no evidence."""
         return []
 
-    def apart(
-        self, document: Document, parts: Sequence[Bool], *, alone: bool = False
-    ) -> tuple[Canonical, Cloth] | None:
+    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, Cloth] | None:
         """Return the canonical view, and its edges, with ``parts`` (N,) of the edges' samples floating.
 
-        ``alone``: as :meth:`alone`. None if the method's edges have no evidence.
+        None if the method's edges have no evidence.
         """
         return None
+
+    def contradicting(self, document: Document) -> dict[int, float]:
+        """Return the views of a document that the others contradict, each with the share of its pairs."""
+        return {}
+
+    def earlier(self, earlier: Document, document: Document) -> Canonical:
+        """Return the canonical view of an ``earlier`` state of a document, for pictures of its growth.
+
+        Cloth may lie where the whole ``document`` has it.
+        """
+        return self.canonical(earlier)
 
     def take_confirmed(self, cameras: Registered) -> None:
         """Take the recorded poses as confirmed by ``cameras``, registered by the other side of the item."""
@@ -259,14 +257,6 @@ class Method(Protocol):
             Called between the steps; it raises ``CancelledError`` if the result is no longer wanted.
         """
         raise FlatclothError(f"the method {self.name} integrates one side.")
-
-    def is_contradicted(self, document: Document) -> bool:
-        """Return whether the other views contradict the view accepted last; False if not checked."""
-        return False
-
-    def is_outgrown(self, document: Document) -> bool:
-        """Return whether a floating piece is larger than the shape; False if the method keeps none."""
-        return False
 
     def pixel_states(
         self, document: Document, frame: RgbdFrame, item: Bool, taken_off: Bool | None = None

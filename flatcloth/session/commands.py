@@ -34,6 +34,22 @@ class Accept:
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """A view that is not part of the shape, and why."""
+
+    view_index: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class AcceptAll:
+    """Add views to the canonical shape, each where its cloth hangs, at once; ``left_out`` are those that are not."""
+
+    view_indices: tuple[int, ...]
+    left_out: tuple[LeftOut, ...] = ()
+
+
+@dataclass(frozen=True)
 class Reject:
     """Reject the pending view."""
 
@@ -169,14 +185,10 @@ class Followed:
 
 @dataclass(frozen=True)
 class NothingMore:
-    """Answer: no view can add anything, with the ``reason``.
-
-    ``takes_largest``: a floating piece is larger than the shape, and becomes the shape.
-    """
+    """Answer: no view can add anything, with the ``reason``."""
 
     token: int
     reason: str
-    takes_largest: bool = False
 
 
 @dataclass(frozen=True)
@@ -191,6 +203,7 @@ Command = (
     Start
     | Propose
     | Accept
+    | AcceptAll
     | Reject
     | Skip
     | Reopen

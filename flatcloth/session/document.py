@@ -7,7 +7,7 @@ as ``later``. They follow one by one on the changed shape; one that no longer fi
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -141,11 +141,7 @@ class Pending:
 
 @dataclass(frozen=True)
 class Document:
-    """The result of all decisions: everything that undo restores.
-
-    ``largest_after``: the number of accepted views after which the integration ended and the largest floating
-    piece became the shape.
-    """
+    """The result of all decisions: everything that undo restores."""
 
     start_view: int | None = None
     accepted: tuple[Accepted, ...] = ()
@@ -156,12 +152,11 @@ class Document:
     later: tuple[Later, ...] = ()
     strokes: tuple[Decision, ...] = ()
     garment: GarmentDecisions = field(default_factory=GarmentDecisions)
-    largest_after: tuple[int, ...] = ()
 
     @property
     def shape_key(self) -> tuple[Hashable, ...]:
         """Everything that the shape depends on."""
-        return self.start_view, self.accepted, self.largest_after, self.strokes, self.garment.parts
+        return self.start_view, self.accepted, self.strokes, self.garment.parts
 
     @property
     def put_off(self) -> frozenset[int]:
@@ -263,17 +258,15 @@ def leave_out(document: Document, view_index: int, component: int) -> Document:
     return replace(document, pending=replace(pending, also=also, left_out=pending.left_out | {part}))
 
 
-def with_view_in_place(document: Document, view_index: int) -> Document:
-    """Return a document with one more view, of which no component is placed: its cloth is where it hangs."""
-    added = Accepted(view_index, Rigid2(), component=NO_COMPONENT)
-    return replace(document, accepted=(*document.accepted, added))
-
-
-def finish(document: Document, reason: str, *, takes_largest: bool) -> Document:
-    """End the integration; the largest piece becomes the shape if it ``takes_largest``."""
-    if takes_largest:
-        document = replace(document, largest_after=(*document.largest_after, len(document.accepted)))
-    return replace(document, finished=reason)
+def accept_all(document: Document, view_indices: Iterable[int], left_out: Mapping[int, str]) -> Document:
+    """Add views of which no component is placed, as their cloth is where it hangs; others are left out, and why."""
+    added = tuple(Accepted(view, Rigid2(), component=NO_COMPONENT) for view in view_indices)
+    for view in (*(each.view_index for each in added), *left_out):
+        document = _without_verdict(document, view)
+    refused = tuple(Rejected(view, reason, len(document.accepted)) for view, reason in left_out.items())
+    return replace(
+        document, accepted=(*document.accepted, *added), rejected=(*document.rejected, *refused), finished=None
+    )
 
 
 def reject(document: Document, view_index: int, reason: str) -> Document:
@@ -303,7 +296,8 @@ def reopen(document: Document, view_index: int) -> Document:
         document = replace(document, accepted=document.accepted[:n], later=(*after, *document.later))
     if view_index in document.later_views:
         again = next(later for later in document.later if later.decision.view_index == view_index)
-        return _ask_again(document, again)
+        # One that was accepted where it hangs has no placement to go back to: it is proposed.
+        return document if again.decision.component == NO_COMPONENT else _ask_again(document, again)
     return _without_verdict(document, view_index)
 
 

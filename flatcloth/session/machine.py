@@ -23,6 +23,7 @@ from flatcloth.session import document as edits
 from flatcloth.session import garment as garments
 from flatcloth.session.commands import (
     Accept,
+    AcceptAll,
     Cancel,
     Command,
     CutCloth,
@@ -50,6 +51,7 @@ from flatcloth.session.document import (
     MAX_ANSWER_M,
     MAX_EXTENT_M,
     MOST_PLACED_WITH,
+    NO_COMPONENT,
     UNSURE,
     Accepted,
     Document,
@@ -65,6 +67,7 @@ from flatcloth.session.garment import GarmentCommand
 __all__ = [
     "UNSURE",
     "Accept",
+    "AcceptAll",
     "Accepted",
     "Cancel",
     "Command",
@@ -210,6 +213,8 @@ def why_illegal(state: SessionState, command: Command) -> str | None:
         return _why_not_propose(state.document, command.view_index)
     if isinstance(command, Reopen):
         return _why_not_reopen(state.document, command.view_index)
+    if isinstance(command, AcceptAll):
+        return _why_not_accept_all(state, command)
     return _why_not_decide(state.document, command)
 
 
@@ -221,6 +226,20 @@ def _why_not_propose(document: Document, view_index: int | None) -> str | None:
         asked = document.pending.view_index
         return f"Decide about view {asked} first: accept it, reject it or choose another."
     return None if document.later else document.finished
+
+
+def _why_not_accept_all(state: SessionState, command: AcceptAll) -> str | None:
+    document, views = state.document, (*command.view_indices, *(left.view_index for left in command.left_out))
+    if document.pending is not None:
+        return f"Decide about view {document.pending.view_index} first: accept it, reject it or choose another."
+    if len(set(views)) < len(views):
+        return "A view is named twice."
+    for view in views:
+        if not 0 <= view < state.n_views:
+            return f"View {view} does not exist; there are {state.n_views} views."
+        if view in document.used_views:
+            return f"View {view} is already part of the shape."
+    return None
 
 
 def _why_not_reopen(document: Document, view_index: int) -> str | None:
@@ -292,7 +311,7 @@ def _check_answer(state: SessionState, event: Event) -> None:
         raise OutOfBoundsError(f"{len(also)} parts are placed at once; there are at most {MOST_PLACED_WITH}.")
     for part in (event, *also):
         motion = part.current_from_new
-        if not (part.component >= 0 and math.hypot(motion.u_m, motion.v_m) <= MAX_ANSWER_M):
+        if not (part.component >= NO_COMPONENT and math.hypot(motion.u_m, motion.v_m) <= MAX_ANSWER_M):
             raise OutOfBoundsError(f"View {part.view_index} has no such part, or lies beyond any plane.")
 
 
@@ -326,6 +345,10 @@ def _decide(state: SessionState, command: Command) -> SessionState:
             return _ask_for(state, view)
         case Accept(view_index=view, score=score):
             return _go_on(_edit(state, f"accept view {view}", edits.accept(document, score)))
+        case AcceptAll(view_indices=views, left_out=left):
+            reasons = {each.view_index: each.reason for each in left}
+            name = f"accept view {views[0]}" if len(views) == 1 else f"accept {len(views)} views"
+            return _go_on(_edit(state, name, edits.accept_all(document, views, reasons)))
         case Reject(view_index=view, reason=reason):
             return _go_on(_edit(state, f"reject view {view}", edits.reject(document, view, reason)))
         case Skip(view_index=view):
@@ -428,8 +451,8 @@ def _answer(state: SessionState, event: Event) -> SessionState:
             return replace(state, document=edits.propose(document, _pending_of(event)))
         case Followed(current_from_new=motion, score=score, component=component, also=also):
             return _go_on(replace(state, document=edits.follow(document, motion, score, component, also)))
-        case NothingMore(reason=reason, takes_largest=takes_largest):
-            return replace(state, document=edits.finish(document, reason, takes_largest=takes_largest))
+        case NothingMore(reason=reason):
+            return replace(state, document=replace(document, finished=reason))
         case Failed():
             return state
 

@@ -13,7 +13,7 @@ from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.types import Bool, Uint8
 from flatcloth.flattening.pixel_states import PixelState, component_states, states_of_view
 from flatcloth.flattening.surface import item_mask
-from flatcloth.methods.robust.joint_shape import TWICE_M
+from flatcloth.shape.pieces import TWICE_M
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration

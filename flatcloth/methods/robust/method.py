@@ -1,57 +1,72 @@
-"""The method ``robust``: placements from 3D, several hypotheses, one joint flattening of all views.
+"""The method ``robust``: one shape of all views, computed from the set of them.
 
-Start here: :class:`RobustMethod` has the steps of ``docs/robust.md``, by the
-numbers that they have there. A step that takes a document
-is cached by the part of the document that it depends on (:mod:`flatcloth.methods.robust.shapes`). The plane
-is always the start view's: a placement ``current_from_new`` maps to it.
+Start at :mod:`flatcloth.shape.algorithm`, which tells the computation in order; here is what a session asks of it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from flatcloth.core.cache import Cache
+from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import Rigid3, wrapped_deg
-from flatcloth.core.types import Bool, Float64, LaidPiece, Progress, RgbdFrame, Rigid2, Uint8, no_progress
+from flatcloth.core.types import (
+    Bool,
+    Float64,
+    Int32,
+    LaidPiece,
+    Progress,
+    RgbdFrame,
+    Rigid2,
+    Uint8,
+    no_progress,
+)
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.flattening.pixel_states import states_of_view
 from flatcloth.methods.answers import (
+    Alignment,
     AlignmentScore,
     Candidate,
     Canonical,
     ClothPairs,
+    ComponentPlacement,
+    Hypothesis,
     JoinedPiece,
     JoinedSides,
     OneSide,
     Placement,
     Plan,
-    Seam,
 )
 from flatcloth.methods.base import Focus, Method, Views
-from flatcloth.methods.robust.acceptance import joined_piece, same_cloth, with_piece_moved
-from flatcloth.methods.robust.compositing import draw, states_of_nodes, states_on_surface
-from flatcloth.methods.robust.connectivity import both_ends
-from flatcloth.methods.robust.joint import MOST_CONTRADICTION, begin_joint, extend_joint, taken_apart
-from flatcloth.methods.robust.joint_shape import JointShape, largest_piece, without_weak
-from flatcloth.methods.robust.layout import CONTRADICTED_WEIGHT, misfit
+from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.robust.next_best_view import inner_area_m2, rate_candidates, seams_ahead
-from flatcloth.methods.robust.placement_search import PlacementSearch, choose_placement
-from flatcloth.methods.robust.scoring import cloth_pairs, refine, score_placement
-from flatcloth.methods.robust.seams.joining import Seamed, join_sides, other_of, seams_of
-from flatcloth.methods.robust.shapes import (
-    MOST_KEPT,
-    Certainty,
-    JointShapes,
-    RegisteredViews,
-    prefix,
+from flatcloth.methods.robust.scoring import (
+    ReferenceShape,
+    SampledComponent,
+    cloth_pairs,
+    neighbourhoods_of,
+    refine,
+    sample_component,
+    score_placement,
 )
+from flatcloth.methods.robust.seams.joining import Seamed, join_sides, other_of, seams_of
+from flatcloth.methods.robust.shapes import MOST_KEPT, RegisteredViews, Shapes, shape_key
 from flatcloth.methods.starting import overlap_area_m2, start_by_view
 from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Accepted, Document, Later, Side
+from flatcloth.shape.algorithm import apart
+from flatcloth.shape.drawing import draw, states_of_nodes, states_on_surface
+from flatcloth.shape.observations import associate
+from flatcloth.shape.shape import Shape, of_views
+
+MOST_CONTRADICTION = 0.1
+"""Without an operator, a view is left out if the others contradict a larger share of its pairs. Set by hand."""
+_SAMPLES = 2000
+"""Points of a component that are compared with the shape. Chosen: as many as decide its score to a percent."""
 
 
 class RobustMethod(Method):
@@ -59,20 +74,22 @@ class RobustMethod(Method):
 
     name = "robust"
     joins_sides = True
+    takes_all = True
 
     def __init__(self, views: Views, angles_deg: Sequence[float]) -> None:
         self.angles_deg = angles_deg
         self._views, self._config = views, views.config
         self.seen = RegisteredViews(views)
-        self.shapes = JointShapes(self.begin, self.extend, views.held_point_m)
-        self.search = PlacementSearch(views, self.seen, self.shapes, angles_deg)
+        self.shapes = Shapes(views, self.seen)
+        self._references: Cache[ReferenceShape] = Cache(2)
+        self._around: Cache[Neighbourhoods] = Cache(2)
+        self._components: Cache[dict[int, SampledComponent]] = Cache(4)
         self._scores: Cache[AlignmentScore] = Cache(MOST_KEPT)
         self._drawn: Cache[Canonical] = Cache(2)
-        self._apart: Cache[JointShape] = Cache(2)
-        self._relaid: Cache[JointShape] = Cache(2)  # by both sides
+        self._apart: Cache[Shape] = Cache(2)
         self._seamed: Cache[Seamed] = Cache(1)
 
-    # ------------------------------------------------- 1. next best view (in place of the paper's 4.1)
+    # ------------------------------------------------- next best view (in place of the paper's 4.1)
 
     def start_view(self, progress: Progress = no_progress) -> int | None:
         """Start with the largest observed area, as the paper does."""
@@ -86,7 +103,7 @@ class RobustMethod(Method):
         rest = [v for v in range(len(self.angles_deg)) if v not in looked]
         if not rest:
             return _no_plan("No view is left.")
-        shape, around = self.shapes.shape(document), self.search.around(document)
+        shape, around = self.shapes.of(document), self._neighbours(document)
         overlap_m2 = overlap_area_m2(self._views)
         rated = rate_candidates(shape, self._views.axis, self.angles_deg, rest, looked, overlap_m2, around)
         best = rated[0]
@@ -112,7 +129,7 @@ class RobustMethod(Method):
     def look_ahead(self, document: Document, angles_deg: Sequence[float], focus: Focus | None = None) -> Plan:
         """Rate rotations at which no view was taken yet by the expected new area."""
         recorded, overlap_m2 = len(self.angles_deg), overlap_area_m2(self._views)
-        shape, free = self.shapes.shape(document), range(recorded, len(angles_deg))
+        shape, free = self.shapes.of(document), range(recorded, len(angles_deg))
         rated = rate_candidates(
             shape, self._views.axis, angles_deg, free, range(recorded), overlap_m2, focus=focus
         )
@@ -126,15 +143,15 @@ class RobustMethod(Method):
         )
 
     def least_m2(self, document: Document) -> float:
-        """Return the area of the canonical view but for its border, by the nodes as views extended them."""
-        return inner_area_m2(self.shapes.shape(document))
+        """Return the area of the canonical view but for its border, by its nodes."""
+        return inner_area_m2(self.shapes.of(document))
 
     def seams_ahead(
         self, document: Document, other: Method, its: Document, angles_deg: Sequence[float], *, related: bool
     ) -> Float64:
         """Return the floating cloth (K,), m2, of which views at angles are expected to show seams."""
         assert isinstance(other, RobustMethod)
-        shapes = self.shapes.settled(document), other.shapes.settled(its)
+        shapes = self.shapes.of(document), other.shapes.of(its)
         return seams_ahead(shapes, self._views.axis, angles_deg, related=related)
 
     def _turn_deg(self, used: frozenset[int], best: Candidate) -> float:
@@ -142,150 +159,169 @@ class RobustMethod(Method):
         turns = [wrapped_deg(angles[best.view_index] - angles[v]) for v in used]
         return min(turns, key=abs)
 
-    # ------------------------------------------------- 2. placement of a view (in place of 4.2)
+    # ------------------------------------------------- a proposal: the shape with the view (in place of 4.2)
 
     def propose(
         self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
     ) -> Placement:
-        """Register the view's camera, find hypotheses for each component, and choose the best."""
+        """Return where the shape with the view has each of its components, beside the shape without it."""
         progress(0.1, f"flattening view {view_index}")
-        self._views.flattening(view_index)
-        shape = self.shapes.shape(document)
-        progress(0.4, "searching the placement")
-        components = self.search.components(document, view_index)  # 2a. register, associate, sample
-        found = self.search.search(document, view_index)  # 2b. estimate, refine, score
-        cameras = self.seen.registered((*shape.views, view_index))
-        chosen = choose_placement(components, found, view_index, cameras)  # 2c. choose
-        alignment = chosen.alignment
-        key = (prefix(document), view_index, chosen.component, alignment.current_from_new)
-        self._scores.put(key, alignment.score)  # whoever decides asks for it at once
-        return chosen
+        flattening = self._views.flattening(view_index)
+        progress(0.4, "computing the shape with the view")
+        shape = self.shapes.of(with_view(document, view_index))
+        sampled = self._sampled(document, view_index)
+        parts = [
+            ComponentPlacement(component=n, area_m2=own.area_m2, hypothesis=self._placed(document, shape, view_index, n))
+            for n, own in sampled.items()
+            if flattening.components[n].folded_share <= self._config.flattening.max_folded_share
+        ]
+        placed = [(part, part.hypothesis) for part in parts if part.hypothesis is not None]
+        if not placed:
+            folded = max((flattening.components[n].folded_share for n in sampled), default=0.0)
+            raise AlignmentError(
+                f"View {view_index}: its flattened view is folded ({folded:.0%} of it); choose another view."
+                if sampled and not parts
+                else f"View {view_index}: it has no cloth in common with the shape; choose another view."
+            )
+        best, first = max(placed, key=lambda of: of[1].score.total * math.sqrt(of[0].area_m2))
+        return Placement(
+            component=best.component,
+            alignment=Alignment(
+                current_from_new=first.current_from_new,
+                initial=first.initial,
+                score=first.score,
+                initial_score=None,
+                correspondence=None,
+            ),
+            hypotheses=(first,),
+            margin=first.score.total,
+            cameras=self.seen.registered(tuple(sorted({*document.used_views, view_index}))),
+            parts=tuple(parts),
+        )
+
+    def _placed(
+        self, document: Document, shape: Shape, view_index: int, component: int
+    ) -> Hypothesis | None:
+        """Return where a shape that contains a view has one of its components; None if that floats, or is new."""
+        motion = self.seen.current_from_component(shape, view_index, component)
+        if motion is None or not (self._sampled(document, view_index)[component].node >= 0).any():
+            return None
+        refined = refine(self._reference(document), self._sampled(document, view_index)[component], motion)
+        score = self.score(document, view_index, component, motion)
+        return Hypothesis(source="place", initial=motion, current_from_new=motion, score=score, std=refined.std)
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
         """Score a placement by the probability that it is right (cached)."""
 
         def make() -> AlignmentScore:
-            sampled = self.search.components(document, view_index).get(component)
+            sampled = self._sampled(document, view_index).get(component)
             if sampled is None:
                 return AlignmentScore(0.0, {})
-            return score_placement(self.search.reference(document), sampled, motion)
+            return score_placement(self._reference(document), sampled, motion)
 
-        return self._scores.get((prefix(document), view_index, component, motion), make)
+        return self._scores.get((shape_key(document), view_index, component, motion), make)
 
     def refined(self, document: Document, view_index: int, component: int, motion: Rigid2) -> Rigid2:
         """Refine a placement by fitting its points to the surface that they cover in space."""
-        sampled = self.search.components(document, view_index).get(component)
+        sampled = self._sampled(document, view_index).get(component)
         if sampled is None:
             return motion
-        return refine(self.search.reference(document), sampled, motion).shape_from_component
+        return refine(self._reference(document), sampled, motion).shape_from_component
 
     def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:
         """Return the nodes of the shape that the view shows, each with its place on the component."""
-        sampled = self.search.components(document, view_index).get(component)
-        return None if sampled is None else cloth_pairs(self.search.reference(document), sampled)
+        sampled = self._sampled(document, view_index).get(component)
+        return None if sampled is None else cloth_pairs(self._reference(document), sampled)
 
-    # ------------------------------------------------- 3. joint flattening (in place of 4.3)
+    def _reference(self, document: Document) -> ReferenceShape:
+        def make() -> ReferenceShape:
+            shape = self.shapes.of(document)
+            return ReferenceShape(
+                shape, self.seen.surfaces(shape), self._views.axis, self._neighbours(document)
+            )
 
-    def begin(self, start_view: int) -> JointShape:
-        """Return the joint shape of the start view: its nodes, and the pairs between them."""
-        flattening = self._views.flattening(start_view)
-        uv, _ = flattening.carrier.place_all()
-        uv[self.seen.component_of_pixel(start_view) != 0] = np.nan
-        (pose,) = self.seen.poses((start_view,))
-        made = begin_joint(flattening.surface, pose, uv, self._config.flattening)
-        self.seen.observed_places(made.observations[-1])  # while the view's flattening is cached
-        return made
+        return self._references.get(shape_key(document), make)
 
-    def extend(self, shape: JointShape, added: Accepted) -> JointShape:
-        """Add an accepted view to the joint shape."""
-        view, flattening = added.view_index, self._views.flattening(added.view_index)
-        shape, pose, shown = self.seen.associated(shape, view)  # 3a. register the camera; association
-        places = self.seen.places(view, shown.rc)
-        joined = joined_piece(shape, shown, places, added, flattening)
-        if joined is not None:
-            shape = with_piece_moved(shape, joined)
-        shown, by_hand = same_cloth(  # 3b. the nodes that fit the accepted placement
-            shape, shown, places, added, flattening, joins_piece=joined is not None
+    def _neighbours(self, document: Document) -> Neighbourhoods:
+        return self._around.get(shape_key(document), lambda: neighbourhoods_of(self.shapes.of(document)))
+
+    def _sampled(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
+        """Return the components of a view with the nodes of the shape that they show (cached)."""
+        return self._components.get(
+            (shape_key(document), view_index), lambda: self._sample(document, view_index)
         )
-        placed = self.seen.component_of_pixel(view) == added.component if by_hand else None
-        made = extend_joint(  # 3c to 3h: joint.py
-            shape, flattening.surface, pose, self._config.flattening, shown, placed
-        )
-        self.seen.observed_places(made.observations[-1])  # while the view's flattening is cached
-        return made
+
+    def _sample(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
+        flattening, shape = self._views.flattening(view_index), self.shapes.of(document)
+        pose = self.seen.poses((*shape.views, view_index))[-1]
+        shown = associate(shape.nodes, flattening.surface, pose)
+        of_pixel = self.seen.component_of_pixel(view_index)
+        pixel = np.rint(shown.rc).astype(np.int32)
+        of_node = of_pixel[pixel[:, 0], pixel[:, 1]]
+        found = {}
+        for n, component in enumerate(flattening.components):
+            inside, own = np.flatnonzero(of_pixel == n), np.flatnonzero(of_node == n)
+            inside = inside[:: max(1, len(inside) // _SAMPLES)]
+            # With the nodes, so that cloth present twice is found.
+            some = np.stack(np.unravel_index(inside, of_pixel.shape), axis=1).astype(np.int32)
+            rc: Int32 = np.concatenate([some, pixel[own]])
+            uv = flattening.carrier.place(rc)
+            known = np.isfinite(uv[:, 0])
+            if known.sum() >= 10:
+                found[n] = sample_component(
+                    uv[known],
+                    rc[known],
+                    flattening.surface,
+                    pose,
+                    shown.rc[own],
+                    shown.node[own],
+                    component.view.area_m2,
+                )
+        return found
+
+    # ------------------------------------------------- the shape (in place of 4.3)
 
     def canonical(self, document: Document) -> Canonical:
-        """Return the canonical view, composited from the joint shape, with its floating pieces."""
-        return self._drawn_of(document, *self._shown(document))
+        """Return the canonical view, composited from the shape, with its floating pieces."""
+        return self._drawn_of(document, self.shapes.of(document))
 
-    def alone(self, document: Document) -> Canonical:
-        """Return the canonical view as this side alone lays it out."""
-        return self._drawn_of(document, *self._shown(document, alone=True))
+    def earlier(self, earlier: Document, document: Document) -> Canonical:
+        """Return the cloth that the views of an earlier state show, where the whole document has it."""
+        return self._draw(earlier, of_views(self.shapes.of(document), earlier.used_views))
 
-    def _settled(self, document: Document, parts: Sequence[Bool] = ()) -> JointShape:
-        """Return the shape at its minimum, without some parts, which float (cached)."""
-        settled = self.shapes.settled(document)
+    def _without(self, document: Document, parts: Sequence[Bool]) -> Shape:
+        """Return the shape without some parts (N,), which float (cached)."""
+        shape = self.shapes.of(document)
         if not parts:
-            return settled
-        key = settled, *(part.tobytes() for part in parts)
-        return self._apart.get(key, lambda: taken_apart(settled, parts))
+            return shape
+        assert document.start_view is not None
+        upright = document.start_view
+        key = shape, *(part.tobytes() for part in parts)
+        return self._apart.get(key, lambda: apart(shape, parts, upright))
 
-    def _shown(
-        self, document: Document, parts: Sequence[Bool] = (), *, alone: bool = False
-    ) -> tuple[JointShape, Certainty]:
-        """Return the shape as it is shown, without some parts, and how certain its nodes are.
-
-        Once both sides are joined, it is the layout of both if that is the better one; not if ``alone``.
-        """
-        shape = self._settled(document, parts)  # 3d to 3h again, to the minimum of Eq. (2)
-        relaid = None if alone else self._relaid.kept((shape, document.garment.seams))
-        return relaid or shape, self.shapes.certainty_of(shape)
-
-    def _drawn_of(
-        self,
-        document: Document,
-        shape: JointShape,
-        certainty: Certainty,
-        taken_off: Bool | None = None,
-    ) -> Canonical:
-        return self._drawn.get(shape, lambda: self._draw(document, shape, certainty, taken_off))
+    def _drawn_of(self, document: Document, shape: Shape, taken_off: Bool | None = None) -> Canonical:
+        return self._drawn.get(shape, lambda: self._draw(document, shape, taken_off))
 
     def release(self, *, surfaces: bool = False) -> None:
         """Free what only further views or earlier shapes need; with ``surfaces``, those of the views too."""
-        for kept in (self.shapes, self.search):
-            kept.release()
+        for kept in (self.shapes, self._references, self._around, self._components):
+            kept.release() if isinstance(kept, Shapes) else kept.drop()
         self._seamed.drop()
         self.seen.release(surfaces=surfaces)
 
-    def earlier(self, earlier: Document, document: Document) -> Canonical:
-        """Return the canonical view as views extended it, without the minimum over all pairs.
-
-        What floats because its place is not determined is that of the ``document``.
-        """
-        _, unreliable = self.shapes.certainty(document)
-        shape = without_weak(self.shapes.shape(earlier))
-        known = unreliable[: len(shape.nodes)]  # nodes of later views follow
-        return self._draw(earlier, shape, (None, known))
-
-    def _draw(
-        self,
-        document: Document,
-        shape: JointShape,
-        certainty: tuple[Float64 | None, Bool],
-        taken_off: Bool | None = None,
-    ) -> Canonical:
-        """Composite a shape (3i), with its placement uncertainty (3j); some nodes (N,) were taken off it."""
+    def _draw(self, document: Document, shape: Shape, taken_off: Bool | None = None) -> Canonical:
+        """Composite a shape with its deviations; some nodes (N,) were taken off it."""
         surfaces = self.seen.surfaces(shape)
         costs = self.seen.pixel_costs(surfaces)
-        motions = self.seen.current_from_view(shape, document.placed_components)
-        return draw(shape, surfaces, self._views.axis, self._config, costs, certainty, motions, taken_off)
+        view, floating, are_off = draw(shape, surfaces, self._views.axis, self._config, costs, taken_off)
+        return Canonical(
+            view=view, current_from_view=_Motions(self, document, shape), floating=floating, taken_off=are_off
+        )
 
-    def apart(
-        self, document: Document, parts: Sequence[Bool], *, alone: bool = False
-    ) -> tuple[Canonical, Cloth]:
+    def apart(self, document: Document, parts: Sequence[Bool]) -> tuple[Canonical, Cloth]:
         """Return the canonical view without some parts, which float, and its edges (doubted links)."""
-        shape, certainty = self._shown(document, parts, alone=alone)
-        return self._drawn_of(document, shape, certainty, np.any(parts, axis=0)), _edges_of(shape)
+        shape = self._without(document, parts)
+        return self._drawn_of(document, shape, np.any(parts, axis=0)), _edges_of(shape)
 
     # ------------------------------------------------- the other side
 
@@ -304,51 +340,36 @@ class RobustMethod(Method):
         """Join the other side, integrated by itself, along the seams (``docs/robust.md``, "Both sides")."""
         assert isinstance(other, RobustMethod)
         pieces = [(side.canonical.view, *side.canonical.floating) for side in (own, its)]
-        held_point_m, seams = self._views.held_point_m, own.document.garment.seams
+        seams = own.document.garment.seams
         check()
-        shapes = self._settled(own.document, own.parts), other._settled(its.document, its.parts)
+        shapes = self._without(own.document, own.parts), other._without(its.document, its.parts)
         ends = own.ends, its.ends
         seamed = other._seamed.get(  # where a garment lays floating pieces changes no seam
-            (*shapes, seams),
-            lambda: join_sides(*shapes, (pieces[0], pieces[1]), ends, held_point_m, seams, check),
+            (*shapes, seams), lambda: join_sides(*shapes, (pieces[0], pieces[1]), ends, seams, check)
         )
-        joined, key = other_of(seamed, laid), (shapes[0], seams)
-        shown = self._relaid.kept(key)
-        if shown is None:
-            shown = self._relaid.put(key, _relaid_by(seamed))
-            self.times_joined += 1
+        joined = other_of(seamed, laid)
         check()
-        drawn = other._draw(its.document, joined.shape, (np.nan_to_num(joined.std_m), joined.unreliable))
+        drawn = other._draw(its.document, joined.shape)
         if not joined.is_related:  # it floats, and has no deviation from this side's shape
             drawn = replace(drawn, view=replace(drawn.view, placement_std_m=None))
         return JoinedSides(
             other=drawn,
-            seams=_on_shown(seams_of(joined, (drawn.view, *drawn.floating)), shapes[0], shown),
+            seams=seams_of(joined, (drawn.view, *drawn.floating)),
             is_related=joined.is_related,
             laid=joined.laid,
         )
 
-    # ------------------------------------------------- 4. acceptance without an operator
+    # ------------------------------------------------- acceptance without an operator
 
     @property
     def accept_score(self) -> float:
-        """The smallest accepted confidence (``docs/robust.md``, "Placing a view")."""
+        """The smallest accepted confidence (``docs/robust.md``, "Proposals")."""
         return self._config.robust.accept_confidence
 
-    def contradiction(self, document: Document) -> float:
-        """Return the share of the last accepted view's pairs that the other views contradict."""
-        shape = self.shapes.shape(document)
-        links = shape.links
-        own = (links.observation == len(shape.observations) - 1) & both_ends(shape.placed, links.edges)
-        return float((shape.weight[own] < CONTRADICTED_WEIGHT).mean()) if own.any() else 0.0
-
-    def is_contradicted(self, document: Document) -> bool:
-        """Return whether this share is too large for acceptance without an operator."""
-        return self.contradiction(document) > MOST_CONTRADICTION
-
-    def is_outgrown(self, document: Document) -> bool:
-        """Return whether a floating piece has more nodes than the shape."""
-        return largest_piece(self.shapes.shape(document)) != 0
+    def contradicting(self, document: Document) -> dict[int, float]:
+        """Return the views of a document that the others contradict, each with the share of its pairs."""
+        shares = self.shapes.of(document).contradictions
+        return {view: share for view, share in shares.items() if share > MOST_CONTRADICTION}
 
     # ------------------------------------------------- what the rest of the program asks
 
@@ -358,11 +379,11 @@ class RobustMethod(Method):
 
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views."""
-        return self.seen.registered(document.views_in_order)
+        return self.seen.registered(tuple(sorted(document.used_views)))
 
     def poses(self, document: Document) -> dict[int, Rigid3]:
         """Return the registered ``object_from_camera`` of each accepted view."""
-        views = document.views_in_order
+        views = tuple(sorted(document.used_views))
         return dict(zip(views, self.seen.poses(views), strict=True))
 
     def joined_piece(self, document: Document) -> JoinedPiece | None:
@@ -373,61 +394,54 @@ class RobustMethod(Method):
         added = Accepted(
             pending.view_index, pending.current_from_new, fixed=True, component=pending.component
         )
-        shape, _, shown = self.seen.associated(self.shapes.shape(document), added.view_index)
-        places = self.seen.places(added.view_index, shown.rc)
-        return joined_piece(shape, shown, places, added, self._views.flattening(added.view_index))
+        return self.shapes.joined_piece(document, added)
 
     def pixel_states(
         self, document: Document, frame: RgbdFrame, item: Bool, taken_off: Bool | None = None
     ) -> Uint8 | None:
         """Return what became of each pixel of an accepted view: that of the node that carries it."""
-        shape, (_, unreliable) = self._shown(document)
-        state = states_of_nodes(shape, unreliable, taken_off)
+        shape = self.shapes.of(document)
+        state = states_of_nodes(shape, taken_off)
+        if frame.view_index not in shape.views:
+            return None
         observation = shape.observations[shape.views.index(frame.view_index)]
-        surface = self.seen.surfaces(shape)[frame.view_index]
+        surface = self.seen.surface(frame.view_index)
         carried = states_on_surface(observation, surface, state, self._config.flattening)
         return states_of_view(frame, item, surface, carried)
 
     def surface_edges(self, document: Document) -> Cloth:
-        """Return the edges of the joint flattening, each once per view that saw it."""
-        return _edges_of(self._shown(document)[0])
+        """Return the edges of the shape, each once per view that saw it."""
+        return _edges_of(self.shapes.of(document))
 
     def cloth_of_pieces(self, document: Document) -> list[Cloth]:
         """Return the edges of each piece, the shape first."""
-        shape = self._shown(document)[0]
+        shape = self.shapes.of(document)
         return [_edges_of(shape, piece) for piece in np.unique(shape.piece[shape.piece >= 0]).tolist()]
 
 
-def _relaid_by(seamed: Seamed) -> JointShape:
-    """Return this side as in the joint layout of both sides, if its own pairs fit better there.
+class _Motions(dict[int, Rigid2]):
+    """The motion of each view's placed component to the plane, computed when it is asked for.
 
-    A tube of two sheets is stiffer than one of them, whose separate minimisation may have ended in a local
-    minimum.
+    It takes the view's own flattening, which nothing else of a shape needs.
     """
-    both, this, n = seamed.both, seamed.this, len(seamed.this.nodes)
-    held = this.placed & (both.piece[:n] == 0)
-    relaid = replace(this, all_uv_m=np.where(held[:, None], both.all_uv_m[:n], this.all_uv_m))
-    return relaid if _misfit(relaid) < _misfit(this) else this
+
+    def __init__(self, method: RobustMethod, document: Document, shape: Shape) -> None:
+        super().__init__()
+        self._method, self._components, self._shape = method, document.placed_components, shape
+
+    def __missing__(self, view_index: int) -> Rigid2:
+        component = self._components.get(view_index, 0)
+        found = self._method.seen.current_from_component(self._shape, view_index, component) or Rigid2()
+        self[view_index] = found
+        return found
 
 
-def _misfit(shape: JointShape) -> float:
-    used = both_ends(shape.placed, shape.links.edges) & ~shape.is_cut
-    return misfit(shape.all_uv_m, shape.links, np.flatnonzero(used))
+def with_view(document: Document, view_index: int) -> Document:
+    """Return a document with one more view, where its cloth hangs."""
+    return replace(document, accepted=(*document.accepted, Accepted(view_index, Rigid2())))
 
 
-def _on_shown(seams: Sequence[Seam], alone: JointShape, shown: JointShape) -> tuple[Seam, ...]:
-    """Return seams at their places on the shape as it is shown, moved as the nodes next to them."""
-    placed = np.flatnonzero(alone.placed)
-    tree, moved_m = cKDTree(alone.uv_m[placed]), (shown.all_uv_m - alone.all_uv_m)[placed]
-    return tuple(
-        seam
-        if seam.this_piece
-        else replace(seam, this_uv_m=seam.this_uv_m + moved_m[tree.query(seam.this_uv_m)[1]])
-        for seam in seams
-    )
-
-
-def _edges_of(shape: JointShape, piece: int = 0) -> Cloth:
+def _edges_of(shape: Shape, piece: int = 0) -> Cloth:
     uv_m = np.where((shape.piece == piece)[:, None], shape.all_uv_m, np.nan)
     return Cloth(
         uv_m=uv_m - np.nanmean(uv_m, axis=0) if piece else uv_m,  # floating pieces lie metres away

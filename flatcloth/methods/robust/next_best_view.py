@@ -23,9 +23,9 @@ from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.answers import Candidate
 from flatcloth.methods.neighbours import Neighbourhoods
-from flatcloth.methods.robust.joint_shape import TWO_ROWS_M, JointShape
-from flatcloth.methods.robust.observations import INCIDENCE_LIMIT_DEG, WELL_SEEN_DEG
 from flatcloth.methods.robust.scoring import neighbourhoods_of
+from flatcloth.shape.observations import INCIDENCE_LIMIT_DEG, WELL_SEEN_DEG
+from flatcloth.shape.shape import TWO_ROWS_M, Shape
 
 _NOVEL_TURN_DEG = 30.0
 """A view nearer than this to a visited one is expected to show less beyond the outline. Set by hand."""
@@ -38,7 +38,7 @@ _LEAST_COS = math.cos(math.radians(INCIDENCE_LIMIT_DEG)), math.cos(math.radians(
 
 
 def rate_candidates(
-    shape: JointShape,
+    shape: Shape,
     axis: RotationAxis,
     angles_deg: Sequence[float],
     candidates: Iterable[int],
@@ -51,7 +51,7 @@ def rate_candidates(
 
     Parameters
     ----------
-    shape : JointShape
+    shape : Shape
         The shape so far.
     axis : RotationAxis
         Axis of the recording.
@@ -110,7 +110,7 @@ def rate_candidates(
     return rated
 
 
-def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
+def _gaps(shape: Shape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
     """Gaps between each floating piece and the main one in space: nodes of both, and the piece's size."""
     has_place = np.flatnonzero(shape.has_place)
     piece, xyz = shape.piece[has_place], shape.nodes.xyz_m[has_place]
@@ -131,7 +131,7 @@ def _gaps(shape: JointShape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], i
 
 
 def seams_ahead(
-    shapes: tuple[JointShape, JointShape], axis: RotationAxis, angles_deg: Sequence[float], *, related: bool
+    shapes: tuple[Shape, Shape], axis: RotationAxis, angles_deg: Sequence[float], *, related: bool
 ) -> Float64:
     """Return the floating cloth (K,), m2, of two sides that views may join by seams.
 
@@ -172,7 +172,7 @@ def seams_ahead(
     return found
 
 
-def _best_incidence_deg(shape: JointShape) -> Float64:
+def _best_incidence_deg(shape: Shape) -> Float64:
     """Return the smallest incidence angle (N,) at which any view saw each node."""
     best = np.full(len(shape.nodes), 90.0)
     for observation in shape.observations:
@@ -180,7 +180,7 @@ def _best_incidence_deg(shape: JointShape) -> Float64:
     return best
 
 
-def _node_area_m2(shape: JointShape) -> float:
+def _node_area_m2(shape: Shape) -> float:
     """Return the area of cloth per node, from the cells of the plane that the nodes occupy."""
     uv, cell_m = shape.all_uv_m[shape.has_place], 2.0 * LEAST_INTERVAL_M  # so that sparse nodes cover it
     u, v = np.floor(uv / cell_m).astype(np.int64).T
@@ -188,7 +188,7 @@ def _node_area_m2(shape: JointShape) -> float:
     return len(cells) * cell_m**2 / max(len(uv), 1)
 
 
-def inner_area_m2(shape: JointShape) -> float:
+def inner_area_m2(shape: Shape) -> float:
     """Return the area of the main piece without its border: cells of the plane between occupied ones."""
     cell_m = 2.0 * LEAST_INTERVAL_M
     at = np.floor(shape.all_uv_m[shape.piece == 0] / cell_m).astype(np.int64)
@@ -204,7 +204,7 @@ class _Rim:
     promise_m2: Float64
 
 
-def _rim(shape: JointShape, area_m2: float, around: Neighbourhoods) -> _Rim:
+def _rim(shape: Shape, area_m2: float, around: Neighbourhoods) -> _Rim:
     """Find the outline nodes, the expected normals and areas beyond them; ``area_m2`` is that of a node."""
     lopsided = np.linalg.norm(around.lean, axis=1) / np.maximum(around.views, 1)
     rim = np.flatnonzero((lopsided > 0.35) & (around.views >= 3))

@@ -24,7 +24,8 @@ from flatcloth.methods.answers import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
 from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
 from flatcloth.methods.refining import Nodes, Samples, fitted
-from flatcloth.methods.robust.joint_shape import TWICE_M, JointShape
+from flatcloth.shape.pieces import TWICE_M
+from flatcloth.shape.shape import Shape
 
 PLACE_STD_M = 0.003
 """Standard deviation of the distance of equal cloth in space, in addition to the views' noise, and of a
@@ -60,11 +61,11 @@ class SampledComponent:
 
 
 class ReferenceShape:
-    """A joint shape as the reference for comparisons with components.
+    """A shape as the reference for comparisons with components.
 
     Parameters
     ----------
-    shape : JointShape
+    shape : Shape
         The shape.
     surfaces : mapping
         Those of its views, by view index.
@@ -76,7 +77,7 @@ class ReferenceShape:
 
     def __init__(
         self,
-        shape: JointShape,
+        shape: Shape,
         surfaces: Mapping[int, Surface],
         axis: RotationAxis,
         around: Neighbourhoods | None = None,
@@ -122,13 +123,14 @@ class ReferenceShape:
         )  # fmt: skip
 
 
-def neighbourhoods_of(shape: JointShape) -> Neighbourhoods:
+def neighbourhoods_of(shape: Shape) -> Neighbourhoods:
     """Return the sums over the neighbours of each node of a shape."""
-    links = shape.links
-    return neighbourhoods(links.once, links.views_of_once, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m)
+    graph = shape.graph
+    views = np.where(shape.holds, graph.views, 0)
+    return neighbourhoods(graph.pairs, views, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m)
 
 
-def _space_from_plane(shape: JointShape, around: Neighbourhoods) -> Float64:
+def _space_from_plane(shape: Shape, around: Neighbourhoods) -> Float64:
     """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
     frames, normal = around.turned, shape.nodes.normal
     return nearest_isometries(

@@ -1,30 +1,25 @@
-"""Bookkeeping of the method ``robust``: what is known of single views, and the joint shapes of documents.
+"""The shapes of documents: single views with their registered cameras, and the decisions as plain data.
 
-The algorithm is in :mod:`flatcloth.methods.robust.method`. Everything here is computed from a document and
-cached by its prefix, so undo is exact.
+What a shape is computed from is the set of a document's views, and where the operator placed some of them;
+:mod:`flatcloth.shape.algorithm` computes it. Everything is cached by that, so undo is exact.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import replace
-from weakref import WeakKeyDictionary, WeakValueDictionary
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from weakref import WeakValueDictionary
 
 import numpy as np
 
-from flatcloth.core.cache import Cache, size_in_bytes
-from flatcloth.core.errors import FlatclothError
+from flatcloth.core.cache import Cache
+from flatcloth.core.errors import FlatclothError, SurfaceError
 from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2
+from flatcloth.flattening.flatten import Flattening
 from flatcloth.flattening.surface import Surface
+from flatcloth.methods.answers import JoinedPiece
 from flatcloth.methods.base import Views
-from flatcloth.methods.robust.acceptance import PlacesInView
-from flatcloth.methods.robust.compositing import pixel_cost
-from flatcloth.methods.robust.connectivity import NO_LINKS, links_of
-from flatcloth.methods.robust.joint import settled
-from flatcloth.methods.robust.joint_shape import JointShape, with_largest_piece, with_poses
-from flatcloth.methods.robust.observations import Association, Observation, associate
-from flatcloth.methods.robust.uncertainty import lengthened, placement_std_m, undetermined
 from flatcloth.registration.cameras import (
     begin_registration,
     confirmed_by,
@@ -34,27 +29,30 @@ from flatcloth.registration.cameras import (
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.document import Accepted, Document
+from flatcloth.shape.algorithm import ByHand, shape
+from flatcloth.shape.drawing import pixel_cost
+from flatcloth.shape.observations import Association, PlacedView, associate
+from flatcloth.shape.shape import TWO_ROWS_M, Shape
 
 MOST_KEPT = 64
-"""Values that are kept of each kind (shapes, scores). Chosen: more than the views of a session."""
-KEPT_BYTES = 48 * 2**20
-"""Memory of the shapes that are kept for undo, trials and exports. Chosen: the shapes after each of
-35 views of shirt-sleeve-clean take less."""
-
-LARGEST = "the largest piece becomes the shape"
-"""The step of a prefix that is no accepted view."""
-
-Certainty = tuple[Float64, Bool]
-"""The standard deviation (N,) of each node's position, and which nodes (N,) are not determined."""
+"""Values that are kept of each kind (poses, scores). Chosen: more than the views of a session."""
+_SHAPES_KEPT = 6
+"""Shapes that are kept: with and without the proposal, and those of the decisions before it, for undo. Chosen:
+each takes 10 to 15 MB."""
 
 
-def prefix(document: Document) -> tuple[Hashable, ...]:
-    """Return the part of a document that its shape depends on: the start view, then the steps from there."""
-    steps: list[Hashable] = [document.start_view]
-    for n in range(len(document.accepted) + 1):
-        steps += [LARGEST] * (n in document.largest_after)
-        steps += document.accepted[n : n + 1]
-    return tuple(steps)
+def shape_key(document: Document) -> tuple[Hashable, ...]:
+    """Return what a document's shape depends on: the set of its views, the start view, and those placed by hand."""
+    by_hand = tuple((a.view_index, a.component, a.current_from_new) for a in document.accepted if a.fixed)
+    return document.start_view, document.used_views, by_hand
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacesInView:
+    """Where nodes lie in a view's own plane, ``uv_m`` (K, 2), and on which ``component`` (K,) of it."""
+
+    uv_m: Float64
+    component: Int32
 
 
 class RegisteredViews:
@@ -82,12 +80,9 @@ class RegisteredViews:
         self._poses: Cache[tuple[Rigid3, ...]] = Cache(MOST_KEPT)  # small: release() keeps them
         self._component_maps: Cache[Int32] = Cache(2)
         self._costs: Cache[Float32] = Cache(MOST_KEPT)
-        self._observed: WeakKeyDictionary[Observation, PlacesInView] = WeakKeyDictionary()
-        self._associations: Cache[tuple[JointShape, Rigid3, Association]] = Cache(1)
 
     def release(self, *, surfaces: bool) -> None:
         """Free what only the search for placements needs; with ``surfaces``, also those of all views."""
-        self._associations.drop()
         self._component_maps.drop()
         if surfaces:
             self._registrations.drop()
@@ -122,18 +117,35 @@ class RegisteredViews:
     def _view_features(self, view_index: int) -> ViewFeatures:
         kept = self._features.get(view_index)
         if kept is None:
-            made = extract_features(self._views.flattening(view_index).surface)
+            made = extract_features(self._views.surface(view_index))
             kept = self._features.setdefault(view_index, made)
         return kept
 
-    def surfaces(self, shape: JointShape) -> dict[int, Surface]:
+    def placed(self, views: Sequence[int]) -> list[PlacedView]:
+        """Return views with the poses of their cameras, in the order of their numbers."""
+        usable = tuple(view for view in sorted(views) if self.is_usable(view))
+        poses = self.poses(usable)
+        return [
+            PlacedView(surface=self.surface(view), object_from_camera=pose)
+            for view, pose in zip(usable, poses, strict=True)
+        ]
+
+    def is_usable(self, view_index: int) -> bool:
+        """Return whether a view shows enough cloth."""
+        try:
+            self.surface(view_index)
+        except SurfaceError:
+            return False
+        return True
+
+    def surface(self, view_index: int) -> Surface:
+        """Return the surface of a view: that which registrations keep, if they were not released."""
+        seen = self._view_features(view_index)
+        return self._views.surface(view_index) if seen.surface is None else seen.surface
+
+    def surfaces(self, shown: Shape) -> dict[int, Surface]:
         """Return the surfaces of a shape's views."""
-
-        def of(view: int) -> Surface:
-            seen = self._features.get(view)  # registrations keep them, if they were not released
-            return self._views.surface(view) if seen is None or seen.surface is None else seen.surface
-
-        return {view: of(view) for view in shape.views}
+        return {view: self.surface(view) for view in shown.views}
 
     def pixel_costs(self, surfaces: Mapping[int, Surface]) -> dict[int, Float32]:
         """Return the cost (H, W) of each pixel of views, by which they are composited."""
@@ -164,121 +176,151 @@ class RegisteredViews:
             component=self.component_of_pixel(view_index)[pixel[:, 0], pixel[:, 1]],
         )
 
-    def observed_places(self, observation: Observation) -> PlacesInView:
-        """Return the places of observed nodes in their view, kept as long as the observation."""
-        kept = self._observed.get(observation)
-        if kept is None:
-            made = self.places(observation.view_index, observation.rc)
-            kept = self._observed.setdefault(observation, made)
-        return kept
-
-    def associated(self, shape: JointShape, view_index: int) -> tuple[JointShape, Rigid3, Association]:
-        """Register a view's camera; return the shape with its poses, the view's, and the nodes it shows."""
-
-        def make() -> tuple[JointShape, Rigid3, Association]:
-            *before, held = self.poses((*shape.views, view_index))
-            moved = with_poses(shape, tuple(before))
-            surface = self._views.flattening(view_index).surface
-            return moved, held, associate(moved.nodes, surface, held)
-
-        return self._associations.get((shape, view_index), make)
-
-    def current_from_view(self, shape: JointShape, components: Mapping[int, int]) -> dict[int, Rigid2]:
-        """Return for each view the rigid motion closest to the joint shape's effect on its component.
-
-        ``components`` are the placed ones, by view; by default the largest.
-        """
-        motions = {}
-        for observation in shape.observations:
-            view, there = observation.view_index, shape.all_uv_m[observation.node]
-            own = self.observed_places(observation)
-            good = (
-                (own.component == components.get(view, 0))
-                & np.isfinite(own.uv_m[:, 0])
-                & np.isfinite(there[:, 0])
-            )
-            motions[view] = fit_rigid2(own.uv_m[good], there[good]) if good.sum() > 2 else Rigid2()
-        return motions
+    def current_from_component(self, shown: Shape, view_index: int, component: int) -> Rigid2 | None:
+        """Return the rigid motion closest to a shape's effect on a view's component, if it is in the main piece."""
+        seen = next((o for o in shown.observations if o.view_index == view_index), None)
+        if seen is None:
+            return None
+        own, there = self.places(view_index, seen.rc), shown.uv_m[seen.node]
+        good = (own.component == component) & np.isfinite(own.uv_m[:, 0]) & np.isfinite(there[:, 0])
+        return fit_rigid2(own.uv_m[good], there[good]) if good.sum() > 2 else None
 
 
-class JointShapes:
-    """The joint shape of each document, cached by prefix.
+class Shapes:
+    """The shapes of documents, cached by the set of their views and the decisions.
 
     Parameters
     ----------
-    begin : callable
-        Returns the shape of a start view.
-    extend : callable
-        Returns a shape with one more accepted view.
-    held_point_m : (3,) float64
-        Held point, object frame.
+    views : Views
+        Single views.
+    seen : RegisteredViews
+        Their cameras.
     """
 
-    def __init__(
-        self,
-        begin: Callable[[int], JointShape],
-        extend: Callable[[JointShape, Accepted], JointShape],
-        held_point_m: Float64,
-    ) -> None:
-        self._begin, self._extend, self._held_point_m = begin, extend, held_point_m
-        self._shapes: Cache[JointShape] = Cache(2)
-        self._prefixes: Cache[JointShape] = Cache(MOST_KEPT, KEPT_BYTES, _own_bytes)
-        self._settled: Cache[JointShape] = Cache(2)
-        self._certainties: Cache[Certainty] = Cache(2)
+    def __init__(self, views: Views, seen: RegisteredViews) -> None:
+        self._views, self._seen = views, seen
+        self._interval_px = views.config.flattening.sampling_intervals_px[-1]
+        self._shapes: Cache[Shape] = Cache(_SHAPES_KEPT)
 
     def release(self) -> None:
-        """Free the shapes that are kept for undo and trials; settled ones stay."""
-        for kept in (self._shapes, self._prefixes):
-            kept.drop()
+        """Free all shapes but those in use."""
+        self._shapes.drop()
 
-    def shape(self, document: Document) -> JointShape:
-        """Return the joint shape of a document's accepted views."""
+    def of(self, document: Document) -> Shape:
+        """Return the shape of a document's views.
+
+        Raises
+        ------
+        FlatclothError
+            If the session has no start view, or no view shows cloth.
+        """
         if document.start_view is None:
             raise FlatclothError("There is no start view yet; start the session first.")
-        return self._shapes.get(prefix(document), lambda: self._grown(document))
+        return self._shapes.get(shape_key(document), lambda: self._made(document))
 
-    def settled(self, document: Document) -> JointShape:
-        """Return the joint shape, relaxed as a whole: what is shown and exported."""
-        return self._settled.get(prefix(document), lambda: lengthened(settled(self.shape(document))))
-
-    def certainty(self, document: Document) -> Certainty:
-        """Return the certainty of the nodes of the settled shape."""
-        return self.certainty_of(self.settled(document))
-
-    def certainty_of(self, shape: JointShape) -> Certainty:
-        """Return the certainty of the nodes of any shape (cached)."""
-
-        def make() -> Certainty:
-            std = placement_std_m(shape, self._held_point_m)
-            return std, undetermined(shape, std)
-
-        return self._certainties.get(shape, make)
-
-    def _grown(self, document: Document) -> JointShape:
-        """Extend the longest prefix of the decisions whose shape is kept."""
+    def _made(self, document: Document) -> Shape:
+        fixed = [added for added in document.accepted if added.fixed]
+        if fixed:  # the views before it are a set of their own
+            *before, last = fixed
+            rest = tuple(a for a in document.accepted if a is not last)
+            without = self.of(replace(document, accepted=rest))
+            if _is_moved(self._seen, without, last, self._associated(without, last.view_index)):
+                return self._with_hand(document, before, last)
+            freed = tuple(replace(a, fixed=False) if a is last else a for a in document.accepted)
+            return self.of(replace(document, accepted=freed))
         assert document.start_view is not None
-        start, *steps = prefix(document)
-        known, kept = self._prefixes.longest(start, steps)
-        made = self._shapes.kept((start, *steps[:known]))
-        if made is None and kept is not None:
-            made = replace(kept, links=links_of(kept.observations))
-        if made is None:
-            made = self._begin(document.start_view)
-            self._prefixes.put((start,), _without_pairs(made))
-        for n, step in enumerate(steps[known:], known):
-            if isinstance(step, Accepted):
-                made = self._extend(made, step)
-                self._prefixes.put((start, *steps[:n], step), _without_pairs(made))
-            else:
-                made = with_largest_piece(made)
-        return made
+        return shape(self._seen.placed(sorted(document.used_views)), self._interval_px, document.start_view)
+
+    def _with_hand(self, document: Document, before: Sequence[Accepted], last: Accepted) -> Shape:
+        """Return the shape of a document of which the operator placed views, ``last`` after the others."""
+        assert document.start_view is not None
+        by_hand: list[ByHand] = []
+        placed = {view.surface.frame.view_index: view for view in self._seen.placed(sorted(document.used_views))}
+        hands = {added.view_index for added in (*before, last)}
+        free = [view for number, view in placed.items() if number not in hands]
+        for added in (*before, last):
+            made = shape(free, self._interval_px, document.start_view, by_hand)
+            shown = associate(made.nodes, placed[added.view_index].surface, placed[added.view_index].object_from_camera)
+            both, at_hand = where_laid(self._seen, made, added, shown, self._views.flattening(added.view_index))
+            by_hand.append(ByHand(view=placed[added.view_index], shown=both, at_hand=at_hand))
+        return shape(free, self._interval_px, document.start_view, by_hand)
+
+    def _associated(self, shown: Shape, view_index: int) -> Association:
+        (pose,) = self._seen.poses((*shown.views, view_index))[-1:]
+        return associate(shown.nodes, self._seen.surface(view_index), pose)
+
+    def joined_piece(self, document: Document, added: Accepted) -> JoinedPiece | None:
+        """Return the floating piece that a component joins to the shape where the operator placed it, if one.
+
+        It is the one to which most of the component's nodes belong, if the component lies on cloth of the shape.
+        """
+        made = self.of(document)
+        shown = self._associated(made, added.view_index)
+        own = self._seen.places(added.view_index, shown.rc)
+        piece = made.piece[shown.node]
+        known = (own.component == added.component) & np.isfinite(own.uv_m[:, 0]) & (piece > 0)
+        if not known.any() or not _under(made, added, self._views.flattening(added.view_index)).node.size:
+            return None
+        number = int(np.bincount(piece[known]).argmax())
+        at = known & (piece == number)
+        if at.sum() < 3 or at.sum() < 0.5 * ((own.component == added.component) & (piece >= 0)).sum():
+            return None
+        from_own = fit_rigid2(own.uv_m[at], made.all_uv_m[shown.node[at]])
+        return JoinedPiece(
+            piece=number,
+            center_uv_m=made.all_uv_m[made.piece == number].mean(axis=0),
+            target_from_piece=added.current_from_new @ from_own.inverse(),
+        )
 
 
-def _without_pairs(shape: JointShape) -> JointShape:
-    """Return a shape to be kept: its pairs, which follow from its observations, take most of its memory."""
-    return replace(shape, links=NO_LINKS)
+def _is_moved(seen: RegisteredViews, made: Shape, added: Accepted, shown: Association) -> bool:
+    """Return whether a placement is another than that at which the component's cloth hangs."""
+    return not _fits(seen, made, added, shown).sum() > 0.5 * (
+        seen.places(added.view_index, shown.rc).component == added.component
+    ).sum()
 
 
-def _own_bytes(shape: JointShape) -> int:
-    """Return the memory of a shape; earlier observations are those of the shape that it extends."""
-    return size_in_bytes(replace(shape, observations=shape.observations[-1:]))
+def _fits(seen: RegisteredViews, made: Shape, added: Accepted, shown: Association) -> Bool:
+    """Return which of the nodes that a view shows (K,) lie where the placement of its component puts them."""
+    own = seen.places(added.view_index, shown.rc)
+    there = made.uv_m[shown.node]
+    with np.errstate(invalid="ignore"):
+        off_m = np.linalg.norm(added.current_from_new.apply(own.uv_m) - there, axis=1)
+        near: Bool = (own.component == added.component) & (off_m <= TWO_ROWS_M)
+    return near
+
+
+def where_laid(
+    seen: RegisteredViews, made: Shape, added: Accepted, shown: Association, flattening: Flattening
+) -> tuple[Association, Bool]:
+    """Return the nodes that a view shows where the operator laid a component of it, and which (K,) lie under it.
+
+    Cloth of the component that hangs elsewhere on the main piece is not the same cloth; that of a floating piece
+    is, and comes with it. Other components are where they hang.
+    """
+    is_own = seen.places(added.view_index, shown.rc).component == added.component
+    under = _under(made, added, flattening)
+    kept = ~is_own | (made.piece[shown.node] > 0) | _fits(seen, made, added, shown)
+    kept &= ~np.isin(shown.node, under.node)
+    both = Association(
+        node=np.concatenate([shown.node[kept], under.node]),
+        rc=np.concatenate([shown.rc[kept], under.rc]),
+        incidence_deg=np.concatenate([shown.incidence_deg[kept], under.incidence_deg]),
+    )
+    return both, np.arange(len(both.node)) >= kept.sum()
+
+
+def _under(made: Shape, added: Accepted, flattening: Flattening) -> Association:
+    """Return the nodes of the main piece on the plane under a component that the operator placed."""
+    view = flattening.components[added.component].view
+    placed = np.flatnonzero(made.placed).astype(np.int32)
+    there = added.current_from_new.inverse().apply(made.all_uv_m[placed])
+    rc = np.rint(view.rc_from_uv(there)).astype(int)
+    inside: Bool = np.asarray(((rc >= 0) & (rc < view.shape)).all(axis=1))
+    inside[inside] = view.valid[rc[inside, 0], rc[inside, 1]]
+    source = view.source_rc[rc[inside, 0], rc[inside, 1]].astype(np.float64)
+    source -= np.asarray(flattening.surface.frame.offset_rc)
+    quality = view.quality
+    assert quality is not None
+    incidence = quality[rc[inside, 0], rc[inside, 1], 1].astype(np.float64)
+    return Association(node=placed[inside], rc=source, incidence_deg=incidence)

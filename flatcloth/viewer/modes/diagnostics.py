@@ -17,9 +17,9 @@ from flatcloth.core.types import Uint8
 from flatcloth.engine.diagnostics import Reasons, StrainedEdges, reasons
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.answers import ColumnCurves, ZAngleLine
-from flatcloth.methods.robust.joint_shape import TWICE_M
 from flatcloth.rendering import layers
 from flatcloth.rendering.thumbnails import thumbnail
+from flatcloth.shape.pieces import TWICE_M
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.answers import (
     BothEdges,

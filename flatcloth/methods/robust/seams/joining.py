@@ -1,8 +1,8 @@
 """Both sides of an item as one shape: the algorithm.
 
-Nodes and pairs of the two joint shapes stand in one list, those of the other side mirrored. Each place where
+Nodes and pairs of the shapes of both stand in one graph, those of the other side mirrored. Each place where
 rims meet is a node of its own, which pairs join to the cloth of both sides: it has one place on the plane, as
-on a sewing pattern. All positions then follow from Eq. (2) over both sides, as those of one side do.
+on a sewing pattern. All places then follow from one layout, as those of one side do.
 """
 
 from __future__ import annotations
@@ -15,16 +15,11 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int64, LaidPiece
+from flatcloth.core.types import MIRROR, FlattenedView, Float64, Int64, LaidPiece
 from flatcloth.methods.answers import Ends, Seam
-from flatcloth.methods.robust.connectivity import Links, both_ends, pairs_once
-from flatcloth.methods.robust.joint import flatten_jointly
-from flatcloth.methods.robust.joint_shape import PIECES_APART_M, JointShape
-from flatcloth.methods.robust.layout import MOST_DRIFT_M
-from flatcloth.methods.robust.observations import PAIR_INTERVALS, Nodes
 from flatcloth.methods.robust.scoring import PLACE_STD_M
 from flatcloth.methods.robust.seams.decisions import CUT, with_decisions
-from flatcloth.methods.robust.seams.laying import joined_pieces, laid_piece, nodes_on, with_laid
+from flatcloth.methods.robust.seams.laying import Both, joined_pieces, laid_piece, nodes_on, with_laid
 from flatcloth.methods.robust.seams.links import (
     Matches,
     SeamLink,
@@ -33,13 +28,13 @@ from flatcloth.methods.robust.seams.links import (
     motion_onto,
     sets_of,
 )
-from flatcloth.methods.robust.uncertainty import (
-    MOST_STD_M,
-    placement_std_m,
-    strain_by_ripples,
-    undetermined,
-)
 from flatcloth.session.garment import DecidedSeam
+from flatcloth.shape.algorithm import laid_out
+from flatcloth.shape.deviations import deviations_m
+from flatcloth.shape.graph import Graph
+from flatcloth.shape.observations import PAIR_INTERVALS
+from flatcloth.shape.pieces import both_ends
+from flatcloth.shape.shape import PIECES_APART_M, Shape
 
 _SEAM_EVIDENCE = 0.1
 """Evidence of each pair at a seam. Chosen: the 30 matches that join pieces have more than joins any two."""
@@ -52,16 +47,12 @@ class JoinedSide:
     """The other side of an item, laid out together with this one.
 
     ``shape`` is on its own plane, seen from its own outside; with ``MIRROR`` it lies on the plane of this
-    side if it ``is_related``: seams join its main piece to that of this side. ``std_m`` (N,) are the standard
-    deviations of its nodes relative to the main piece of this side, NaN if it is not related to that;
-    ``unreliable`` (N,) are the nodes not determined.
+    side if it ``is_related``: seams join its main piece to that of this side. The deviations of its nodes are relative to the main piece of this side, NaN if it is not related to that.
     ``matches`` are where rims meet, ``links`` their sets; ``laid`` the floating pieces of
     this side that seams join to its main piece.
     """
 
-    shape: JointShape
-    std_m: Float64
-    unreliable: Bool
+    shape: Shape
     matches: Matches
     links: tuple[SeamLink, ...]
     is_related: bool
@@ -72,15 +63,15 @@ class JoinedSide:
 class Seamed:
     """Both sides joined along the seams, before floating pieces of this side are laid anywhere.
 
-    ``both`` has the nodes of ``this``, of the ``other`` and of the places on seams, in this order;
-    ``std_m`` are the deviations of the nodes of each side; ``joining`` (K,) of the ``matches`` join.
+    ``both`` has the nodes of ``this``, of the ``other`` and of the places on seams, in this order; ``std_m``
+    are the deviations of the nodes of each side; ``joining`` (K,) of the ``matches`` join.
     ``floating`` are the nodes of each floating piece of this side, as it is drawn.
     """
 
     floating: tuple[Int64, ...]
-    both: JointShape
-    this: JointShape
-    other: JointShape
+    both: Both
+    this: Shape
+    other: Shape
     std_m: tuple[Float64, Float64]
     joining: Int64
     matches: Matches
@@ -88,11 +79,10 @@ class Seamed:
 
 
 def join_sides(
-    this: JointShape,
-    other: JointShape,
+    this: Shape,
+    other: Shape,
     pieces: tuple[Sequence[FlattenedView], Sequence[FlattenedView]],
     ends: tuple[Sequence[Ends], Sequence[Ends]],
-    held_point_m: Float64,
     decided: Sequence[DecidedSeam] = (),
     check: Callable[[], None] = lambda: None,
 ) -> Seamed:
@@ -100,14 +90,12 @@ def join_sides(
 
     Parameters
     ----------
-    this, other : JointShape
+    this, other : Shape
         This side and the other one, each on its own plane, seen from its own outside.
     pieces : two sequences of FlattenedView
         All pieces of each side, rasterised where their nodes lie.
     ends : two sequences of Ends
         Where the cloth of these pieces truly ends.
-    held_point_m : (3,) float64
-        Held point, object frame.
     decided : sequence of DecidedSeam
         The operator's decisions about seams.
     check : callable
@@ -121,14 +109,15 @@ def join_sides(
         [link.members for link in links if not link.why] or [np.zeros(0, dtype=np.int64)]
     )
     joining = joining[np.isfinite(matches.other_uv_m[joining, 0])]
-    # 3. Poses of all pieces by the largest sets; one shape, with a node for each place on a seam.
+    # 3. Poses of all pieces by the largest sets; one graph, with a node for each place on a seam.
     own, mirrored, places, std_m = _posed(this, other, matches, links)
-    both = _one_shape(own, mirrored, matches.chosen(joining), (places[0][joining], places[1][joining]))
+    seams = matches.chosen(joining)
+    graph = _one_graph(own, mirrored, seams, (places[0][joining], places[1][joining]))
     check()
-    # 4. Eq. (2) over both sides (joint.py).
-    both = _with_main_of(this, flatten_jointly(both, most_cut=None, precise=True))
+    # 4. The layout of both sides (shape/layout.py), and its deviations from the main piece of this one.
+    both, joint_std_m = _laid_out(this, graph)
     check()
-    joint_std_m, n = placement_std_m(both, held_point_m), len(this.nodes)
+    n = len(this.nodes)
     return Seamed(
         floating=tuple(nodes_on(this, piece) for piece in pieces[0][1:]),
         both=both,
@@ -168,8 +157,8 @@ def other_of(seamed: Seamed, laid: Sequence[LaidPiece] = ()) -> JoinedSide:
 
 
 def _posed(
-    this: JointShape, other: JointShape, matches: Matches, links: Sequence[SeamLink]
-) -> tuple[JointShape, JointShape, tuple[Float64, Float64], list[Float64]]:
+    this: Shape, other: Shape, matches: Matches, links: Sequence[SeamLink]
+) -> tuple[Shape, Shape, tuple[Float64, Float64], list[Float64]]:
     """Move the pieces of both sides to where the largest sets of matches lead, and number them by group.
 
     The other side is returned mirrored, on the plane of this side, with the places of the matches on both,
@@ -215,180 +204,140 @@ def _posed(
     return *posed, (places[0], places[1]), [np.sqrt(each) for each in variance]
 
 
-def _one_shape(
-    this: JointShape, mirrored: JointShape, seams: Matches, places: tuple[Float64, Float64]
-) -> JointShape:
-    """Return both sides, which lie on one plane, as one shape; ``places`` are those of the seams on each."""
-    n, m, count = len(this.nodes), len(mirrored.nodes), len(seams)
-    turned = replace(
-        mirrored.links, edges=mirrored.links.edges + np.int32(n), offset=-np.conj(mirrored.links.offset)
-    )
-    own, its = _pairs_at(this, places[0], 0, n + m), _pairs_at(mirrored, places[1], n, n + m)
-    placed = np.flatnonzero(this.has_place & (this.piece >= 0))
-    at = placed[cKDTree(this.all_uv_m[placed]).query(places[0])[1]]
-    links = _listed((this.links, turned, own, its), n + m + count)
-    uv = np.concatenate([this.all_uv_m, mirrored.all_uv_m, places[0]])
-    new = np.ones(len(own.edges) + len(its.edges), dtype=np.float32)
-    weight = np.concatenate([this.weight, mirrored.weight, new])
-    apart_m = np.linalg.norm(uv[links.edges[:, 0]] - uv[links.edges[:, 1]], axis=1)
-    weight[len(this.weight) + len(mirrored.weight) :][
-        np.abs(apart_m - links.length_m)[len(this.weight) + len(mirrored.weight) :] > MOST_DRIFT_M
-    ] = 0.0
-    return JointShape(
-        nodes=Nodes(
-            xyz_m=np.concatenate([this.nodes.xyz_m, mirrored.nodes.xyz_m, seams.xyz_m]),
-            normal=np.concatenate([this.nodes.normal, mirrored.nodes.normal, this.nodes.normal[at]]),
-            weight=np.concatenate([this.nodes.weight, mirrored.nodes.weight, np.ones(count)]),
-        ),
-        observations=(
-            *this.observations,
-            *(replace(seen, node=seen.node + np.int32(n)) for seen in mirrored.observations),
-        ),
-        object_from_camera=(*this.object_from_camera, *mirrored.object_from_camera),
-        links=links,
-        piece=np.concatenate([this.piece, mirrored.piece, this.piece[at]]).astype(np.int32),
-        all_uv_m=uv,
-        anchor=this.anchor,
-        anchor_uv_m=this.anchor_uv_m,
-        weight=weight,
-        # Nodes that a side by itself could not place would join what it keeps apart.
-        is_cut=np.concatenate(
-            [_unused(this), _unused(mirrored), np.zeros(len(own.edges) + len(its.edges), dtype=np.bool_)]
-        ),
-        by_hand=np.concatenate([this.by_hand, mirrored.by_hand, np.zeros(count, dtype=np.bool_)]),
+def _one_graph(this: Shape, mirrored: Shape, seams: Matches, places: tuple[Float64, Float64]) -> Graph:
+    """Return both sides, which lie on one plane, as one graph; ``places`` are those of the seams on each."""
+    n, m = len(this.nodes), len(mirrored.nodes)
+    own, its = _own_graph(this), _own_graph(mirrored)
+    its = replace(its, pairs=its.pairs + np.int32(n), offset_m=-np.conj(its.offset_m))
+    parts = [own, its, _pairs_at(this, own, places[0], 0, n + m), _pairs_at(mirrored, its, places[1], n, n + m)]
+    pairs = np.concatenate([part.pairs for part in parts])
+    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+
+    def listed(name: str) -> Float64:
+        every: Float64 = np.concatenate([getattr(part, name) for part in parts])[order]
+        return every
+
+    return Graph(
+        xyz_m=np.concatenate([this.nodes.xyz_m, mirrored.nodes.xyz_m, seams.xyz_m]),
+        pairs=pairs[order],
+        length_m=listed("length_m"),
+        offset_m=np.concatenate([part.offset_m for part in parts])[order],
+        variance_m2=listed("variance_m2"),
+        single_std_m=listed("single_std_m"),
+        evidence=listed("evidence"),
+        views=np.concatenate([part.views for part in parts])[order],
     )
 
 
-def _with_main_of(this: JointShape, both: JointShape) -> JointShape:
-    """Return both sides with the main piece of this side as theirs, where a floating one is larger."""
-    own = np.flatnonzero((this.piece == 0) & (both.piece[: len(this.nodes)] >= 0))
-    main = int(np.bincount(both.piece[own]).argmax())
-    if main == 0:
-        return both
-    uv, piece = both.all_uv_m.copy(), both.piece.copy()
-    own = own[both.piece[own] == main]
-    motion = fit_rigid2(uv[own], this.all_uv_m[own])
-    larger, is_main = both.piece == 0, both.piece == main
-    uv[larger] += (PIECES_APART_M * main, 0.0) - uv[larger].mean(axis=0)
-    uv[is_main] = motion.apply(uv[is_main])
-    piece[larger], piece[is_main] = main, 0
-    return replace(both, all_uv_m=uv, piece=piece)
+def _own_graph(shape: Shape) -> Graph:
+    """Return the pairs of a side that hold, at the scale of its layout.
 
-
-def _unused(shape: JointShape) -> Bool:
-    """Return which pairs (M,) of a side are cut, or have an end without a place."""
-    unused: Bool = shape.is_cut | ~shape.links.both_ends(shape.has_place & (shape.piece >= 0))
-    return unused
-
-
-def _pairs_at(shape: JointShape, seam_uv_m: Float64, first_node: int, first_seam: int) -> Links:
-    """Return the pairs between places (K, 2) on seams and the cloth of one side around them.
-
-    They are those of one more view that sees only the rim: lengths and directions as the side lies.
-    Its nodes are numbered from ``first_node``, the places from ``first_seam``.
+    Nodes that a side by itself could not place would join what it keeps apart.
     """
-    placed = np.flatnonzero(shape.has_place & (shape.piece >= 0))
-    reach_m = PAIR_INTERVALS * float(np.median(shape.links.length_m))
-    tree = cKDTree(shape.all_uv_m[placed])
-    near = np.unique(np.concatenate([[], *tree.query_ball_point(seam_uv_m, reach_m)]).astype(np.int64))
-    uv = np.concatenate([shape.all_uv_m[placed[near]], seam_uv_m])
-    node = np.concatenate([first_node + placed[near], first_seam + np.arange(len(seam_uv_m))])
-    pairs = cKDTree(uv).query_pairs(reach_m, output_type="ndarray")
-    # Nodes that are near on the plane need not be joined: only the side's own pairs count. Those that are
-    # cut or join two of its pieces, which lie metres apart, have no length here.
-    number = np.full(len(shape.nodes), -1, dtype=np.int64)
-    number[placed[near]] = np.arange(near.size)
-    once = shape.links.once[np.unique(shape.links.pair[~shape.is_cut])]
-    once = once[np.ptp(shape.piece[once], axis=1) == 0]
-    joined = number[once[both_ends(number >= 0, once)]]
-    pairs = np.concatenate([pairs[(pairs >= near.size).any(axis=1)], joined])
-    along = uv[pairs[:, 1]] - uv[pairs[:, 0]]
-    length_m = np.linalg.norm(along, axis=1)
-    is_pair = length_m > 1e-6
-    pairs, along, length_m = pairs[is_pair], along[is_pair], length_m[is_pair]
-    return Links(
-        edges=node[pairs].astype(np.int32),
-        member=pairs.astype(np.int32),
-        n_members=len(uv),
-        length_m=length_m,
-        std_m=np.full(len(pairs), PLACE_STD_M),
-        evidence=np.full(len(pairs), _SEAM_EVIDENCE),
-        offset=np.repeat((along @ _TO_COMPLEX)[:, None], 2, axis=1),
-        observation=np.zeros(len(pairs), dtype=np.int32),
-        once=np.zeros((0, 2), dtype=np.int32),
-        pair=np.zeros(0, dtype=np.int32),
+    graph = shape.graph
+    used = shape.holds & both_ends(shape.has_place, graph.pairs)
+    return replace(
+        graph,
+        pairs=graph.pairs[used],
+        length_m=shape.scale * graph.length_m[used],
+        offset_m=shape.scale * graph.offset_m[used],
+        variance_m2=graph.variance_m2[used],
+        single_std_m=graph.single_std_m[used],
+        evidence=graph.evidence[used],
+        views=graph.views[used],
     )
 
 
-def _listed(parts: Sequence[Links], n: int) -> Links:
-    """Return several lists of pairs of ``n`` nodes as one, each after the views of those before it."""
-    members = np.cumsum([0, *(part.n_members for part in parts)])
-    views = np.cumsum([0, *(int(part.observation.max(initial=-1)) + 1 for part in parts)])
-    edges = np.concatenate([part.edges for part in parts])
-    first, pair = pairs_once(n, edges)
-    return Links(
-        edges=edges,
-        member=np.concatenate([p.member + np.int32(b) for p, b in zip(parts, members, strict=False)]),
-        n_members=int(members[-1]),
-        length_m=np.concatenate([part.length_m for part in parts]),
-        std_m=np.concatenate([part.std_m for part in parts]),
-        evidence=np.concatenate([part.evidence for part in parts]),
-        offset=np.concatenate([part.offset for part in parts]),
-        observation=np.concatenate([p.observation + np.int32(b) for p, b in zip(parts, views, strict=False)]),
-        once=np.sort(edges[first], axis=1),
-        pair=pair,
+def _pairs_at(shape: Shape, graph: Graph, seam_uv_m: Float64, first_node: int, first_seam: int) -> Graph:
+    """Return the pairs between the cloth of a side and places (K, 2) on seams: as the side lies.
+
+    ``graph`` is the side's, its nodes numbered from ``first_node``; the places are numbered from ``first_seam``.
+    """
+    placed = np.flatnonzero(shape.has_place)
+    reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
+    near = cKDTree(shape.all_uv_m[placed]).query_ball_point(seam_uv_m, reach_m)
+    seam = np.repeat(np.arange(len(seam_uv_m)), [len(each) for each in near])
+    node = placed[np.concatenate([*near, []]).astype(np.int64)]
+    along = (seam_uv_m[seam] - shape.all_uv_m[node]) @ _TO_COMPLEX
+    known = np.abs(along) > 1e-6
+    seam, node, along = seam[known], node[known], along[known]
+    z = shape.all_uv_m @ _TO_COMPLEX
+    ends = graph.pairs - np.int32(first_node)
+    way, turn = z[ends[:, 1]] - z[ends[:, 0]], np.zeros(len(z), dtype=complex)
+    for end in (0, 1):  # the rotation of a node's frame on the plane, by its pairs
+        np.add.at(turn, ends[:, end], way * np.conj(graph.offset_m[:, end]))
+    turn /= np.maximum(np.abs(turn), np.finfo(float).tiny)
+    count = len(along)
+    return Graph(
+        xyz_m=graph.xyz_m,
+        pairs=np.stack([first_node + node, first_seam + seam], axis=1).astype(np.int32),
+        length_m=np.abs(along),
+        offset_m=np.stack([np.conj(turn[node]) * along, along], axis=1),
+        variance_m2=np.full(count, PLACE_STD_M**2),
+        single_std_m=np.full(count, PLACE_STD_M),
+        evidence=np.full(count, _SEAM_EVIDENCE),
+        views=np.ones(count, dtype=np.int64),
     )
+
+
+def _laid_out(this: Shape, graph: Graph) -> tuple[Both, Float64]:
+    """Return the layout of both sides on the plane of this one, and the deviations (N,) of their nodes.
+
+    The main piece is that of this side, where a floating one is larger.
+    """
+    n = len(this.nodes)
+    laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), overlap_cuts=False)
+    piece, uv = laid.piece.copy(), np.stack([laid.z.real, laid.z.imag], axis=1)
+    own = np.flatnonzero((this.piece == 0) & (piece[:n] >= 0))
+    main = int(np.bincount(piece[own]).argmax())
+    piece[laid.piece == main], piece[laid.piece == 0] = 0, main
+    own = own[piece[own] == 0]
+    motion = fit_rigid2(uv[own], this.all_uv_m[own])
+    for number in range(int(piece.max()) + 1):
+        at = piece == number
+        uv[at] = motion.apply(uv[at]) if number == 0 else uv[at] - uv[at].mean(axis=0) + (PIECES_APART_M * number, 0.0)
+    uv[piece < 0] = np.nan
+    reference = np.zeros(len(graph), dtype=np.bool_)
+    reference[own] = True
+    return Both(all_uv_m=uv, piece=piece), deviations_m(laid.at, graph, piece == 0, reference)
 
 
 def _other_of(
-    both: JointShape,
-    this: JointShape,
-    other: JointShape,
+    both: Both,
+    this: Shape,
+    other: Shape,
     other_std_m: Float64,
     joining: Int64,
     matches: Matches,
     links: Sequence[SeamLink],
 ) -> JoinedSide:
     n, m = len(this.nodes), len(other.nodes)
-    own, pairs = np.s_[n : n + m], np.s_[len(this.weight) : len(this.weight) + len(other.weight)]
+    own = np.s_[n : n + m]
     piece = both.piece[own]
     if not (piece >= 0).any():
         raise FlatclothError("too little cloth of the other side hangs together.")
     is_related = bool((piece == 0).any())
     if not is_related and (piece > 0).any():  # its largest piece is the main one, on a plane of its own
         piece = np.where(piece == np.bincount(piece[piece > 0]).argmax(), 0, piece)
-    made = replace(
-        other,
-        piece=piece,
-        all_uv_m=both.all_uv_m[own] * MIRROR,
-        weight=both.weight[pairs],
-        anchor=np.zeros(0, dtype=np.int32),
-        anchor_uv_m=np.zeros((0, 2)),
-    )
-    std_m, unreliable = np.full(m, np.nan), np.zeros(m, dtype=np.bool_)
+    std_m = np.full(m, np.nan)
     if is_related:
         # The joint layout may move this side at a seam: that distance is added at what lies nearest to it.
-        seam = np.flatnonzero(both.placed[n + m :] & (matches.pieces[joining, 0] == 0))
+        seam = np.flatnonzero((both.piece[n + m :] == 0) & (matches.pieces[joining, 0] == 0))
         at = both.all_uv_m[n + m :][seam]
         shift_m = np.linalg.norm(at - matches.this_uv_m[joining[seam]], axis=1)
         std_m = other_std_m.copy()
         if seam.size:
             std_m = np.hypot(other_std_m, shift_m[cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]])
-        # Ripples make lengths unsure; seams hold both sides all the same.
-        unreliable = undetermined(
-            made, std_m, MOST_STD_M * float(np.median(strain_by_ripples(both)[both.placed]))
-        )
+    made = replace(other, piece=piece, all_uv_m=both.all_uv_m[own] * MIRROR, std_m=std_m)
     return JoinedSide(
         shape=made,
-        std_m=std_m,
-        unreliable=unreliable,
         matches=_moved(matches, links, other, made),
         links=tuple(links),
         is_related=is_related,
     )
 
 
-def _moved(matches: Matches, links: Sequence[SeamLink], before: JointShape, now: JointShape) -> Matches:
+def _moved(matches: Matches, links: Sequence[SeamLink], before: Shape, now: Shape) -> Matches:
     """Return the matches at their places on the present plane of the other side, piece by piece."""
     uv = np.full_like(matches.other_uv_m, np.nan)
     for link in links:

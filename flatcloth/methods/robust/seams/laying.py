@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import FlattenedView, Float64, Int64, LaidPiece
-from flatcloth.methods.robust.joint_shape import JointShape
-from flatcloth.methods.robust.uncertainty import MOST_STD_M
+from flatcloth.core.types import FlattenedView, Float64, Int32, Int64, LaidPiece
+from flatcloth.shape.shape import Shape
+
+MOST_STD_M = 0.034
+"""A part whose median deviation is larger has no place that anything determines. Set by hand."""
 
 
-def nodes_on(shape: JointShape, piece: FlattenedView) -> Int64:
+@dataclass(frozen=True, kw_only=True)
+class Both:
+    """Both sides on one plane: places ``all_uv_m`` (N, 2) of the nodes of this side, of the other, and of seams.
+
+    ``piece`` (N,) int32 is the piece of each, 0 for that of this side's main piece, -1 for none.
+    """
+
+    all_uv_m: Float64
+    piece: Int32
+
+
+
+def nodes_on(shape: Shape, piece: FlattenedView) -> Int64:
     """Return the nodes of a shape that lie on the cloth of a piece of it, as it is drawn."""
     placed = np.flatnonzero(shape.has_place)
     rc = np.rint(piece.rc_from_uv(shape.all_uv_m[placed])).astype(np.int64)
@@ -22,7 +36,7 @@ def nodes_on(shape: JointShape, piece: FlattenedView) -> Int64:
     return on_cloth
 
 
-def joined_pieces(both: JointShape, this: JointShape, floating: Sequence[Int64], std_m: Float64) -> list[int]:
+def joined_pieces(both: Both, this: Shape, floating: Sequence[Int64], std_m: Float64) -> list[int]:
     """Return those of the floating pieces of this side, by index, that the main piece of both determines.
 
     ``floating`` are the nodes of each. A part that floats because this side alone leaves its place open
@@ -37,9 +51,9 @@ def joined_pieces(both: JointShape, this: JointShape, floating: Sequence[Int64],
     ]
 
 
-def laid_piece(both: JointShape, this: JointShape, nodes: Int64, index: int, std_m: Float64) -> LaidPiece:
+def laid_piece(both: Both, this: Shape, nodes: Int64, index: int, std_m: Float64) -> LaidPiece:
     """Return a floating piece of this side where the main piece of both sides lays it."""
-    own = nodes[both.has_place[nodes] & (both.piece[nodes] == 0)]
+    own = nodes[both.piece[nodes] == 0]
     return LaidPiece(
         index=index,
         shape_from_piece=fit_rigid2(this.all_uv_m[own], both.all_uv_m[own]),
@@ -48,8 +62,8 @@ def laid_piece(both: JointShape, this: JointShape, nodes: Int64, index: int, std
 
 
 def with_laid(
-    both: JointShape, this: JointShape, nodes: Int64, piece: LaidPiece, std_m: Sequence[Float64]
-) -> JointShape:
+    both: Both, this: Shape, nodes: Int64, piece: LaidPiece, std_m: Sequence[Float64]
+) -> Both:
     """Return both sides with a floating piece of this side, and what seams join to it, at a known place.
 
     ``nodes`` are those of the piece. Its standard deviation is added to those of the nodes (N,) of this side

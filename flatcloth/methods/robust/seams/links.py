@@ -17,11 +17,11 @@ from flatcloth.core.graphs import cut_between
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int16, Int32, Int64, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.methods.answers import Ends
-from flatcloth.methods.robust.joint import taken_apart
-from flatcloth.methods.robust.joint_shape import LEAST_PIECE, PIECES_APART_M, JointShape
-from flatcloth.methods.robust.layout import MOST_DRIFT_M
 from flatcloth.methods.robust.scoring import PLACE_STD_M
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
+from flatcloth.shape.algorithm import apart
+from flatcloth.shape.pieces import LEAST_PIECE
+from flatcloth.shape.shape import PIECES_APART_M, Shape
 
 LEAST_MATCHES = 28
 """Fewest matches of a set that joins pieces, or fewer if they cover as much as that on a strip as wide as
@@ -46,6 +46,9 @@ _AGREE_M = LEAST_INTERVAL_M
 _CONTRADICTS = "it contradicts a stronger seam"
 _TEARS = "it contradicts a stronger seam, and little evidence joins the cloth of this side between them"
 _PLACELESS = "the cloth of the other side there was cut off and has no place"
+MOST_DRIFT_M = 0.04
+"""Sets that place a piece differently by more than this contradict each other; the drift of a layout is 5 to
+15 mm. Set by hand."""
 _TRIES = 300
 """Motions tried for a set. Chosen: a set with a seventh of the matches is found in 99 of 100 cases."""
 _SEED_M = (0.03, 0.2)
@@ -143,12 +146,12 @@ def matches_of(this: Sequence[FlattenedView], other: Sequence[FlattenedView]) ->
 
 
 def linked(
-    this: JointShape,
-    other: JointShape,
+    this: Shape,
+    other: Shape,
     matches: Matches,
     sets: Sequence[SeamLink],
     ends: tuple[Sequence[Ends], Sequence[Ends]],
-) -> tuple[JointShape, Matches, list[SeamLink]]:
+) -> tuple[Shape, Matches, list[SeamLink]]:
     """Decide which sets of matches join the sides; take the other side apart where they contradict it.
 
     Two sets that place one piece of the other side differently on one piece of this side contradict each
@@ -163,7 +166,7 @@ def linked(
 
     Returns
     -------
-    JointShape
+    Shape
         The other side, taken apart.
     Matches
         At their places on its new plane.
@@ -216,9 +219,9 @@ def linked(
             elif not is_bridge and not link.is_kept:
                 links[n] = replace(link, why=_CONTRADICTS)
                 break
-    apart, matches = _taken_apart(other, side, matches, at_other)
+    parted, matches = _taken_apart(other, side, matches, at_other)
     links = [replace(link, is_bridge=n in (bridges or straight)) for n, link in enumerate(links)]
-    return apart, matches, [_renumbered(link, apart.piece[at_other]) for link in links]
+    return parted, matches, [_renumbered(link, parted.piece[at_other]) for link in links]
 
 
 def _divided(side: Int64, part: Bool) -> Int64:
@@ -227,7 +230,7 @@ def _divided(side: Int64, part: Bool) -> Int64:
 
 
 def _judged_by_edges(
-    other: JointShape,
+    other: Shape,
     matches: Matches,
     link: SeamLink,
     ends: tuple[Sequence[Ends], Sequence[Ends]],
@@ -249,8 +252,8 @@ def _judged_by_edges(
 
 
 def _torn_between(
-    this: JointShape,
-    other: JointShape,
+    this: Shape,
+    other: Shape,
     node_of_match: tuple[Int64, Int64],
     against: Sequence[SeamLink],
     link: SeamLink,
@@ -302,7 +305,7 @@ def _renumbered(link: SeamLink, piece: Int32) -> SeamLink:
     return replace(link, other_piece=own, members=members, why=link.why or ("" if own >= 0 else _PLACELESS))
 
 
-def sets_of(this: JointShape, other: JointShape, matches: Matches) -> list[SeamLink]:
+def sets_of(this: Shape, other: Shape, matches: Matches) -> list[SeamLink]:
     """Return the sets of matches that agree on one motion, for each pair of pieces; the strongest first."""
     at = node_at(this, matches.this_uv_m), node_at(other, matches.other_uv_m)
     ends = np.stack([this.piece[at[0]], other.piece[at[1]]], axis=1).astype(np.int64)
@@ -361,7 +364,7 @@ def agree(matches: Matches, one: SeamLink, other: SeamLink) -> bool:
     return off_m <= MOST_DRIFT_M
 
 
-def evidence_between(shape: JointShape, one: Int64, other: Int64) -> tuple[Bool, float]:
+def evidence_between(shape: Shape, one: Int64, other: Int64) -> tuple[Bool, float]:
     """Return which nodes (N,) the weakest cut between some nodes and ``other`` ones leaves with the first.
 
     The second is the evidence that the cut takes away, infinite if nothing lies between them.
@@ -375,7 +378,7 @@ def evidence_between(shape: JointShape, one: Int64, other: Int64) -> tuple[Bool,
     return side, float(evidence[side[edges[:, 0]] != side[edges[:, 1]]].sum())
 
 
-def _taken_apart(shape: JointShape, side: Int64, matches: Matches, node: Int64) -> tuple[JointShape, Matches]:
+def _taken_apart(shape: Shape, side: Int64, matches: Matches, node: Int64) -> tuple[Shape, Matches]:
     """Return the other side as parts, numbered by ``side`` (N,), and the matches at their new places.
 
     ``node`` (K,) is the node of each match.
@@ -384,7 +387,7 @@ def _taken_apart(shape: JointShape, side: Int64, matches: Matches, node: Int64) 
         return shape, matches
     code = np.where(shape.piece >= 0, side * (int(shape.piece.max()) + 1) + shape.piece, -1)
     parts = [part for number in np.unique(code[code >= 0]) if (part := code == number).sum() >= LEAST_PIECE]
-    laid = taken_apart(shape, parts)
+    laid = apart(shape, parts, shape.views[0])
     piece, uv_m = np.full_like(shape.piece, -1), shape.all_uv_m.copy()
     for number, part in enumerate(parts):
         is_divided = part.sum() < (shape.piece == shape.piece[part][0]).sum()
@@ -398,27 +401,21 @@ def _taken_apart(shape: JointShape, side: Int64, matches: Matches, node: Int64) 
             * (number - np.rint(uv_m[piece == number].mean(axis=0) / PIECES_APART_M))
             * (1.0, 0.0)
         )
-    inside = laid.links.both_ends(np.isin(piece, np.unique(piece[piece >= 0])))
-    apart = replace(
-        laid,
-        piece=piece,
-        all_uv_m=np.where((piece >= 0)[:, None], uv_m, np.nan),
-        weight=np.where(inside, laid.weight, shape.weight),
-    )
-    kept = np.flatnonzero(shape.has_place & (shape.piece >= 0) & apart.has_place & (apart.piece >= 0))
+    parted = replace(laid, piece=piece, all_uv_m=np.where((piece >= 0)[:, None], uv_m, np.nan))
+    kept = np.flatnonzero(shape.has_place & parted.has_place)
     tree = cKDTree(shape.all_uv_m[kept])
     uv = np.full_like(matches.other_uv_m, np.nan)
     for k, around in enumerate(tree.query_ball_point(matches.other_uv_m, CORRELATED_M)):
         near = kept[around]
         near = near[code[near] == code[node[k]]]
         if near.size > 2:
-            motion = fit_rigid2(shape.all_uv_m[near], apart.all_uv_m[near])
+            motion = fit_rigid2(shape.all_uv_m[near], parted.all_uv_m[near])
             uv[k] = motion.apply(matches.other_uv_m[k])
-    return apart, replace(matches, other_uv_m=uv)
+    return parted, replace(matches, other_uv_m=uv)
 
 
-def node_at(shape: JointShape, uv_m: Float64) -> Int64:
+def node_at(shape: Shape, uv_m: Float64) -> Int64:
     """Return the node (K,) of a shape nearest to each place (K, 2) of its plane."""
-    placed = np.flatnonzero(shape.has_place & (shape.piece >= 0))
+    placed = np.flatnonzero(shape.has_place)
     nearest: Int64 = placed[cKDTree(shape.all_uv_m[placed]).query(uv_m)[1]]
     return nearest

@@ -1,4 +1,4 @@
-"""The canonical view, rasterised from a joint shape: each pixel comes from the view that saw it best."""
+"""The canonical view, rasterised from a shape: each pixel comes from the view that saw it best."""
 
 from __future__ import annotations
 
@@ -13,19 +13,17 @@ from numpy.typing import NDArray
 
 from flatcloth.core.config import Config, FlatteningConfig
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.graphs import components
-from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, Rigid2, RotationAxis, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis, Uint8
 from flatcloth.flattening.pixel_states import PixelState
 from flatcloth.flattening.raster import BLOCK_TRIANGLES, cloth_triangles
 from flatcloth.flattening.reading import read_attributes
 from flatcloth.flattening.sampling import Samples
 from flatcloth.flattening.surface import Surface
 from flatcloth.flattening.upsampling import Carrier, nearest_samples
-from flatcloth.methods.answers import Canonical
-from flatcloth.methods.robust.connectivity import both_ends
-from flatcloth.methods.robust.joint_shape import LEAST_PIECE, TWO_ROWS_M, JointShape
-from flatcloth.methods.robust.observations import FRONTAL_NOISE, INCIDENCE_LIMIT_DEG, Observation
-from flatcloth.methods.robust.uncertainty import with_placement_std
+from flatcloth.shape.observations import FRONTAL_NOISE, INCIDENCE_LIMIT_DEG, Observation
+from flatcloth.shape.pieces import both_ends
+from flatcloth.shape.rims import with_placement_std
+from flatcloth.shape.shape import TWO_ROWS_M, Shape
 
 _WIDEST_PX = TWO_ROWS_M / FlatteningConfig().pixel_size_m
 """A wider triangle joins parts of the cloth that lie apart: neighbouring pixels are two pixels of the plane
@@ -35,16 +33,14 @@ _RIM_NOISE = 3.0
 
 
 def draw(
-    shape: JointShape,
+    shape: Shape,
     surfaces: Mapping[int, Surface],
     axis: RotationAxis,
     config: Config,
     costs: Mapping[int, Float32],
-    certainty: tuple[Float64 | None, Bool],
-    current_from_view: dict[int, Rigid2],
     taken_off: Bool | None = None,
-) -> Canonical:
-    """Composite the main piece of a shape, with its uncertainty, and each floating piece.
+) -> tuple[FlattenedView, tuple[FlattenedView, ...], frozenset[int]]:
+    """Composite the main piece of a shape, with its deviations, and each floating piece.
 
     Parameters
     ----------
@@ -52,39 +48,34 @@ def draw(
         As in :func:`composite`.
     config : Config
         Sampling interval, pixel size, and the least area of a floating piece.
-    certainty : (N,) float64 and (N,) bool
-        Standard deviation of each node's position, None if the view needs none, and which nodes are not
-        determined: these float.
-    current_from_view : dict
-        The motion of each view to the plane.
     taken_off : (N,) bool, optional
         Nodes that were taken off the shape.
+
+    Returns
+    -------
+    main : FlattenedView
+    floating : tuple of FlattenedView
+        The largest first.
+    are_off : frozenset of int
+        Those of the floating pieces, by index, that were taken off the shape.
     """
     interval, size = config.flattening.sampling_intervals_px[-1], config.flattening.pixel_size_m
-    std, unreliable = certainty
-    places = floating_pieces(shape, unreliable)
-    reliable, *pieces = [
-        composite(shape, surfaces, axis, interval, size, costs, uv)
-        for uv in (np.where(unreliable[:, None], np.nan, shape.uv_m), *places)
+    places = floating_pieces(shape)
+    main, *pieces = [
+        composite(shape, surfaces, axis, interval, size, costs, uv) for uv in (shape.uv_m, *places)
     ]
     least_m2 = config.surface.min_component_area_m2
     kept = [(uv, piece) for uv, piece in zip(places, pieces, strict=True) if piece.area_m2 >= least_m2]
-    if std is not None:
-        reliable = with_placement_std(reliable, shape, np.where(unreliable, np.nan, std), surfaces)
-    return Canonical(
-        view=reliable,
-        current_from_view=current_from_view,
-        floating=tuple(piece for _, piece in kept),
-        taken_off=frozenset(
-            n
-            for n, (uv, _) in enumerate(kept)
-            if taken_off is not None and taken_off[np.isfinite(uv[:, 0])].mean() > 0.5
-        ),
+    are_off = frozenset(
+        n
+        for n, (uv, _) in enumerate(kept)
+        if taken_off is not None and taken_off[np.isfinite(uv[:, 0])].mean() > 0.5
     )
+    return with_placement_std(main, shape, surfaces), tuple(piece for _, piece in kept), are_off
 
 
 def composite(
-    shape: JointShape,
+    shape: Shape,
     surfaces: Mapping[int, Surface],
     axis: RotationAxis,
     interval_px: int,
@@ -92,11 +83,11 @@ def composite(
     costs: Mapping[int, Float32],
     uv_m: Float64 | None = None,
 ) -> FlattenedView:
-    """Rasterise a joint shape.
+    """Rasterise a shape.
 
     Parameters
     ----------
-    shape : JointShape
+    shape : Shape
         The shape.
     surfaces : mapping of int to Surface
         The surfaces of its views, by view index.
@@ -123,7 +114,7 @@ def composite(
     stretches: dict[int, Float32] = {}
     for n, observation in enumerate(shape.observations):
         surface = surfaces[observation.view_index]
-        seen = _samples(observation, uv, interval_px, ~shape.is_cut[shape.links.observation == n])
+        seen = _samples(observation, uv, interval_px, shape.link_holds[shape.links.observation == n])
         if seen is None:
             continue
         samples, own_uv = seen
@@ -142,17 +133,9 @@ def composite(
     return _read_views(shape, surfaces, axis, label, source, stretches, low, pixel_size_m)
 
 
-def floating_pieces(shape: JointShape, unreliable: Bool | None = None) -> list[Float64]:
-    """Return the positions (N, 2) of each floating piece, the largest first; NaN elsewhere.
-
-    Connected sets of ``unreliable`` (N,) nodes of the main piece are returned as floating pieces too.
-    """
+def floating_pieces(shape: Shape) -> list[Float64]:
+    """Return the places (N, 2) of each floating piece, the largest first; NaN elsewhere."""
     pieces = [shape.piece == n for n in np.unique(shape.piece[shape.piece > 0])]
-    if unreliable is not None and unreliable.any():
-        inside = shape.links.edges[both_ends(unreliable, shape.links.edges)]
-        label = np.where(unreliable, components(len(unreliable), inside), -1)
-        sizes = np.bincount(label[unreliable])
-        pieces += [label == n for n in np.flatnonzero(sizes >= LEAST_PIECE)]
     pieces.sort(key=lambda own: -int(own.sum()))
     return [np.where(own[:, None], shape.all_uv_m, np.nan) for own in pieces]
 
@@ -203,11 +186,11 @@ def _near(own_rc: Int32, others_rc: Int32, surface: Surface, interval_px: int) -
     return near
 
 
-def states_of_nodes(shape: JointShape, unreliable: Bool, taken_off: Bool | None = None) -> Uint8:
+def states_of_nodes(shape: Shape, taken_off: Bool | None = None) -> Uint8:
     """Return the state (N,) of each node, a :class:`PixelState`; ``taken_off`` (N,) float."""
     state = np.full(len(shape.nodes), PixelState.NO_CHAIN, dtype=np.uint8)
-    state[shape.has_place & (shape.piece >= 0)] = PixelState.FLOATING
-    state[shape.placed & ~unreliable] = PixelState.SHAPE
+    state[shape.has_place] = PixelState.FLOATING
+    state[shape.placed] = PixelState.SHAPE
     if taken_off is not None:
         state[taken_off & (state == PixelState.SHAPE)] = PixelState.FLOATING
     return state
@@ -334,7 +317,7 @@ def _fill(
 
 
 def _read_views(
-    shape: JointShape,
+    shape: Shape,
     surfaces: Mapping[int, Surface],
     axis: RotationAxis,
     label: NDArray[np.int16],

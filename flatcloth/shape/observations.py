@@ -1,4 +1,4 @@
-"""Observations: the nodes of the joint shape that one view shows, and the lengths between them.
+"""Observations: the nodes of the shape that one view shows, and the lengths between them.
 
 A node is a point of the cloth, stored by its position in the object frame. A view sees it if the node,
 transformed to the view, lies on the visible surface with the same normal: then it is the same cloth,
@@ -7,7 +7,9 @@ whatever the texture. Where a view shows cloth without nodes, it adds nodes.
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -16,10 +18,10 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import Rigid3, project, tangent_basis
-from flatcloth.core.types import Bool, Float64, Int32, Intrinsics
+from flatcloth.core.types import Bool, Complex128, Float64, Int32, Intrinsics
 from flatcloth.flattening.sampling import (
     BENT_DEG,
     MAX_CHORD_SLOPE,
@@ -54,8 +56,6 @@ _SMOOTH_COS = 0.95
 _CREASED_EVIDENCE = 0.25
 """... its evidence that its ends are one piece of cloth is multiplied by this. Set by hand."""
 
-Complex128 = NDArray[np.complex128]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Nodes:
@@ -78,8 +78,8 @@ class Observation:
     ``points_m``, ``normal`` (K, 3) camera frame; ``incidence_deg`` (K,); ``is_new`` (K,) whether
     this view added the node. ``edges`` (M, 2) int32 index these K; ``edge_length_m`` (M,) along the
     surface, ``edge_std_m`` (M,) its standard deviation; ``edge_evidence`` (M,) from 0 to 1, the
-    evidence of a pair that its ends are one piece of cloth; ``offset`` (M, 2) complex, the other end
-    in the tangent plane of each end, right and down the image. ``is_noisy``: its depth was smoothed.
+    evidence of a pair that its ends are one piece of cloth; ``offset`` (M, 2) complex, the way from the
+    first end to the second in the tangent plane of each, right and down the image. ``is_noisy``: its depth was smoothed.
     """
 
     view_index: int
@@ -108,12 +108,64 @@ def no_nodes() -> Nodes:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlacedView:
+    """A view: its ``surface``, and the pose of its camera."""
+
+    surface: Surface
+    object_from_camera: Rigid3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observed:
+    """The nodes of all views; what each view sees of them, and the poses of their cameras."""
+
+    nodes: Nodes
+    observations: tuple[Observation, ...]
+    object_from_camera: tuple[Rigid3, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Association:
     """The nodes that a view shows: indices (K,), positions (K, 2) in its image, incidence (K,) in degrees."""
 
     node: Int32
     rc: Float64
     incidence_deg: Float64
+
+
+NOTHING_SEEN = Association(
+    node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0)
+)
+"""What a view shows of no nodes. By definition."""
+
+
+def observe_all(views: Sequence[PlacedView], interval_px: int) -> Observed:
+    """Observe views one after the other; a view that shows too little is left out.
+
+    The nodes depend on the order of the views; who wants the same nodes gives the same order.
+    """
+    seen = Observed(nodes=no_nodes(), observations=(), object_from_camera=())
+    for view in views:
+        shown = associate(seen.nodes, view.surface, view.object_from_camera) if len(seen.nodes) else NOTHING_SEEN
+        with contextlib.suppress(SurfaceError):
+            seen = with_view(seen, view, shown, interval_px)
+    return seen
+
+
+def with_view(seen: Observed, view: PlacedView, shown: Association, interval_px: int) -> Observed:
+    """Return all views with one more, which shows the nodes ``shown``.
+
+    Raises
+    ------
+    SurfaceError
+        If the view shows no pair of nodes.
+    """
+    nodes, own = observe(seen.nodes, shown, view.surface, view.object_from_camera, interval_px)
+    return Observed(
+        nodes=nodes,
+        observations=(*seen.observations, own),
+        object_from_camera=(*seen.object_from_camera, view.object_from_camera),
+    )
 
 
 def associate(nodes: Nodes, surface: Surface, object_from_camera: Rigid3) -> Association:
@@ -163,7 +215,7 @@ def observe(
     associated: Association,
     surface: Surface,
     object_from_camera: Rigid3,
-    flattening: FlatteningConfig,
+    interval_px: int,
 ) -> tuple[Nodes, Observation]:
     """Observe the associated nodes in a view, and add nodes where it shows other cloth.
 
@@ -174,7 +226,7 @@ def observe(
     SurfaceError
         If the view shows no pair of nodes.
     """
-    d = flattening.sampling_intervals_px[-1]
+    d = interval_px
     limit = WELL_SEEN_DEG if surface.noisy else INCIDENCE_LIMIT_DEG
     grid = np.zeros_like(surface.usable)
     grid[d // 2 :: d, d // 2 :: d] = True

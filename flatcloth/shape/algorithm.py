@@ -1,0 +1,201 @@
+"""The shape of a set of views, from nothing: the whole algorithm, a call a step.
+
+Nodes are points of the cloth, shared by the views that see them; each view measures the lengths and directions
+between neighbours. All views together are one graph of frames, whose layout on the plane minimises Eq. (2) of
+the paper (lengths) and the directions. The result depends on the set of views and on what was decided, not on
+the order of the views, nor on what was computed before. ``docs/robust.md`` explains it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flatcloth.core.errors import FlatclothError
+from flatcloth.core.types import Bool, Complex128, Int32
+from flatcloth.shape.deviations import deviations_m
+from flatcloth.shape.graph import Graph, Links, graph_of, view_frames
+from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, rotations
+from flatcloth.shape.observations import Association, Observed, PlacedView, observe_all, with_view
+from flatcloth.shape.pieces import cut_of_overlap, pieces_of, weakly_joined
+from flatcloth.shape.ripples import lost_length
+from flatcloth.shape.shape import PIECES_APART_M, Shape
+
+
+@dataclass(frozen=True, kw_only=True)
+class ByHand:
+    """A view that the operator placed: it shows the nodes ``shown`` where it was laid.
+
+    ``view`` with its pose. ``shown`` are nodes of the shape of the views before it; those of ``at_hand`` (K,)
+    lie under it on the plane, and need not hang at the same place in space.
+    """
+
+    view: PlacedView
+    shown: Association
+    at_hand: Bool
+
+
+def shape(views: Sequence[PlacedView], interval_px: int, upright: int, by_hand: Sequence[ByHand] = ()) -> Shape:
+    """Return the shape of a set of views.
+
+    Parameters
+    ----------
+    views : sequence of PlacedView
+        All views, in an order that depends on nothing but the set.
+    interval_px : int
+        Sampling interval d of the nodes in the images.
+    upright : int
+        The ``view_index`` of the view that fixes the plane: its image's right is u.
+    by_hand : sequence of ByHand
+        Views that the operator placed, in the order in which he did.
+
+    Raises
+    ------
+    FlatclothError
+        If no view shows two places of cloth side by side.
+    """
+    # 1. Nodes: cloth at a place in space with a normal, found in all views; pairs, as each view measures them.
+    seen = observe_all(views, interval_px)
+    certain = np.zeros(len(seen.nodes), dtype=np.bool_)
+    for placed in by_hand:
+        seen = with_view(seen, placed.view, placed.shown, interval_px)
+        certain = np.concatenate([certain, np.zeros(len(seen.nodes) - len(certain), dtype=np.bool_)])
+        certain[placed.shown.node[placed.at_hand]] = True
+    if not seen.observations:
+        raise FlatclothError("No view shows two places of cloth side by side; check depth and masks.")
+    # 2. One graph of frames: all views of a pair are one pair, with a variance that has a floor.
+    graph, links = graph_of(seen.nodes, seen.observations, seen.object_from_camera)
+    # 3. to 7. Its layout on the plane.
+    laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), certain)
+    return _shape(seen, graph, links, laid, certain, upright)
+
+
+def apart(whole: Shape, parts: Sequence[Bool], upright: int) -> Shape:
+    """Return a shape with each of ``parts`` (N,) of its nodes as a piece of its own: pairs between them are cut."""
+    of_part = np.array(parts)[:, whole.graph.pairs]
+    joins = (of_part[:, :, 0] == of_part[:, :, 1]).all(axis=0)
+    seen = Observed(
+        nodes=whole.nodes, observations=whole.observations, object_from_camera=whole.object_from_camera
+    )
+    laid = laid_out(whole.graph, whole.holds & joins, whole.by_hand)
+    return _shape(seen, whole.graph, whole.links, laid, whole.by_hand, upright, whole.scale)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaidOut:
+    """The layout of a graph: which pairs hold (P,), the piece (N,) of each node by size, -1 for none; the minimum,
+    and places ``z`` and ``rotation`` (N,) complex in the order of the graph.
+    """
+
+    holds: Bool
+    piece: Int32
+    at: Minimum
+    z: Complex128
+    rotation: Complex128
+
+
+def laid_out(
+    graph: Graph, used: Bool, certain: Bool | None = None, *, overlap_cuts: bool = True
+) -> LaidOut:
+    """Lay out a graph, each piece of it somewhere on the plane.
+
+    Parameters
+    ----------
+    graph : Graph
+        Nodes and pairs.
+    used : (P,) bool
+        The pairs that may join cloth.
+    certain : (N,) bool, optional
+        Nodes whose pairs the operator vouches for: none of them is taken for false.
+    overlap_cuts : bool
+        Cloth that lies on other cloth is cut apart; not where the graph has two sheets.
+    """
+    vouched = np.zeros(len(graph), dtype=np.bool_) if certain is None else certain
+    pairs, sure = pairs_of(graph), vouched[graph.pairs[:, 0]] | vouched[graph.pairs[:, 1]]
+    while True:
+        # 3. Rotations, from nothing: the lowest eigenvector of a connection Laplacian; false links, by rotation.
+        rotation, weight = rotations(pairs, used, sure)
+        # 4. Places, for known rotations; false links, by place.
+        z, holds = places(pairs, rotation, weight, sure)
+        # 5. Pieces: cloth that enough evidence joins.
+        piece = pieces_of(graph, holds)
+        holds &= _within_pieces(piece, graph.pairs)
+        # 6. The minimum of lengths and directions.
+        at = minimum(pairs, z, rotation, holds)
+        laid = LaidOut(
+            holds=holds, piece=piece, at=at, z=_of_nodes(pairs, at.z), rotation=_of_nodes(pairs, at.rotation)
+        )
+        # 7. Cloth that lies on other cloth is joined by false pairs that agree: the weakest are cut.
+        cut = cut_of_overlap(graph, holds, piece, laid.z, vouched)
+        if not (overlap_cuts and cut.any()):
+            return laid
+        used = used & ~cut
+
+
+def _shape(
+    seen: Observed,
+    graph: Graph,
+    links: Links,
+    laid: LaidOut,
+    by_hand: Bool,
+    upright: int,
+    scale: float | None = None,
+) -> Shape:
+    """Return a laid-out graph as a shape: every piece upright, at its place on the plane, with deviations."""
+    is_noisy = any(view.is_noisy for view in seen.observations)
+    piece = np.where(weakly_joined(graph, laid.holds, laid.piece), -1, laid.piece).astype(np.int32)
+    z = _upright(seen, laid, upright)
+    # 8. A noisy sensor takes ripples off all lengths: by one factor, since views that differ would bend necks.
+    if scale is None:
+        scale = lost_length(graph, piece, z, seen.nodes.normal) if is_noisy else 1.0
+        links = replace(links, length_m=scale * links.length_m)
+    uv_m = scale * np.stack([z.real, z.imag], axis=1)
+    uv_m[:, 0] += PIECES_APART_M * np.maximum(piece, 0)
+    uv_m[piece < 0] = np.nan
+    # 9. Deviations: errors of pairs as smooth random fields, through the same equations.
+    std_m = deviations_m(laid.at, graph, piece == 0)
+    return Shape(
+        nodes=seen.nodes,
+        observations=seen.observations,
+        object_from_camera=seen.object_from_camera,
+        graph=graph,
+        links=links,
+        holds=laid.holds,
+        piece=piece,
+        all_uv_m=uv_m,
+        std_m=std_m,
+        by_hand=by_hand,
+        scale=scale,
+    )
+
+
+def _upright(seen: Observed, laid: LaidOut, upright: int) -> Complex128:
+    """Return the places (N,) with each piece turned upright, around the nodes that the same view shows.
+
+    It is the view ``upright`` if it shows the piece, otherwise the one that shows most of it.
+    """
+    z = np.full(len(laid.z), np.nan + 0j)
+    for number in range(int(laid.piece.max(initial=-1)) + 1):
+        own = laid.piece == number
+        shown = [own[view.node] * (1 + len(own) * (view.view_index == upright)) for view in seen.observations]
+        best = int(np.argmax([each.sum() for each in shown]))
+        view, at = seen.observations[best], own[seen.observations[best].node]
+        node = view.node[at]
+        right = laid.rotation[node] * view_frames(seen.nodes, view, seen.object_from_camera[best])[at]
+        turn = np.conj(right.sum())
+        z[own] = (laid.z[own] - laid.z[node].mean()) * turn / max(abs(turn), 1e-12)
+    return z
+
+
+def _of_nodes(pairs: Pairs, values: Complex128) -> Complex128:
+    """Return values (N,) in the order of the band in that of the graph."""
+    found = np.empty_like(values)
+    found[pairs.order.nodes] = values
+    return found
+
+
+def _within_pieces(piece: Int32, pairs: Int32) -> Bool:
+    inside: Bool = (piece[pairs[:, 0]] == piece[pairs[:, 1]]) & (piece[pairs[:, 0]] >= 0)
+    return inside

@@ -1,0 +1,115 @@
+"""Deviations: how far each node of a shape may be off, by errors of pairs as smooth random fields in space.
+
+What is wrong with a length (smoothing of folds, strain of the cloth, errors of depth) is alike for all pairs of a
+fold, and in all views: more pairs and more views do not average it out. So errors are drawn as smooth fields in
+space, and the linearised minimum turns each draw into displacements of the nodes, samples of the posterior.
+They are large where much cloth hangs on a narrow neck, on bent cloth, or on a line of contact.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from flatcloth.core.types import Bool, Complex128, Float64, Int32
+from flatcloth.shape.graph import Graph
+from flatcloth.shape.layout import LAMBDA, Minimum
+
+DRAWS = 32
+"""Samples of the posterior. Chosen: deviations are right to an eighth."""
+_WAVES = 64
+"""Waves that random fields are made of. Chosen."""
+REACH_M = 0.05
+"""Distance in space over which errors of pairs are alike."""
+STRAIN_M = 0.0002
+"""Error of a pair that no view knows of: strain, and what smoothing takes of a length."""
+_LEAST_STD_M = 0.0005
+"""Least deviation of a node: what nodes and pixels are measured to. Chosen."""
+_BULK = 0.9
+"""Share of the nodes that lie as the shape does; deviations are relative to these. Chosen, as in the evaluation
+of shapes against their truth."""
+
+
+def deviations_m(at: Minimum, graph: Graph, own: Bool, reference: Bool | None = None) -> Float64:
+    """Return the standard deviation (N,) of each node's place per axis, but for a motion of all, m.
+
+    Parameters
+    ----------
+    at : Minimum
+        The layout.
+    graph : Graph
+        The same nodes and pairs.
+    own : (N,) bool
+        The nodes of the piece; others get NaN.
+    reference : (N,) bool, optional
+        The nodes of the piece that the deviations are relative to; by default all.
+    """
+    random = np.random.default_rng(0)
+    strength_m = graph.single_std_m + STRAIN_M
+    middle_m = 0.5 * (graph.xyz_m[graph.pairs[:, 0]] + graph.xyz_m[graph.pairs[:, 1]])
+    fields = _smooth_fields(middle_m, 4, random)
+    pull, order = np.zeros((3 * len(graph), DRAWS)), at.pairs.order
+    _pulled_by_errors(order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, strength_m, fields, pull)
+    moved = at.displaced(np.asfortranarray(pull))[own]
+    z = np.empty(len(graph), dtype=complex)
+    z[order.nodes] = at.z
+    std_m = np.full(len(graph), np.nan)
+    std_m[own] = np.hypot(_spread_m(moved, z[own], (own if reference is None else reference)[own]), _LEAST_STD_M)
+    return std_m
+
+
+def _smooth_fields(places_m: Float64, count: int, random: np.random.Generator) -> Float64:
+    """Draw smooth random fields (``count``, P, draws) of variance 1 at places (P, 3) in space."""
+    phase = places_m @ (random.standard_normal((places_m.shape[1], _WAVES)) / REACH_M)
+    waves = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+    return np.stack(
+        [waves @ (random.standard_normal((2 * _WAVES, DRAWS)) / math.sqrt(_WAVES)) for _ in range(count)]
+    )
+
+
+@njit(cache=True, nogil=True)
+def _pulled_by_errors(
+    low: Int32, high: Int32, way: Complex128, first: Complex128, second: Complex128, weight: Float64,
+    directions: float, strength: Float64, fields: Float64, pull: Float64,
+) -> None:  # fmt: skip
+    """Add how errors of all pairs pull at the unknowns (3 N, draws).
+
+    The first three fields are a strain (uu, uv, vv) that lengthens pairs, the last turns their directions.
+    """
+    for e in range(len(low)):
+        i, j = 3 * low[e], 3 * high[e]
+        d = max(math.hypot(way[e].real, way[e].imag), 1e-9)
+        ux, uy = way[e].real / d, way[e].imag / d
+        px, py, qx, qy = first[e].real, first[e].imag, second[e].real, second[e].imag
+        w, lw, s = weight[e], directions * weight[e], strength[e]
+        uu, uv, vv = s * ux * ux, s * math.sqrt(2.0) * ux * uy, s * uy * uy
+        for k in range(pull.shape[1]):
+            along = uu * fields[0, e, k] + uv * fields[1, e, k] + vv * fields[2, e, k]
+            across = s * fields[3, e, k]
+            x, y = ux * along - uy * across, uy * along + ux * across
+            rx, ry = w * along * ux + 2.0 * lw * x, w * along * uy + 2.0 * lw * y
+            pull[i, k] -= rx
+            pull[i + 1, k] -= ry
+            pull[j, k] += rx
+            pull[j + 1, k] += ry
+            pull[i + 2, k] += lw * (px * y - py * x) * -1.0
+            pull[j + 2, k] += lw * (qx * y - qy * x) * -1.0
+
+
+def _spread_m(moved: Complex128, z: Complex128, reference: Bool) -> Float64:
+    """Return the root mean square (N,) of displacements (N, draws) per axis, but for a rigid motion of the reference's bulk."""
+    total = np.zeros(len(z))
+    for displaced in moved.T:
+        kept = reference
+        for _ in range(4):
+            arm, shift = z - z[kept].mean(), displaced[kept].mean()
+            turn = (np.conj(arm) * (displaced - shift)).imag[kept].sum() / max(
+                np.square(np.abs(arm[kept])).sum(), 1e-12
+            )
+            rest = np.abs(displaced - shift - 1j * turn * arm)
+            kept = reference & (rest <= np.quantile(rest[reference], _BULK))
+        total += np.square(rest)
+    spread: Float64 = np.sqrt(0.5 * total / moved.shape[1])
+    return spread

@@ -1,0 +1,179 @@
+"""The graph of frames: nodes of cloth, each with a frame in its tangent plane, and what views say of pairs.
+
+A view measures of two neighbouring nodes the length along the surface, and the place of each in the tangent
+plane of the other. All views of a pair are one pair of the graph. The frame of a node is the same for all
+views, so that places that different views measure can be averaged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from flatcloth.core.geometry import Rigid3, tangent_basis
+from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
+from flatcloth.shape.observations import Nodes, Observation
+
+FLOOR_M = 0.1e-3
+"""Error of a pair that is the same in all views (strain, smoothing), and that more views do not reduce. Up to
+this nothing changes; with 0.3 mm wide sheets lose 0.3 mm of accuracy, with 1 mm trousers half of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Links:
+    """What each view says of each pair of nodes that it sees, view after view.
+
+    ``edges`` (M, 2) int32 the nodes, ``pair`` (M,) int32 which pair of the graph it is, ``observation`` (M,)
+    int32 the position of the view in the shape; ``length_m`` (M,) along the surface; ``evidence`` (M,) that
+    both ends are one piece of cloth.
+    """
+
+    edges: Int32
+    pair: Int32
+    observation: Int32
+    length_m: Float64
+    evidence: Float64
+
+
+@dataclass(frozen=True, kw_only=True)
+class Graph:
+    """What all views together say of the pairs of N nodes.
+
+    ``xyz_m`` (N, 3) the nodes in space, object frame. ``pairs`` (P, 2) int32, the lower node first, sorted;
+    ``length_m`` (P,) along the surface; ``offset_m`` (P, 2) complex the way from the first node to the second,
+    in the frame of the first and of the second; ``variance_m2`` (P,) of the mean of all views;
+    ``single_std_m`` (P,) the deviation of one view; ``evidence`` (P,) of all views that the ends are one piece
+    of cloth; ``views`` (P,) int64 their number.
+    """
+
+    xyz_m: Float64
+    pairs: Int32
+    length_m: Float64
+    offset_m: Complex128
+    variance_m2: Float64
+    single_std_m: Float64
+    evidence: Float64
+    views: Int64
+
+    def __len__(self) -> int:
+        """Return the number of nodes."""
+        return len(self.xyz_m)
+
+
+def graph_of(
+    nodes: Nodes, observations: Sequence[Observation], object_from_camera: Sequence[Rigid3]
+) -> tuple[Graph, Links]:
+    """Return the graph of all views, and what each of them says.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        The nodes, object frame.
+    observations : sequence of Observation
+        What each view sees.
+    object_from_camera : sequence of Rigid3
+        Pose of the camera of each.
+    """
+    edges = np.concatenate([s.node[s.edges] for s in observations]).astype(np.int32, copy=False)
+    std_m = np.concatenate([s.edge_std_m for s in observations])
+    links = Links(
+        edges=edges,
+        pair=np.empty(len(edges), dtype=np.int32),
+        observation=np.repeat(np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]),
+        length_m=np.concatenate([s.edge_length_m for s in observations]),
+        evidence=np.concatenate([s.edge_evidence for s in observations]),
+    )
+    first = pairs_once(len(nodes), edges, links.pair)
+    pairs = np.sort(edges[first], axis=1)
+    offset = np.concatenate(
+        [
+            s.offset * view_frames(nodes, s, pose)[s.edges]
+            for s, pose in zip(observations, object_from_camera, strict=True)
+        ]
+    )
+    is_turned = edges[:, 0] != pairs[links.pair, 0]
+    offset = np.where(is_turned[:, None], -offset[:, ::-1], offset)
+    weight, count = 1.0 / np.square(std_m), len(pairs)
+    total = np.bincount(links.pair, weight, count)
+
+    def mean(values: Float64) -> Float64:
+        found: Float64 = np.bincount(links.pair, weight * values, count) / total
+        return found
+
+    views = np.bincount(links.pair, minlength=count)
+    graph = Graph(
+        xyz_m=nodes.xyz_m,
+        pairs=pairs,
+        length_m=mean(links.length_m),
+        offset_m=np.stack([mean(way.real) + 1j * mean(way.imag) for way in offset.T], axis=1),
+        variance_m2=FLOOR_M**2 + 1.0 / total,
+        single_std_m=np.sqrt(views / total),
+        evidence=np.bincount(links.pair, links.evidence, count).astype(np.float64),
+        views=views,
+    )
+    return graph, links
+
+
+def view_frames(nodes: Nodes, seen: Observation, object_from_camera: Rigid3) -> Complex128:
+    """Return the direction (K,) of a view's right, unit complex, in the frame of each node that it sees."""
+    right, down = (axis[seen.node] for axis in tangent_basis(nodes.normal))
+    own = tangent_basis(seen.normal)[0] @ object_from_camera.rotation.T
+    turn = np.einsum("ki,ki->k", own, right) + 1j * np.einsum("ki,ki->k", own, down)
+    unit: Complex128 = turn / np.maximum(np.abs(turn), 1e-12)
+    return unit
+
+
+def evidence_of_nodes(graph: Graph, holds: Bool) -> Float64:
+    """Return the evidence (N,) that joins each node of a graph to others, by the pairs that hold (P,)."""
+    twice = np.repeat(np.where(holds, graph.evidence, 0.0), 2)
+    return np.bincount(graph.pairs.ravel(), twice, len(graph)).astype(np.float64)
+
+
+@njit(cache=True, nogil=True)
+def pairs_once(n: int, edges: Int32, pair: Int32) -> Int32:
+    """Find the different pairs among those that several views contribute.
+
+    Parameters
+    ----------
+    n : int
+        Number of nodes.
+    edges : (M, 2) int32
+        Pairs of nodes, in either order.
+    pair : (M,) int32
+        Set to which of the different pairs each is.
+
+    Returns
+    -------
+    (P,) int32
+        The first occurrence of each different pair, sorted by its lower node, then by the higher one.
+    """
+    m = edges.shape[0]
+    order, sorted_ = np.arange(m).astype(np.int32), np.empty(m, dtype=np.int32)
+    for is_lower in (False, True):  # a counting sort by the higher node, then a stable one by the lower
+        at = np.zeros(n + 1, dtype=np.int64)
+        for e in range(m):
+            a, b = edges[e, 0], edges[e, 1]
+            at[(min(a, b) if is_lower else max(a, b)) + 1] += 1
+        at = np.cumsum(at)
+        for k in range(m):
+            e = order[k]
+            a, b = edges[e, 0], edges[e, 1]
+            node = min(a, b) if is_lower else max(a, b)
+            sorted_[at[node]] = e
+            at[node] += 1
+        order, sorted_ = sorted_, order
+    first, count = np.empty(m, dtype=np.int32), 0
+    for k in range(m):
+        e = order[k]
+        low, high = min(edges[e, 0], edges[e, 1]), max(edges[e, 0], edges[e, 1])
+        if count:
+            f = first[count - 1]
+            if min(edges[f, 0], edges[f, 1]) == low and max(edges[f, 0], edges[f, 1]) == high:
+                pair[e] = count - 1
+                continue
+        first[count], pair[e] = e, count
+        count += 1
+    return first[:count]

@@ -1,0 +1,256 @@
+"""Pieces of cloth: what enough evidence joins, and what must come apart since it would lie on other cloth.
+
+Where two layers touch, a sensor's ramp or a shallow step can connect them by one or two pairs; everything
+connected to the second layer would then be placed next to the first. Many pairs that form triangles connect
+a real sheet. Cloth is flattened without stretching, so points that come to lie side by side on the plane are
+side by side in space. Where they are not, a false link joins what is apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy.spatial import cKDTree
+
+from flatcloth.core.graphs import components, cut_between, grouped
+from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
+from flatcloth.shape.graph import Graph, evidence_of_nodes
+
+LEAST_EVIDENCE = 2.0
+"""Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
+Set by hand."""
+LEAST_CORE = 40
+"""Fewest nodes, joined by triangles, of a part that others are joined to. Set by hand."""
+LEAST_PIECE = 12
+"""Fewest nodes of a piece that is kept, and of an overlap that counts. Set by hand."""
+TWICE_M = 0.015
+"""The same cloth at two positions farther apart on the plane (a little more than the distance of nodes) is
+present twice. Nodes nearer than this on the plane and more than three times as far apart in space lie on
+one another: no noise explains that. Set by hand."""
+MOST_CUT_EVIDENCE = 20.0
+"""Parts are cut apart where cloth lies on other cloth and at most this much evidence joins them. Set by
+hand."""
+_LEAST_OF_MEDIAN = 0.025
+"""A node is not shown that a smaller share of the median node's evidence joins to others. Set by hand."""
+_TRIANGLES = 3
+"""A pair is firm if at least this many nodes are neighbours of both its ends. Set by hand."""
+
+
+def pieces_of(graph: Graph, holds: Bool) -> Int32:
+    """Return the piece (N,) of each node by the pairs that hold (P,), the largest first; -1 for small ones.
+
+    Only what hangs together by pairs is a piece; there is always one.
+    """
+    label = connected_pieces(
+        len(graph), graph.pairs[holds], graph.evidence[holds], LEAST_CORE, LEAST_EVIDENCE
+    )
+    inside = holds & (label[graph.pairs[:, 0]] == label[graph.pairs[:, 1]])
+    part = components(len(graph), graph.pairs[inside])
+    size = np.bincount(part)
+    order = np.argsort(-size, kind="stable")
+    order = order[size[order] >= min(LEAST_PIECE, size.max())]
+    number = np.full(len(size), -1, dtype=np.int32)
+    number[order] = np.arange(len(order), dtype=np.int32)
+    return number[part]
+
+
+def weakly_joined(graph: Graph, holds: Bool, piece: Int32) -> Bool:
+    """Return the nodes (N,) whose place is not shown, since hardly any evidence joins them to their piece."""
+    evidence = evidence_of_nodes(graph, holds)
+    usual = float(np.median(evidence[piece == 0]))
+    weak: Bool = evidence < _LEAST_OF_MEDIAN * usual
+    return weak
+
+
+def cut_of_overlap(graph: Graph, holds: Bool, piece: Int32, z: Complex128, by_hand: Bool) -> Bool:
+    """Return the pairs (P,) to be cut since pieces lie on themselves: in each the weakest set that separates.
+
+    Parts that more than ``MOST_CUT_EVIDENCE`` joins stay, and what the operator placed ``by_hand`` (N,).
+    """
+    cut = np.zeros(len(holds), dtype=np.bool_)
+    for number in range(int(piece.max(initial=-1)) + 1):
+        own = piece == number
+        uv = np.where(own[:, None], np.stack([z.real, z.imag], axis=1), np.nan)
+        lying = overlapping_pairs(uv, graph.xyz_m)
+        lying = lying[~by_hand[lying].any(axis=1)]
+        if np.unique(lying).size < LEAST_PIECE:
+            continue
+        within = np.flatnonzero(holds & own[graph.pairs[:, 0]] & own[graph.pairs[:, 1]])
+        weakest, strength, smaller = weakest_cut(
+            lying, graph.xyz_m, graph.pairs[within], graph.evidence[within]
+        )
+        if strength <= MOST_CUT_EVIDENCE and smaller.sum() >= LEAST_PIECE:
+            cut[within[weakest]] = True
+    return cut
+
+
+def connected_pieces(
+    n: int, edges: Int32, evidence: Float64, least_core_nodes: int, least_evidence: float
+) -> Int32:
+    """Return the piece of cloth of each node (n,).
+
+    Parameters
+    ----------
+    n : int
+        Number of nodes.
+    edges : (M, 2) int32
+        Pairs, each once, the lower node first, sorted by it, then by the higher one.
+    evidence : (M,) float64
+        Evidence of each pair that its ends are one piece: little where the depth is noisy.
+    least_core_nodes : int
+        Parts connected by triangles with at least this many nodes are cores; all other nodes join
+        the core with the largest evidence.
+    least_evidence : float
+        Two cores are joined if the pairs between them have this much evidence together.
+    """
+    i, j = edges.T.copy()
+    core_of = components(n, edges[_neighbours_in_common(n, i, j) >= _TRIANGLES])
+    is_core = np.bincount(core_of) >= least_core_nodes
+    label = _grown(np.where(is_core[core_of], core_of, -1), i, j, evidence)
+    rest = label < 0
+    label[rest] = n + components(n, edges[rest[i] & rest[j]])[rest]
+    label = np.unique(label, return_inverse=True)[1].astype(np.int32)
+    return _joined(label, i, j, evidence, least_evidence)
+
+
+def both_ends(flags: Bool, edges: Int32 | Int64) -> Bool:
+    """Return for pairs (M, 2) of nodes whether the flags (N,) of both are set."""
+    return flags[edges[:, 0]] & flags[edges[:, 1]]
+
+
+@njit(cache=True, nogil=True)
+def _neighbours_in_common(n: int, low: Int32, high: Int32) -> Int32:
+    """Count for each pair (M,), sorted by its lower node and then by the higher, what both ends neighbour."""
+    first, _ = grouped(low, n)
+    counts = np.zeros(low.size, dtype=np.int32)
+    for e in range(low.size):  # each triangle is found at the pair of its two lowest nodes
+        a, b = e + 1, first[high[e]]
+        a_end, b_end = first[low[e] + 1], first[high[e] + 1]
+        while a < a_end and b < b_end:
+            difference = high[a] - high[b]
+            if difference == 0:
+                counts[e] += 1
+                counts[a] += 1
+                counts[b] += 1
+            a += difference <= 0
+            b += difference >= 0
+    return counts
+
+
+def _grown(label: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
+    """Give each node without a label (-1) that of the neighbours with the most evidence, layer by layer."""
+    names, compact = np.unique(label, return_inverse=True)
+    own = (compact - 1 if names[0] < 0 else compact).astype(np.int64)
+    count = int(own.max()) + 1
+    if count == 0:
+        return label
+    from_i, from_j = np.flatnonzero(own[i] < 0), np.flatnonzero(own[j] < 0)
+    ends, others = np.concatenate([i[from_i], j[from_j]]), np.concatenate([j[from_i], i[from_j]])
+    weight = evidence[np.concatenate([from_i, from_j])]
+    voters, voter = np.unique(ends, return_inverse=True)
+    while (own[voters] < 0).any():
+        says = own[others] >= 0
+        votes = np.bincount(voter[says] * count + own[others[says]], weight[says], voters.size * count)
+        votes = votes.reshape(voters.size, count)
+        is_open = (own[voters] < 0) & votes.any(axis=1)
+        best = np.where(is_open, votes.argmax(axis=1), own[voters])
+        if (best == own[voters]).all():
+            break
+        own[voters] = best
+    grown: Int32 = np.where(own >= 0, names[names >= 0][own], -1).astype(np.int32)
+    return grown
+
+
+def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64, least_evidence: float) -> Int32:
+    """Join parts if the pairs between them have enough evidence."""
+    while True:
+        count = int(piece.max()) + 1
+        a, b = piece[i], piece[j]
+        across = a != b
+        low, high = np.minimum(a, b)[across].astype(np.int64), np.maximum(a, b)[across]
+        key, where = np.unique(low * count + high, return_inverse=True)
+        strong = (
+            np.bincount(where, evidence[across], key.size) >= least_evidence
+            if key.size
+            else np.zeros(0, bool)
+        )
+        if not strong.any():
+            return piece
+        joined = np.stack(np.divmod(key[strong], count), axis=1).astype(np.int32)
+        piece = components(count, joined)[piece]
+
+
+def overlapping_pairs(uv_m: Float64, xyz_m: Float64) -> Int64:
+    """Return the pairs (K, 2) of nodes that lie on one another on the plane.
+
+    Parameters
+    ----------
+    uv_m : (N, 2) float64
+        Where the nodes of one piece lie; NaN for others.
+    xyz_m : (N, 3) float64
+        Their points in space.
+    """
+    own = np.flatnonzero(np.isfinite(uv_m[:, 0]))
+    pairs = own[cKDTree(uv_m[own]).query_pairs(TWICE_M, output_type="ndarray")]
+    apart = np.linalg.norm(xyz_m[pairs[:, 0]] - xyz_m[pairs[:, 1]], axis=1)
+    found: Int64 = pairs[apart > 3.0 * TWICE_M]
+    return found
+
+
+def weakest_cut(pairs: Int64, xyz_m: Float64, edges: Int32, evidence: Float64) -> tuple[Bool, float, Bool]:
+    """Return the edges (M,) whose removal separates the two layers that lie on one another most.
+
+    Parameters
+    ----------
+    pairs : (K, 2) int64
+        Nodes that lie on one another; see :func:`overlapping_pairs`.
+    xyz_m : (N, 3) float64
+        Points in space.
+    edges : (M, 2) int32
+        Pairs of neighbours within the piece.
+    evidence : (M,) float64
+        How far each shows that its ends are one piece of cloth.
+
+    Returns
+    -------
+    cut : (M,) bool
+        These edges.
+    strength : float
+        Their evidence together.
+    smaller : (N,) bool
+        Nodes on the smaller side.
+    """
+    one, other = _layers(pairs, xyz_m)
+    side = cut_between(len(xyz_m), edges, evidence, one, other)
+    linked = np.zeros(len(xyz_m), dtype=np.bool_)
+    linked[edges] = True
+    sides = side & linked, ~side & linked
+    cut: Bool = side[edges[:, 0]] != side[edges[:, 1]]
+    return cut, float(evidence[cut].sum()), min(sides, key=np.count_nonzero)
+
+
+def _layers(pairs: Int64, xyz_m: Float64) -> tuple[Int64, Int64]:
+    """Return nodes of each of the two layers with the most nodes on one another.
+
+    Layers that are apart in space are separate components there. Cloth that meets at a fold, or that false
+    pairs close to a cone, is one component. Then the two of its nodes that lie on one another and are
+    farthest apart in space stand for the layers, each with the nodes within nearly half their distance.
+    """
+    nodes = np.unique(pairs)
+    near = cKDTree(xyz_m[nodes]).query_pairs(2.0 * TWICE_M, output_type="ndarray")
+    layer = np.full(len(xyz_m), -1)
+    layer[nodes] = components(nodes.size, near)
+    both, which, count = np.unique(
+        np.sort(layer[pairs], axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    most = count.argmax()
+    one, other = (np.flatnonzero(layer == k) for k in both[most])
+    if both[most, 0] != both[most, 1]:
+        return one, other
+    within = pairs[which.ravel() == most]
+    apart_m = np.linalg.norm(xyz_m[within[:, 0]] - xyz_m[within[:, 1]], axis=1)
+    reach_m = 0.5 * apart_m.max() - TWICE_M
+    first, last = (
+        one[np.linalg.norm(xyz_m[one] - xyz_m[k], axis=1) < reach_m] for k in within[apart_m.argmax()]
+    )
+    return first, last

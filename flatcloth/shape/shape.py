@@ -1,0 +1,121 @@
+"""The shape of a set of views: what :func:`flatcloth.shape.algorithm.shape` returns, and others read."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from flatcloth.core.geometry import Rigid3
+from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.flattening.sampling import LEAST_INTERVAL_M
+from flatcloth.shape.graph import Graph, Links, evidence_of_nodes
+from flatcloth.shape.observations import Nodes, Observation
+
+PIECES_APART_M = 10.0
+"""Distance of floating pieces on the plane. By definition: larger than any cloth."""
+TWO_ROWS_M = 2 * LEAST_INTERVAL_M
+"""Two rows of nodes. So far off its place a node may still be the same cloth; so much nearer a node covers
+others; gaps between pieces are at most as wide, and so is the cloth that is expected beyond an outline.
+Chosen."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shape:
+    """All views, flattened together. Two shapes are equal only if they are the same object.
+
+    ``nodes``, ``observations``, ``object_from_camera``: the cloth in space, and what each view sees of it.
+    ``graph``, ``links``: its pairs, by all views and by each. ``holds`` (P,) are the pairs that join cloth:
+    not those that contradict the others, or were cut. ``piece`` (N,) int32 is the piece of each node: 0 for
+    the largest, the main one; positive for floating pieces, which nothing connects to it; -1 for nodes that
+    too little evidence joins to any. ``all_uv_m`` (N, 2) are their places on the plane, NaN for these;
+    floating pieces lie far from the main one. ``std_m`` (N,) is the standard deviation of the place of a node
+    of the main piece, per axis; NaN for others. ``by_hand`` (N,) are nodes where the operator placed a view.
+    ``scale`` is the factor by which lengths of the graph are too short.
+    """
+
+    nodes: Nodes
+    observations: tuple[Observation, ...]
+    object_from_camera: tuple[Rigid3, ...]
+    graph: Graph
+    links: Links
+    holds: Bool
+    piece: Int32
+    all_uv_m: Float64
+    std_m: Float64
+    by_hand: Bool
+    scale: float
+
+    @cached_property
+    def uv_m(self) -> Float64:
+        """(N, 2) places of the nodes of the main piece; NaN for all others."""
+        return np.where((self.piece == 0)[:, None], self.all_uv_m, np.nan)
+
+    @property
+    def has_place(self) -> Bool:
+        """(N,) whether a node has a place, on the main piece or a floating one."""
+        found: Bool = self.piece >= 0
+        return found
+
+    @property
+    def placed(self) -> Bool:
+        """(N,) whether a node is on the main piece."""
+        found: Bool = self.piece == 0
+        return found
+
+    @property
+    def link_holds(self) -> Bool:
+        """(M,) whether each link is of a pair that joins cloth."""
+        return self.holds[self.links.pair]
+
+    @property
+    def evidence(self) -> Float64:
+        """(M,) evidence of the links that their ends are one piece of cloth; 0 for those that do not hold."""
+        return np.where(self.link_holds, self.links.evidence, 0.0)
+
+    @property
+    def node_evidence(self) -> Float64:
+        """(N,) evidence that joins each node to others."""
+        return evidence_of_nodes(self.graph, self.holds)
+
+    @property
+    def views(self) -> tuple[int, ...]:
+        """The views, in the order of the observations."""
+        return tuple(s.view_index for s in self.observations)
+
+    @property
+    def contradictions(self) -> dict[int, float]:
+        """For each view the share of its pairs, on pieces of cloth, that contradict the others."""
+        inside = self.has_place[self.links.edges].all(axis=1)
+        count = len(self.observations)
+        total = np.bincount(self.links.observation[inside], minlength=count)
+        off = np.bincount(self.links.observation[inside & ~self.link_holds], minlength=count)
+        return dict(zip(self.views, (off / np.maximum(total, 1)).tolist(), strict=True))
+
+
+def of_views(whole: Shape, views: Collection[int]) -> Shape:
+    """Return the part of a shape that some of its views show, where it lies in the whole."""
+    kept = [n for n, seen in enumerate(whole.observations) if seen.view_index in views]
+    shown = np.zeros(len(whole.nodes), dtype=np.bool_)
+    for n in kept:
+        shown[whole.observations[n].node] = True
+    number = np.full(len(whole.observations), -1, dtype=np.int32)
+    number[kept] = np.arange(len(kept), dtype=np.int32)
+    own = number[whole.links.observation] >= 0
+    return replace(
+        whole,
+        observations=tuple(whole.observations[n] for n in kept),
+        object_from_camera=tuple(whole.object_from_camera[n] for n in kept),
+        links=Links(
+            edges=whole.links.edges[own],
+            pair=whole.links.pair[own],
+            observation=number[whole.links.observation[own]],
+            length_m=whole.links.length_m[own],
+            evidence=whole.links.evidence[own],
+        ),
+        piece=np.where(shown, whole.piece, -1).astype(np.int32),
+        all_uv_m=np.where(shown[:, None], whole.all_uv_m, np.nan),
+        std_m=np.where(shown, whole.std_m, np.nan),
+    )
