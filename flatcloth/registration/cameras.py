@@ -29,7 +29,7 @@ from flatcloth.registration.pose_prior import (
     at_center,
     chances,
     grades,
-    jacobian,
+    jacobians_of,
     variances,
 )
 from flatcloth.registration.registered import Registered, Spread
@@ -91,8 +91,8 @@ def register(
     Notes
     -----
     The result depends on the set only. Two views are compared from their recorded poses on, whatever other
-    views there are; those that contradict the others are compared again
-    from where, and at the fattening that, the others say.
+    views there are; those that contradict the others are compared again at the fattening and from the poses
+    that all together have, which are rounded so that other sets can use what that gives.
     """
     prior, fits = prior or PosePrior(), {} if fits is None else fits
     held_point_m = np.asarray(held_point_m, dtype=np.float64)
@@ -103,7 +103,7 @@ def register(
         prior=prior,
         features=tuple(features),
         known=known,
-        jacobians=tuple(jacobian(axis, held_point_m, seen.angle_deg) for seen in features),
+        jacobians=jacobians_of(axis, held_point_m, [seen.angle_deg for seen in features]),
         common=np.zeros(COMMON) if confirmed is None else confirmed.common,
         own=np.zeros((len(features), OWN)),
         spread=Spread.by_prior(np.zeros(0)),

@@ -17,8 +17,6 @@ from flatcloth.core.types import Float64
 from flatcloth.flattening.surface import NOISELESS_STD_M
 from flatcloth.registration.pose_prior import (
     PosePrior,
-    chances,
-    expected_displacement_m,
     motion,
     pair_covariance,
 )
@@ -37,6 +35,8 @@ _SEARCH_RADII_M = tuple(max(0.005, 0.02 * 0.75**n) for n in range(6))
 by hand."""
 _FINE_ROUNDS = 3
 """Rounds with all points and the last radius. Set by hand."""
+_ROUNDS = [*((radius_m, 2) for radius_m in _SEARCH_RADII_M), *[(_SEARCH_RADII_M[-1], 1)] * _FINE_ROUNDS]
+"""Search radius and thinning of each round. By definition."""
 _LEAST_POINTS = 60
 """Views with fewer points in common, counted both ways, are not compared. Set by hand."""
 _SHADING_STD = 0.15
@@ -92,7 +92,7 @@ def fit_pair(
     numbers : (int, int)
         Their numbers in the result.
     derivatives : ((6, 7), (6, 7)) float64
-        Of their motions about the centre: see :func:`.pose_prior.jacobian`.
+        Of their motions about the centre: see :func:`.pose_prior.jacobians_of`.
     center_m : (3,) float64
         Centre of the rotation, object frame.
     prior : PosePrior
@@ -110,10 +110,11 @@ def fit_pair(
     precision[:6, :6] = np.linalg.inv(pair_covariance(*derivatives, prior))
     precision[6, 6] = prior.fattening_std_px**-2
     noise_m = max(seen.noise_m for seen in features)
-    plan, spread = _rounds(expected_displacement_m(*derivatives, prior, chances(prior)))
+    spread = np.zeros(TERMS)
+    spread[0] = _SEARCH_RADII_M[0] / 3
     x, free = (np.zeros(UNKNOWNS), UNKNOWNS) if start is None else (start, MOTION)
     is_settled = False
-    for n, (search_radius_m, every) in enumerate(plan):
+    for n, (search_radius_m, every) in enumerate(_ROUNDS):
         if is_settled and every > 1:
             continue
         found = compare(
@@ -128,7 +129,7 @@ def fit_pair(
         step = np.zeros(UNKNOWNS)
         step[:free] = -np.linalg.solve(curvature, (gradient + precision @ x)[:free])
         gain = float(step[:free] @ curvature @ step[:free])
-        if n == len(plan) - 1 or (every == 1 and gain < _STILL**2):
+        if n == len(_ROUNDS) - 1 or (every == 1 and gain < _STILL**2):
             break
         x, is_settled = x + step, gain < _STILL**2
     return PairFit(
@@ -141,19 +142,6 @@ def fit_pair(
         gradient=gradient,
         count=found.count,
     )
-
-
-def _rounds(uncertainty_m: float) -> tuple[list[tuple[float, int]], Float64]:
-    """Return search radius and thinning of each round, and the initial typical differences (4,)."""
-    least_m = _SEARCH_RADII_M[-1]
-    fine = [(least_m, 1)] * _FINE_ROUNDS
-    # The first radii that the motion cannot need are left out.
-    needed_m = least_m + 3.0 * uncertainty_m
-    enough = [n for n, radius_m in enumerate(_SEARCH_RADII_M[:-1]) if radius_m >= needed_m]
-    radii_m = _SEARCH_RADII_M[enough[-1] if enough else 0 :]
-    spread = np.zeros(TERMS)
-    spread[0] = radii_m[0] / 3
-    return [*((search_radius_m, 2) for search_radius_m in radii_m), *fine], spread
 
 
 def _usual(found: Float64) -> Float64:

@@ -94,7 +94,7 @@ class Registered:
     prior: PosePrior
     features: tuple[ViewFeatures, ...] = ()
     known: tuple[Rigid3, ...] = ()
-    jacobians: tuple[Float64, ...] = ()
+    jacobians: Float64
     pairs: tuple[PairFit, ...] = ()
     common: Float64
     own: Float64
@@ -263,7 +263,7 @@ def _relative_stds(registered: Registered) -> Float64:
         pose.apply(seen.middle_m) for seen, pose in zip(registered.features, registered.known, strict=True)
     ]
     of, by = np.nonzero(share)
-    change = at_center(np.stack(registered.jacobians)[by], np.stack(middles)[of]) * share[of, by, None, None]
+    change = at_center(registered.jacobians[by], np.stack(middles)[of]) * share[of, by, None, None]
     common, own = np.zeros((views, 6, COMMON)), np.zeros((views, 6, views, OWN))
     np.add.at(common[:, :, :4], of, change[:, :, OWN:])
     own[of, :, by] = change[:, :, :OWN]

@@ -103,6 +103,15 @@ def test_a_method_gives_the_poses_in_the_order_of_the_views(
     assert _bytes(robust.seen.registered(order)) == _bytes(registered(exact))
 
 
+def test_a_view_is_compared_with_the_nearest_on_either_side_and_one_further_away() -> None:
+    around = list(np.arange(0.0, 360.0, 10.0))
+    assert {(n - m) % 36 for n, m in cameras._pairs(around)} == {1, 3, 33, 35}
+    assert len(cameras._pairs(around)) == 72
+    assert cameras._pairs([0.0, 30.0, 60.0]) == [(1, 0), (2, 0), (2, 1)]
+    assert cameras._pairs([0.0, 0.0, 120.0]) == [(1, 0)]
+    assert cameras._pairs([0.0]) == []
+
+
 def test_a_pair_is_compared_once(exact: Integration, monkeypatch: pytest.MonkeyPatch) -> None:
     fits: Fits = {}
     first, second, third = features_of_views(exact, (0, 1, 2))
@@ -119,7 +128,7 @@ def test_many_views_need_the_memory_of_a_few_matrices_not_of_one_for_each_grade(
         few,
         features=few.features[:1] * n,
         known=few.known[:1] * n,
-        jacobians=few.jacobians[:1] * n,
+        jacobians=np.repeat(few.jacobians[:1], n, axis=0),
         pairs=(),
         own=np.zeros((n, OWN)),
     )
