@@ -10,7 +10,6 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from flatcloth.core.geometry import Rigid3, object_from_camera, project, wrapped
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
-from flatcloth.registration.cameras import begin_registration, extend_registration
+from flatcloth.registration.cameras import register
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import MOST_APART_DEG, ViewFeatures, extract_features
 
@@ -95,12 +94,12 @@ def measured(
         angle = surface.frame.angle_deg + random.normal(0.0, spoiling.angle_deg)
         surfaces.append(replace(surface, frame=replace(surface.frame, angle_deg=angle)))
     features = [extract_features(surface) for surface in surfaces]  # once unmeasured: compiles
-    start = begin_registration(axis, integration.views.held_point_m)
-    reduce(extend_registration, features[:3], start)
+    held_point_m = integration.views.held_point_m
+    register(features[:3], axis, held_point_m)
     started = time.perf_counter()
     features = [extract_features(surface) for surface in surfaces]
     scanned = time.perf_counter()
-    found = reduce(extend_registration, features, start)
+    found = register(features, axis, held_point_m)
     ended = time.perf_counter()
     before, after = _slips_m(features, found.known, true), _slips_m(features, found.object_from_camera, true)
     return Row(
@@ -117,7 +116,7 @@ def measured(
 
 
 def _views(integration: Integration) -> list[int]:
-    """Views from the best one on to either side by turns, as they are accepted."""
+    """Views in steps from the best one on."""
     angles = np.array(integration.recording.angles_deg)
     start = int(np.argmax(integration.views.observed_areas_m2()))
     wanted = [angles[start] + sign * step for step in np.arange(0.0, 181.0, STEP_DEG) for sign in (1, -1)]
@@ -129,7 +128,7 @@ def _views(integration: Integration) -> list[int]:
         except FlatclothError:
             continue
         views.append(view)
-    return views
+    return sorted(views)
 
 
 def _spoiled_axis(axis: RotationAxis, spoiling: Spoiling, random: np.random.Generator) -> RotationAxis:

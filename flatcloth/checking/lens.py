@@ -28,7 +28,7 @@ from flatcloth.registration.pose_prior import (
     PosePrior,
     at_center,
     grades,
-    jacobian,
+    jacobians_of,
     poses,
     variances,
 )
@@ -161,7 +161,7 @@ def adjusted(
     :func:`focal_length`.
     """
     prior, angles_deg, center_m = PosePrior(), [factor * view.angle_deg for view in views], axis.point_m
-    by = [at_center(jacobian(axis, held_point_m, angle), center_m) for angle in angles_deg]
+    by = at_center(jacobians_of(axis, held_point_m, angles_deg), center_m)
     known = 1.0 / variances(len(views), grades(prior)[-1], prior)
     known[_FOCAL] = 0.0  # nothing is known of it
     found = np.zeros(len(known))

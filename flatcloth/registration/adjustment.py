@@ -1,7 +1,7 @@
 """The adjustment: the axis, turns and swings that explain the motions of all pairs of views together.
 
 Input: the likelihood of the motion between the views of each pair. Output: the unknowns, how uncertain they
-are, and the probability of each grade of the recording's errors. :mod:`.cameras` adds views and pairs.
+are, and the probability of each grade of the recording's errors. :mod:`.cameras` compares the pairs.
 """
 
 from __future__ import annotations
@@ -100,8 +100,8 @@ def _linear(registered: Registered) -> _Linear | None:
     if not pairs:
         return None
     ends = np.array([(p.first, p.second) for p in pairs]).T
-    centers_m, jacobians = np.array([p.center_m for p in pairs]), np.stack(registered.jacobians)
-    one, other = (at_center(jacobians[end], centers_m) for end in ends)
+    centers_m = np.array([p.center_m for p in pairs])
+    one, other = (at_center(registered.jacobians[end], centers_m) for end in ends)
     rows = np.zeros((len(pairs), UNKNOWNS, COMMON + 2 * OWN))
     rows[:, 6, 4] = 1.0
     rows[:, :6, :4] = one[..., OWN:] - other[..., OWN:]

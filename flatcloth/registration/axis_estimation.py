@@ -4,8 +4,8 @@ Between two views the item rotates rigidly by a known angle. The four parameters
 direction, therefore explain the motion of the surface between all pairs of views, and all pairs are
 registered together: each pair gives the normal equations of the motion between its views
 (:func:`flatcloth.registration.view_features.compare`), and the derivative of that motion by the axis
-(:func:`flatcloth.registration.pose_prior.jacobian`) contracts them to those of the axis. Gauss-Newton steps
-solve their sum, with robust weights from coarse to fine.
+(:func:`flatcloth.registration.pose_prior.jacobians_of`) contracts them to those of the axis. Gauss-Newton
+steps solve their sum, with robust weights from coarse to fine.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from flatcloth.registration.pose_prior import (
     PosePrior,
     across,
     at_center,
-    jacobian,
+    jacobians_of,
     moved_axis,
 )
 from flatcloth.registration.view_features import (
@@ -321,7 +321,7 @@ def _equations(
     spread = np.zeros(TERMS)
     spread[0] = scale_m / 3.0  # compare's weight is a quarter at three times its spread
     poses = [object_from_camera(axis, view.angle_deg) for view in views]
-    by_axis = [at_center(jacobian(axis, center_m, v.angle_deg), center_m)[:, OWN:] for v in views]
+    by_axis = at_center(jacobians_of(axis, center_m, [v.angle_deg for v in views]), center_m)[..., OWN:]
     matrix, right, tally = np.zeros((5, 5)), np.zeros(5), np.zeros(3)
     level = (scale_m / _USUAL_TILT) ** 2
     matrix[2, 2] = matrix[3, 3] = level

@@ -9,12 +9,14 @@ inferred from the evidence, so that exact poses stay exact.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import Float64, RotationAxis
@@ -26,173 +28,135 @@ from flatcloth.registration.pose_prior import (
     PosePrior,
     at_center,
     chances,
-    expected_displacement_m,
     grades,
-    jacobian,
-    pair_covariance,
-    twist_of,
+    jacobians_of,
     variances,
 )
 from flatcloth.registration.registered import Registered, Spread
-from flatcloth.registration.view_features import MOST_APART_DEG, ViewFeatures
+from flatcloth.registration.view_features import MOST_APART_DEG, UNKNOWNS, ViewFeatures
 
-_PARTNERS = 4
-"""Most views that a view is compared with. Set by hand."""
-_REFIT_FATTENING_PX = 0.15
-"""Pairs are compared again if the fattening has changed by more than this. Set by hand."""
+_FURTHER_DEG = 20.0
+"""On either side a view is compared with the nearest view, and with the nearest one at least so much further.
+Chosen: near views tell an error of the axis from the edge fattening badly, far ones share little cloth."""
+
+_START_STEPS = np.array([math.radians(0.2)] * 3 + [0.001] * 3 + [0.3])
+"""Pairs are compared again from a start rounded to these steps of rotation, shift (m) and fattening (px).
+Chosen: well below what a comparison corrects, so that sets of almost the same views share comparisons."""
+_SURPRISING = float(chdtri(UNKNOWNS, 1e-3))
+"""A pair that contradicts the others by more is compared again. Chosen: one in a thousand does by chance."""
+
+Pair = tuple[int, int]
+Start = tuple[int, ...] | None
+Fits = MutableMapping[tuple[Pair, Start], PairFit | None]
+"""What comparing two views of one recording gave, by their indices, the larger one first, and by the start in
+steps, None at first; None where they have too little in common."""
 
 
-def begin_registration(
-    axis: RotationAxis, held_point_m: Float64, prior: PosePrior | None = None
+def register(
+    features: Sequence[ViewFeatures],
+    axis: RotationAxis,
+    held_point_m: Float64,
+    fits: Fits | None = None,
+    *,
+    prior: PosePrior | None = None,
+    confirmed: Registered | None = None,
+    threads: int = 1,
 ) -> Registered:
-    """Return a registration without views.
+    """Register a set of views.
 
     Parameters
     ----------
+    features : sequence of ViewFeatures
+        The views, by increasing view index.
     axis : RotationAxis
         The recorded axis, camera frame of view 0.
     held_point_m : (3,) float64
         The held point, camera frame of view 0, about which the item swings.
+    fits : mutable mapping, optional
+        Pairs of views of this recording that were compared before, by the same axis, held point and prior;
+        those compared now are added.
     prior : PosePrior, optional
         Expected errors of recordings.
-    """
-    prior = prior or PosePrior()
-    return Registered(
-        axis=axis,
-        held_point_m=np.asarray(held_point_m, dtype=np.float64),
-        prior=prior,
-        common=np.zeros(COMMON),
-        own=np.zeros((0, OWN)),
-        spread=Spread.by_prior(np.sqrt(variances(0, grades(prior)[-1], prior))),
-        posterior=chances(prior),
-    )
-
-
-def confirmed_by(registered: Registered) -> Registered:
-    """Return a registration without views, as sure as that of the same recording by its other side.
-
-    It confirms the recorded poses; views are added by :func:`with_confirmed`.
-    """
-    return replace(
-        begin_registration(registered.axis, registered.held_point_m, registered.prior),
-        common=registered.common,
-        posterior=registered.posterior,
-    )
-
-
-def with_confirmed(registered: Registered, new: ViewFeatures) -> Registered:
-    """Add a view where it is recorded: nothing is compared."""
-    grown = _with_views(registered, [new])
-    likeliest = grades(grown.prior)[grown.posterior.argmax()]
-    return replace(
-        grown, spread=Spread.by_prior(np.sqrt(variances(len(grown.features), likeliest, grown.prior)))
-    )
-
-
-def register_together(
-    features: Sequence[ViewFeatures],
-    axis: RotationAxis,
-    held_point_m: Float64,
-    partners: int = _PARTNERS,
-    fattening_px: float = 0.0,
-    threads: int = 1,
-) -> Registered:
-    """Register all views at once: the same model as view by view, solved once.
-
-    Pairs are compared from the recorded poses on, not from those refined before, and each view with
-    ``partners`` before it only: that shows in a fraction of the time whether the recorded poses are right.
-    """
-    registered = begin_registration(axis, held_point_m)
-    registered = _with_views(
-        replace(registered, common=np.append(registered.common[:4], fattening_px)), features
-    )
-    pairs = [(n, m) for n in range(1, len(features)) for m in _partners(registered, n)[:partners]]
-    with ThreadPoolExecutor(threads) as pool:
-        fits = list(pool.map(lambda pair: _fitted(registered, *pair), pairs))
-    return _solved_again(registered, fits, threads)
-
-
-def extend_registration(registered: Registered, new: ViewFeatures) -> Registered:
-    """Add a view; the poses of all views are estimated again.
-
-    Parameters
-    ----------
-    registered : Registered
-        The views so far.
-    new : ViewFeatures
-        The view to add.
+    confirmed : Registered, optional
+        A registration of the same recording that confirms its poses: no views are compared, and all are as
+        sure as those.
+    threads : int
+        How many pairs are compared at the same time.
 
     Returns
     -------
     Registered
-        A view with too little in common with the others keeps the pose of the axis and its
-        recorded angle.
+        A view with too little in common with the others keeps the pose of the axis and its recorded angle.
 
     Notes
     -----
-    Only the new pairs are compared, and old pairs that were compared at another fattening.
+    The result depends on the set only. Two views are compared from their recorded poses on, whatever other
+    views there are; those that contradict the others are compared again at the fattening and from the poses
+    that all together have, which are rounded so that other sets can use what that gives.
     """
-    n, grown = len(registered.features), _with_views(registered, [new])
-    fits = [_fitted(grown, n, partner) for partner in _partners(grown, n)]
-    return _solved_again(grown, [*grown.pairs, *fits])
-
-
-def _with_views(registered: Registered, features: Sequence[ViewFeatures]) -> Registered:
-    """Add views where they are recorded, compared with no other."""
-    axis, held_point_m = registered.axis, registered.held_point_m
-    return replace(
-        registered,
-        features=(*registered.features, *features),
-        known=(*registered.known, *(object_from_camera(axis, seen.angle_deg) for seen in features)),
-        jacobians=(
-            *registered.jacobians,
-            *(jacobian(axis, held_point_m, seen.angle_deg) for seen in features),
-        ),
-        own=np.concatenate([registered.own, np.zeros((len(features), OWN))]),
+    prior, fits = prior or PosePrior(), {} if fits is None else fits
+    held_point_m = np.asarray(held_point_m, dtype=np.float64)
+    known = tuple(object_from_camera(axis, seen.angle_deg) for seen in features)
+    begun = Registered(
+        axis=axis,
+        held_point_m=held_point_m,
+        prior=prior,
+        features=tuple(features),
+        known=known,
+        jacobians=jacobians_of(axis, held_point_m, [seen.angle_deg for seen in features]),
+        common=np.zeros(COMMON) if confirmed is None else confirmed.common,
+        own=np.zeros((len(features), OWN)),
+        spread=Spread.by_prior(np.zeros(0)),
+        posterior=chances(prior) if confirmed is None else confirmed.posterior,
     )
+    if confirmed is not None or not features:
+        grade = grades(prior)[-1 if confirmed is None else begun.posterior.argmax()]
+        return replace(begun, spread=Spread.by_prior(np.sqrt(variances(len(features), grade, prior))))
+    index = [seen.view_index for seen in features]
+    pairs = {(index[n], index[m]): (n, m) for n, m in _pairs(begun.angles_deg)}
 
+    def solve(starts: Mapping[Pair, Start]) -> Registered:
+        missing = [key for key in starts.items() if key not in fits]
+        with ThreadPoolExecutor(threads) as pool:
+            made = pool.map(lambda key: _fitted(begun, pairs[key[0]], key[1]), missing)
+            fits.update(zip(missing, made, strict=True))
+        found = ((fits[key], pairs[key[0]]) for key in starts.items())
+        used = (replace(fit, first=n, second=m) for fit, (n, m) in found if fit is not None)
+        return solved(replace(begun, pairs=tuple(used)))
 
-def _solved_again(registered: Registered, fits: Sequence[PairFit | None], threads: int = 1) -> Registered:
-    """Solve for the unknowns, and again after comparing the pairs of another fattening again."""
-    registered = solved(replace(registered, pairs=tuple(fit for fit in fits if fit is not None)))
-
-    def is_outdated(pair: PairFit) -> bool:
-        return abs(registered.fattening_px - pair.fattening_px) > _REFIT_FATTENING_PX
-
-    if not any(map(is_outdated, registered.pairs)):
+    starts: dict[Pair, Start] = dict.fromkeys(pairs)
+    registered = solve(starts)
+    again = registered.surprises > _SURPRISING
+    if not again.any():
         return registered
-    with ThreadPoolExecutor(threads) as pool:
-        again = list(
-            pool.map(
-                lambda pair: _fitted(registered, pair.first, pair.second) if is_outdated(pair) else pair,
-                registered.pairs,
-            )
+    for n in np.flatnonzero(again):
+        fit = registered.pairs[n]
+        start = np.array([*registered.twists[n], registered.fattening_px])
+        starts[index[fit.first], index[fit.second]] = tuple(
+            np.rint(start / _START_STEPS).astype(int).tolist()
         )
-    return solved(replace(registered, pairs=tuple(fit for fit in again if fit is not None)))
+    return solve(starts)
 
 
-def _partners(registered: Registered, n: int) -> list[int]:
-    """Return the views with near enough directions, nearest first."""
-    looks = np.array([pose.rotation[:, 2] for pose in registered.known])
-    cos = looks[:n] @ looks[n]
-    order = np.argsort(-cos, kind="stable")[:_PARTNERS]
-    return [int(i) for i in order if cos[i] >= math.cos(math.radians(MOST_APART_DEG))]
+def _pairs(angles_deg: Sequence[float]) -> list[tuple[int, int]]:
+    """Return the pairs of views to compare, the later view first: on either side of each, one or two."""
+    angles, found = np.asarray(angles_deg), set[tuple[int, int]]()
+    for n, sign in itertools.product(range(len(angles)), (1.0, -1.0)):
+        apart = sign * (angles - angles[n]) % 360.0
+        apart[n] = np.inf
+        nearest = float(apart.min())
+        for least in (nearest, nearest + _FURTHER_DEG):
+            m = int(np.where(apart < least, np.inf, apart).argmin())
+            if apart[m] <= MOST_APART_DEG:
+                found.add((max(n, m), min(n, m)))
+    return sorted(found)
 
 
-def _fitted(registered: Registered, first: int, second: int) -> PairFit | None:
-    """Compare two views, from their present poses on."""
-    one, other = registered.features[first], registered.features[second]
-    poses = registered.known[first], registered.known[second]
+def _fitted(registered: Registered, pair: Pair, start: Start) -> PairFit | None:
+    """Compare two views: from their recorded poses on, or from a start in steps from there."""
+    one, other = (registered.features[n] for n in pair)
+    poses = registered.known[pair[0]], registered.known[pair[1]]
     center: Float64 = 0.5 * (poses[0].apply(one.middle_m) + poses[1].apply(other.middle_m))
-    now = registered.object_from_camera[first], registered.object_from_camera[second]
-    about = at_center(registered.jacobians[first], center), at_center(registered.jacobians[second], center)
-    return fit_pair(
-        (one, other),
-        poses,
-        (first, second),
-        pair_covariance(*about, registered.prior),
-        center_m=center,
-        uncertainty_m=expected_displacement_m(*about, registered.prior, registered.posterior),
-        fattening_px=registered.fattening_px,
-        twist=twist_of((now[1] @ poses[1].inverse()).inverse() @ now[0] @ poses[0].inverse(), center),
-    )
+    about = at_center(registered.jacobians[pair[0]], center), at_center(registered.jacobians[pair[1]], center)
+    begin = None if start is None else _START_STEPS * start
+    return fit_pair((one, other), poses, pair, about, center, registered.prior, begin)

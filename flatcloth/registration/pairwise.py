@@ -15,14 +15,28 @@ import numpy as np
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64
 from flatcloth.flattening.surface import NOISELESS_STD_M
-from flatcloth.registration.pose_prior import PosePrior, motion
-from flatcloth.registration.view_features import CHANNELS, MOTION, TERMS, Agreement, ViewFeatures, compare
+from flatcloth.registration.pose_prior import (
+    PosePrior,
+    motion,
+    pair_covariance,
+)
+from flatcloth.registration.view_features import (
+    CHANNELS,
+    MOTION,
+    TERMS,
+    UNKNOWNS,
+    Agreement,
+    ViewFeatures,
+    compare,
+)
 
 _SEARCH_RADII_M = tuple(max(0.005, 0.02 * 0.75**n) for n in range(6))
 """Points farther from the other surface than this are not paired, in the rounds with half of the points. Set
 by hand."""
 _FINE_ROUNDS = 3
 """Rounds with all points and the last radius. Set by hand."""
+_ROUNDS = [*((radius_m, 2) for radius_m in _SEARCH_RADII_M), *[(_SEARCH_RADII_M[-1], 1)] * _FINE_ROUNDS]
+"""Search radius and thinning of each round. By definition."""
 _LEAST_POINTS = 60
 """Views with fewer points in common, counted both ways, are not compared. Set by hand."""
 _SHADING_STD = 0.15
@@ -62,12 +76,10 @@ def fit_pair(
     features: tuple[ViewFeatures, ViewFeatures],
     poses: tuple[Rigid3, Rigid3],
     numbers: tuple[int, int],
-    covariance: Float64,
-    *,
+    derivatives: tuple[Float64, Float64],
     center_m: Float64,
-    fattening_px: float,
-    twist: Float64,
-    uncertainty_m: float = math.inf,
+    prior: PosePrior,
+    start: Float64 | None = None,
 ) -> PairFit | None:
     """Register two views.
 
@@ -76,68 +88,60 @@ def fit_pair(
     features : (ViewFeatures, ViewFeatures)
         The view that is moved, and the other one.
     poses : (Rigid3, Rigid3)
-        Their known poses.
+        Their recorded poses.
     numbers : (int, int)
-        Their view indices.
-    covariance : (6, 6) float64
-        Prior covariance of the motion.
+        Their numbers in the result.
+    derivatives : ((6, 7), (6, 7)) float64
+        Of their motions about the centre: see :func:`.pose_prior.jacobians_of`.
     center_m : (3,) float64
         Centre of the rotation, object frame.
-    fattening_px : float
-        The present estimate of the fattening.
-    twist : (6,) float64
-        Initial motion.
-    uncertainty_m : float
-        Expected displacement of the surface by the motion that is sought: a small one needs fewer rounds.
+    prior : PosePrior
+        Expected errors of the recording.
+    start : (7,) float64, optional
+        Initial motion (as ``twist`` of the result), and the fattening, which is kept. By default no motion,
+        and the fattening is found, too.
 
     Returns
     -------
     PairFit or None
         None if the views have too little in common.
     """
-    precision = np.linalg.inv(covariance)
+    precision = np.zeros((UNKNOWNS, UNKNOWNS))
+    precision[:6, :6] = np.linalg.inv(pair_covariance(*derivatives, prior))
+    precision[6, 6] = prior.fattening_std_px**-2
     noise_m = max(seen.noise_m for seen in features)
-    plan, spread = _rounds(uncertainty_m)
-    twist, is_settled = twist.copy(), False
-    for n, (search_radius_m, every) in enumerate(plan):
+    spread = np.zeros(TERMS)
+    spread[0] = _SEARCH_RADII_M[0] / 3
+    x, free = (np.zeros(UNKNOWNS), UNKNOWNS) if start is None else (start, MOTION)
+    is_settled = False
+    for n, (search_radius_m, every) in enumerate(_ROUNDS):
         if is_settled and every > 1:
             continue
         found = compare(
-            features[0], features[1], motion(twist, center_m) @ poses[0], poses[1], center_m,
-            fattening_px, search_radius_m, spread, every,
+            features[0], features[1], motion(x[:6], center_m) @ poses[0], poses[1], center_m,
+            x[6], search_radius_m, spread, every,
         )  # fmt: skip
         if found.count * every < _LEAST_POINTS:
             return None
         matrix, gradient = _weighed(found, spread, noise_m)
         spread = _usual(found.spread)
-        step = -np.linalg.solve(matrix[:6, :6] + precision, gradient[:6] + precision @ twist)
-        gain = float(step @ (matrix[:6, :6] + precision) @ step)
-        if n == len(plan) - 1 or (every == 1 and gain < _STILL**2):
+        curvature = (matrix + precision)[:free, :free]
+        step = np.zeros(UNKNOWNS)
+        step[:free] = -np.linalg.solve(curvature, (gradient + precision @ x)[:free])
+        gain = float(step[:free] @ curvature @ step[:free])
+        if n == len(_ROUNDS) - 1 or (every == 1 and gain < _STILL**2):
             break
-        twist, is_settled = twist + step, gain < _STILL**2
+        x, is_settled = x + step, gain < _STILL**2
     return PairFit(
         first=numbers[0],
         second=numbers[1],
         center_m=center_m,
-        twist=twist,
-        fattening_px=fattening_px,
+        twist=x[:6],
+        fattening_px=float(x[6]),
         matrix=matrix,
         gradient=gradient,
         count=found.count,
     )
-
-
-def _rounds(uncertainty_m: float) -> tuple[list[tuple[float, int]], Float64]:
-    """Return search radius and thinning of each round, and the initial typical differences (4,)."""
-    least_m = _SEARCH_RADII_M[-1]
-    fine = [(least_m, 1)] * _FINE_ROUNDS
-    # The first radii that the motion cannot need are left out.
-    needed_m = least_m + 3.0 * uncertainty_m
-    enough = [n for n, radius_m in enumerate(_SEARCH_RADII_M[:-1]) if radius_m >= needed_m]
-    radii_m = _SEARCH_RADII_M[enough[-1] if enough else 0 :]
-    spread = np.zeros(TERMS)
-    spread[0] = radii_m[0] / 3
-    return [*((search_radius_m, 2) for search_radius_m in radii_m), *fine], spread
 
 
 def _usual(found: Float64) -> Float64:

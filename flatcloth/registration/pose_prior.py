@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
-from flatcloth.core.geometry import Rigid3, object_from_camera, rotation_about, rotations_by
+from flatcloth.core.geometry import Rigid3, rotation_about, rotations_by
 from flatcloth.core.types import Float64, RotationAxis
 from flatcloth.flattening.surface import EXTENT_M
 
@@ -105,19 +106,21 @@ def turns_and_shifts(
     return swings @ turns, held_point_m + np.einsum("nij,nj->ni", swings, there)
 
 
-def jacobian(axis: RotationAxis, held_point_m: Float64, angle_deg: float) -> Float64:
-    """Return the derivative (6, 7) of a view's twist about the origin of the object frame.
+def jacobians_of(axis: RotationAxis, held_point_m: Float64, angles_deg: Sequence[float]) -> Float64:
+    """Return the derivatives (N, 6, 7) of the views' twists about the origin of the object frame.
 
     Columns: its turn and swing (two directions), shift and tilt of the axis (two directions).
     """
-    back, ways = object_from_camera(axis, angle_deg).rotation, across(axis)
-    columns = [_about(-axis.direction, axis.point_m)]
-    columns += [_about(way, held_point_m) for way in ways]
-    columns += [np.concatenate([np.zeros(3), way - back @ way]) for way in ways]
-    for way in ways:
+    back, ways = rotations_by(np.radians(angles_deg)[:, None] * -axis.direction), across(axis)
+    made = np.zeros((len(angles_deg), 2 * 3, OWN + 4))
+    own = [_about(-axis.direction, axis.point_m), *(_about(way, held_point_m) for way in ways)]
+    made[:, :, :OWN] = np.stack(own, axis=1)
+    for n, way in enumerate(ways):
         tilt = _cross(axis.direction) @ way
-        columns.append(_about(tilt - back @ tilt, axis.point_m))
-    return np.stack(columns, axis=1)
+        made[:, 3:, OWN + n] = way - back @ way
+        made[:, :3, OWN + 2 + n] = tilt - back @ tilt
+        made[:, 3:, OWN + 2 + n] = (tilt - back @ tilt) @ _cross(axis.point_m).T
+    return made
 
 
 def at_center(derivative: Float64, center_m: Float64) -> Float64:
@@ -159,28 +162,18 @@ def variances(n: int, grade: Float64, prior: PosePrior) -> Float64:
     return np.concatenate([common, *[own] * n], axis=-1)
 
 
-def pair_covariance(one: Float64, other: Float64, prior: PosePrior, grade: Float64 | None = None) -> Float64:
-    """Return the prior covariance (6, 6) of a pair's twist at a grade (3,), by default the largest.
+def pair_covariance(one: Float64, other: Float64, prior: PosePrior) -> Float64:
+    """Return the prior covariance (6, 6) of a pair's twist at the largest grade.
 
     ``one``, ``other`` (6, 7) are the two views' derivatives about the centre of the twist.
     """
-    likely = variances(1, grades(prior)[-1] if grade is None else grade, prior)
+    likely = variances(1, grades(prior)[-1], prior)
     own, axis = likely[COMMON:], one[:, OWN:] - other[:, OWN:]
     covariance = (one[:, :OWN] * own) @ one[:, :OWN].T + (other[:, :OWN] * own) @ other[:, :OWN].T
     covariance += (axis * likely[:4]) @ axis.T
     # The cloth deforms slightly: motions as small as the smallest errors are explained by nothing else.
     rigid = np.repeat(np.square([math.radians(prior.swing_stds_deg[0]), prior.axis_stds_m[0]]), 3)
     return covariance + np.diag(rigid)
-
-
-def expected_displacement_m(one: Float64, other: Float64, prior: PosePrior, posterior: Float64) -> float:
-    """Return the root mean square displacement of cloth by a pair's twist.
-
-    ``posterior`` (G,) is the probability of each grade; the others as in :func:`pair_covariance`.
-    """
-    grade = np.sqrt(posterior @ np.square(grades(prior)))
-    variance = pair_covariance(one, other, prior, grade).diagonal()
-    return math.sqrt(variance[3:].sum() + EXTENT_M**2 * variance[:3].sum())
 
 
 def across(axis: RotationAxis) -> tuple[Float64, Float64]:

@@ -1,6 +1,6 @@
-"""The views registered so far: the unknowns with their covariance, and what follows from them.
+"""Registered views: the unknowns with their covariance, and what follows from them.
 
-:mod:`.adjustment` solves for the unknowns, :mod:`.cameras` adds views.
+:mod:`.adjustment` solves for the unknowns of the pairs that :mod:`.cameras` compares.
 """
 
 from __future__ import annotations
@@ -81,12 +81,12 @@ def scaled(root: Float64, matrix: Float64) -> Float64:
 
 @dataclass(frozen=True, kw_only=True)
 class Registered:
-    """All accepted views, registered together. Immutable: undo by keeping the previous object.
+    """A set of views, registered together; immutable.
 
-    ``axis``, ``held_point_m`` as recorded; ``features`` and ``known`` (object from camera) in order of
-    acceptance; ``pairs`` the result of each pair. ``common`` (5,): shift (m) and tilt (rad) of the
-    axis, fattening (px); ``own`` (N, 3): turn and swing of each view, rad; ``spread`` of both, in this
-    order; ``posterior`` (G,): probability of each grade of the pose prior.
+    ``axis``, ``held_point_m`` as recorded; ``features`` and ``known`` (object from camera) by increasing
+    view index, as all that is given for each view; ``pairs`` the result of each pair. ``common`` (5,):
+    shift (m) and tilt (rad) of the axis, fattening (px); ``own`` (N, 3): turn and swing of each view, rad;
+    ``spread`` of both, in this order; ``posterior`` (G,): probability of each grade of the pose prior.
     """
 
     axis: RotationAxis
@@ -94,7 +94,7 @@ class Registered:
     prior: PosePrior
     features: tuple[ViewFeatures, ...] = ()
     known: tuple[Rigid3, ...] = ()
-    jacobians: tuple[Float64, ...] = ()
+    jacobians: Float64
     pairs: tuple[PairFit, ...] = ()
     common: Float64
     own: Float64
@@ -103,7 +103,7 @@ class Registered:
 
     @cached_property
     def covariance(self) -> Float64:
-        """Covariance (M, M) of the unknowns; not needed while views are added, so computed on request."""
+        """Covariance (M, M) of the unknowns; needed by few, so computed on request."""
         return self.spread.covariance()
 
     @property
@@ -144,6 +144,11 @@ class Registered:
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
 
     @property
+    def view_indices(self) -> tuple[int, ...]:
+        """Index of each view."""
+        return tuple(seen.view_index for seen in self.features)
+
+    @property
     def angles_deg(self) -> list[float]:
         """Recorded angle of each view."""
         return [seen.angle_deg for seen in self.features]
@@ -159,6 +164,17 @@ class Registered:
         return _relative_stds(self)
 
     @cached_property
+    def twists(self) -> Float64:
+        """Motion (P, 6) of the first view of each pair against the second: see :class:`.pairwise.PairFit`."""
+        moved = [
+            now @ known.inverse() for now, known in zip(self.object_from_camera, self.known, strict=True)
+        ]
+        turns, shifts = np.array([m.rotation for m in moved]), np.array([m.translation_m for m in moved])
+        one, other = np.array([(pair.first, pair.second) for pair in self.pairs]).T
+        centers_m = np.array([pair.center_m for pair in self.pairs])
+        return twists_between((turns[one], shifts[one]), (turns[other], shifts[other]), centers_m)
+
+    @cached_property
     def surprises(self) -> Float64:
         """By how much each pair (P,) contradicts the registered poses: see :func:`surprise`.
 
@@ -167,14 +183,7 @@ class Registered:
         """
         if not self.pairs:
             return np.zeros(0)
-        moved = [
-            now @ known.inverse() for now, known in zip(self.object_from_camera, self.known, strict=True)
-        ]
-        turns, shifts = np.array([m.rotation for m in moved]), np.array([m.translation_m for m in moved])
-        one, other = np.array([(pair.first, pair.second) for pair in self.pairs]).T
-        centers_m = np.array([pair.center_m for pair in self.pairs])
-        twists = twists_between((turns[one], shifts[one]), (turns[other], shifts[other]), centers_m)
-        off = np.column_stack([twists, np.full(len(twists), self.fattening_px)])
+        off = np.column_stack([self.twists, np.full(len(self.pairs), self.fattening_px)])
         off -= np.array([(*pair.twist, pair.fattening_px) for pair in self.pairs])
         form = np.array([pair.matrix for pair in self.pairs])
         pull = np.array([pair.gradient for pair in self.pairs]) + np.einsum("pij,pj->pi", form, off)
@@ -183,7 +192,7 @@ class Registered:
 
     @cached_property
     def views(self) -> tuple[Registration, ...]:
-        """The report of each view, in order of acceptance."""
+        """The report of each view."""
         return tuple(_report(self, n) for n in range(len(self.features)))
 
 
@@ -254,7 +263,7 @@ def _relative_stds(registered: Registered) -> Float64:
         pose.apply(seen.middle_m) for seen, pose in zip(registered.features, registered.known, strict=True)
     ]
     of, by = np.nonzero(share)
-    change = at_center(np.stack(registered.jacobians)[by], np.stack(middles)[of]) * share[of, by, None, None]
+    change = at_center(registered.jacobians[by], np.stack(middles)[of]) * share[of, by, None, None]
     common, own = np.zeros((views, 6, COMMON)), np.zeros((views, 6, views, OWN))
     np.add.at(common[:, :, :4], of, change[:, :, OWN:])
     own[of, :, by] = change[:, :, :OWN]

@@ -47,7 +47,7 @@ UNKNOWNS = 1 + MOTION
 definition."""
 _IMAGES_KEPT = 16
 """Views whose images for comparison are kept. Chosen: those of a view take 1 MB and are made in 5 ms;
-every new view is compared with up to four others."""
+every new view is compared with about four others."""
 
 
 class ComparedImages(NamedTuple):

@@ -30,7 +30,7 @@ from flatcloth.core.types import (
 )
 from flatcloth.flattening.surface import Surface, crop_to_item, observe_surface
 from flatcloth.registration.axis import THREADS
-from flatcloth.registration.cameras import register_together
+from flatcloth.registration.cameras import Fits, register
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.segmentation.clusters import Clusters, gather
 from flatcloth.segmentation.inner import doubtful_faces, inner_faces
@@ -41,7 +41,7 @@ from flatcloth.segmentation.settings import SegmentationConfig
 
 _T = TypeVar("_T", np.float32, np.int32)
 _LOOK = 2
-"""The camera poses are first checked on every second view, each compared with one other view. Chosen: this
+"""The camera poses are checked on every second view first. Chosen: this
 finds the one recording with wrong poses, and no other, in a fifth of the time."""
 
 
@@ -226,18 +226,17 @@ def _poses(
     known = [object_from_camera(axis, surface.frame.angle_deg) for surface in surfaces]
     if confirmed or len(surfaces) < 2:
         return known
+    fits: Fits = {}
     with ThreadPoolExecutor(THREADS) as pool:
         features = dict(enumerate(pool.map(_features, surfaces[::_LOOK])))
         features = {_LOOK * n: seen for n, seen in features.items()}
-        look = register_together(list(features.values()), axis, held_point_m, partners=1, threads=THREADS)
+        look = register(list(features.values()), axis, held_point_m, fits, threads=THREADS)
         if not look.is_loose:
             return known
         rest = [n for n in range(len(surfaces)) if n not in features]
         features |= zip(rest, pool.map(_features, [surfaces[n] for n in rest]), strict=True)
-    registered = register_together(
-        [features[n] for n in range(len(surfaces))], axis, held_point_m,
-        fattening_px=look.fattening_px, threads=THREADS,
-    )  # fmt: skip
+    seen = [features[n] for n in range(len(surfaces))]
+    registered = register(seen, axis, held_point_m, fits, threads=THREADS)
     return registered.object_from_camera if registered.is_loose else known
 
 

@@ -27,6 +27,7 @@ STRAIN_M = 0.0002
 """Error of a pair that no view knows of: strain, and what smoothing takes of a length."""
 _LEAST_STD_M = 0.0005
 """Least deviation of a node: what nodes and pixels are measured to. Chosen."""
+TURN = 1.0
 _BULK = 0.9
 """Share of the nodes that lie as the shape does; deviations are relative to these. Chosen, as in the evaluation
 of shapes against their truth."""
@@ -50,6 +51,7 @@ def deviations_m(at: Minimum, graph: Graph, own: Bool, reference: Bool | None = 
     strength_m = graph.single_std_m + STRAIN_M
     middle_m = 0.5 * (graph.xyz_m[graph.pairs[:, 0]] + graph.xyz_m[graph.pairs[:, 1]])
     fields = _smooth_fields(middle_m, 4, random)
+    fields[3] *= TURN
     pull, order = np.zeros((3 * len(graph), DRAWS)), at.pairs.order
     _pulled_by_errors(order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, strength_m, fields, pull)
     moved = at.displaced(np.asfortranarray(pull))[own]

@@ -24,7 +24,7 @@ from flatcloth.garments.named_points import Measure, Point
 from flatcloth.garments.recognition import NONE, Recognition
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.mending import Mends, mended
-from flatcloth.registration.cameras import begin_registration
+from flatcloth.registration.cameras import register
 from flatcloth.registration.pairwise import PairFit
 from flatcloth.session.document import Document
 
@@ -36,7 +36,7 @@ def _registered(views=10, turned_deg=0.0, swung_deg=0.0, beside_m=0.0):
     recording = open_recording(RIGHT)
     own = np.zeros((views, 3))
     own[-1] = np.radians([turned_deg, swung_deg, 0.0])
-    begun = begin_registration(recording.rotation_axis, recording.held_point_m)
+    begun = register([], recording.rotation_axis, recording.held_point_m)
     return replace(begun, features=(None,) * views, own=own, common=np.array([beside_m, 0.0, 0.0, 0.0, 0.0]))
 
 

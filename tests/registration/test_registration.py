@@ -1,8 +1,8 @@
 from __future__ import annotations
 
+import itertools
 import tracemalloc
 from dataclasses import replace
-from functools import reduce
 
 import numpy as np
 import pytest
@@ -10,13 +10,9 @@ from scenes import Cylinder
 
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod
+from flatcloth.registration import cameras
 from flatcloth.registration.adjustment import solved
-from flatcloth.registration.cameras import (
-    begin_registration,
-    confirmed_by,
-    extend_registration,
-    with_confirmed,
-)
+from flatcloth.registration.cameras import Fits, register
 from flatcloth.registration.pose_prior import COMMON, OWN, grades
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
@@ -29,8 +25,7 @@ def features_of_views(made: Integration, views: tuple[int, ...]) -> list[ViewFea
 
 
 def registered(made: Integration, views: tuple[int, ...] = (0, 1, 2)) -> Registered:
-    start = begin_registration(made.axis, made.views.held_point_m)
-    return reduce(extend_registration, features_of_views(made, views), start)
+    return register(features_of_views(made, views), made.axis, made.views.held_point_m)
 
 
 @pytest.fixture(scope="module")
@@ -63,12 +58,13 @@ def test_views_of_the_other_side_stand_as_recorded_and_as_sure_as_this_side_conf
     exact: Integration,
 ) -> None:
     found = registered(exact)
-    other = reduce(with_confirmed, features_of_views(exact, (2, 0)), confirmed_by(found))
+    features = features_of_views(exact, (0, 2))
+    other = register(features, exact.axis, exact.views.held_point_m, confirmed=found)
     assert (other.error_stds, other.fattening_px, other.pairs) == (found.error_stds, found.fattening_px, ())
-    for pose, known in zip(other.known, (found.known[2], found.known[0]), strict=True):
+    for pose, known in zip(other.known, (found.known[0], found.known[2]), strict=True):
         np.testing.assert_array_equal(pose.translation_m, known.translation_m)
     assert not other.own.any()
-    assert [view.view_index for view in other.views] == [2, 0]  # with deviations
+    assert [view.view_index for view in other.views] == [0, 2]  # with deviations
 
 
 def test_a_view_with_nothing_in_common_stays_and_says_so(exact: Integration) -> None:
@@ -78,14 +74,51 @@ def test_a_view_with_nothing_in_common_stays_and_says_so(exact: Integration) -> 
     assert found.views[1].moved_m < 1e-4
 
 
-def test_registering_in_steps_is_registering_at_once(exact: Integration) -> None:
-    robust = exact.algorithm
-    assert isinstance(robust, RobustMethod)
-    stepwise = robust.seen.registered((0, 1, 2))
-    once = registered(exact)
-    for a, b in zip(stepwise.object_from_camera, once.object_from_camera, strict=True):
-        np.testing.assert_array_equal(a.rotation, b.rotation)
-        np.testing.assert_array_equal(a.translation_m, b.translation_m)
+def _bytes(found: Registered) -> list[bytes]:
+    poses = [(pose.rotation.tobytes(), pose.translation_m.tobytes()) for pose in found.object_from_camera]
+    return [*itertools.chain(*poses), found.posterior.tobytes(), found.common.tobytes(), found.stds.tobytes()]
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
+def test_views_added_in_any_order_are_registered_alike(exact: Integration, order: tuple[int, ...]) -> None:
+    fits: Fits = {}
+    features = features_of_views(exact, (0, 1, 2))
+    for count in range(1, 4):
+        seen = [features[view] for view in sorted(order[:count])]
+        found = register(seen, exact.axis, exact.views.held_point_m, fits)
+    assert _bytes(found) == _bytes(registered(exact))
+    assert found.view_indices == (0, 1, 2)
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
+def test_a_method_gives_the_poses_in_the_order_of_the_views(
+    exact: Integration, order: tuple[int, ...]
+) -> None:
+    robust = RobustMethod(exact.views, ANGLES)
+    for count in range(1, 4):
+        poses = robust.seen.poses(order[:count])
+    for view, pose in zip(order, poses, strict=True):
+        known = registered(exact).known[view]
+        np.testing.assert_array_equal(pose.translation_m, known.translation_m)
+    assert _bytes(robust.seen.registered(order)) == _bytes(registered(exact))
+
+
+def test_a_view_is_compared_with_the_nearest_on_either_side_and_one_further_away() -> None:
+    around = list(np.arange(0.0, 360.0, 10.0))
+    assert {(n - m) % 36 for n, m in cameras._pairs(around)} == {1, 3, 33, 35}
+    assert len(cameras._pairs(around)) == 72
+    assert cameras._pairs([0.0, 30.0, 60.0]) == [(1, 0), (2, 0), (2, 1)]
+    assert cameras._pairs([0.0, 0.0, 120.0]) == [(1, 0)]
+    assert cameras._pairs([0.0]) == []
+
+
+def test_a_pair_is_compared_once(exact: Integration, monkeypatch: pytest.MonkeyPatch) -> None:
+    fits: Fits = {}
+    first, second, third = features_of_views(exact, (0, 1, 2))
+    register([first, second, third], exact.axis, exact.views.held_point_m, fits)
+    monkeypatch.setattr(cameras, "fit_pair", lambda *_: pytest.fail("a pair is compared again"))
+    register([first, third], exact.axis, exact.views.held_point_m, fits)
+    register([first, second, third], exact.axis, exact.views.held_point_m, fits)
 
 
 def test_many_views_need_the_memory_of_a_few_matrices_not_of_one_for_each_grade(exact: Integration) -> None:
@@ -95,7 +128,7 @@ def test_many_views_need_the_memory_of_a_few_matrices_not_of_one_for_each_grade(
         few,
         features=few.features[:1] * n,
         known=few.known[:1] * n,
-        jacobians=few.jacobians[:1] * n,
+        jacobians=np.repeat(few.jacobians[:1], n, axis=0),
         pairs=(),
         own=np.zeros((n, OWN)),
     )

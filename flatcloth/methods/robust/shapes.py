@@ -6,7 +6,7 @@ What a shape is computed from is the set of a document's views, and where the op
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from weakref import WeakValueDictionary
 
@@ -20,12 +20,7 @@ from flatcloth.flattening.flatten import Flattening
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import JoinedPiece
 from flatcloth.methods.base import Views
-from flatcloth.registration.cameras import (
-    begin_registration,
-    confirmed_by,
-    extend_registration,
-    with_confirmed,
-)
+from flatcloth.registration.cameras import Fits, register
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.document import Accepted, Document
@@ -73,11 +68,12 @@ class RegisteredViews:
     def __init__(self, views: Views) -> None:
         self._views = views
         self.confirmed: Registered | None = None
+        self._fits: Fits = {}
         # Registrations keep the features of their views, and these the surfaces: each exists once.
         self._registrations: Cache[Registered] = Cache(4)
-        self._registered: WeakValueDictionary[tuple[int, ...], Registered] = WeakValueDictionary()
+        self._registered: WeakValueDictionary[frozenset[int], Registered] = WeakValueDictionary()
         self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
-        self._poses: Cache[tuple[Rigid3, ...]] = Cache(MOST_KEPT)  # small: release() keeps them
+        self._poses: Cache[dict[int, Rigid3]] = Cache(MOST_KEPT)  # small: release() keeps them
         self._component_maps: Cache[Int32] = Cache(2)
         self._costs: Cache[Float32] = Cache(MOST_KEPT)
 
@@ -88,31 +84,36 @@ class RegisteredViews:
             self._registrations.drop()
             self._costs.drop()
 
-    def registered(self, views: tuple[int, ...]) -> Registered:
-        """Return the registered cameras of views that were accepted in this order."""
-        if not views:
-            if self.confirmed is not None:
-                return confirmed_by(self.confirmed)
-            return begin_registration(self._views.axis, self._views.held_point_m)
-        extend = extend_registration if self.confirmed is None else with_confirmed
+    def registered(self, views: Iterable[int]) -> Registered:
+        """Return the registered cameras of a set of views, which are sorted."""
+        asked = frozenset(views)
 
         def make() -> Registered:
-            alive = self._registered.get(views)  # an export of the whole session holds its last one
+            alive = self._registered.get(asked)  # an export of the whole session holds its last one
             if alive is None:
-                alive = extend(self.registered(views[:-1]), self._view_features(views[-1]))
-                self._registered[views] = alive
+                alive = register(
+                    [self._view_features(view) for view in sorted(asked)],
+                    self._views.axis,
+                    self._views.held_point_m,
+                    self._fits,
+                    confirmed=self.confirmed,
+                )
+                self._registered[asked] = alive
             return alive
 
-        return self._registrations.get(views, make)
+        return self._registrations.get(asked, make)
 
     def poses(self, views: tuple[int, ...]) -> tuple[Rigid3, ...]:
         """Return ``object_from_camera`` of each view: as recorded unless the views show otherwise."""
+        asked = frozenset(views)
 
-        def make() -> tuple[Rigid3, ...]:
-            registered = self.registered(views)
-            return registered.object_from_camera if registered.is_loose else registered.known
+        def make() -> dict[int, Rigid3]:
+            registered = self.registered(asked)
+            poses = registered.object_from_camera if registered.is_loose else registered.known
+            return dict(zip(registered.view_indices, poses, strict=True))
 
-        return self._poses.get(views, make)
+        found = self._poses.get(asked, make)
+        return tuple(found[view] for view in views)
 
     def _view_features(self, view_index: int) -> ViewFeatures:
         kept = self._features.get(view_index)
