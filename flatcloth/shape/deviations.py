@@ -27,7 +27,6 @@ STRAIN_M = 0.0002
 """Error of a pair that no view knows of: strain, and what smoothing takes of a length."""
 _LEAST_STD_M = 0.0005
 """Least deviation of a node: what nodes and pixels are measured to. Chosen."""
-TURN = 1.0
 _BULK = 0.9
 """Share of the nodes that lie as the shape does; deviations are relative to these. Chosen, as in the evaluation
 of shapes against their truth."""
@@ -48,10 +47,9 @@ def deviations_m(at: Minimum, graph: Graph, own: Bool, reference: Bool | None = 
         The nodes of the piece that the deviations are relative to; by default all.
     """
     random = np.random.default_rng(0)
-    strength_m = graph.single_std_m + STRAIN_M
+    strength_m = np.sqrt(graph.variance_m2 + STRAIN_M**2)
     middle_m = 0.5 * (graph.xyz_m[graph.pairs[:, 0]] + graph.xyz_m[graph.pairs[:, 1]])
-    fields = _smooth_fields(middle_m, 4, random)
-    fields[3] *= TURN
+    fields = _smooth_fields(middle_m, 3, random)
     pull, order = np.zeros((3 * len(graph), DRAWS)), at.pairs.order
     _pulled_by_errors(order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, strength_m, fields, pull)
     moved = at.displaced(np.asfortranarray(pull))[own]
@@ -78,7 +76,7 @@ def _pulled_by_errors(
 ) -> None:  # fmt: skip
     """Add how errors of all pairs pull at the unknowns (3 N, draws).
 
-    The first three fields are a strain (uu, uv, vv) that lengthens pairs, the last turns their directions.
+    The fields are a strain (uu, uv, vv), by which pairs are longer than measured.
     """
     for e in range(len(low)):
         i, j = 3 * low[e], 3 * high[e]
@@ -89,15 +87,14 @@ def _pulled_by_errors(
         uu, uv, vv = s * ux * ux, s * math.sqrt(2.0) * ux * uy, s * uy * uy
         for k in range(pull.shape[1]):
             along = uu * fields[0, e, k] + uv * fields[1, e, k] + vv * fields[2, e, k]
-            across = s * fields[3, e, k]
-            x, y = ux * along - uy * across, uy * along + ux * across
-            rx, ry = w * along * ux + 2.0 * lw * x, w * along * uy + 2.0 * lw * y
+            x, y = ux * along, uy * along
+            rx, ry = (w + 2.0 * lw) * x, (w + 2.0 * lw) * y
             pull[i, k] -= rx
             pull[i + 1, k] -= ry
             pull[j, k] += rx
             pull[j + 1, k] += ry
-            pull[i + 2, k] += lw * (px * y - py * x) * -1.0
-            pull[j + 2, k] += lw * (qx * y - qy * x) * -1.0
+            pull[i + 2, k] -= lw * (px * y - py * x)
+            pull[j + 2, k] -= lw * (qx * y - qy * x)
 
 
 def _spread_m(moved: Complex128, z: Complex128, reference: Bool) -> Float64:

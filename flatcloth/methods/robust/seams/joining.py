@@ -223,7 +223,6 @@ def _one_graph(this: Shape, mirrored: Shape, seams: Matches, places: tuple[Float
         length_m=listed("length_m"),
         offset_m=np.concatenate([part.offset_m for part in parts])[order],
         variance_m2=listed("variance_m2"),
-        single_std_m=listed("single_std_m"),
         evidence=listed("evidence"),
         views=np.concatenate([part.views for part in parts])[order],
     )
@@ -242,7 +241,6 @@ def _own_graph(shape: Shape) -> Graph:
         length_m=shape.scale * graph.length_m[used],
         offset_m=shape.scale * graph.offset_m[used],
         variance_m2=graph.variance_m2[used],
-        single_std_m=graph.single_std_m[used],
         evidence=graph.evidence[used],
         views=graph.views[used],
     )
@@ -274,7 +272,6 @@ def _pairs_at(shape: Shape, graph: Graph, seam_uv_m: Float64, first_node: int, f
         length_m=np.abs(along),
         offset_m=np.stack([np.conj(turn[node]) * along, along], axis=1),
         variance_m2=np.full(count, PLACE_STD_M**2),
-        single_std_m=np.full(count, PLACE_STD_M),
         evidence=np.full(count, _SEAM_EVIDENCE),
         views=np.ones(count, dtype=np.int64),
     )
