@@ -20,7 +20,7 @@ from flatcloth.shape.graph import Graph, Links, graph_of, view_frames
 from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, rotations
 from flatcloth.shape.observations import Association, Observed, PlacedView, observe_all, with_view
 from flatcloth.shape.pieces import cut_of_overlap, pieces_of, weakly_joined
-from flatcloth.shape.ripples import lost_length
+from flatcloth.shape.ripples import LOST, ripples_under_noise
 from flatcloth.shape.shape import PIECES_APART_M, Shape
 
 
@@ -148,14 +148,17 @@ def _shape(
     piece = np.where(weakly_joined(graph, laid.holds, laid.piece), -1, laid.piece).astype(np.int32)
     z = _upright(seen, laid, upright)
     # 8. A noisy sensor takes ripples off all lengths: by one factor, since views that differ would bend necks.
+    ripples = np.zeros(len(graph))
+    if is_noisy:
+        ripples = ripples_under_noise(graph, piece == 0, z, seen.nodes.normal)
     if scale is None:
-        scale = lost_length(graph, piece, z, seen.nodes.normal) if is_noisy else 1.0
+        scale = 1.0 + LOST * float(ripples[piece == 0].mean())
         links = replace(links, length_m=scale * links.length_m)
     uv_m = scale * np.stack([z.real, z.imag], axis=1)
     uv_m[:, 0] += PIECES_APART_M * np.maximum(piece, 0)
     uv_m[piece < 0] = np.nan
     # 9. Deviations: errors of pairs as smooth random fields, through the same equations.
-    std_m = deviations_m(laid.at, graph, piece == 0)
+    std_m = deviations_m(laid.at, graph, piece == 0, ripples=ripples)
     return Shape(
         nodes=seen.nodes,
         observations=seen.observations,

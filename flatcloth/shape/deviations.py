@@ -16,8 +16,9 @@ from numba import njit
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
 from flatcloth.shape.graph import Graph
 from flatcloth.shape.layout import LAMBDA, Minimum
+from flatcloth.shape.ripples import OF_RIPPLES
 
-DRAWS = 32
+DRAWS = 16
 """Samples of the posterior. Chosen: deviations are right to an eighth."""
 _WAVES = 64
 """Waves that random fields are made of. Chosen."""
@@ -32,7 +33,9 @@ _BULK = 0.9
 of shapes against their truth."""
 
 
-def deviations_m(at: Minimum, graph: Graph, own: Bool, reference: Bool | None = None) -> Float64:
+def deviations_m(
+    at: Minimum, graph: Graph, own: Bool, reference: Bool | None = None, ripples: Float64 | None = None
+) -> Float64:
     """Return the standard deviation (N,) of each node's place per axis, but for a motion of all, m.
 
     Parameters
@@ -45,13 +48,16 @@ def deviations_m(at: Minimum, graph: Graph, own: Bool, reference: Bool | None = 
         The nodes of the piece; others get NaN.
     reference : (N,) bool, optional
         The nodes of the piece that the deviations are relative to; by default all.
+    ripples : (N,) float64, optional
+        Those that a noisy sensor has smoothed away, rad^2.
     """
     random = np.random.default_rng(0)
-    strength_m = np.sqrt(graph.variance_m2 + STRAIN_M**2)
-    middle_m = 0.5 * (graph.xyz_m[graph.pairs[:, 0]] + graph.xyz_m[graph.pairs[:, 1]])
-    fields = _smooth_fields(middle_m, 3, random)
+    variance_m2 = graph.variance_m2 + STRAIN_M**2
+    if ripples is not None:
+        variance_m2 += np.square(OF_RIPPLES * ripples[graph.pairs].mean(axis=1) * graph.length_m)
+    fields = _smooth_fields(graph.xyz_m, random)[at.pairs.order.nodes]
     pull, order = np.zeros((3 * len(graph), DRAWS)), at.pairs.order
-    _pulled_by_errors(order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, strength_m, fields, pull)
+    _pulled_by_errors(order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, np.sqrt(variance_m2), fields, pull)
     moved = at.displaced(np.asfortranarray(pull))[own]
     z = np.empty(len(graph), dtype=complex)
     z[order.nodes] = at.z
@@ -60,12 +66,12 @@ def deviations_m(at: Minimum, graph: Graph, own: Bool, reference: Bool | None = 
     return std_m
 
 
-def _smooth_fields(places_m: Float64, count: int, random: np.random.Generator) -> Float64:
-    """Draw smooth random fields (``count``, P, draws) of variance 1 at places (P, 3) in space."""
-    phase = places_m @ (random.standard_normal((places_m.shape[1], _WAVES)) / REACH_M)
+def _smooth_fields(places_m: Float64, random: np.random.Generator) -> Float64:
+    """Draw smooth random fields (N, 3, draws) of variance 1 at places (N, 3) in space."""
+    phase = places_m @ (random.standard_normal((3, _WAVES)) / REACH_M)
     waves = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
     return np.stack(
-        [waves @ (random.standard_normal((2 * _WAVES, DRAWS)) / math.sqrt(_WAVES)) for _ in range(count)]
+        [waves @ (random.standard_normal((2 * _WAVES, DRAWS)) / math.sqrt(_WAVES)) for _ in range(3)], axis=1
     )
 
 
@@ -76,7 +82,7 @@ def _pulled_by_errors(
 ) -> None:  # fmt: skip
     """Add how errors of all pairs pull at the unknowns (3 N, draws).
 
-    The fields are a strain (uu, uv, vv), by which pairs are longer than measured.
+    The fields (N, 3, draws) are a strain (uu, uv, vv) at the nodes, by which pairs are longer than measured.
     """
     for e in range(len(low)):
         i, j = 3 * low[e], 3 * high[e]
@@ -84,9 +90,10 @@ def _pulled_by_errors(
         ux, uy = way[e].real / d, way[e].imag / d
         px, py, qx, qy = first[e].real, first[e].imag, second[e].real, second[e].imag
         w, lw, s = weight[e], directions * weight[e], strength[e]
-        uu, uv, vv = s * ux * ux, s * math.sqrt(2.0) * ux * uy, s * uy * uy
+        uu, uv, vv = 0.5 * s * ux * ux, 0.5 * s * math.sqrt(2.0) * ux * uy, 0.5 * s * uy * uy
+        f, g = fields[low[e]], fields[high[e]]
         for k in range(pull.shape[1]):
-            along = uu * fields[0, e, k] + uv * fields[1, e, k] + vv * fields[2, e, k]
+            along = uu * (f[0, k] + g[0, k]) + uv * (f[1, k] + g[1, k]) + vv * (f[2, k] + g[2, k])
             x, y = ux * along, uy * along
             rx, ry = (w + 2.0 * lw) * x, (w + 2.0 * lw) * y
             pull[i, k] -= rx
