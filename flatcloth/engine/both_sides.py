@@ -235,7 +235,8 @@ def _all_views(other: Integration, progress: Progress) -> Document:
     start = other.answer(Document(), Request(0, "start"), progress)
     assert isinstance(start, Started)
     begun = Document(start_view=start.view_index)
-    rest = [view for view in range(len(other.recording)) if view != start.view_index]
+    rest = [view for view in range(len(other.recording)) if not other.algorithm.why_unusable(view)]
+    rest = [view for view in rest if view != start.view_index]
     progress(0.5, f"other side: the shape of {1 + len(rest)} views")
     against = other.algorithm.contradicting(accept_all(begun, rest, {}))
     return replace(

@@ -195,7 +195,7 @@ class RobustMethod(Method):
             ),
             hypotheses=(first,),
             margin=first.score.total,
-            cameras=self.seen.registered(tuple(sorted({*document.used_views, view_index}))),
+            cameras=self.seen.registered(self.seen.usable({*document.used_views, view_index})),
             parts=tuple(parts),
         )
 
@@ -366,6 +366,10 @@ class RobustMethod(Method):
         """The smallest accepted confidence (``docs/robust.md``, "Proposals")."""
         return self._config.robust.accept_confidence
 
+    def why_unusable(self, view_index: int) -> str:
+        """Return why a view shows too little cloth; empty if it shows enough."""
+        return self.seen.why_unusable(view_index)
+
     def contradicting(self, document: Document) -> dict[int, float]:
         """Return the views of a document that the others contradict, each with the share of its pairs."""
         shares = self.shapes.of(document).contradictions
@@ -379,11 +383,11 @@ class RobustMethod(Method):
 
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views."""
-        return self.seen.registered(tuple(sorted(document.used_views)))
+        return self.seen.registered(self.seen.usable(document.used_views))
 
     def poses(self, document: Document) -> dict[int, Rigid3]:
         """Return the registered ``object_from_camera`` of each accepted view."""
-        views = tuple(sorted(document.used_views))
+        views = self.seen.usable(document.used_views)
         return dict(zip(views, self.seen.poses(views), strict=True))
 
     def joined_piece(self, document: Document) -> JoinedPiece | None:

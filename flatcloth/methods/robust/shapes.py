@@ -69,10 +69,10 @@ class RegisteredViews:
         self._views = views
         self.confirmed: Registered | None = None
         self._fits: Fits = {}
-        # Registrations keep the features of their views, and these the surfaces: each exists once.
         self._registrations: Cache[Registered] = Cache(4)
         self._registered: WeakValueDictionary[frozenset[int], Registered] = WeakValueDictionary()
-        self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
+        self._features: dict[int, ViewFeatures] = {}  # with the surfaces
+        self._unusable: dict[int, str] = {}
         self._poses: Cache[dict[int, Rigid3]] = Cache(MOST_KEPT)  # small: release() keeps them
         self._component_maps: Cache[Int32] = Cache(2)
         self._costs: Cache[Float32] = Cache(MOST_KEPT)
@@ -83,6 +83,7 @@ class RegisteredViews:
         if surfaces:
             self._registrations.drop()
             self._costs.drop()
+            self._features.clear()
 
     def registered(self, views: Iterable[int]) -> Registered:
         """Return the registered cameras of a set of views, which are sorted."""
@@ -124,20 +125,27 @@ class RegisteredViews:
 
     def placed(self, views: Sequence[int]) -> list[PlacedView]:
         """Return views with the poses of their cameras, in the order of their numbers."""
-        usable = tuple(view for view in sorted(views) if self.is_usable(view))
+        usable = self.usable(views)
         poses = self.poses(usable)
         return [
             PlacedView(surface=self.surface(view), object_from_camera=pose)
             for view, pose in zip(usable, poses, strict=True)
         ]
 
-    def is_usable(self, view_index: int) -> bool:
-        """Return whether a view shows enough cloth."""
-        try:
-            self.surface(view_index)
-        except SurfaceError:
-            return False
-        return True
+    def usable(self, views: Iterable[int]) -> tuple[int, ...]:
+        """Return those of some views that show cloth, in the order of their numbers."""
+        return tuple(view for view in sorted(views) if not self.why_unusable(view))
+
+    def why_unusable(self, view_index: int) -> str:
+        """Return why a view shows too little cloth; empty if it shows enough."""
+        if view_index not in self._unusable:
+            try:
+                self._view_features(view_index)
+            except SurfaceError as error:
+                self._unusable[view_index] = str(error)
+            else:
+                self._unusable[view_index] = ""
+        return self._unusable[view_index]
 
     def surface(self, view_index: int) -> Surface:
         """Return the surface of a view: that which registrations keep, if they were not released."""
