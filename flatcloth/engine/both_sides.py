@@ -169,9 +169,7 @@ class BothSides:
             other.algorithm.take_confirmed(cameras)
         if this.views.keeps_frames:
             other.views.keep_frames()
-        session = MemorySession(
-            SessionState(len(other.recording), document=_all_views(other, progress))
-        )
+        session = MemorySession(SessionState(len(other.recording), document=_all_views(other, progress)))
         if self._doubts_links:
             known = place_sure_pieces(GarmentService(other), session)
             if isinstance(known, KnownGarment):
@@ -231,7 +229,9 @@ def one_side(side: Integration, document: Document) -> OneSide:
 
 
 def _all_views(other: Integration, progress: Progress) -> Document:
-    """Return the decisions that integrate all views of a side; a view that the others contradict is left out."""
+    """Return the decisions that integrate all views of a side; a view that the others contradict is left
+    out.
+    """
     start = other.answer(Document(), Request(0, "start"), progress)
     assert isinstance(start, Started)
     begun = Document(start_view=start.view_index)

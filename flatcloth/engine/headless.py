@@ -104,7 +104,8 @@ class Run:
     ) -> SessionState:
         """Integrate until no view can add anything, and return the final state.
 
-        A method whose shapes are those of sets takes all views at once, but for those that the others contradict.
+        A method whose shapes are those of sets takes all views at once, but for those that the others
+        contradict.
 
         With more than one of the ``cores``, likely views are flattened ahead, and if frames are kept, none
         is read twice; the result is the same.

@@ -231,7 +231,9 @@ def _why_not_propose(document: Document, view_index: int | None) -> str | None:
 def _why_not_accept_all(state: SessionState, command: AcceptAll) -> str | None:
     document, views = state.document, (*command.view_indices, *(left.view_index for left in command.left_out))
     if document.pending is not None:
-        return f"Decide about view {document.pending.view_index} first: accept it, reject it or choose another."
+        return (
+            f"Decide about view {document.pending.view_index} first: accept it, reject it or choose another."
+        )
     if len(set(views)) < len(views):
         return "A view is named twice."
     for view in views:

@@ -1,9 +1,9 @@
 """The shape of a set of views, from nothing: the whole algorithm, a call a step.
 
-Nodes are points of the cloth, shared by the views that see them; each view measures the lengths and directions
-between neighbours. All views together are one graph of frames, whose layout on the plane minimises Eq. (2) of
-the paper (lengths) and the directions. The result depends on the set of views and on what was decided, not on
-the order of the views, nor on what was computed before. ``docs/robust.md`` explains it.
+Nodes are points of the cloth, shared by the views that see them; each view measures the lengths and
+directions between neighbours. All views together are one graph of frames, whose layout on the plane minimises
+Eq. (2) of the paper (lengths) and the directions. The result depends on the set of views and on what was
+decided, not on the order of the views, nor on what was computed before. ``docs/robust.md`` explains it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ class ByHand:
     at_hand: Bool
 
 
-def shape(views: Sequence[PlacedView], interval_px: int, upright: int, by_hand: Sequence[ByHand] = ()) -> Shape:
+def shape(
+    views: Sequence[PlacedView], interval_px: int, upright: int, by_hand: Sequence[ByHand] = ()
+) -> Shape:
     """Return the shape of a set of views.
 
     Parameters
@@ -56,7 +58,7 @@ def shape(views: Sequence[PlacedView], interval_px: int, upright: int, by_hand: 
     FlatclothError
         If no view shows two places of cloth side by side.
     """
-    # 1. Nodes: cloth at a place in space with a normal, found in all views; pairs, as each view measures them.
+    # 1. Nodes: cloth at a place in space with a normal, found in all views; pairs as each view has them.
     seen = observe_all(views, interval_px)
     certain = np.zeros(len(seen.nodes), dtype=np.bool_)
     for placed in by_hand:
@@ -65,7 +67,7 @@ def shape(views: Sequence[PlacedView], interval_px: int, upright: int, by_hand: 
         certain[placed.shown.node[placed.at_hand]] = True
     if not seen.observations:
         raise FlatclothError("No view shows two places of cloth side by side; check depth and masks.")
-    # 2. One graph of frames: all views of a pair are one pair, with a variance that has a floor.
+    # 2. One graph of frames: all views of a pair are one pair, the surer the more views agree.
     graph, links = graph_of(seen.nodes, seen.observations, seen.object_from_camera)
     # 3. to 7. Its layout on the plane.
     laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), certain)
@@ -73,7 +75,9 @@ def shape(views: Sequence[PlacedView], interval_px: int, upright: int, by_hand: 
 
 
 def apart(whole: Shape, parts: Sequence[Bool], upright: int) -> Shape:
-    """Return a shape with each of ``parts`` (N,) of its nodes as a piece of its own: pairs between them are cut."""
+    """Return a shape with each of ``parts`` (N,) of its nodes as a piece of its own: pairs between them are
+    cut.
+    """
     of_part = np.array(parts)[:, whole.graph.pairs]
     joins = (of_part[:, :, 0] == of_part[:, :, 1]).all(axis=0)
     seen = Observed(
@@ -85,8 +89,8 @@ def apart(whole: Shape, parts: Sequence[Bool], upright: int) -> Shape:
 
 @dataclass(frozen=True, kw_only=True)
 class LaidOut:
-    """The layout of a graph: which pairs hold (P,), the piece (N,) of each node by size, -1 for none; the minimum,
-    and places ``z`` and ``rotation`` (N,) complex in the order of the graph.
+    """The layout of a graph: which pairs hold (P,), the piece (N,) of each node by size, -1 for none; the
+    minimum, and places ``z`` and ``rotation`` (N,) complex in the order of the graph.
     """
 
     holds: Bool
@@ -96,9 +100,7 @@ class LaidOut:
     rotation: Complex128
 
 
-def laid_out(
-    graph: Graph, used: Bool, certain: Bool | None = None, *, overlap_cuts: bool = True
-) -> LaidOut:
+def laid_out(graph: Graph, used: Bool, certain: Bool | None = None, *, overlap_cuts: bool = True) -> LaidOut:
     """Lay out a graph, each piece of it somewhere on the plane.
 
     Parameters
@@ -115,9 +117,9 @@ def laid_out(
     vouched = np.zeros(len(graph), dtype=np.bool_) if certain is None else certain
     pairs, sure = pairs_of(graph), vouched[graph.pairs[:, 0]] | vouched[graph.pairs[:, 1]]
     while True:
-        # 3. Rotations, from nothing: the lowest eigenvector of a connection Laplacian; false links, by rotation.
+        # 3. Rotations, from nothing: the lowest eigenvector of a connection Laplacian. False links.
         rotation, weight = rotations(pairs, used, sure)
-        # 4. Places, for known rotations; false links, by place.
+        # 4. Places, for known rotations. False links, by place.
         z, holds = places(pairs, rotation, weight, sure)
         # 5. Pieces: cloth that enough evidence joins.
         piece = pieces_of(graph, holds)
@@ -147,7 +149,7 @@ def _shape(
     is_noisy = any(view.is_noisy for view in seen.observations)
     piece = np.where(weakly_joined(graph, laid.holds, laid.piece), -1, laid.piece).astype(np.int32)
     z = _upright(seen, laid, upright)
-    # 8. A noisy sensor takes ripples off all lengths: by one factor, since views that differ would bend necks.
+    # 8. A noisy sensor takes ripples off all lengths; one factor for all, as others would bend necks.
     ripples = np.zeros(len(graph))
     if is_noisy:
         ripples = ripples_under_noise(graph, piece == 0, z, seen.nodes.normal)

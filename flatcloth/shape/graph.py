@@ -18,8 +18,8 @@ from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.observations import Nodes, Observation
 
 ANOTHER_LAYER_M = 0.0018
-"""Error of a pair that one noisy view sees, since its depth may be mixed with another layer's: n views that agree
-leave an n-th of it. Measured: ``python -m benchmarks strain``."""
+"""Error of a pair that one noisy view sees, since its depth may be mixed with another layer's: n views that
+agree leave an n-th of it. Measured: ``python -m benchmarks strain``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +43,9 @@ class Graph:
     """What all views together say of the pairs of N nodes.
 
     ``xyz_m`` (N, 3) the nodes in space, object frame. ``pairs`` (P, 2) int32, the lower node first, sorted;
-    ``length_m`` (P,) along the surface; ``offset_m`` (P, 2) complex the way from the first node to the second,
-    in the frame of the first and of the second; ``variance_m2`` (P,) of both;
-    ``evidence`` (P,) of all views that the ends are one piece of cloth; ``views`` (P,) int64 their number.
+    ``length_m`` (P,) along the surface; ``offset_m`` (P, 2) complex the way from the first node to the
+    second, in the frame of the first and of the second; ``variance_m2`` (P,) of both; ``evidence`` (P,) of
+    all views that the ends are one piece of cloth; ``views`` (P,) int64 their number.
     """
 
     xyz_m: Float64
@@ -80,7 +80,9 @@ def graph_of(
     links = Links(
         edges=edges,
         pair=np.empty(len(edges), dtype=np.int32),
-        observation=np.repeat(np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]),
+        observation=np.repeat(
+            np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]
+        ),
         length_m=np.concatenate([s.edge_length_m for s in observations]),
         evidence=np.concatenate([s.edge_evidence for s in observations]),
     )

@@ -1,6 +1,7 @@
 """The method ``robust``: one shape of all views, computed from the set of them.
 
-Start at :mod:`flatcloth.shape.algorithm`, which tells the computation in order; here is what a session asks of it.
+Start at :mod:`flatcloth.shape.algorithm`, which tells the computation in order; here is what a session asks
+of it.
 """
 
 from __future__ import annotations
@@ -61,12 +62,14 @@ from flatcloth.session.document import Accepted, Document, Later, Side
 from flatcloth.shape.algorithm import apart
 from flatcloth.shape.drawing import draw, states_of_nodes, states_on_surface
 from flatcloth.shape.observations import associate
-from flatcloth.shape.shape import Shape, of_views
+from flatcloth.shape.shape import Shape, change_by, of_views
 
 MOST_CONTRADICTION = 0.1
-"""Without an operator, a view is left out if the others contradict a larger share of its pairs. Set by hand."""
+"""Without an operator, a view is left out if the others contradict a larger share of its pairs. Set by
+hand."""
 _SAMPLES = 2000
-"""Points of a component that are compared with the shape. Chosen: as many as decide its score to a percent."""
+"""Points of a component that are compared with the shape. Chosen: as many as decide its score to a
+percent."""
 
 
 class RobustMethod(Method):
@@ -171,7 +174,9 @@ class RobustMethod(Method):
         shape = self.shapes.of(with_view(document, view_index))
         sampled = self._sampled(document, view_index)
         parts = [
-            ComponentPlacement(component=n, area_m2=own.area_m2, hypothesis=self._placed(document, shape, view_index, n))
+            ComponentPlacement(
+                component=n, area_m2=own.area_m2, hypothesis=self._placed(document, shape, view_index, n)
+            )
             for n, own in sampled.items()
             if flattening.components[n].folded_share <= self._config.flattening.max_folded_share
         ]
@@ -197,18 +202,21 @@ class RobustMethod(Method):
             margin=first.score.total,
             cameras=self.seen.registered(self.seen.usable({*document.used_views, view_index})),
             parts=tuple(parts),
+            change=change_by(view_index, self.shapes.of(document), shape),
         )
 
-    def _placed(
-        self, document: Document, shape: Shape, view_index: int, component: int
-    ) -> Hypothesis | None:
-        """Return where a shape that contains a view has one of its components; None if that floats, or is new."""
+    def _placed(self, document: Document, shape: Shape, view_index: int, component: int) -> Hypothesis | None:
+        """Return where a shape that contains a view has one of its components; None if that floats, or is
+        new.
+        """
         motion = self.seen.current_from_component(shape, view_index, component)
         if motion is None or not (self._sampled(document, view_index)[component].node >= 0).any():
             return None
         refined = refine(self._reference(document), self._sampled(document, view_index)[component], motion)
         score = self.score(document, view_index, component, motion)
-        return Hypothesis(source="place", initial=motion, current_from_new=motion, score=score, std=refined.std)
+        return Hypothesis(
+            source="place", initial=motion, current_from_new=motion, score=score, std=refined.std
+        )
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
         """Score a placement by the probability that it is right (cached)."""

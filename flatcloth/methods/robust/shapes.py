@@ -32,12 +32,14 @@ from flatcloth.shape.shape import TWO_ROWS_M, Shape
 MOST_KEPT = 64
 """Values that are kept of each kind (poses, scores). Chosen: more than the views of a session."""
 _SHAPES_KEPT = 6
-"""Shapes that are kept: with and without the proposal, and those of the decisions before it, for undo. Chosen:
-each takes 10 to 15 MB."""
+"""Shapes that are kept: with and without the proposal, and those of the decisions before it, for undo.
+Chosen: each takes 10 to 15 MB."""
 
 
 def shape_key(document: Document) -> tuple[Hashable, ...]:
-    """Return what a document's shape depends on: the set of its views, the start view, and those placed by hand."""
+    """Return what a document's shape depends on: the set of its views, the start view, and those placed by
+    hand.
+    """
     by_hand = tuple((a.view_index, a.component, a.current_from_new) for a in document.accepted if a.fixed)
     return document.start_view, document.used_views, by_hand
 
@@ -186,7 +188,9 @@ class RegisteredViews:
         )
 
     def current_from_component(self, shown: Shape, view_index: int, component: int) -> Rigid2 | None:
-        """Return the rigid motion closest to a shape's effect on a view's component, if it is in the main piece."""
+        """Return the rigid motion closest to a shape's effect on a view's component, if it is in the main
+        piece.
+        """
         seen = next((o for o in shown.observations if o.view_index == view_index), None)
         if seen is None:
             return None
@@ -244,13 +248,19 @@ class Shapes:
         """Return the shape of a document of which the operator placed views, ``last`` after the others."""
         assert document.start_view is not None
         by_hand: list[ByHand] = []
-        placed = {view.surface.frame.view_index: view for view in self._seen.placed(sorted(document.used_views))}
+        placed = {
+            view.surface.frame.view_index: view for view in self._seen.placed(sorted(document.used_views))
+        }
         hands = {added.view_index for added in (*before, last)}
         free = [view for number, view in placed.items() if number not in hands]
         for added in (*before, last):
             made = shape(free, self._interval_px, document.start_view, by_hand)
-            shown = associate(made.nodes, placed[added.view_index].surface, placed[added.view_index].object_from_camera)
-            both, at_hand = where_laid(self._seen, made, added, shown, self._views.flattening(added.view_index))
+            shown = associate(
+                made.nodes, placed[added.view_index].surface, placed[added.view_index].object_from_camera
+            )
+            both, at_hand = where_laid(
+                self._seen, made, added, shown, self._views.flattening(added.view_index)
+            )
             by_hand.append(ByHand(view=placed[added.view_index], shown=both, at_hand=at_hand))
         return shape(free, self._interval_px, document.start_view, by_hand)
 
@@ -261,7 +271,8 @@ class Shapes:
     def joined_piece(self, document: Document, added: Accepted) -> JoinedPiece | None:
         """Return the floating piece that a component joins to the shape where the operator placed it, if one.
 
-        It is the one to which most of the component's nodes belong, if the component lies on cloth of the shape.
+        It is the one to which most of the component's nodes belong, if the component lies on cloth of the
+        shape.
         """
         made = self.of(document)
         shown = self._associated(made, added.view_index)
@@ -284,9 +295,10 @@ class Shapes:
 
 def _is_moved(seen: RegisteredViews, made: Shape, added: Accepted, shown: Association) -> bool:
     """Return whether a placement is another than that at which the component's cloth hangs."""
-    return not _fits(seen, made, added, shown).sum() > 0.5 * (
-        seen.places(added.view_index, shown.rc).component == added.component
-    ).sum()
+    return (
+        not _fits(seen, made, added, shown).sum()
+        > 0.5 * (seen.places(added.view_index, shown.rc).component == added.component).sum()
+    )
 
 
 def _fits(seen: RegisteredViews, made: Shape, added: Accepted, shown: Association) -> Bool:
@@ -302,10 +314,11 @@ def _fits(seen: RegisteredViews, made: Shape, added: Accepted, shown: Associatio
 def where_laid(
     seen: RegisteredViews, made: Shape, added: Accepted, shown: Association, flattening: Flattening
 ) -> tuple[Association, Bool]:
-    """Return the nodes that a view shows where the operator laid a component of it, and which (K,) lie under it.
+    """Return the nodes that a view shows where the operator laid a component of it, and which (K,) lie under
+    it.
 
-    Cloth of the component that hangs elsewhere on the main piece is not the same cloth; that of a floating piece
-    is, and comes with it. Other components are where they hang.
+    Cloth of the component that hangs elsewhere on the main piece is not the same cloth; that of a floating
+    piece is, and comes with it. Other components are where they hang.
     """
     is_own = seen.places(added.view_index, shown.rc).component == added.component
     under = _under(made, added, flattening)

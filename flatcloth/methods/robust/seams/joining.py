@@ -47,9 +47,9 @@ class JoinedSide:
     """The other side of an item, laid out together with this one.
 
     ``shape`` is on its own plane, seen from its own outside; with ``MIRROR`` it lies on the plane of this
-    side if it ``is_related``: seams join its main piece to that of this side. The deviations of its nodes are relative to the main piece of this side, NaN if it is not related to that.
-    ``matches`` are where rims meet, ``links`` their sets; ``laid`` the floating pieces of
-    this side that seams join to its main piece.
+    side if it ``is_related``: seams join its main piece to that of this side. The deviations of its nodes are
+    relative to the main piece of this side, NaN if it is not related to that. ``matches`` are where rims
+    meet, ``links`` their sets; ``laid`` the floating pieces of this side that seams join to its main piece.
     """
 
     shape: Shape
@@ -209,7 +209,12 @@ def _one_graph(this: Shape, mirrored: Shape, seams: Matches, places: tuple[Float
     n, m = len(this.nodes), len(mirrored.nodes)
     own, its = _own_graph(this), _own_graph(mirrored)
     its = replace(its, pairs=its.pairs + np.int32(n), offset_m=-np.conj(its.offset_m))
-    parts = [own, its, _pairs_at(this, own, places[0], 0, n + m), _pairs_at(mirrored, its, places[1], n, n + m)]
+    parts = [
+        own,
+        its,
+        _pairs_at(this, own, places[0], 0, n + m),
+        _pairs_at(mirrored, its, places[1], n, n + m),
+    ]
     pairs = np.concatenate([part.pairs for part in parts])
     order = np.lexsort((pairs[:, 1], pairs[:, 0]))
 
@@ -249,7 +254,8 @@ def _own_graph(shape: Shape) -> Graph:
 def _pairs_at(shape: Shape, graph: Graph, seam_uv_m: Float64, first_node: int, first_seam: int) -> Graph:
     """Return the pairs between the cloth of a side and places (K, 2) on seams: as the side lies.
 
-    ``graph`` is the side's, its nodes numbered from ``first_node``; the places are numbered from ``first_seam``.
+    ``graph`` is the side's, its nodes numbered from ``first_node``; the places are numbered from
+    ``first_seam``.
     """
     placed = np.flatnonzero(shape.has_place)
     reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
@@ -292,7 +298,11 @@ def _laid_out(this: Shape, graph: Graph) -> tuple[Both, Float64]:
     motion = fit_rigid2(uv[own], this.all_uv_m[own])
     for number in range(int(piece.max()) + 1):
         at = piece == number
-        uv[at] = motion.apply(uv[at]) if number == 0 else uv[at] - uv[at].mean(axis=0) + (PIECES_APART_M * number, 0.0)
+        uv[at] = (
+            motion.apply(uv[at])
+            if number == 0
+            else uv[at] - uv[at].mean(axis=0) + (PIECES_APART_M * number, 0.0)
+        )
     uv[piece < 0] = np.nan
     reference = np.zeros(len(graph), dtype=np.bool_)
     reference[own] = True
