@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -230,7 +230,7 @@ class Canonical:
     """
 
     view: FlattenedView
-    current_from_view: dict[int, Rigid2]
+    current_from_view: Mapping[int, Rigid2]
     floating: tuple[FlattenedView, ...] = ()
     taken_off: frozenset[int] = frozenset()
 

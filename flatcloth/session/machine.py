@@ -311,9 +311,10 @@ def _check_answer(state: SessionState, event: Event) -> None:
         return
     if len(also) > MOST_PLACED_WITH:
         raise OutOfBoundsError(f"{len(also)} parts are placed at once; there are at most {MOST_PLACED_WITH}.")
+    least = NO_COMPONENT if isinstance(event, Followed) else 0
     for part in (event, *also):
         motion = part.current_from_new
-        if not (part.component >= NO_COMPONENT and math.hypot(motion.u_m, motion.v_m) <= MAX_ANSWER_M):
+        if not (part.component >= least and math.hypot(motion.u_m, motion.v_m) <= MAX_ANSWER_M):
             raise OutOfBoundsError(f"View {part.view_index} has no such part, or lies beyond any plane.")
 
 

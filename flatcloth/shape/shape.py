@@ -35,7 +35,7 @@ class Shape:
     the largest, the main one; positive for floating pieces, which nothing connects to it; -1 for nodes that
     too little evidence joins to any. ``all_uv_m`` (N, 2) are their places on the plane, NaN for these;
     floating pieces lie far from the main one. ``std_m`` (N,) is the standard deviation of the place of a node
-    of the main piece, per axis; NaN for others. ``by_hand`` (N,) are nodes where the operator placed a view.
+    of the main piece, per axis; NaN for others. ``vouched`` (P,) are pairs by the operator's hand.
     ``scale`` is the factor by which lengths of the graph are too short.
     """
 
@@ -48,7 +48,7 @@ class Shape:
     piece: Int32
     all_uv_m: Float64
     std_m: Float64
-    by_hand: Bool
+    vouched: Bool
     scale: float
 
     @cached_property

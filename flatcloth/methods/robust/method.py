@@ -7,7 +7,7 @@ of it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -431,21 +431,30 @@ class RobustMethod(Method):
         return [_edges_of(shape, piece) for piece in np.unique(shape.piece[shape.piece >= 0]).tolist()]
 
 
-class _Motions(dict[int, Rigid2]):
+class _Motions(Mapping[int, Rigid2]):
     """The motion of each view's placed component to the plane, computed when it is asked for.
 
     It takes the view's own flattening, which nothing else of a shape needs.
     """
 
     def __init__(self, method: RobustMethod, document: Document, shape: Shape) -> None:
-        super().__init__()
         self._method, self._components, self._shape = method, document.placed_components, shape
+        self._found: dict[int, Rigid2] = {}
 
-    def __missing__(self, view_index: int) -> Rigid2:
-        component = self._components.get(view_index, 0)
-        found = self._method.seen.current_from_component(self._shape, view_index, component) or Rigid2()
-        self[view_index] = found
-        return found
+    def __getitem__(self, view_index: int) -> Rigid2:
+        if view_index not in self._shape.views:
+            raise KeyError(view_index)
+        if view_index not in self._found:
+            component = max(self._components.get(view_index, 0), 0)
+            motion = self._method.seen.current_from_component(self._shape, view_index, component)
+            self._found[view_index] = motion or Rigid2()
+        return self._found[view_index]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._shape.views)
+
+    def __len__(self) -> int:
+        return len(self._shape.views)
 
 
 def with_view(document: Document, view_index: int) -> Document:
