@@ -1,4 +1,4 @@
-"""How the result grows: coverage and error against the number of views integrated by ``robust``."""
+"""How the result of ``robust`` grows: coverage and error against the number of views, chosen one by one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.inputs import sources
 from benchmarks.output import RESULTS, Options, recordings_of, save, say
-from benchmarks.unattended import unattended
+from benchmarks.unattended import one_by_one
 from flatcloth.engine.evaluation import compare
 
 KEPT = ("coverage", "relative_median_mm", "relative_p95_mm", "absolute_median_mm", "absolute_p95_mm")
@@ -27,8 +27,8 @@ def run(options: Options) -> None:
 
 
 def rows_of(source: str) -> list[dict[str, Any]]:
-    """Return the figures after the start view and after each accepted view of an unattended run."""
-    integration, document, truth = unattended(source)
+    """Return the figures after the start view and after each view that is chosen and accepted."""
+    integration, document, truth = one_by_one(source)
     rows = []
     for n in range(len(document.accepted) + 1):
         prefix = replace(document, accepted=document.accepted[:n], pending=None)
