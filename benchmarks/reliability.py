@@ -106,9 +106,7 @@ def keep(file: Path, errors: PixelErrors) -> None:
 def kept(file: Path) -> PixelErrors:
     """Read what :func:`keep` wrote."""
     with np.load(file, allow_pickle=False) as data:
-        return PixelErrors(
-            str(data["recording"]), str(data["garment"]), data["error_mm"], data["std_mm"]
-        )
+        return PixelErrors(str(data["recording"]), str(data["garment"]), data["error_mm"], data["std_mm"])
 
 
 def run(options: Options) -> None:

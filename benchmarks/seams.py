@@ -42,8 +42,7 @@ def row_of(source: str) -> dict[str, Any]:
     assert isinstance(integration.algorithm, RobustMethod)
     assert isinstance(other.algorithm, RobustMethod)
     this_shape, other_shape = (
-        method.shapes.of(seen)
-        for method, seen in ((integration.algorithm, document), (other.algorithm, its))
+        method.shapes.of(seen) for method, seen in ((integration.algorithm, document), (other.algorithm, its))
     )
     sides = one_side(integration, document), one_side(other, its)
     pieces = [(each.canonical.view, *each.canonical.floating) for each in sides]
