@@ -59,7 +59,7 @@ def main() -> None:
         "--keep",
         default="",
         metavar="DIR",
-        help="of what measures each recording, constant or mutant: where that is kept; states: its recordings",
+        help="where what is measured of each recording, constant or mutant is kept; states: its recordings",
     )
     parser.add_argument(
         "--meshes", nargs="+", default=[], metavar="OBJ", help="active, states: hanging meshes"

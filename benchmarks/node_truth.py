@@ -15,7 +15,7 @@ from flatcloth.shape.shape import Shape
 
 
 def true_at(truth: Truth | Any, view_index: int, rc: Float64) -> Float64:
-    """Return the true places (K, 2) of positions (K, 2) in a view's image; NaN where the panel is not shown."""
+    """Return the true places (K, 2) of positions in a view's image; NaN where the panel is not shown."""
     true = truth[view_index]
     shown = of_interest(true, truth.panel_of_interest)
     flat = np.where(shown[..., None], true.flat_uv_m, np.nan)

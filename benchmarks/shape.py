@@ -2,10 +2,10 @@
 
 *Honest*: pixels of either side and of their relation within three of their deviations plus 1 mm, and reliable
 ones beyond 20 mm, of both sides as ``run`` writes them. *Accurate*: this side against the truth; with
-``--against FILE`` also over the figures of an earlier ``results/accuracy.json`` or ``shape.json``. *The same*:
-the shape of the same views, decided in three random orders, to the last bit; and with depth off by a
-millionth: nodes are the same if a view added them at the same pixel. *Fast*: :func:`flatcloth.shape.algorithm.shape`
-of all registered views from nothing, in processor time over U (``benchmarks.speed``).
+``--against FILE`` also over the figures of an earlier ``results/accuracy.json`` or ``shape.json``. *The
+same*: the shape of the same views, decided in three random orders, to the last bit; and with depth off by a
+millionth: nodes are the same if a view added them at the same pixel. *Fast*: the shape of all registered
+views from nothing (``flatcloth/shape/algorithm.py``), in processor time over U (``benchmarks.speed``).
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ _COLUMNS = {
     "median_ratio": "median over before",
     "p95_ratio": "95 % over before",
     "orders_same": "any order: same bytes",
-    "other_nodes_share": "depth off: other nodes or pieces",
+    "other_nodes_share": "depth off: other nodes",
+    "other_piece_share": "of another piece",
     "moved_p999_mm": "moved, 99.9 % mm",
     "moved_most_mm": "most mm",
     "nodes": "nodes",
@@ -97,8 +98,8 @@ def same_and_fast(recording: Any, document: Document) -> dict[str, float]:
     unit = unit_s(clock=time.process_time)
     seconds = best_s(lambda: shape(views, interval_px, start), REPEATS, time.process_time)
     unit = min(unit, unit_s(clock=time.process_time))
-    del seen, views
-    shuffled, order = random.Random(0), list(document.accepted)  # noqa: S311 - no secret
+    del seen
+    shuffled, order = random.Random(0), list(document.accepted)
     same = []
     for _ in range(ORDERS):
         shuffled.shuffle(order)
@@ -139,7 +140,7 @@ def _bytes_of(made: Shape) -> tuple[bytes, ...]:
 
 
 def difference(one: Shape, other: Shape) -> dict[str, float]:
-    """Return by how much two shapes differ: nodes that only one has or that are of another piece; places, mm.
+    """Return by how much two shapes differ: nodes of one only, nodes of another piece, and places, mm.
 
     Places are compared after the best rigid motion of each piece.
     """
@@ -158,7 +159,8 @@ def difference(one: Shape, other: Shape) -> dict[str, float]:
             apart.append(_apart_m(one.all_uv_m[first], other.all_uv_m[second]))
     moved_mm = 1e3 * np.concatenate(apart)
     return {
-        "other_nodes_share": 1.0 - int(agree.sum()) / total,
+        "other_nodes_share": 1.0 - len(both) / total,
+        "other_piece_share": float((~agree).mean()),
         "moved_p999_mm": float(np.quantile(moved_mm, 0.999)),
         "moved_most_mm": float(moved_mm.max()),
     }

@@ -2,9 +2,9 @@
 
 U is the time in which SciPy's SuperLU (symmetric mode, MMD_AT_PLUS_A) factors the five-point Laplacian
 of a grid of 110 x 110, measured in the same run on the same core. Warm times include the reading of the
-files; the command ``flatcloth run`` is timed as a user meets it, with imports, compiled kernels, both sides and
-export, on one core and on two. Proposals are those of a session that decides about one view at a time: from
-*Step* to the picture of the proposal.
+files; the command ``flatcloth run`` is timed as a user meets it, with imports, compiled kernels, both sides
+and export, on one core and on two. Proposals are those of a session that decides about one view at a time:
+from *Step* to the picture of the proposal.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ def frame_s(source: str) -> float:
 
 
 def command(source: str, cores: list[int], repeats: int) -> tuple[float, int]:
-    """Return the least time of ``flatcloth run`` on some cores, s, and the most memory that it took, bytes."""
+    """Return the least time of ``flatcloth run`` on some cores, s, and the most memory it took, bytes."""
     # Python keeps its compiled modules, as for users.
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
     most = 0

@@ -10,7 +10,7 @@ deviations.
 
 ``layer_mm`` is the error of a pair that one noisy view sees, if n views leave an n-th of it: fitted to the
 errors of the lengths of pairs (68 % of them are smaller) that 1, 2, 3 and 4 views saw, beyond that of pairs
-that at least eight saw. True places by pixels are themselves off by a tenth of a pair's length; that is in both.
+that at least eight saw. True places by pixels are off by a tenth of a pair's length, too; both have that.
 """
 
 from __future__ import annotations
