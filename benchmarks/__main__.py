@@ -19,7 +19,7 @@ ASKED_FOR = (
 """Run only if named: ``soak`` takes an hour, ``states`` makes recordings, the others are about given ones."""
 ON_ONE_CORE = (
     *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "segmented"),
-    *("fused", "growth", "reach", "garments", "speed", "exports"),
+    *("fused", "reach", "garments", "speed", "exports"),
 )
 
 

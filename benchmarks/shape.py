@@ -24,6 +24,7 @@ import numpy as np
 
 from benchmarks import accuracy, sides
 from benchmarks.inputs import Remembered
+from benchmarks.markdown import of_recordings
 from benchmarks.output import Options
 from benchmarks.speed import best_s, unit_s
 from benchmarks.unattended import both_sides, measure_each
@@ -188,19 +189,11 @@ def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def page(rows: Sequence[dict[str, Any]]) -> str:
     """Return the Markdown page."""
-    shown = [key for key in _COLUMNS if any(row[key] is not None for row in rows)]
-    lines = "\n".join(
-        "| "
-        + " | ".join([row["recording"], *("" if row[k] is None else f"{row[k]:g}" for k in shown)])
-        + " |"
-        for row in rows
-    )
+    shown = {key: name for key, name in _COLUMNS.items() if any(row[key] is not None for row in rows)}
     return f"""# The shape of a set of views
 
 Method `robust`, unattended; the least share within three deviations plus 1 mm first. Depth off: multiplied by
 1 + 1e-6 and by 1 - 1e-6, the larger difference. The time is that of the shape from registered views.
 
-| recording | {" | ".join(_COLUMNS[key] for key in shown)} |
-|{"---|" * (len(shown) + 1)}
-{lines}
+{of_recordings(rows, shown)}
 """

@@ -13,11 +13,11 @@ from benchmarks.output import Options, recordings_of, save, save_page, say
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.deciding import place_sure_pieces
 from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.engine.headless import Run, accept_by_score
+from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import read_truth
-from flatcloth.session.machine import Accept, Document, MemorySession, Nudge, Reject, SessionState
+from flatcloth.session.machine import Document, MemorySession, SessionState
 
 
 def unattended(source: str) -> tuple[Integration, Document, Remembered]:
@@ -31,19 +31,6 @@ def integrated(recording: Any, method: str | None = None) -> tuple[Integration, 
     integration = Integration(recording, method=method)
     service = GarmentService(integration)
     return integration, _placed(service, Run(integration, MemorySession(SessionState(len(recording)))))
-
-
-def one_by_one(source: str) -> tuple[Integration, Document, Remembered]:
-    """Integrate one side as an operator does who accepts what is sure: the best view first, one at a time."""
-    integration = Integration(Remembered(open_recording(source)))
-    session = MemorySession(SessionState(len(integration.recording)))
-    document = Run(integration, session, each_by_score).finish().document
-    return integration, document, Remembered(read_truth(integration.recording.location))
-
-
-def each_by_score(integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
-    """Decide as a run does, but about one proposal at a time."""
-    return accept_by_score(integration, state)
 
 
 def both_sides(source: str) -> tuple[GarmentService, BothSides, Document, Remembered]:
