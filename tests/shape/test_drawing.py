@@ -1,43 +1,50 @@
-"""The canonical view of two views of a cylinder: every pixel from the view that saw it best."""
+"""The canonical view of two views of a cylinder: every pixel from the view that saw it best, and how sure it is."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scenes import AXIS, CAMERA, Cylinder, box, frame, plane
 
-from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.config import Config, FlatteningConfig, SurfaceConfig
 from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import FlattenedView
-from flatcloth.flattening.surface import observe_surface
-from flatcloth.methods.robust.compositing import _Canvas, _composite, _PlacedView, composite, pixel_cost
-from flatcloth.methods.robust.joint import begin_joint, extend_joint
-from flatcloth.methods.robust.joint_shape import JointShape
-from flatcloth.methods.robust.observations import FRONTAL_NOISE, associate
-from flatcloth.methods.robust.uncertainty import MOST_STD_M, with_placement_std
+from flatcloth.flattening.surface import Surface, observe_surface
+from flatcloth.shape.algorithm import apart, shape
+from flatcloth.shape.drawing import composite, draw, pixel_cost
+from flatcloth.shape.observations import FRONTAL_NOISE, PlacedView
+from flatcloth.shape.rims import with_placement_std
+from flatcloth.shape.shape import PIECES_APART_M, Shape, of_views
 
 ANGLES = (0.0, 30.0)
 PIXEL_M = 0.002
+INTERVAL_PX = FlatteningConfig().sampling_intervals_px[-1]
 CYLINDER = Cylinder(angles_deg=ANGLES)
 SURFACES = {n: observe_surface(CYLINDER[n], AXIS, SurfaceConfig()) for n in range(2)}
 COSTS = {n: pixel_cost(surface) for n, surface in SURFACES.items()}
 
 
 @pytest.fixture(scope="module")
-def shape() -> JointShape:
-    flat = CYLINDER.flat_uv_m(SURFACES[0].xyz_m.astype(float))
-    first = begin_joint(SURFACES[0], object_from_camera(AXIS, 0.0), flat, FlatteningConfig())
-    pose = object_from_camera(AXIS, 30.0)
-    shown = associate(first.nodes, SURFACES[1], pose)
-    return extend_joint(first, SURFACES[1], pose, FlatteningConfig(), shown)
+def made() -> Shape:
+    views = [
+        PlacedView(surface=SURFACES[n], object_from_camera=object_from_camera(AXIS, angle))
+        for n, angle in enumerate(ANGLES)
+    ]
+    found = shape(views, INTERVAL_PX, 0)
+    # Upright and undistorted, but somewhere on the plane: moved to where the cylinder's own places are.
+    shift = np.nanmean(CYLINDER.flat_uv_m(found.nodes.xyz_m) - found.uv_m, axis=0)
+    return replace(found, all_uv_m=found.all_uv_m + shift)
 
 
 @pytest.fixture(scope="module")
-def view(shape: JointShape) -> FlattenedView:
-    return composite(shape, SURFACES, AXIS, 6, PIXEL_M, COSTS)
+def view(made: Shape) -> FlattenedView:
+    return composite(made, SURFACES, AXIS, INTERVAL_PX, PIXEL_M, COSTS)
 
 
 def test_each_pixel_lies_where_its_cloth_belongs(view: FlattenedView) -> None:
+    """Upright, since the image of the first view is; nothing else turns it."""
     true = CYLINDER.flat_uv_m(view.xyz_m[view.valid].astype(float))
     found = view.uv_from_rc(np.argwhere(view.valid))
     off = np.linalg.norm(found - true, axis=1)
@@ -64,39 +71,17 @@ def test_what_is_read_is_what_the_image_shows_there(view: FlattenedView) -> None
         assert near.min() - 1 <= int(view.rgb[row, col, 0]) <= near.max() + 1
 
 
-@pytest.mark.parametrize(
-    ("node_std_m", "shown_m"), [(0.005, 0.005), (MOST_STD_M, MOST_STD_M), (0.3, MOST_STD_M)]
-)
-def test_what_does_not_float_is_no_less_sure_than_what_just_does(
-    node_std_m: float, shown_m: float, shape: JointShape, view: FlattenedView
-) -> None:
-    std_m = np.full(len(shape.nodes), node_std_m)
-    seen = with_placement_std(view, shape, std_m, SURFACES).placement_std_m
-    assert seen is not None
-    assert seen[view.valid] == pytest.approx(shown_m)
-    assert np.isnan(seen[~view.valid]).all()
-
-
-def test_nodes_without_a_place_are_not_drawn(shape: JointShape, view: FlattenedView) -> None:
-    half = np.where(shape.uv_m[:, :1] < 0.0, np.nan, shape.uv_m)
-    drawn = composite(shape, SURFACES, AXIS, 6, PIXEL_M, COSTS, half)
+def test_nodes_without_a_place_are_not_drawn(made: Shape, view: FlattenedView) -> None:
+    half = np.where(made.uv_m[:, :1] < 0.0, np.nan, made.uv_m)
+    drawn = composite(made, SURFACES, AXIS, INTERVAL_PX, PIXEL_M, COSTS, half)
     assert drawn.uv_from_rc(np.argwhere(drawn.valid))[:, 0].min() > -0.012  # nearer to the others beyond
     assert 0.3 < drawn.area_m2 / view.area_m2 < 0.6
 
 
-@pytest.mark.parametrize(("mirrored", "filled"), [(False, 11 * 11), (True, 4)])
-def test_a_quad_is_filled_unless_it_is_mirrored(mirrored: bool, filled: int) -> None:
-    """Four neighbouring pixels that come to lie 10 pixels apart; mirrored, they are drawn as points."""
-    points = np.array([[[2.0, 3.0], [12.0, 3.0]], [[2.0, 13.0], [12.0, 13.0]]])
-    points = points[:, ::-1].copy() if mirrored else points
-    source, cost = np.full((20, 20, 2), np.nan, np.float32), np.full((20, 20), np.inf, np.float32)
-    label = np.full((20, 20), -1, np.int16)
-    whole, joined = np.ones((2, 2), bool), np.full((2, 2), 3, np.uint8)
-    placed = _PlacedView(points, whole, joined, np.ones((2, 2), np.float32), 7)
-    _composite(placed, _Canvas(source, cost, label))
-    assert (label == 7).sum() == filled
-    corner = source[3, 12 if mirrored else 2]
-    np.testing.assert_allclose(corner, [0.0, 0.0], atol=1e-6)
+def test_cloth_that_would_lie_mirrored_is_not_drawn_as_an_area(made: Shape, view: FlattenedView) -> None:
+    mirrored = made.uv_m * (-1.0, 1.0)
+    drawn = composite(made, SURFACES, AXIS, INTERVAL_PX, PIXEL_M, COSTS, mirrored)
+    assert drawn.area_m2 < 0.9 * view.area_m2  # single pixels, with gaps between them
 
 
 def test_the_cost_is_the_noise_at_that_incidence() -> None:
@@ -110,3 +95,98 @@ def test_the_cost_is_the_noise_at_that_incidence() -> None:
     assert center == pytest.approx(FRONTAL_NOISE + 0.5**2, abs=0.02)
     assert np.isinf(found[~surface.usable]).all()
     assert found[surface.usable].max() > center + 1.0
+
+
+def test_a_part_that_is_taken_off_is_drawn_as_a_floating_piece(made: Shape, view: FlattenedView) -> None:
+    right = made.nodes.xyz_m[:, 0] > 0.03
+    main, floating, are_off = draw(
+        apart(made, [right], 0), SURFACES, AXIS, Config(), COSTS, taken_off=right
+    )
+    (piece,) = floating
+    assert are_off == {0}
+    assert main.placement_std_m is not None
+    assert main.area_m2 + piece.area_m2 == pytest.approx(view.area_m2, rel=0.1)
+    cloth = [CYLINDER.flat_uv_m(of.xyz_m[of.valid].astype(float))[:, 0] for of in (main, piece)]
+    assert np.percentile(cloth[0], 99) < np.percentile(cloth[1], 1) + 0.02
+    assert piece.origin_uv_m[0] > 0.5 * PIECES_APART_M
+
+
+def test_a_part_that_two_parts_divide_lies_where_its_own_pairs_say(made: Shape) -> None:
+    around = made.nodes.xyz_m[:, 0]
+    left, right = around < -0.03, around > 0.03
+    found = apart(made, [left, right], 0)
+    flat = CYLINDER.flat_uv_m(made.nodes.xyz_m)
+    assert set(found.piece[found.has_place]) == {0, 1, 2}
+    for number in range(3):
+        own = found.piece == number
+        off = found.all_uv_m[own] - flat[own]
+        assert np.percentile(np.ptp(off, axis=0), 95) < 0.004
+
+
+def test_what_some_of_the_views_show_lies_where_the_whole_shape_has_it(made: Shape, view: FlattenedView) -> None:
+    first = of_views(made, {0})
+    assert first.views == (0,)
+    shown = composite(first, SURFACES, AXIS, INTERVAL_PX, PIXEL_M, COSTS)
+    assert set(np.unique(shown.view_index[shown.valid])) == {0}
+    assert 0.5 < shown.area_m2 / view.area_m2 < 0.9
+    off = shown.uv_from_rc(np.argwhere(shown.valid)) - CYLINDER.flat_uv_m(
+        shown.xyz_m[shown.valid].astype(float)
+    )
+    assert np.percentile(np.linalg.norm(off, axis=1), 99) < 0.002
+
+
+def test_a_pixel_is_as_sure_as_the_node_nearest_to_it(made: Shape, view: FlattenedView) -> None:
+    left = made.uv_m[:, 0] < 0.0
+    std_m = np.where(made.placed, np.where(left, 0.004, 0.009), np.nan)
+    seen = with_placement_std(view, replace(made, std_m=std_m), SURFACES).placement_std_m
+    assert seen is not None
+    assert np.isnan(seen[~view.valid]).all()
+    u = view.uv_from_rc(np.argwhere(view.valid))[:, 0]
+    assert np.median(seen[view.valid][u < -0.02]) == pytest.approx(0.004, abs=0.0002)
+    assert np.median(seen[view.valid][u > 0.02]) == pytest.approx(0.009, abs=0.0002)
+
+
+def test_what_hardly_any_evidence_joins_is_less_sure(made: Shape, view: FlattenedView) -> None:
+    weak = replace(made, graph=replace(made.graph, evidence=0.05 * made.graph.evidence))
+    usual, found = (with_placement_std(view, each, SURFACES).placement_std_m for each in (made, weak))
+    assert usual is not None
+    assert found is not None
+    more = np.sqrt(np.square(found[view.valid]) - np.square(usual[view.valid]))
+    assert np.median(more) > 0.002
+    assert more.max() <= 0.0125  # no farther off than another layer is
+
+
+def beside_a_layer(layer_m: float, *, noisy: bool) -> Surface:
+    """A sheet at 0.85 m whose left outline is beside a layer, all on one item."""
+    depth, columns = plane(), np.arange(240)
+    own = np.zeros(depth.shape, dtype=np.bool_)
+    own[40:200, 120:200] = True
+    beside = (columns >= 60) & (columns < 120)
+    shown = np.where(own, depth, np.where(beside, layer_m, np.nan))
+    surface = observe_surface(frame(shown, own), AXIS, SurfaceConfig())
+    # The item's mask has the farther layer, too; a nearer one may be anything.
+    behind = np.where(beside & (layer_m > 0.85), np.float32(1.0 / layer_m), np.float32(0.0))
+    inverse = np.where(own, surface.inverse_depth, behind)
+    return replace(surface, noisy=noisy, noise_m=0.0005 if noisy else 0.0, inverse_depth=inverse)
+
+
+@pytest.mark.parametrize(
+    ("layer_m", "noisy", "is_rim"),
+    [(0.82, True, True), (0.88, True, True), (0.843, True, False), (0.857, True, False), (0.82, False, False)],
+)
+def test_a_noisy_outline_next_to_another_layer_is_unsure_as_wide_as_depths_are_mixed(
+    layer_m: float, *, noisy: bool, is_rim: bool
+) -> None:
+    surface = beside_a_layer(layer_m, noisy=noisy)
+    made = shape([PlacedView(surface=surface, object_from_camera=object_from_camera(AXIS, 0.0))], INTERVAL_PX, 0)
+    made = replace(made, std_m=np.where(made.placed, 0.001, np.nan))
+    view, _, _ = draw(made, {0: surface}, AXIS, Config(), {0: pixel_cost(surface)})
+    assert view.placement_std_m is not None
+    columns, unsure = view.source_rc[..., 1], view.placement_std_m > 0.011
+    at_rim = view.valid & (columns < 122.5)
+    inside = view.valid & (columns > 126) & (columns < 190)
+    assert at_rim.sum() > 100
+    assert not unsure[inside].any()
+    assert (unsure[at_rim].mean() > 0.9) == is_rim
+    assert unsure[at_rim].any() == is_rim
+    assert not unsure[view.valid & (columns > 195)].any()  # an outline beside which nothing lies
