@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.geometry import Rigid3, fit_rigid2, tangent_basis
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
-from flatcloth.shape.algorithm import laid_out
+from flatcloth.flattening.surface import Surface
+from flatcloth.shape.algorithm import laid_out, shape
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, graph_of
-from flatcloth.shape.observations import Nodes, Observation
+from flatcloth.shape.observations import Nodes, Observation, PlacedView
 from flatcloth.shape.shape import PIECES_APART_M, Shape
 
 STEP_M = 0.008
@@ -174,3 +177,13 @@ def off_m(found: Float64, true: Float64) -> float:
 def places_of(z: Complex128) -> Float64:
     """Places (N, 2) of complex ones."""
     return np.stack([z.real, z.imag], axis=1)
+
+
+def shape_of_view(surface: Surface, pose: Rigid3, flat_uv_m: Callable[[Float64], Float64]) -> Shape:
+    """Return the shape of one view, moved to where ``flat_uv_m`` has the points (N, 3) of its nodes."""
+    interval_px = FlatteningConfig().sampling_intervals_px[-1]
+    views = [PlacedView(surface=surface, object_from_camera=pose)]
+    made = shape(views, interval_px, surface.frame.view_index)
+    at = made.placed
+    motion = fit_rigid2(made.uv_m[at], flat_uv_m(made.nodes.xyz_m[at]))
+    return replace(made, all_uv_m=motion.apply(made.all_uv_m))
