@@ -141,9 +141,7 @@ def exact_graph(
     )
 
 
-def shape_of(
-    uv: Float64, observations: Sequence[Observation], nodes: Nodes | None = None
-) -> Shape:
+def shape_of(uv: Float64, observations: Sequence[Observation], nodes: Nodes | None = None) -> Shape:
     """Return the shape of observations of a sheet, each piece as it is laid out, as near to ``uv`` as can be."""
     own = nodes_at(uv) if nodes is None else nodes
     poses = (STILL,) * len(observations)

@@ -92,7 +92,8 @@ def test_ripples_that_noise_took_make_lengths_less_sure() -> None:
     laid = laid_out(graph, np.ones(len(graph.pairs), dtype=bool))
     every = np.ones(len(graph), dtype=bool)
     smooth, rippled = (
-        deviations_m(laid.at, graph, every, ripples=np.full(len(graph), ripples))[on_flap] for ripples in (0.0, 0.5)
+        deviations_m(laid.at, graph, every, ripples=np.full(len(graph), ripples))[on_flap]
+        for ripples in (0.0, 0.5)
     )
     assert (rippled > 2.0 * smooth).all()
 

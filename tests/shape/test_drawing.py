@@ -99,9 +99,7 @@ def test_the_cost_is_the_noise_at_that_incidence() -> None:
 
 def test_a_part_that_is_taken_off_is_drawn_as_a_floating_piece(made: Shape, view: FlattenedView) -> None:
     right = made.nodes.xyz_m[:, 0] > 0.03
-    main, floating, are_off = draw(
-        apart(made, [right], 0), SURFACES, AXIS, Config(), COSTS, taken_off=right
-    )
+    main, floating, are_off = draw(apart(made, [right], 0), SURFACES, AXIS, Config(), COSTS, taken_off=right)
     (piece,) = floating
     assert are_off == {0}
     assert main.placement_std_m is not None
@@ -123,7 +121,9 @@ def test_a_part_that_two_parts_divide_lies_where_its_own_pairs_say(made: Shape) 
         assert np.percentile(np.ptp(off, axis=0), 95) < 0.004
 
 
-def test_what_some_of_the_views_show_lies_where_the_whole_shape_has_it(made: Shape, view: FlattenedView) -> None:
+def test_what_some_of_the_views_show_lies_where_the_whole_shape_has_it(
+    made: Shape, view: FlattenedView
+) -> None:
     first = of_views(made, {0})
     assert first.views == (0,)
     shown = composite(first, SURFACES, AXIS, INTERVAL_PX, PIXEL_M, COSTS)
@@ -172,13 +172,21 @@ def beside_a_layer(layer_m: float, *, noisy: bool) -> Surface:
 
 @pytest.mark.parametrize(
     ("layer_m", "noisy", "is_rim"),
-    [(0.82, True, True), (0.88, True, True), (0.843, True, False), (0.857, True, False), (0.82, False, False)],
+    [
+        (0.82, True, True),
+        (0.88, True, True),
+        (0.843, True, False),
+        (0.857, True, False),
+        (0.82, False, False),
+    ],
 )
 def test_a_noisy_outline_next_to_another_layer_is_unsure_as_wide_as_depths_are_mixed(
     layer_m: float, *, noisy: bool, is_rim: bool
 ) -> None:
     surface = beside_a_layer(layer_m, noisy=noisy)
-    made = shape([PlacedView(surface=surface, object_from_camera=object_from_camera(AXIS, 0.0))], INTERVAL_PX, 0)
+    made = shape(
+        [PlacedView(surface=surface, object_from_camera=object_from_camera(AXIS, 0.0))], INTERVAL_PX, 0
+    )
     made = replace(made, std_m=np.where(made.placed, 0.001, np.nan))
     view, _, _ = draw(made, {0: surface}, AXIS, Config(), {0: pixel_cost(surface)})
     assert view.placement_std_m is not None

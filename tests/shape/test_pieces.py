@@ -66,7 +66,9 @@ def test_a_shape_of_a_few_nodes_only_is_a_piece_nevertheless() -> None:
     assert set(pieces(grid(2, 3), [], 1.0)) == {0}
 
 
-@pytest.mark.parametrize(("usual", "little", "shown"), [(1.0, 0.02, False), (1.0, 0.2, True), (0.1, 0.02, True)])
+@pytest.mark.parametrize(
+    ("usual", "little", "shown"), [(1.0, 0.02, False), (1.0, 0.2, True), (0.1, 0.02, True)]
+)
 def test_a_node_that_hardly_anything_joins_is_not_shown(usual: float, little: float, *, shown: bool) -> None:
     """What is little depends on the sensor: a worse one gives less everywhere."""
     graph = exact_graph(np.concatenate([grid(10, 10), [[0.08, 0.03]]]))

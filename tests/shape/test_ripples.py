@@ -43,5 +43,3 @@ def test_cloth_that_lies_on_other_cloth_is_no_ripple() -> None:
 def test_too_few_nodes_have_no_ripples() -> None:
     at, xyz_m, normal = rolled(np.zeros(24 * 24))
     assert ripples_of(at[:1], xyz_m[:1], normal[:1]).tolist() == [0.0]
-
-

@@ -18,7 +18,7 @@ from flatcloth.core.types import Float64, RgbdFrame, Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.base import Views
 from flatcloth.methods.robust.method import MOST_CONTRADICTION, RobustMethod
-from flatcloth.session.document import NO_COMPONENT, Accepted, Document
+from flatcloth.session.document import NO_COMPONENT, Accepted, Document, Pending
 from flatcloth.shape.observations import Observation
 from flatcloth.shape.shape import Shape
 
@@ -55,7 +55,9 @@ def drawn(made: Integration, document: Document) -> dict[str, bytes]:
         name: getattr(view, name)
         for name in ("rgb", "xyz_m", "normal", "valid", "view_index", "source_rc", "placement_std_m")
     }
-    return {name: array.tobytes() for name, array in arrays.items()} | {"origin": str(view.origin_uv_m).encode()}
+    return {name: array.tobytes() for name, array in arrays.items()} | {
+        "origin": str(view.origin_uv_m).encode()
+    }
 
 
 @pytest.mark.parametrize("item", [Cylinder, Jolted])
@@ -189,8 +191,6 @@ def test_what_floats_is_joined_where_the_operator_lays_it_and_keeps_its_layout(t
 
 
 def test_the_page_is_told_which_piece_a_view_would_join_where_it_is_moved(torn: Integration) -> None:
-    from flatcloth.session.document import Pending
-
     free = with_all(2)
     moved = by_hand(torn, with_all(1, 2), 1, LAID_M).accepted[-1]
     pending = Pending(1, Rigid2(), nudge=moved.current_from_new, component=moved.component)
@@ -240,14 +240,14 @@ def views_of_the_sheet(share: float) -> Sequence[Observation]:
     """Two right views, and one that takes a share of the nodes that it sees for nodes elsewhere."""
     column = np.rint(UV[:, 0] / STEP_M).astype(int)
     views = [observed(UV, EVERYTHING, 4), observed(UV, EVERYTHING, 5)]
-    seen = observed(UV, column < 12, 6)
+    seen = observed(UV, column < 6, 6)
     node, random = seen.node.copy(), np.random.default_rng(1)
     wrong = random.permutation(len(node))[: round(share * len(node))]
     node[wrong] = random.permutation(np.flatnonzero(column >= 12))[: len(wrong)]
     return [*views, replace(seen, node=node)]
 
 
-@pytest.mark.parametrize(("share", "is_named"), [(0.0, False), (0.02, False), (0.3, True), (0.6, True)])
+@pytest.mark.parametrize(("share", "is_named"), [(0.0, False), (0.02, False), (0.1, True)])
 def test_a_view_that_takes_cloth_for_other_cloth_is_named(share: float, *, is_named: bool) -> None:
     found = method_of(shape_of(UV, views_of_the_sheet(share))).contradicting(Document())
     assert set(found) == ({6} if is_named else set())
@@ -255,7 +255,7 @@ def test_a_view_that_takes_cloth_for_other_cloth_is_named(share: float, *, is_na
 
 
 def test_the_share_is_that_of_the_pairs_that_others_contradict() -> None:
-    shape = shape_of(UV, views_of_the_sheet(0.3))
+    shape = shape_of(UV, views_of_the_sheet(0.1))
     seen = shape.observations[2]
     lengths = np.linalg.norm(np.diff(UV[seen.node[seen.edges]], axis=1)[:, 0], axis=1)
     wrong = np.abs(lengths - seen.edge_length_m) > 0.03
