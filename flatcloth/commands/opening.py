@@ -77,6 +77,7 @@ def _opened(
     if header is None and session is not None:
         config = kept_config(session, options.method)
     integration = integration_of(source, options.method, _source_options(options, chosen), config)
+    integration.looks_ahead = True
     path = session or default_session_folder(integration.recording, options.method, integration.config)
     if path == current:
         return None

@@ -169,9 +169,7 @@ class BothSides:
             other.algorithm.take_confirmed(cameras)
         if this.views.keeps_frames:
             other.views.keep_frames()
-        session = MemorySession(
-            SessionState(len(other.recording), document=_all_views(other, progress))
-        )
+        session = MemorySession(SessionState(len(other.recording), document=_all_views(other, progress)))
         if self._doubts_links:
             known = place_sure_pieces(GarmentService(other), session)
             if isinstance(known, KnownGarment):
@@ -231,11 +229,14 @@ def one_side(side: Integration, document: Document) -> OneSide:
 
 
 def _all_views(other: Integration, progress: Progress) -> Document:
-    """Return the decisions that integrate all views of a side; a view that the others contradict is left out."""
+    """Return the decisions that integrate all views of a side; a view that the others contradict is left
+    out.
+    """
     start = other.answer(Document(), Request(0, "start"), progress)
     assert isinstance(start, Started)
     begun = Document(start_view=start.view_index)
-    rest = [view for view in range(len(other.recording)) if view != start.view_index]
+    rest = [view for view in range(len(other.recording)) if not other.algorithm.why_unusable(view)]
+    rest = [view for view in rest if view != start.view_index]
     progress(0.5, f"other side: the shape of {1 + len(rest)} views")
     against = other.algorithm.contradicting(accept_all(begun, rest, {}))
     return replace(

@@ -16,6 +16,7 @@ from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Floats, Uint8
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.truth import TrueView
+from flatcloth.shape.shape import RELIABLE_M
 
 CELL_M = 0.005
 """Cells of the true cloth in which it counts as covered. Chosen: about the distance of samples."""
@@ -23,8 +24,8 @@ TRIM_SHARE = 0.10
 """Share of the pixels left out of the alignment with the truth. Chosen: one wrong flap must not turn all."""
 FAR_M = 0.020
 """A pixel farther than this from its true place is wrong. Chosen: about a gripper's finger."""
-FIRM_M = 0.010
-"""A pixel with a smaller standard deviation is called reliable. Set by hand."""
+FIRM_M = RELIABLE_M
+"""A pixel with a smaller standard deviation is called reliable."""
 PAIR_RANGE_M = (0.020, 0.200)
 """Distances of the pixel pairs whose error is measured. Chosen: within a patch, to half a garment."""
 PAIRS = 200_000

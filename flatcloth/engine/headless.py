@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 
-from flatcloth.core.errors import FlatclothError, SurfaceError
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.integration import Integration
 from flatcloth.session.commands import LeftOut
@@ -104,7 +104,8 @@ class Run:
     ) -> SessionState:
         """Integrate until no view can add anything, and return the final state.
 
-        A method whose shapes are those of sets takes all views at once, but for those that the others contradict.
+        A method whose shapes are those of sets takes all views at once, but for those that the others
+        contradict.
 
         With more than one of the ``cores``, likely views are flattened ahead, and if frames are kept, none
         is read twice; the result is the same.
@@ -151,24 +152,20 @@ class Run:
         self._take([view for view in range(count) if view not in known], progress)
 
     def _take(self, views: Sequence[int], progress: Progress) -> None:
-        integration, document, left = self.integration, self.state.document, list[LeftOut]()
+        integration, document = self.integration, self.state.document
         if integration.flattens_ahead:
             integration.views.read_ahead(reversed(views))
-        usable = []
+        why = {}
         for n, view in enumerate(views):
             progress(n / max(len(views), 1), f"view {view}")
-            try:
-                integration.views.surface(view)
-            except SurfaceError as error:
-                left.append(LeftOut(view, str(error)))
-            else:
-                usable.append(view)
+            why[view] = integration.algorithm.why_unusable(view)
+        usable = [view for view in views if not why[view]]
         progress(0.9, f"computing the shape of {len(document.used_views) + len(usable)} views")
         against = integration.algorithm.contradicting(accept_all(document, usable, {}))
-        left += [LeftOut(view, CONTRADICTS) for view in usable if view in against]
-        taken = tuple(view for view in usable if view not in against)
-        if taken or left:
-            self._do(AcceptAll(taken, tuple(left)))
+        why |= dict.fromkeys(set(against).intersection(usable), CONTRADICTS)
+        taken = tuple(view for view in views if not why[view])
+        if views:
+            self._do(AcceptAll(taken, tuple(LeftOut(view, text) for view, text in why.items() if text)))
 
     def add(self, view_index: int, progress: Progress = no_progress) -> str:
         """Integrate a view that was added to the recording, and views that waited for it.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -22,6 +22,7 @@ from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.sampling import BENT_DEG, LEAST_INTERVAL_M
 from flatcloth.registration.registered import Registered
 from flatcloth.session.document import Document, PlacedPart, Side
+from flatcloth.shape.shape import Change
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,7 +205,8 @@ class Placement:
     the best and the second score (the best score itself if there is no second); ``cameras`` are those of all
     views, registered with this one; ``parts`` has one entry per component of the view. Only ``component``
     and ``alignment`` are required of a method. ``also`` are further components, of this view or of accepted
-    ones, each with its own motion, that are placed with it.
+    ones, each with its own motion, that are placed with it. ``change`` is what the view changes about the
+    shape.
     """
 
     component: int
@@ -214,6 +216,7 @@ class Placement:
     cameras: Registered | None = None
     parts: tuple[ComponentPlacement, ...] = ()
     also: tuple[PlacedPart, ...] = ()
+    change: Change | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,7 +230,7 @@ class Canonical:
     """
 
     view: FlattenedView
-    current_from_view: dict[int, Rigid2]
+    current_from_view: Mapping[int, Rigid2]
     floating: tuple[FlattenedView, ...] = ()
     taken_off: frozenset[int] = frozenset()
 

@@ -220,6 +220,10 @@ class Method(Protocol):
         """
         return None
 
+    def why_unusable(self, view_index: int) -> str:
+        """Return why a view shows too little cloth to be part of a shape; empty if it shows enough."""
+        return ""
+
     def contradicting(self, document: Document) -> dict[int, float]:
         """Return the views of a document that the others contradict, each with the share of its pairs."""
         return {}

@@ -43,7 +43,9 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class AcceptAll:
-    """Add views to the canonical shape, each where its cloth hangs, at once; ``left_out`` are those that are not."""
+    """Add views to the canonical shape, each where its cloth hangs, at once; ``left_out`` are those that are
+    not.
+    """
 
     view_indices: tuple[int, ...]
     left_out: tuple[LeftOut, ...] = ()

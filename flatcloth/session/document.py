@@ -259,13 +259,18 @@ def leave_out(document: Document, view_index: int, component: int) -> Document:
 
 
 def accept_all(document: Document, view_indices: Iterable[int], left_out: Mapping[int, str]) -> Document:
-    """Add views of which no component is placed, as their cloth is where it hangs; others are left out, and why."""
+    """Add views of which no component is placed, as their cloth is where it hangs; others are left out, and
+    why.
+    """
     added = tuple(Accepted(view, Rigid2(), component=NO_COMPONENT) for view in view_indices)
     for view in (*(each.view_index for each in added), *left_out):
         document = _without_verdict(document, view)
     refused = tuple(Rejected(view, reason, len(document.accepted)) for view, reason in left_out.items())
     return replace(
-        document, accepted=(*document.accepted, *added), rejected=(*document.rejected, *refused), finished=None
+        document,
+        accepted=(*document.accepted, *added),
+        rejected=(*document.rejected, *refused),
+        finished=None,
     )
 
 

@@ -231,7 +231,9 @@ def _why_not_propose(document: Document, view_index: int | None) -> str | None:
 def _why_not_accept_all(state: SessionState, command: AcceptAll) -> str | None:
     document, views = state.document, (*command.view_indices, *(left.view_index for left in command.left_out))
     if document.pending is not None:
-        return f"Decide about view {document.pending.view_index} first: accept it, reject it or choose another."
+        return (
+            f"Decide about view {document.pending.view_index} first: accept it, reject it or choose another."
+        )
     if len(set(views)) < len(views):
         return "A view is named twice."
     for view in views:
@@ -309,9 +311,10 @@ def _check_answer(state: SessionState, event: Event) -> None:
         return
     if len(also) > MOST_PLACED_WITH:
         raise OutOfBoundsError(f"{len(also)} parts are placed at once; there are at most {MOST_PLACED_WITH}.")
+    least = NO_COMPONENT if isinstance(event, Followed) else 0
     for part in (event, *also):
         motion = part.current_from_new
-        if not (part.component >= NO_COMPONENT and math.hypot(motion.u_m, motion.v_m) <= MAX_ANSWER_M):
+        if not (part.component >= least and math.hypot(motion.u_m, motion.v_m) <= MAX_ANSWER_M):
             raise OutOfBoundsError(f"View {part.view_index} has no such part, or lies beyond any plane.")
 
 

@@ -1,9 +1,9 @@
 """The shape of a set of views, from nothing: the whole algorithm, a call a step.
 
-Nodes are points of the cloth, shared by the views that see them; each view measures the lengths and directions
-between neighbours. All views together are one graph of frames, whose layout on the plane minimises Eq. (2) of
-the paper (lengths) and the directions. The result depends on the set of views and on what was decided, not on
-the order of the views, nor on what was computed before. ``docs/robust.md`` explains it.
+Nodes are points of the cloth, shared by the views that see them; each view measures the lengths and
+directions between neighbours. All views together are one graph of frames, whose layout on the plane minimises
+Eq. (2) of the paper (lengths) and the directions. The result depends on the set of views and on what was
+decided, not on the order of the views, nor on what was computed before. ``docs/robust.md`` explains it.
 """
 
 from __future__ import annotations
@@ -17,27 +17,17 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Complex128, Int32
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, Links, graph_of, view_frames
+from flatcloth.shape.hand import ByHand, with_hands
 from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, rotations
-from flatcloth.shape.observations import Association, Observed, PlacedView, observe_all, with_view
+from flatcloth.shape.observations import Observed, PlacedView, observe_all, with_view
 from flatcloth.shape.pieces import cut_of_overlap, pieces_of, weakly_joined
 from flatcloth.shape.ripples import LOST, ripples_under_noise
 from flatcloth.shape.shape import PIECES_APART_M, Shape
 
 
-@dataclass(frozen=True, kw_only=True)
-class ByHand:
-    """A view that the operator placed: it shows the nodes ``shown`` where it was laid.
-
-    ``view`` with its pose. ``shown`` are nodes of the shape of the views before it; those of ``at_hand`` (K,)
-    lie under it on the plane, and need not hang at the same place in space.
-    """
-
-    view: PlacedView
-    shown: Association
-    at_hand: Bool
-
-
-def shape(views: Sequence[PlacedView], interval_px: int, upright: int, by_hand: Sequence[ByHand] = ()) -> Shape:
+def shape(
+    views: Sequence[PlacedView], interval_px: int, upright: int, by_hand: Sequence[ByHand] = ()
+) -> Shape:
     """Return the shape of a set of views.
 
     Parameters
@@ -49,44 +39,44 @@ def shape(views: Sequence[PlacedView], interval_px: int, upright: int, by_hand: 
     upright : int
         The ``view_index`` of the view that fixes the plane: its image's right is u.
     by_hand : sequence of ByHand
-        Views that the operator placed, in the order in which he did.
+        Further views, which the operator laid one after the other; each on the shape with those before it.
 
     Raises
     ------
     FlatclothError
         If no view shows two places of cloth side by side.
     """
-    # 1. Nodes: cloth at a place in space with a normal, found in all views; pairs, as each view measures them.
+    # 1. Nodes: cloth at a place in space with a normal, found in all views; pairs as each view has them.
     seen = observe_all(views, interval_px)
-    certain = np.zeros(len(seen.nodes), dtype=np.bool_)
-    for placed in by_hand:
-        seen = with_view(seen, placed.view, placed.shown, interval_px)
-        certain = np.concatenate([certain, np.zeros(len(seen.nodes) - len(certain), dtype=np.bool_)])
-        certain[placed.shown.node[placed.at_hand]] = True
+    for laid in by_hand:
+        seen = with_view(seen, laid.view, laid.shown, interval_px)
     if not seen.observations:
         raise FlatclothError("No view shows two places of cloth side by side; check depth and masks.")
-    # 2. One graph of frames: all views of a pair are one pair, with a variance that has a floor.
+    # 2. One graph of frames: all views of a pair are one pair, the surer the more views agree.
     graph, links = graph_of(seen.nodes, seen.observations, seen.object_from_camera)
+    vouched = np.zeros(len(graph.pairs), dtype=np.bool_)
+    if by_hand:
+        graph, links, vouched = with_hands(graph, links, seen.observations[-len(by_hand) :], by_hand)
     # 3. to 7. Its layout on the plane.
-    laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), certain)
-    return _shape(seen, graph, links, laid, certain, upright)
+    found = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), vouched)
+    return _shape(seen, graph, links, found, vouched, upright)
 
 
 def apart(whole: Shape, parts: Sequence[Bool], upright: int) -> Shape:
-    """Return a shape with each of ``parts`` (N,) of its nodes as a piece of its own: pairs between them are cut."""
+    """Return a shape with each of ``parts`` (N,) of its nodes as a piece of its own, all laid out again."""
     of_part = np.array(parts)[:, whole.graph.pairs]
     joins = (of_part[:, :, 0] == of_part[:, :, 1]).all(axis=0)
     seen = Observed(
         nodes=whole.nodes, observations=whole.observations, object_from_camera=whole.object_from_camera
     )
-    laid = laid_out(whole.graph, whole.holds & joins, whole.by_hand)
-    return _shape(seen, whole.graph, whole.links, laid, whole.by_hand, upright, whole.scale)
+    laid = laid_out(whole.graph, whole.holds & joins, whole.vouched)
+    return _shape(seen, whole.graph, whole.links, laid, whole.vouched, upright, whole.scale)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LaidOut:
-    """The layout of a graph: which pairs hold (P,), the piece (N,) of each node by size, -1 for none; the minimum,
-    and places ``z`` and ``rotation`` (N,) complex in the order of the graph.
+    """The layout of a graph: which pairs hold (P,), the piece (N,) of each node by size, -1 for none; the
+    minimum, and places ``z`` and ``rotation`` (N,) complex in the order of the graph.
     """
 
     holds: Bool
@@ -96,9 +86,7 @@ class LaidOut:
     rotation: Complex128
 
 
-def laid_out(
-    graph: Graph, used: Bool, certain: Bool | None = None, *, overlap_cuts: bool = True
-) -> LaidOut:
+def laid_out(graph: Graph, used: Bool, vouched: Bool | None = None, *, overlap_cuts: bool = True) -> LaidOut:
     """Lay out a graph, each piece of it somewhere on the plane.
 
     Parameters
@@ -107,17 +95,18 @@ def laid_out(
         Nodes and pairs.
     used : (P,) bool
         The pairs that may join cloth.
-    certain : (N,) bool, optional
-        Nodes whose pairs the operator vouches for: none of them is taken for false.
+    vouched : (P,) bool, optional
+        Pairs that the operator vouches for: none of them is taken for false, or cut.
     overlap_cuts : bool
         Cloth that lies on other cloth is cut apart; not where the graph has two sheets.
     """
-    vouched = np.zeros(len(graph), dtype=np.bool_) if certain is None else certain
-    pairs, sure = pairs_of(graph), vouched[graph.pairs[:, 0]] | vouched[graph.pairs[:, 1]]
+    pairs, sure = pairs_of(graph), np.zeros(len(graph.pairs), dtype=np.bool_) if vouched is None else vouched
+    by_hand = np.zeros(len(graph), dtype=np.bool_)
+    by_hand[graph.pairs[sure]] = True
     while True:
-        # 3. Rotations, from nothing: the lowest eigenvector of a connection Laplacian; false links, by rotation.
+        # 3. Rotations, from nothing: the lowest eigenvector of a connection Laplacian. False links.
         rotation, weight = rotations(pairs, used, sure)
-        # 4. Places, for known rotations; false links, by place.
+        # 4. Places, for known rotations. False links, by place.
         z, holds = places(pairs, rotation, weight, sure)
         # 5. Pieces: cloth that enough evidence joins.
         piece = pieces_of(graph, holds)
@@ -128,7 +117,7 @@ def laid_out(
             holds=holds, piece=piece, at=at, z=_of_nodes(pairs, at.z), rotation=_of_nodes(pairs, at.rotation)
         )
         # 7. Cloth that lies on other cloth is joined by false pairs that agree: the weakest are cut.
-        cut = cut_of_overlap(graph, holds, piece, laid.z, vouched)
+        cut = cut_of_overlap(graph, holds, piece, laid.z, by_hand)
         if not (overlap_cuts and cut.any()):
             return laid
         used = used & ~cut
@@ -139,7 +128,7 @@ def _shape(
     graph: Graph,
     links: Links,
     laid: LaidOut,
-    by_hand: Bool,
+    vouched: Bool,
     upright: int,
     scale: float | None = None,
 ) -> Shape:
@@ -147,7 +136,7 @@ def _shape(
     is_noisy = any(view.is_noisy for view in seen.observations)
     piece = np.where(weakly_joined(graph, laid.holds, laid.piece), -1, laid.piece).astype(np.int32)
     z = _upright(seen, laid, upright)
-    # 8. A noisy sensor takes ripples off all lengths: by one factor, since views that differ would bend necks.
+    # 8. A noisy sensor takes ripples off all lengths; one factor for all, as others would bend necks.
     ripples = np.zeros(len(graph))
     if is_noisy:
         ripples = ripples_under_noise(graph, piece == 0, z, seen.nodes.normal)
@@ -169,7 +158,7 @@ def _shape(
         piece=piece,
         all_uv_m=uv_m,
         std_m=std_m,
-        by_hand=by_hand,
+        vouched=vouched,
         scale=scale,
     )
 

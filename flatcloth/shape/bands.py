@@ -1,8 +1,8 @@
 """Symmetric equations between neighbouring nodes, as narrow bands for LAPACK.
 
-Cloth hangs long and narrow: in the order of Cuthill and McKee (1969) all entries of such a matrix lie near its
-diagonal, and LAPACK factors a band nearly as fast as the processor multiplies. Nothing here depends on how
-many cores there are, or how wide the processor's vectors are, but for the last digits.
+Cloth hangs long and narrow: in the order of Cuthill and McKee (1969) all entries of such a matrix lie near
+its diagonal, and LAPACK factors a band nearly as fast as the processor multiplies. Nothing here depends on
+how many cores there are, or how wide the processor's vectors are, but for the last digits.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from flatcloth.flattening.banded import cuthill_mckee
 class Order:
     """Nodes in an order that makes bands narrow.
 
-    ``nodes`` (N,) int32 in that order; ``low``, ``high`` (P,) int32 the places of the ends of each pair in it,
-    the lower first; ``is_turned`` (P,) whether that is the pair's second end; ``width`` the largest difference.
+    ``nodes`` (N,) int32 in that order; ``low``, ``high`` (P,) int32 the places of the ends of each pair in
+    it, the lower first; ``is_turned`` (P,) whether that is the pair's second end; ``width`` the largest
+    difference.
     """
 
     nodes: Int32

@@ -1,9 +1,9 @@
 """Deviations: how far each node of a shape may be off, by errors of pairs as smooth random fields in space.
 
-What is wrong with a length (smoothing of folds, strain of the cloth, errors of depth) is alike for all pairs of a
-fold, and in all views: more pairs and more views do not average it out. So errors are drawn as smooth fields in
-space, and the linearised minimum turns each draw into displacements of the nodes, samples of the posterior.
-They are large where much cloth hangs on a narrow neck, on bent cloth, or on a line of contact.
+What is wrong with a length (smoothing of folds, strain of the cloth, errors of depth) is alike for all pairs
+of a fold, and in all views: more pairs and more views do not average it out. So errors are drawn as smooth
+fields in space, and the linearised minimum turns each draw into displacements of the nodes, samples of the
+posterior. They are large where much cloth hangs on a narrow neck, on bent cloth, or on a line of contact.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ STRAIN_M = 0.0002
 _LEAST_STD_M = 0.0005
 """Least deviation of a node: what nodes and pixels are measured to. Chosen."""
 _BULK = 0.9
-"""Share of the nodes that lie as the shape does; deviations are relative to these. Chosen, as in the evaluation
-of shapes against their truth."""
+"""Share of the nodes that lie as the shape does; deviations are relative to these. Chosen, as in the
+evaluation of shapes against their truth."""
 
 
 def deviations_m(
@@ -57,12 +57,16 @@ def deviations_m(
         variance_m2 += np.square(OF_RIPPLES * ripples[graph.pairs].mean(axis=1) * graph.length_m)
     fields = _smooth_fields(graph.xyz_m, random)[at.pairs.order.nodes]
     pull, order = np.zeros((3 * len(graph), DRAWS)), at.pairs.order
-    _pulled_by_errors(order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, np.sqrt(variance_m2), fields, pull)
+    _pulled_by_errors(
+        order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, np.sqrt(variance_m2), fields, pull
+    )
     moved = at.displaced(np.asfortranarray(pull))[own]
     z = np.empty(len(graph), dtype=complex)
     z[order.nodes] = at.z
     std_m = np.full(len(graph), np.nan)
-    std_m[own] = np.hypot(_spread_m(moved, z[own], (own if reference is None else reference)[own]), _LEAST_STD_M)
+    std_m[own] = np.hypot(
+        _spread_m(moved, z[own], (own if reference is None else reference)[own]), _LEAST_STD_M
+    )
     return std_m
 
 
@@ -105,7 +109,9 @@ def _pulled_by_errors(
 
 
 def _spread_m(moved: Complex128, z: Complex128, reference: Bool) -> Float64:
-    """Return the root mean square (N,) of displacements (N, draws) per axis, but for a rigid motion of the reference's bulk."""
+    """Return the root mean square (N,) of displacements (N, draws) per axis, but for a rigid motion of the
+    reference's bulk.
+    """
     total = np.zeros(len(z))
     for displaced in moved.T:
         kept = reference

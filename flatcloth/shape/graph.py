@@ -18,8 +18,12 @@ from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.observations import Nodes, Observation
 
 ANOTHER_LAYER_M = 0.0018
-"""Error of a pair that one noisy view sees, since its depth may be mixed with another layer's: n views that agree
-leave an n-th of it. Measured: ``python -m benchmarks strain``."""
+"""Error of a pair that one noisy view sees, since its depth may be mixed with another layer's: n views that
+agree leave an n-th of it. Measured: ``python -m benchmarks strain``."""
+
+
+_LEAST_WAY_M = 1e-6
+"""Nodes nearer than this lie on one another: no direction leads from one to the other. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +47,9 @@ class Graph:
     """What all views together say of the pairs of N nodes.
 
     ``xyz_m`` (N, 3) the nodes in space, object frame. ``pairs`` (P, 2) int32, the lower node first, sorted;
-    ``length_m`` (P,) along the surface; ``offset_m`` (P, 2) complex the way from the first node to the second,
-    in the frame of the first and of the second; ``variance_m2`` (P,) of both;
-    ``evidence`` (P,) of all views that the ends are one piece of cloth; ``views`` (P,) int64 their number.
+    ``length_m`` (P,) along the surface; ``offset_m`` (P, 2) complex the way from the first node to the
+    second, in the frame of the first and of the second; ``variance_m2`` (P,) of both; ``evidence`` (P,) of
+    all views that the ends are one piece of cloth; ``views`` (P,) int64 their number.
     """
 
     xyz_m: Float64
@@ -80,7 +84,9 @@ def graph_of(
     links = Links(
         edges=edges,
         pair=np.empty(len(edges), dtype=np.int32),
-        observation=np.repeat(np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]),
+        observation=np.repeat(
+            np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]
+        ),
         length_m=np.concatenate([s.edge_length_m for s in observations]),
         evidence=np.concatenate([s.edge_evidence for s in observations]),
     )
@@ -128,6 +134,63 @@ def evidence_of_nodes(graph: Graph, holds: Bool) -> Float64:
     """Return the evidence (N,) that joins each node of a graph to others, by the pairs that hold (P,)."""
     twice = np.repeat(np.where(holds, graph.evidence, 0.0), 2)
     return np.bincount(graph.pairs.ravel(), twice, len(graph)).astype(np.float64)
+
+
+def merged(parts: Sequence[Graph], xyz_m: Float64) -> tuple[Graph, Int64]:
+    """Return the pairs of several graphs of the same nodes, at ``xyz_m`` (N, 3), as one graph.
+
+    The second is which of the pairs, listed part after part, each of its pairs is. No pair is in two parts.
+    """
+    pairs = np.concatenate([part.pairs for part in parts])
+    order: Int64 = np.lexsort((pairs[:, 1], pairs[:, 0]))
+
+    def listed(name: str) -> Float64:
+        every: Float64 = np.concatenate([getattr(part, name) for part in parts])[order]
+        return every
+
+    graph = Graph(
+        xyz_m=xyz_m,
+        pairs=pairs[order],
+        length_m=listed("length_m"),
+        offset_m=np.concatenate([part.offset_m for part in parts])[order],
+        variance_m2=listed("variance_m2"),
+        evidence=listed("evidence"),
+        views=np.concatenate([part.views for part in parts])[order],
+    )
+    return graph, order
+
+
+def rotations_at(graph: Graph, z: Complex128) -> Complex128:
+    """Return the rotation (N,), unit complex, of each node's frame at places (N,) of the plane, NaN for none."""
+    turn: Complex128 = np.zeros(len(z), dtype=complex)
+    known = np.isfinite(z[graph.pairs]).all(axis=1)
+    ends, offset = graph.pairs[known], graph.offset_m[known]
+    way = z[ends[:, 1]] - z[ends[:, 0]]
+    for end in (0, 1):
+        np.add.at(turn, ends[:, end], way * np.conj(offset[:, end]))
+    unit: Complex128 = turn / np.maximum(np.abs(turn), np.finfo(float).tiny)
+    return unit
+
+
+def pairs_as_laid(
+    graph: Graph, pairs: Int32, z: Complex128, rotation: Complex128, std_m: float, evidence: float
+) -> Graph:
+    """Return pairs (K, 2) of nodes of a graph, the lower one first, that hold both ends where they lie.
+
+    ``z``, ``rotation`` (N,) are their places and frames on the plane; ``std_m`` and ``evidence`` are of each pair.
+    """
+    way = z[pairs[:, 1]] - z[pairs[:, 0]]
+    known = np.isfinite(way) & (np.abs(way) > _LEAST_WAY_M)
+    pairs, way = pairs[known], way[known]
+    return Graph(
+        xyz_m=graph.xyz_m,
+        pairs=pairs.astype(np.int32),
+        length_m=np.abs(way),
+        offset_m=np.conj(rotation[pairs]) * way[:, None],
+        variance_m2=np.full(len(way), std_m**2),
+        evidence=np.full(len(way), evidence),
+        views=np.ones(len(way), dtype=np.int64),
+    )
 
 
 @njit(cache=True, nogil=True)

@@ -1,8 +1,8 @@
 """The layout of a graph of frames on the plane: rotations, false links, places, and the minimum.
 
-Unknown are the place z and the rotation R = exp(i theta) of each node. With what a pair measures (its length l,
-and the way from its first end to the second as it lies in the frame of each, a and b), the energy is Eq. (2) of
-the paper and the directions that the same pixels give:
+Unknown are the place z and the rotation R = exp(i theta) of each node. With what a pair measures (its length
+l, and the way from its first end to the second as it lies in the frame of each, a and b), the energy is Eq.
+(2) of the paper and the directions that the same pixels give:
 
     E(z, R) = sum w ((|z_j - z_i| - l)^2 + LAMBDA |z_j - z_i - R_i a|^2 + LAMBDA |z_j - z_i - R_j b|^2)
 
@@ -26,8 +26,8 @@ LAMBDA = 0.3
 FALSE_RAD = 0.2
 """Pairs whose frames disagree by more than this are false links, ..."""
 FALSE_M = 0.008
-"""... and those that miss the place of an end by more than this. From 0.15 to 0.3 rad nothing changes; at 0.05
-true pairs of necks go."""
+"""... and those that miss the place of an end by more than this. From 0.15 to 0.3 rad nothing changes; at
+0.05 true pairs of necks go."""
 _HALVINGS_RAD, _HALVINGS_M = 2, 3
 """How often the scale of the loss is halved down to these. Chosen: no true pair is off by more than the first
 scale, 0.8 rad and 64 mm, before the others are right."""
@@ -41,8 +41,8 @@ the weakest neck."""
 _STILL_M = 1e-4
 """The minimum is reached when no node moves farther. Chosen: far below what is measured."""
 _FAST = 0.5
-"""The equations are factored again if a step is not this much smaller than the one before. Chosen: a factor costs
-as much as ten steps."""
+"""The equations are factored again if a step is not this much smaller than the one before. Chosen: a factor
+costs as much as ten steps."""
 _LEAST_SHARE = 1.0 / 64.0
 """Smallest share of a step that is tried if the whole would raise the energy. Chosen."""
 _MOST_STEPS = 20
@@ -78,7 +78,8 @@ def pairs_of(graph: Graph) -> Pairs:
 
 
 def rotations(pairs: Pairs, used: Bool, certain: Bool) -> tuple[Complex128, Float64]:
-    """Return the rotation (N,) of each node, unit complex, from nothing, and the weight (P,) of each pair by them.
+    """Return the rotation (N,) of each node, unit complex, from nothing, and the weight (P,) of each pair by
+    them.
 
     Parameters
     ----------
@@ -89,9 +90,9 @@ def rotations(pairs: Pairs, used: Bool, certain: Bool) -> tuple[Complex128, Floa
 
     Notes
     -----
-    The sum of w |R_i a - R_j b|^2 is the form of a connection Laplacian (Singer and Wu, 2012, "Vector diffusion
-    maps"); inverse iteration, with each node held at unit length, finds the rotations. False links lose their
-    weight by graduated non-convexity (Yang and others, 2020) with the loss of Geman and McClure.
+    The sum of w |R_i a - R_j b|^2 is the form of a connection Laplacian (Singer and Wu, 2012, "Vector
+    diffusion maps"); inverse iteration, with each node held at unit length, finds the rotations. False links
+    lose their weight by graduated non-convexity (Yang and others, 2020) with the loss of Geman and McClure.
     """
     order = pairs.order
     turn = pairs.a * np.conj(pairs.b)  # R_j = R_i a / b
@@ -137,8 +138,8 @@ def places(pairs: Pairs, rotation: Complex128, holds: Float64, certain: Bool) ->
 class Minimum:
     """The minimum of the energy, in the order of the band, with what displaces it.
 
-    ``z``, ``rotation`` (N,) complex; ``way`` (P,) the ways between the ends of pairs, ``ways`` as both ends see
-    them; ``weight`` (P,); ``factor`` of the linearised equations of u, v and the angle of each node.
+    ``z``, ``rotation`` (N,) complex; ``way`` (P,) the ways between the ends of pairs, ``ways`` as both ends
+    see them; ``weight`` (P,); ``factor`` of the linearised equations of u, v and the angle of each node.
     """
 
     pairs: Pairs
@@ -159,7 +160,9 @@ class Minimum:
         return self.rotation[order.low] * self.pairs.a, self.rotation[order.high] * self.pairs.b
 
     def displaced(self, pull: Float64) -> Complex128:
-        """Return the displacements (N, K), u + iv, by pulls (3 N, K) on u, v and angle, in the graph's order."""
+        """Return the displacements (N, K), u + iv, by pulls (3 N, K) on u, v and angle, in the graph's
+        order.
+        """
         moved = solved(self.factor, pull)
         found = np.empty((len(self.z), pull.shape[1]), dtype=complex)
         found[self.pairs.order.nodes] = moved[0::3] + 1j * moved[1::3]
@@ -235,8 +238,8 @@ def _add_equations(
 ) -> None:  # fmt: skip
     """Add the normal equations of all pairs to the lower half of a band (3 N, width), by columns.
 
-    Of a pair: (|way| - length) along its direction, and way - first, way - second, where first and second turn
-    with the frames of the ends: a turn by t moves (x, y) by t (-y, x).
+    Of a pair: (|way| - length) along its direction, and way - first, way - second, where first and second
+    turn with the frames of the ends: a turn by t moves (x, y) by t (-y, x).
     """
     for e in range(len(low)):
         i, j = 3 * low[e], 3 * high[e]

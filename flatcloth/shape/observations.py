@@ -79,7 +79,8 @@ class Observation:
     this view added the node. ``edges`` (M, 2) int32 index these K; ``edge_length_m`` (M,) along the
     surface, ``edge_std_m`` (M,) its standard deviation; ``edge_evidence`` (M,) from 0 to 1, the
     evidence of a pair that its ends are one piece of cloth; ``offset`` (M, 2) complex, the way from the
-    first end to the second in the tangent plane of each, right and down the image. ``is_noisy``: its depth was smoothed.
+    first end to the second in the tangent plane of each, right and down the image. ``is_noisy``: its depth
+    was smoothed.
     """
 
     view_index: int
@@ -133,9 +134,7 @@ class Association:
     incidence_deg: Float64
 
 
-NOTHING_SEEN = Association(
-    node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0)
-)
+NOTHING_SEEN = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
 """What a view shows of no nodes. By definition."""
 
 
@@ -146,7 +145,9 @@ def observe_all(views: Sequence[PlacedView], interval_px: int) -> Observed:
     """
     seen = Observed(nodes=no_nodes(), observations=(), object_from_camera=())
     for view in views:
-        shown = associate(seen.nodes, view.surface, view.object_from_camera) if len(seen.nodes) else NOTHING_SEEN
+        shown = (
+            associate(seen.nodes, view.surface, view.object_from_camera) if len(seen.nodes) else NOTHING_SEEN
+        )
         with contextlib.suppress(SurfaceError):
             seen = with_view(seen, view, shown, interval_px)
     return seen

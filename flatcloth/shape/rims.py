@@ -24,14 +24,12 @@ _WEAK_STD_M = 0.005
 at outlines, has another layer's depth. Set by hand."""
 
 
-def with_placement_std(
-    view: FlattenedView, shape: Shape, surfaces: Mapping[int, Surface]
-) -> FlattenedView:
+def with_placement_std(view: FlattenedView, shape: Shape, surfaces: Mapping[int, Surface]) -> FlattenedView:
     """Return a view of a shape with the standard deviation of each pixel's place.
 
-    Each pixel takes the standard deviation of the node nearest to it on the plane. It is larger where hardly any
-    evidence joins the node to others, and where the pixel's view is noisy and shows another layer next to it,
-    whose depth may be mixed in.
+    Each pixel takes the standard deviation of the node nearest to it on the plane. It is larger where hardly
+    any evidence joins the node to others, and where the pixel's view is noisy and shows another layer next to
+    it, whose depth may be mixed in.
     """
     nodes = np.flatnonzero(np.isfinite(shape.std_m))
     if not nodes.size:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float64, Int32
@@ -16,6 +17,8 @@ from flatcloth.shape.observations import Nodes, Observation
 
 PIECES_APART_M = 10.0
 """Distance of floating pieces on the plane. By definition: larger than any cloth."""
+RELIABLE_M = 0.010
+"""A node, or a pixel, with a smaller standard deviation is called reliable. Set by hand."""
 TWO_ROWS_M = 2 * LEAST_INTERVAL_M
 """Two rows of nodes. So far off its place a node may still be the same cloth; so much nearer a node covers
 others; gaps between pieces are at most as wide, and so is the cloth that is expected beyond an outline.
@@ -32,7 +35,7 @@ class Shape:
     the largest, the main one; positive for floating pieces, which nothing connects to it; -1 for nodes that
     too little evidence joins to any. ``all_uv_m`` (N, 2) are their places on the plane, NaN for these;
     floating pieces lie far from the main one. ``std_m`` (N,) is the standard deviation of the place of a node
-    of the main piece, per axis; NaN for others. ``by_hand`` (N,) are nodes where the operator placed a view.
+    of the main piece, per axis; NaN for others. ``vouched`` (P,) are pairs by the operator's hand.
     ``scale`` is the factor by which lengths of the graph are too short.
     """
 
@@ -45,7 +48,7 @@ class Shape:
     piece: Int32
     all_uv_m: Float64
     std_m: Float64
-    by_hand: Bool
+    vouched: Bool
     scale: float
 
     @cached_property
@@ -86,6 +89,14 @@ class Shape:
         return tuple(s.view_index for s in self.observations)
 
     @property
+    def node_area_m2(self) -> float:
+        """Area of cloth per node, from the cells of the plane that nodes occupy."""
+        uv, cell_m = self.all_uv_m[self.has_place], TWO_ROWS_M  # so that sparse nodes cover it
+        u, v = np.floor(uv / cell_m).astype(np.int64).T
+        cells = np.unique((u - u.min()) * (np.ptp(v) + 1) + v)
+        return len(cells) * cell_m**2 / max(len(uv), 1)
+
+    @property
     def contradictions(self) -> dict[int, float]:
         """For each view the share of its pairs, on pieces of cloth, that contradict the others."""
         inside = self.has_place[self.links.edges].all(axis=1)
@@ -118,4 +129,35 @@ def of_views(whole: Shape, views: Collection[int]) -> Shape:
         piece=np.where(shown, whole.piece, -1).astype(np.int32),
         all_uv_m=np.where(shown[:, None], whole.all_uv_m, np.nan),
         std_m=np.where(shown, whole.std_m, np.nan),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """What one more view changes about a shape.
+
+    ``added_m2`` cloth that is new, on any piece; ``moved_m`` by how much 95 % of the main piece's cloth moves
+    at most; ``contradicted`` the share of the view's pairs that the others contradict; ``made_sure_m2`` the
+    reliable cloth of the main piece, more than before.
+    """
+
+    added_m2: float
+    moved_m: float
+    contradicted: float
+    made_sure_m2: float
+
+
+def change_by(view_index: int, before: Shape, after: Shape) -> Change:
+    """Return what a view changes: the shape ``after`` it beside that ``before``."""
+    old, new = np.flatnonzero(before.placed), np.flatnonzero(after.placed)
+    away_m, nearest = cKDTree(after.nodes.xyz_m[new]).query(before.nodes.xyz_m[old])
+    same = away_m < LEAST_INTERVAL_M
+    moved_m = np.linalg.norm(before.all_uv_m[old[same]] - after.all_uv_m[new[nearest[same]]], axis=1)
+    sure_m2 = [each.node_area_m2 * int((each.std_m <= RELIABLE_M).sum()) for each in (before, after)]
+    return Change(
+        added_m2=after.node_area_m2 * int(after.has_place.sum())
+        - before.node_area_m2 * int(before.has_place.sum()),
+        moved_m=float(np.quantile(moved_m, 0.95)) if same.any() else 0.0,
+        contradicted=after.contradictions.get(view_index, 0.0),
+        made_sure_m2=sure_m2[1] - sure_m2[0],
     )

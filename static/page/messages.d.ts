@@ -696,6 +696,9 @@ export interface Foreseen {
   added_cm2: number;
   again_cm2: number;
   joins: string[];
+  moved_mm: number | null;
+  contradicted: number | null;
+  made_sure_cm2: number | null;
 }
 
 /** A check of the proposal; ``passed`` is None if the common cloth does not decide it. */

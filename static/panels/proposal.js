@@ -162,7 +162,7 @@ function placesOf(
   /** @type {number} */ revision,
   /** @type {Send} */ send,
 ) {
-  if (hypotheses.length < 2) return hypotheses.length === 1 && make("p.note", "No other place was found.");
+  if (hypotheses.length < 2) return null;
   const button = (/** @type {Pending["hypotheses"][number]} */ h, /** @type {number} */ index) => {
     const [short, source] = SOURCES[h.source];
     const src = `/hypothesis/${revision}-${view_index}/${index}.png`;
@@ -190,6 +190,17 @@ function foreseen(/** @type {Pending["foreseen"]} */ cloth) {
       ["adds", cm2(cloth.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
       ["seen again", cm2(cloth.again_cm2), "Cloth of the proposal that the shape or a piece already has"],
       cloth.joins.length > 0 && ["joins", cloth.joins.join(", "), "Pieces that it would connect (A is the shape)"],
+      cloth.moved_mm !== null && ["moves", `${number(cloth.moved_mm)} mm`, "95 % of the shape's cloth moves by less"],
+      cloth.contradicted !== null && [
+        "contradicts",
+        `${number(100 * cloth.contradicted)} %`,
+        "Share of what it measures that the other views contradict",
+      ],
+      cloth.made_sure_cm2 !== null && [
+        "makes sure",
+        cm2(cloth.made_sure_cm2),
+        "Cloth of the shape that becomes reliable, less what no longer is",
+      ],
     ),
   );
 }

@@ -225,19 +225,6 @@ def test_the_policy_goes_by_the_score() -> None:
     assert accept_by_score(made, low) == Reject(3, UNSURE)
 
 
-def test_a_view_that_shows_too_little_to_be_flattened_is_unsure(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = integration()
-    state = stepped(made, started(made, 0), Propose())
-    pending = state.document.pending
-    assert pending is not None
-
-    def fails(_document: object) -> bool:
-        raise SurfaceError("View 1: it shows no two places of cloth side by side; use another.")
-
-    monkeypatch.setattr(made.algorithm, "is_contradicted", fails)
-    assert accept_by_score(made, state) == Reject(pending.view_index, UNSURE)
-
-
 def test_a_longer_overlap_asked_for_means_smaller_rotations() -> None:
     def rotation(overlap_area_m2: float) -> float:
         config = Config(planning=PlanningConfig(overlap_area_m2=overlap_area_m2))
@@ -292,33 +279,6 @@ def test_flattening_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> 
     assert unusable == also
     for name in ("xyz_m", "source_rc", "placement_std_m"):
         np.testing.assert_array_equal(getattr(view, name), getattr(same, name))
-
-
-def test_at_the_end_a_larger_piece_takes_the_place_of_the_shape(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = Integration(Cylinder(angles_deg=(0.0,)))
-    state = started(made)
-    monkeypatch.setattr(made.algorithm, "is_outgrown", lambda _document: True)
-    ended = stepped(made, state, Propose())
-    assert ended.document.largest_after == (0,)
-    assert "takes its place" in (ended.document.finished or "")
-    made.canonical(ended.document)  # nothing floats here: the shape is the largest piece
-    assert not Integration(Cylinder(angles_deg=(0.0,))).algorithm.is_outgrown(state.document)
-
-
-def test_a_piece_that_would_not_stay_larger_does_not_take_the_place_of_the_shape(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    made = Integration(Cylinder(angles_deg=(0.0,)))
-    state = started(made)
-    shape = made.canonical(state.document)
-    parted = replace(
-        shape, floating=(shape.view, shape.view), view=replace(shape.view, valid=~shape.view.valid)
-    )
-    monkeypatch.setattr(made.algorithm, "is_outgrown", lambda _document: True)
-    monkeypatch.setattr(made, "canonical", lambda _document: parted)
-    ended = stepped(made, state, Propose())
-    assert ended.document.largest_after == ()
-    assert "takes its place" not in (ended.document.finished or "")
 
 
 def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_again() -> None:

@@ -243,13 +243,12 @@ def test_what_is_kept_is_that_of_the_axis_and_of_the_decisions(session: OpenedSe
     others = [
         replace(document, accepted=document.accepted[:1]),
         replace(document, accepted=document.accepted[::-1]),
-        replace(document, largest_after=(1,)),
         replace(document, garment=piece),
     ]
     keys = {key_of(axis, document), key_of(moved, document), *(key_of(axis, other) for other in others)}
-    assert len(keys) == 6
+    assert len(keys) == 5
     # What happened after a shape does not change it.
-    later = replace(document, largest_after=(len(document.accepted) + 1,), pending=None, finished="done")
+    later = replace(document, pending=None, finished="done")
     assert key_of(axis, later) == key_of(axis, document)
 
 

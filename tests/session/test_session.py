@@ -137,12 +137,39 @@ def test_the_end_is_told_and_a_view_chosen_by_hand_goes_on() -> None:
     assert apply(on, Undo()).phase is Phase.FINISHED
 
 
-def test_a_piece_that_is_the_shape_at_the_end_stays_it_while_the_session_goes_on() -> None:
-    state = after(*STARTED, Propose(), NothingMore(2, "The turn is complete.", takes_largest=True))
-    assert state.document.largest_after == (0,)
-    on = apply(apply(state, Propose(4)), Proposed(3, 4, Rigid2()))
-    assert apply(on, Accept(4)).document.largest_after == (0,)
-    assert apply(on, Restart()).document.largest_after == ()
+def test_many_views_are_accepted_at_once_and_undone_at_once() -> None:
+    started = after(*STARTED)
+    state = apply(started, AcceptAll((3, 5), (LeftOut(4, "it shows nothing"),)))
+    assert state.document.views_in_order == (0, 3, 5)
+    assert [(r.view_index, r.reason) for r in state.document.rejected] == [(4, "it shows nothing")]
+    assert apply(state, Undo()).document == started.document
+    assert apply(apply(state, Undo()), Redo()).document == state.document
+    # One of them is decided again: it has no placement to go back to, so it is proposed.
+    again = apply(state, Reopen(3))
+    assert again.request is not None
+    assert (again.request.kind, again.request.view_index) == ("propose", 3)
+    assert [later.decision.view_index for later in again.document.later] == [3, 5]
+    pending = apply(again, Proposed(again.request.token, 3, Rigid2()))
+    followed = apply(pending, Reject(3))
+    assert followed.request is not None
+    done = apply(followed, Followed(followed.request.token, 5, Rigid2(), component=-1))
+    assert done.document.views_in_order == (0, 5)
+
+
+@pytest.mark.parametrize(
+    ("views", "reason"),
+    [((3, 3), "twice"), ((0,), "already part"), ((99,), "does not exist"), ((-1,), "does not exist")],
+)
+def test_what_cannot_be_accepted_at_once_is_refused_with_the_reason(
+    views: tuple[int, ...], reason: str
+) -> None:
+    with pytest.raises(IllegalDecisionError, match=reason):
+        apply(after(*STARTED), AcceptAll(views))
+
+
+def test_a_proposal_is_decided_before_others_are_accepted_at_once() -> None:
+    with pytest.raises(IllegalDecisionError, match="Decide about view 4 first"):
+        apply(after(*STARTED, Propose(4), Proposed(2, 4, Rigid2())), AcceptAll((5,)))
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def test_the_result_is_that_of_the_present_shape(monkeypatch: pytest.MonkeyPatch
     parts = (DoubtedPart(taken_off=True, part=cloth, rest=cloth, probability=0.1),)
     documents = [
         first,
-        replace(first, largest_after=(1,)),
+        replace(first, accepted=()),
         replace(first, garment=GarmentDecisions(parts=parts)),
         first,
     ]

@@ -6,7 +6,7 @@ raster through the exact composed motion, so they do not blur or drift however m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,7 +92,7 @@ def _merged(
     planes: tuple[Rigid2, Rigid2],
     new: PlacedPart,
     side: Side | None,
-    current_from_view: dict[int, Rigid2],
+    current_from_view: Mapping[int, Rigid2],
 ) -> Renewed:
     """Merge a component into the canonical view; ``planes`` lead to the result from the shape and from it."""
     plane_from_current, plane_from_new = planes

@@ -1,12 +1,13 @@
 """The method ``robust``: one shape of all views, computed from the set of them.
 
-Start at :mod:`flatcloth.shape.algorithm`, which tells the computation in order; here is what a session asks of it.
+Start at :mod:`flatcloth.shape.algorithm`, which tells the computation in order; here is what a session asks
+of it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -61,12 +62,14 @@ from flatcloth.session.document import Accepted, Document, Later, Side
 from flatcloth.shape.algorithm import apart
 from flatcloth.shape.drawing import draw, states_of_nodes, states_on_surface
 from flatcloth.shape.observations import associate
-from flatcloth.shape.shape import Shape, of_views
+from flatcloth.shape.shape import Shape, change_by, of_views
 
 MOST_CONTRADICTION = 0.1
-"""Without an operator, a view is left out if the others contradict a larger share of its pairs. Set by hand."""
+"""Without an operator, a view is left out if the others contradict a larger share of its pairs. Set by
+hand."""
 _SAMPLES = 2000
-"""Points of a component that are compared with the shape. Chosen: as many as decide its score to a percent."""
+"""Points of a component that are compared with the shape. Chosen: as many as decide its score to a
+percent."""
 
 
 class RobustMethod(Method):
@@ -171,7 +174,9 @@ class RobustMethod(Method):
         shape = self.shapes.of(with_view(document, view_index))
         sampled = self._sampled(document, view_index)
         parts = [
-            ComponentPlacement(component=n, area_m2=own.area_m2, hypothesis=self._placed(document, shape, view_index, n))
+            ComponentPlacement(
+                component=n, area_m2=own.area_m2, hypothesis=self._placed(document, shape, view_index, n)
+            )
             for n, own in sampled.items()
             if flattening.components[n].folded_share <= self._config.flattening.max_folded_share
         ]
@@ -195,20 +200,23 @@ class RobustMethod(Method):
             ),
             hypotheses=(first,),
             margin=first.score.total,
-            cameras=self.seen.registered(tuple(sorted({*document.used_views, view_index}))),
+            cameras=self.seen.registered(self.seen.usable({*document.used_views, view_index})),
             parts=tuple(parts),
+            change=change_by(view_index, self.shapes.of(document), shape),
         )
 
-    def _placed(
-        self, document: Document, shape: Shape, view_index: int, component: int
-    ) -> Hypothesis | None:
-        """Return where a shape that contains a view has one of its components; None if that floats, or is new."""
+    def _placed(self, document: Document, shape: Shape, view_index: int, component: int) -> Hypothesis | None:
+        """Return where a shape that contains a view has one of its components; None if that floats, or is
+        new.
+        """
         motion = self.seen.current_from_component(shape, view_index, component)
         if motion is None or not (self._sampled(document, view_index)[component].node >= 0).any():
             return None
         refined = refine(self._reference(document), self._sampled(document, view_index)[component], motion)
         score = self.score(document, view_index, component, motion)
-        return Hypothesis(source="place", initial=motion, current_from_new=motion, score=score, std=refined.std)
+        return Hypothesis(
+            source="place", initial=motion, current_from_new=motion, score=score, std=refined.std
+        )
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
         """Score a placement by the probability that it is right (cached)."""
@@ -366,6 +374,10 @@ class RobustMethod(Method):
         """The smallest accepted confidence (``docs/robust.md``, "Proposals")."""
         return self._config.robust.accept_confidence
 
+    def why_unusable(self, view_index: int) -> str:
+        """Return why a view shows too little cloth; empty if it shows enough."""
+        return self.seen.why_unusable(view_index)
+
     def contradicting(self, document: Document) -> dict[int, float]:
         """Return the views of a document that the others contradict, each with the share of its pairs."""
         shares = self.shapes.of(document).contradictions
@@ -379,11 +391,11 @@ class RobustMethod(Method):
 
     def cameras(self, document: Document) -> Registered | None:
         """Return the registered cameras of the accepted views."""
-        return self.seen.registered(tuple(sorted(document.used_views)))
+        return self.seen.registered(self.seen.usable(document.used_views))
 
     def poses(self, document: Document) -> dict[int, Rigid3]:
         """Return the registered ``object_from_camera`` of each accepted view."""
-        views = tuple(sorted(document.used_views))
+        views = self.seen.usable(document.used_views)
         return dict(zip(views, self.seen.poses(views), strict=True))
 
     def joined_piece(self, document: Document) -> JoinedPiece | None:
@@ -419,21 +431,30 @@ class RobustMethod(Method):
         return [_edges_of(shape, piece) for piece in np.unique(shape.piece[shape.piece >= 0]).tolist()]
 
 
-class _Motions(dict[int, Rigid2]):
+class _Motions(Mapping[int, Rigid2]):
     """The motion of each view's placed component to the plane, computed when it is asked for.
 
     It takes the view's own flattening, which nothing else of a shape needs.
     """
 
     def __init__(self, method: RobustMethod, document: Document, shape: Shape) -> None:
-        super().__init__()
         self._method, self._components, self._shape = method, document.placed_components, shape
+        self._found: dict[int, Rigid2] = {}
 
-    def __missing__(self, view_index: int) -> Rigid2:
-        component = self._components.get(view_index, 0)
-        found = self._method.seen.current_from_component(self._shape, view_index, component) or Rigid2()
-        self[view_index] = found
-        return found
+    def __getitem__(self, view_index: int) -> Rigid2:
+        if view_index not in self._shape.views:
+            raise KeyError(view_index)
+        if view_index not in self._found:
+            component = max(self._components.get(view_index, 0), 0)
+            motion = self._method.seen.current_from_component(self._shape, view_index, component)
+            self._found[view_index] = motion or Rigid2()
+        return self._found[view_index]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._shape.views)
+
+    def __len__(self) -> int:
+        return len(self._shape.views)
 
 
 def with_view(document: Document, view_index: int) -> Document:

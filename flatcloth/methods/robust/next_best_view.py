@@ -74,7 +74,7 @@ def rate_candidates(
     placed = shape.has_place
     xyz, normal = shape.nodes.xyz_m[placed], shape.nodes.normal[placed]
     best = _best_incidence_deg(shape)[placed]
-    area = _node_area_m2(shape)
+    area = shape.node_area_m2
     rim = _rim(shape, area, around or neighbourhoods_of(shape))
     gaps, floats = _gaps(shape), shape.piece[placed] > 0
     looked = np.array([angles_deg[v] for v in seen])
@@ -142,7 +142,7 @@ def seams_ahead(
     placed = [shape.has_place for shape in shapes]
     xyz = [shape.nodes.xyz_m[p] for shape, p in zip(shapes, placed, strict=True)]
     pieces = [shape.piece[p] for shape, p in zip(shapes, placed, strict=True)]
-    areas_m2 = [_node_area_m2(shape) for shape in shapes]
+    areas_m2 = [shape.node_area_m2 for shape in shapes]
     sizes_m2 = [
         area * np.bincount(np.maximum(piece, 0)) for area, piece in zip(areas_m2, pieces, strict=True)
     ]
@@ -178,14 +178,6 @@ def _best_incidence_deg(shape: Shape) -> Float64:
     for observation in shape.observations:
         np.minimum.at(best, observation.node, observation.incidence_deg)
     return best
-
-
-def _node_area_m2(shape: Shape) -> float:
-    """Return the area of cloth per node, from the cells of the plane that the nodes occupy."""
-    uv, cell_m = shape.all_uv_m[shape.has_place], 2.0 * LEAST_INTERVAL_M  # so that sparse nodes cover it
-    u, v = np.floor(uv / cell_m).astype(np.int64).T
-    cells = np.unique((u - u.min()) * (np.ptp(v) + 1) + v)
-    return len(cells) * cell_m**2 / max(len(uv), 1)
 
 
 def inner_area_m2(shape: Shape) -> float:

@@ -16,7 +16,6 @@ from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError, SurfaceError
 from flatcloth.core.geometry import Rigid3, fit_rigid2
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Rigid2
-from flatcloth.flattening.flatten import Flattening
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import JoinedPiece
 from flatcloth.methods.base import Views
@@ -24,20 +23,23 @@ from flatcloth.registration.cameras import Fits, register
 from flatcloth.registration.registered import Registered
 from flatcloth.registration.view_features import ViewFeatures, extract_features
 from flatcloth.session.document import Accepted, Document
-from flatcloth.shape.algorithm import ByHand, shape
+from flatcloth.shape.algorithm import shape
 from flatcloth.shape.drawing import pixel_cost
+from flatcloth.shape.hand import ByHand
 from flatcloth.shape.observations import Association, PlacedView, associate
 from flatcloth.shape.shape import TWO_ROWS_M, Shape
 
 MOST_KEPT = 64
 """Values that are kept of each kind (poses, scores). Chosen: more than the views of a session."""
 _SHAPES_KEPT = 6
-"""Shapes that are kept: with and without the proposal, and those of the decisions before it, for undo. Chosen:
-each takes 10 to 15 MB."""
+"""Shapes that are kept: with and without the proposal, and those of the decisions before it, for undo.
+Chosen: each takes 10 to 15 MB."""
 
 
 def shape_key(document: Document) -> tuple[Hashable, ...]:
-    """Return what a document's shape depends on: the set of its views, the start view, and those placed by hand."""
+    """Return what a document's shape depends on: the set of its views, the start view, and those placed by
+    hand.
+    """
     by_hand = tuple((a.view_index, a.component, a.current_from_new) for a in document.accepted if a.fixed)
     return document.start_view, document.used_views, by_hand
 
@@ -69,10 +71,10 @@ class RegisteredViews:
         self._views = views
         self.confirmed: Registered | None = None
         self._fits: Fits = {}
-        # Registrations keep the features of their views, and these the surfaces: each exists once.
         self._registrations: Cache[Registered] = Cache(4)
         self._registered: WeakValueDictionary[frozenset[int], Registered] = WeakValueDictionary()
-        self._features: WeakValueDictionary[int, ViewFeatures] = WeakValueDictionary()
+        self._features: dict[int, ViewFeatures] = {}  # with the surfaces
+        self._unusable: dict[int, str] = {}
         self._poses: Cache[dict[int, Rigid3]] = Cache(MOST_KEPT)  # small: release() keeps them
         self._component_maps: Cache[Int32] = Cache(2)
         self._costs: Cache[Float32] = Cache(MOST_KEPT)
@@ -83,6 +85,7 @@ class RegisteredViews:
         if surfaces:
             self._registrations.drop()
             self._costs.drop()
+            self._features.clear()
 
     def registered(self, views: Iterable[int]) -> Registered:
         """Return the registered cameras of a set of views, which are sorted."""
@@ -122,22 +125,29 @@ class RegisteredViews:
             kept = self._features.setdefault(view_index, made)
         return kept
 
-    def placed(self, views: Sequence[int]) -> list[PlacedView]:
+    def placed(self, views: Iterable[int]) -> list[PlacedView]:
         """Return views with the poses of their cameras, in the order of their numbers."""
-        usable = tuple(view for view in sorted(views) if self.is_usable(view))
+        usable = self.usable(views)
         poses = self.poses(usable)
         return [
             PlacedView(surface=self.surface(view), object_from_camera=pose)
             for view, pose in zip(usable, poses, strict=True)
         ]
 
-    def is_usable(self, view_index: int) -> bool:
-        """Return whether a view shows enough cloth."""
-        try:
-            self.surface(view_index)
-        except SurfaceError:
-            return False
-        return True
+    def usable(self, views: Iterable[int]) -> tuple[int, ...]:
+        """Return those of some views that show cloth, in the order of their numbers."""
+        return tuple(view for view in sorted(views) if not self.why_unusable(view))
+
+    def why_unusable(self, view_index: int) -> str:
+        """Return why a view shows too little cloth; empty if it shows enough."""
+        if view_index not in self._unusable:
+            try:
+                self._view_features(view_index)
+            except SurfaceError as error:
+                self._unusable[view_index] = str(error)
+            else:
+                self._unusable[view_index] = ""
+        return self._unusable[view_index]
 
     def surface(self, view_index: int) -> Surface:
         """Return the surface of a view: that which registrations keep, if they were not released."""
@@ -178,7 +188,9 @@ class RegisteredViews:
         )
 
     def current_from_component(self, shown: Shape, view_index: int, component: int) -> Rigid2 | None:
-        """Return the rigid motion closest to a shape's effect on a view's component, if it is in the main piece."""
+        """Return the rigid motion closest to a shape's effect on a view's component, if it is in the main
+        piece.
+        """
         seen = next((o for o in shown.observations if o.view_index == view_index), None)
         if seen is None:
             return None
@@ -230,20 +242,26 @@ class Shapes:
             freed = tuple(replace(a, fixed=False) if a is last else a for a in document.accepted)
             return self.of(replace(document, accepted=freed))
         assert document.start_view is not None
-        return shape(self._seen.placed(sorted(document.used_views)), self._interval_px, document.start_view)
+        return shape(self._seen.placed(document.used_views), self._interval_px, document.start_view)
 
     def _with_hand(self, document: Document, before: Sequence[Accepted], last: Accepted) -> Shape:
         """Return the shape of a document of which the operator placed views, ``last`` after the others."""
         assert document.start_view is not None
-        by_hand: list[ByHand] = []
-        placed = {view.surface.frame.view_index: view for view in self._seen.placed(sorted(document.used_views))}
-        hands = {added.view_index for added in (*before, last)}
+        hands, by_hand = {added.view_index for added in (*before, last)}, list[ByHand]()
+        placed = {view.surface.frame.view_index: view for view in self._seen.placed(document.used_views)}
         free = [view for number, view in placed.items() if number not in hands]
         for added in (*before, last):
-            made = shape(free, self._interval_px, document.start_view, by_hand)
-            shown = associate(made.nodes, placed[added.view_index].surface, placed[added.view_index].object_from_camera)
-            both, at_hand = where_laid(self._seen, made, added, shown, self._views.flattening(added.view_index))
-            by_hand.append(ByHand(view=placed[added.view_index], shown=both, at_hand=at_hand))
+            made, view = (
+                shape(free, self._interval_px, document.start_view, by_hand),
+                placed[added.view_index],
+            )
+            shown = associate(made.nodes, view.surface, view.object_from_camera)
+            uv_m, _ = self._views.flattening(added.view_index).carrier.place_all()
+            is_own = self._seen.component_of_pixel(added.view_index) == added.component
+            laid = np.full(uv_m.shape, np.nan)
+            laid[is_own] = added.current_from_new.apply(uv_m[is_own].astype(np.float64))
+            kept = where_it_hangs(self._seen, made, added, shown)
+            by_hand.append(ByHand(view=view, on=made, shown=kept, pixel_uv_m=laid))
         return shape(free, self._interval_px, document.start_view, by_hand)
 
     def _associated(self, shown: Shape, view_index: int) -> Association:
@@ -253,14 +271,15 @@ class Shapes:
     def joined_piece(self, document: Document, added: Accepted) -> JoinedPiece | None:
         """Return the floating piece that a component joins to the shape where the operator placed it, if one.
 
-        It is the one to which most of the component's nodes belong, if the component lies on cloth of the shape.
+        It is the one to which most of the component's nodes belong, if the component lies on cloth of the
+        shape.
         """
         made = self.of(document)
         shown = self._associated(made, added.view_index)
         own = self._seen.places(added.view_index, shown.rc)
         piece = made.piece[shown.node]
         known = (own.component == added.component) & np.isfinite(own.uv_m[:, 0]) & (piece > 0)
-        if not known.any() or not _under(made, added, self._views.flattening(added.view_index)).node.size:
+        if not known.any() or not self._lies_on(made, added):
             return None
         number = int(np.bincount(piece[known]).argmax())
         at = known & (piece == number)
@@ -273,12 +292,21 @@ class Shapes:
             target_from_piece=added.current_from_new @ from_own.inverse(),
         )
 
+    def _lies_on(self, made: Shape, added: Accepted) -> bool:
+        """Return whether cloth of the main piece lies under a component where the operator placed it."""
+        view = self._views.part(added.view_index, added.component)
+        there = added.current_from_new.inverse().apply(made.all_uv_m[made.placed])
+        rc = np.rint(view.rc_from_uv(there)).astype(int)
+        inside = rc[((rc >= 0) & (rc < view.shape)).all(axis=1)]
+        return bool(view.valid[inside[:, 0], inside[:, 1]].any())
+
 
 def _is_moved(seen: RegisteredViews, made: Shape, added: Accepted, shown: Association) -> bool:
     """Return whether a placement is another than that at which the component's cloth hangs."""
-    return not _fits(seen, made, added, shown).sum() > 0.5 * (
-        seen.places(added.view_index, shown.rc).component == added.component
-    ).sum()
+    return (
+        not _fits(seen, made, added, shown).sum()
+        > 0.5 * (seen.places(added.view_index, shown.rc).component == added.component).sum()
+    )
 
 
 def _fits(seen: RegisteredViews, made: Shape, added: Accepted, shown: Association) -> Bool:
@@ -291,37 +319,12 @@ def _fits(seen: RegisteredViews, made: Shape, added: Accepted, shown: Associatio
     return near
 
 
-def where_laid(
-    seen: RegisteredViews, made: Shape, added: Accepted, shown: Association, flattening: Flattening
-) -> tuple[Association, Bool]:
-    """Return the nodes that a view shows where the operator laid a component of it, and which (K,) lie under it.
+def where_it_hangs(seen: RegisteredViews, made: Shape, added: Accepted, shown: Association) -> Association:
+    """Return those of the nodes ``shown`` by a view laid by hand that are the same cloth.
 
-    Cloth of the component that hangs elsewhere on the main piece is not the same cloth; that of a floating piece
+    Cloth of the component that was laid elsewhere on the main piece is not the same; that of a floating piece
     is, and comes with it. Other components are where they hang.
     """
     is_own = seen.places(added.view_index, shown.rc).component == added.component
-    under = _under(made, added, flattening)
     kept = ~is_own | (made.piece[shown.node] > 0) | _fits(seen, made, added, shown)
-    kept &= ~np.isin(shown.node, under.node)
-    both = Association(
-        node=np.concatenate([shown.node[kept], under.node]),
-        rc=np.concatenate([shown.rc[kept], under.rc]),
-        incidence_deg=np.concatenate([shown.incidence_deg[kept], under.incidence_deg]),
-    )
-    return both, np.arange(len(both.node)) >= kept.sum()
-
-
-def _under(made: Shape, added: Accepted, flattening: Flattening) -> Association:
-    """Return the nodes of the main piece on the plane under a component that the operator placed."""
-    view = flattening.components[added.component].view
-    placed = np.flatnonzero(made.placed).astype(np.int32)
-    there = added.current_from_new.inverse().apply(made.all_uv_m[placed])
-    rc = np.rint(view.rc_from_uv(there)).astype(int)
-    inside: Bool = np.asarray(((rc >= 0) & (rc < view.shape)).all(axis=1))
-    inside[inside] = view.valid[rc[inside, 0], rc[inside, 1]]
-    source = view.source_rc[rc[inside, 0], rc[inside, 1]].astype(np.float64)
-    source -= np.asarray(flattening.surface.frame.offset_rc)
-    quality = view.quality
-    assert quality is not None
-    incidence = quality[rc[inside, 0], rc[inside, 1], 1].astype(np.float64)
-    return Association(node=placed[inside], rc=source, incidence_deg=incidence)
+    return Association(node=shown.node[kept], rc=shown.rc[kept], incidence_deg=shown.incidence_deg[kept])

@@ -20,6 +20,7 @@ from flatcloth.methods.paper.merging import shows
 from flatcloth.rendering.layers import CONFLICT_M, difference, legends
 from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Document, Pending
+from flatcloth.shape.shape import Change
 from flatcloth.viewer.protocol.answers import HoverAnswer, PixelValues, SourcePlace
 from flatcloth.viewer.protocol.messages import Hover
 from flatcloth.viewer.protocol.sent import UV, Legend, typed
@@ -204,7 +205,7 @@ def _overlay(
         proposal=proposal,
         joined_piece=integration.algorithm.joined_piece(document),
         also=_placed_with_it(integration, pending, sheet),
-        foreseen=_foreseen(sheet, own_piece, [(view, new_points), *others]),
+        foreseen=_foreseen(sheet, own_piece, [(view, new_points), *others], proposal.placement.change),
         checks=_checks(sheet, view, score, integration.axis),
     )
 
@@ -252,7 +253,12 @@ def _other_components(
     return found
 
 
-def _foreseen(sheet: Sheet, own_piece: int, components: Sequence[tuple[FlattenedView, Bool]]) -> Foreseen:
+def _foreseen(
+    sheet: Sheet,
+    own_piece: int,
+    components: Sequence[tuple[FlattenedView, Bool]],
+    change: Change | None,
+) -> Foreseen:
     """Return what accepting a proposal on a piece would add (cm2), measure again, and join.
 
     ``components`` are those of the view, the chosen one first, each with where it is new.
@@ -266,7 +272,16 @@ def _foreseen(sheet: Sheet, own_piece: int, components: Sequence[tuple[Flattened
     on = sheet.piece[rc[inside, 0], rc[inside, 1]]
     covered = np.bincount(on[on >= 0], minlength=len(sheet.pieces) + 1) * view.pixel_size_m**2
     joins = [label_of(n) for n, area_m2 in enumerate(covered) if n != own_piece and area_m2 >= _JOINS_M2]
-    return Foreseen(added_cm2=pixel_cm2 * added, again_cm2=pixel_cm2 * (whole - added), joins=tuple(joins))
+    by_shape = {}
+    if change is not None:
+        by_shape = {
+            "moved_mm": 1e3 * change.moved_m,
+            "contradicted": change.contradicted,
+            "made_sure_cm2": 1e4 * change.made_sure_m2,
+        }
+    return Foreseen(
+        added_cm2=pixel_cm2 * added, again_cm2=pixel_cm2 * (whole - added), joins=tuple(joins), **by_shape
+    )
 
 
 def _checks(

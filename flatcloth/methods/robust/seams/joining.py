@@ -31,7 +31,7 @@ from flatcloth.methods.robust.seams.links import (
 from flatcloth.session.garment import DecidedSeam
 from flatcloth.shape.algorithm import laid_out
 from flatcloth.shape.deviations import deviations_m
-from flatcloth.shape.graph import Graph
+from flatcloth.shape.graph import Graph, merged, pairs_as_laid, rotations_at
 from flatcloth.shape.observations import PAIR_INTERVALS
 from flatcloth.shape.pieces import both_ends
 from flatcloth.shape.shape import PIECES_APART_M, Shape
@@ -47,9 +47,9 @@ class JoinedSide:
     """The other side of an item, laid out together with this one.
 
     ``shape`` is on its own plane, seen from its own outside; with ``MIRROR`` it lies on the plane of this
-    side if it ``is_related``: seams join its main piece to that of this side. The deviations of its nodes are relative to the main piece of this side, NaN if it is not related to that.
-    ``matches`` are where rims meet, ``links`` their sets; ``laid`` the floating pieces of
-    this side that seams join to its main piece.
+    side if it ``is_related``: seams join its main piece to that of this side. The deviations of its nodes are
+    relative to the main piece of this side, NaN if it is not related to that. ``matches`` are where rims
+    meet, ``links`` their sets; ``laid`` the floating pieces of this side that seams join to its main piece.
     """
 
     shape: Shape
@@ -209,23 +209,14 @@ def _one_graph(this: Shape, mirrored: Shape, seams: Matches, places: tuple[Float
     n, m = len(this.nodes), len(mirrored.nodes)
     own, its = _own_graph(this), _own_graph(mirrored)
     its = replace(its, pairs=its.pairs + np.int32(n), offset_m=-np.conj(its.offset_m))
-    parts = [own, its, _pairs_at(this, own, places[0], 0, n + m), _pairs_at(mirrored, its, places[1], n, n + m)]
-    pairs = np.concatenate([part.pairs for part in parts])
-    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
-
-    def listed(name: str) -> Float64:
-        every: Float64 = np.concatenate([getattr(part, name) for part in parts])[order]
-        return every
-
-    return Graph(
-        xyz_m=np.concatenate([this.nodes.xyz_m, mirrored.nodes.xyz_m, seams.xyz_m]),
-        pairs=pairs[order],
-        length_m=listed("length_m"),
-        offset_m=np.concatenate([part.offset_m for part in parts])[order],
-        variance_m2=listed("variance_m2"),
-        evidence=listed("evidence"),
-        views=np.concatenate([part.views for part in parts])[order],
-    )
+    parts = [
+        own,
+        its,
+        _pairs_at(this, own, places[0], 0, n + m),
+        _pairs_at(mirrored, its, places[1], n, n + m),
+    ]
+    graph, _ = merged(parts, np.concatenate([this.nodes.xyz_m, mirrored.nodes.xyz_m, seams.xyz_m]))
+    return graph
 
 
 def _own_graph(shape: Shape) -> Graph:
@@ -249,32 +240,21 @@ def _own_graph(shape: Shape) -> Graph:
 def _pairs_at(shape: Shape, graph: Graph, seam_uv_m: Float64, first_node: int, first_seam: int) -> Graph:
     """Return the pairs between the cloth of a side and places (K, 2) on seams: as the side lies.
 
-    ``graph`` is the side's, its nodes numbered from ``first_node``; the places are numbered from ``first_seam``.
+    ``graph`` is the side's, its nodes numbered from ``first_node``; the places are numbered from
+    ``first_seam``.
     """
     placed = np.flatnonzero(shape.has_place)
     reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
     near = cKDTree(shape.all_uv_m[placed]).query_ball_point(seam_uv_m, reach_m)
     seam = np.repeat(np.arange(len(seam_uv_m)), [len(each) for each in near])
     node = placed[np.concatenate([*near, []]).astype(np.int64)]
-    along = (seam_uv_m[seam] - shape.all_uv_m[node]) @ _TO_COMPLEX
-    known = np.abs(along) > 1e-6
-    seam, node, along = seam[known], node[known], along[known]
-    z = shape.all_uv_m @ _TO_COMPLEX
-    ends = graph.pairs - np.int32(first_node)
-    way, turn = z[ends[:, 1]] - z[ends[:, 0]], np.zeros(len(z), dtype=complex)
-    for end in (0, 1):  # the rotation of a node's frame on the plane, by its pairs
-        np.add.at(turn, ends[:, end], way * np.conj(graph.offset_m[:, end]))
-    turn /= np.maximum(np.abs(turn), np.finfo(float).tiny)
-    count = len(along)
-    return Graph(
-        xyz_m=graph.xyz_m,
-        pairs=np.stack([first_node + node, first_seam + seam], axis=1).astype(np.int32),
-        length_m=np.abs(along),
-        offset_m=np.stack([np.conj(turn[node]) * along, along], axis=1),
-        variance_m2=np.full(count, PLACE_STD_M**2),
-        evidence=np.full(count, _SEAM_EVIDENCE),
-        views=np.ones(count, dtype=np.int64),
-    )
+    z = np.full(first_seam + len(seam_uv_m), np.nan + 0j)
+    z[first_node : first_node + len(shape.nodes)] = shape.all_uv_m @ _TO_COMPLEX
+    z[first_seam:] = seam_uv_m @ _TO_COMPLEX
+    rotation = np.ones(len(z), dtype=complex)
+    rotation[:first_seam] = rotations_at(graph, z[:first_seam])
+    pairs = np.stack([first_node + node, first_seam + seam], axis=1).astype(np.int32)
+    return pairs_as_laid(graph, pairs, z, rotation, PLACE_STD_M, _SEAM_EVIDENCE)
 
 
 def _laid_out(this: Shape, graph: Graph) -> tuple[Both, Float64]:
@@ -292,7 +272,11 @@ def _laid_out(this: Shape, graph: Graph) -> tuple[Both, Float64]:
     motion = fit_rigid2(uv[own], this.all_uv_m[own])
     for number in range(int(piece.max()) + 1):
         at = piece == number
-        uv[at] = motion.apply(uv[at]) if number == 0 else uv[at] - uv[at].mean(axis=0) + (PIECES_APART_M * number, 0.0)
+        uv[at] = (
+            motion.apply(uv[at])
+            if number == 0
+            else uv[at] - uv[at].mean(axis=0) + (PIECES_APART_M * number, 0.0)
+        )
     uv[piece < 0] = np.nan
     reference = np.zeros(len(graph), dtype=np.bool_)
     reference[own] = True

@@ -17,14 +17,14 @@ MOST_STD_M = 0.034
 
 @dataclass(frozen=True, kw_only=True)
 class Both:
-    """Both sides on one plane: places ``all_uv_m`` (N, 2) of the nodes of this side, of the other, and of seams.
+    """Both sides on one plane: places ``all_uv_m`` (N, 2) of the nodes of this side, of the other, and of
+    seams.
 
     ``piece`` (N,) int32 is the piece of each, 0 for that of this side's main piece, -1 for none.
     """
 
     all_uv_m: Float64
     piece: Int32
-
 
 
 def nodes_on(shape: Shape, piece: FlattenedView) -> Int64:
@@ -61,9 +61,7 @@ def laid_piece(both: Both, this: Shape, nodes: Int64, index: int, std_m: Float64
     )
 
 
-def with_laid(
-    both: Both, this: Shape, nodes: Int64, piece: LaidPiece, std_m: Sequence[Float64]
-) -> Both:
+def with_laid(both: Both, this: Shape, nodes: Int64, piece: LaidPiece, std_m: Sequence[Float64]) -> Both:
     """Return both sides with a floating piece of this side, and what seams join to it, at a known place.
 
     ``nodes`` are those of the piece. Its standard deviation is added to those of the nodes (N,) of this side

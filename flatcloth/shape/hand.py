@@ -1,0 +1,83 @@
+"""Views that the operator laid by hand: pairs that he vouches for, where the views share nothing in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from flatcloth.core.types import Bool, Float64
+from flatcloth.shape.graph import Graph, Links, merged, pairs_as_laid, rotations_at
+from flatcloth.shape.observations import PAIR_INTERVALS, Association, Observation, PlacedView
+from flatcloth.shape.shape import Shape
+
+_STD_M = 0.003
+"""Standard deviation of a length between cloth that the operator laid and the shape under it. Set by hand."""
+_TO_COMPLEX = np.array([1.0, 1j])
+"""From (u, v) to u + iv. By definition."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ByHand:
+    """A view that the operator laid on a shape, ``on`` the views before it, where his eyes join cloth.
+
+    ``view`` with its pose; ``shown`` are nodes of that shape that the view shows, where its cloth hangs;
+    ``pixel_uv_m`` (H, W, 2) is where the view's pixels were laid on the plane, NaN for those that were not.
+    """
+
+    view: PlacedView
+    on: Shape
+    shown: Association
+    pixel_uv_m: Float64
+
+
+def with_hands(
+    graph: Graph, links: Links, seen: Sequence[Observation], by_hand: Sequence[ByHand]
+) -> tuple[Graph, Links, Bool]:
+    """Return a graph with pairs between the cloth that the operator laid and the cloth that it was laid on.
+
+    Parameters
+    ----------
+    graph, links
+        All views, those laid by hand last.
+    seen : sequence of Observation
+        What each of these sees.
+    by_hand : sequence of ByHand
+        How it was laid.
+
+    Returns
+    -------
+    Graph, Links
+        With the further pairs.
+    (P,) bool
+        The further pairs.
+    """
+    parts = [graph]
+    for view, laid in zip(seen, by_hand, strict=True):
+        row, col = np.rint(view.rc).astype(np.int32).T
+        z = np.full(len(graph), np.nan + 0j)
+        z[view.node] = laid.pixel_uv_m[row, col] @ _TO_COMPLEX
+        own = np.flatnonzero(np.isfinite(z))
+        rotation = rotations_at(graph, z)
+        under, first = np.full(len(graph), np.nan + 0j), len(laid.on.nodes)
+        under[:first] = laid.on.uv_m @ _TO_COMPLEX
+        under[own] = np.nan  # the same cloth needs no pair
+        there = np.flatnonzero(np.isfinite(under))
+        if not (own.size and there.size):
+            continue
+        rotation[there] = rotations_at(graph, under)[there]
+        z[there] = under[there]
+        reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
+        tree = cKDTree(np.stack([z[there].real, z[there].imag], axis=1))
+        near = tree.query_ball_point(np.stack([z[own].real, z[own].imag], axis=1), reach_m)
+        one = np.repeat(own, [len(each) for each in near])
+        pairs = np.sort(np.stack([one, there[np.concatenate([*near, []]).astype(np.int64)]], axis=1), axis=1)
+        known = {tuple(pair) for part in parts for pair in part.pairs.tolist()}
+        new = np.array([tuple(pair) not in known for pair in pairs.tolist()], dtype=np.bool_)
+        parts.append(pairs_as_laid(graph, pairs[new], z, rotation, _STD_M, evidence=1.0))
+    whole, order = merged(parts, graph.xyz_m)
+    place = np.empty(len(order), dtype=np.int32)
+    place[order] = np.arange(len(order), dtype=np.int32)
+    return whole, replace(links, pair=place[links.pair]), order >= len(graph.pairs)
