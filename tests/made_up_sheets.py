@@ -47,7 +47,7 @@ def on_cylinder(uv: Float64) -> tuple[Float64, Float64]:
 
 def on_cone(uv: Float64, half_angle: float = 0.6) -> tuple[Float64, Float64]:
     """A sheet wrapped around a cone, whose apex lies 0.1 m to the left of the first place."""
-    from_apex = uv + (0.1, 0.0)
+    from_apex = uv + np.array([0.1, 0.0])
     far, angle = np.hypot(*from_apex.T), np.arctan2(from_apex[:, 1], from_apex[:, 0])
     turn, sine = angle / np.sin(half_angle), np.sin(half_angle)
     ruling = np.stack(
@@ -124,7 +124,7 @@ def exact_graph(
     std_m: float = 0.0003,
     evidence: float = 1.0,
 ) -> Graph:
-    """Return the graph of nodes at ``uv`` (N, 2), each with a frame turned by ``frames`` (N,) on the plane."""
+    """Return the graph of nodes at ``uv`` (N, 2), their frames turned by ``frames`` (N,)."""
     ends = np.sort(neighbours(uv) if pairs is None else pairs, axis=1)
     ends = ends[np.lexsort((ends[:, 1], ends[:, 0]))]
     z = uv @ np.array([1.0, 1j])
@@ -142,7 +142,7 @@ def exact_graph(
 
 
 def shape_of(uv: Float64, observations: Sequence[Observation], nodes: Nodes | None = None) -> Shape:
-    """Return the shape of observations of a sheet, each piece as it is laid out, as near to ``uv`` as can be."""
+    """Return the shape of observations of a sheet, each piece moved as near to ``uv`` as can be."""
     own = nodes_at(uv) if nodes is None else nodes
     poses = (STILL,) * len(observations)
     graph, links = graph_of(own, observations, poses)
@@ -151,7 +151,7 @@ def shape_of(uv: Float64, observations: Sequence[Observation], nodes: Nodes | No
     for number in range(int(laid.piece.max()) + 1):
         at = laid.piece == number
         found = np.stack([laid.z.real, laid.z.imag], axis=1)[at]
-        places[at] = fit_rigid2(found, uv[at]).apply(found) + (PIECES_APART_M * number, 0.0)
+        places[at] = fit_rigid2(found, uv[at]).apply(found) + np.array([PIECES_APART_M * number, 0.0])
     return Shape(
         nodes=own,
         observations=tuple(observations),
@@ -162,7 +162,7 @@ def shape_of(uv: Float64, observations: Sequence[Observation], nodes: Nodes | No
         piece=laid.piece,
         all_uv_m=places,
         std_m=deviations_m(laid.at, graph, laid.piece == 0),
-        by_hand=np.zeros(len(own), dtype=bool),
+        vouched=np.zeros(len(graph.pairs), dtype=bool),
         scale=1.0,
     )
 

@@ -23,7 +23,7 @@ def deviations(graph: Graph, own: Bool | None = None, reference: Bool | None = N
 
 
 def with_flap(neck: int) -> tuple[Graph, Bool]:
-    """A plate and a flap of 10 x 10 nodes, joined by a strip so many nodes wide and 5 long; the flap's nodes."""
+    """A plate and a flap of 10 x 10 nodes, joined by a strip so many nodes wide; the flap's nodes."""
     flap = grid(10, 10, (25 * STEP_M, 5 * STEP_M))
     strip = grid(neck, 5, (20 * STEP_M, 8 * STEP_M))
     uv = np.concatenate([PLATE, flap, strip])
@@ -60,7 +60,7 @@ def test_deviations_grow_with_the_errors_of_pairs() -> None:
 
 
 def test_an_error_where_much_hangs_on_it_counts_most() -> None:
-    """The same worse pairs on the neck move the flap; at the far end of the plate they move next to nothing."""
+    """The same worse pairs on the neck move the flap; at the far end of the plate they move little."""
     graph, on_flap = with_flap(3)
     u = np.arange(len(graph))
     left = graph.xyz_m[:, 0][graph.pairs].max(axis=1) < 4 * STEP_M

@@ -1,4 +1,4 @@
-"""The canonical view of two views of a cylinder: every pixel from the view that saw it best, and how sure it is."""
+"""The canonical view of two views of a cylinder: each pixel from the view that saw it best."""
 
 from __future__ import annotations
 

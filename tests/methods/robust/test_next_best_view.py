@@ -84,10 +84,7 @@ def test_cloth_behind_a_nearer_layer_is_not_expected_to_be_seen(shape: Shape) ->
     def overlap_m2(farther_m: float) -> float:
         xyz = np.concatenate([shape.nodes.xyz_m, 0.9 * (shape.nodes.xyz_m - AXIS.point_m) + AXIS.point_m])
         xyz[len(shape.nodes) :] += (farther_m - 0.012) * behind
-        twice = {
-            name: np.concatenate([getattr(shape, name)] * 2)
-            for name in ("piece", "std_m", "by_hand", "all_uv_m")
-        }
+        twice = {name: np.concatenate([getattr(shape, name)] * 2) for name in ("piece", "std_m", "all_uv_m")}
         twice["all_uv_m"][len(shape.nodes) :] += (0.0, 1.0)
         nodes = replace(
             shape.nodes, xyz_m=xyz, normal=np.tile(shape.nodes.normal, (2, 1)), weight=np.ones(len(xyz))

@@ -140,7 +140,7 @@ def torn() -> Integration:
 
 
 def part_of(made: Integration, view: int) -> tuple[int, Rigid2]:
-    """The component of a view that shows the smaller part, and how its plane lies where the cylinder has it."""
+    """The component of a view that shows the smaller part, and the motion from its plane to the cylinder's."""
     for number, component in enumerate(made.views.flattening(view).components):
         shown = component.view
         flat = Cylinder().flat_uv_m(shown.xyz_m[shown.valid].astype(float))
@@ -187,7 +187,7 @@ def test_what_floats_is_joined_where_the_operator_lays_it_and_keeps_its_layout(t
     assert off_m(found, true) < 0.004
     laid = plane_from_flat.inverse().apply(found) - true
     np.testing.assert_allclose(np.median(laid, axis=0), [-LAID_M, 0.0], atol=0.004)
-    assert after.by_hand.any()
+    assert after.vouched.any()
 
 
 def test_the_page_is_told_which_piece_a_view_would_join_where_it_is_moved(torn: Integration) -> None:
