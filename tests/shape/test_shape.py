@@ -72,7 +72,7 @@ def test_a_camera_that_stands_elsewhere_sees_the_same_cloth(exact: Shape) -> Non
 
 def test_lengths_that_noise_took_of_ripples_are_given_back_to_places_and_pairs_alike() -> None:
     x, _ = rays()
-    depth = plane() + 0.008 * np.sin(x * 0.85 / 0.008)  # 50 mm from crest to crest
+    depth = plane() + 0.012 * np.sin(x * 0.85 / 0.008)  # 50 mm from crest to crest
     surface = observe_surface(frame(depth, box(0.09, depth)), AXIS, SurfaceConfig())
     made = {}
     for noisy in (False, True):
@@ -82,12 +82,12 @@ def test_lengths_that_noise_took_of_ripples_are_given_back_to_places_and_pairs_a
         )
     assert made[False].scale == 1.0
     rippled = made[True]
-    assert 1.0003 < rippled.scale < 1.1
+    assert 1.002 < rippled.scale < 1.1
     seen_m = rippled.observations[0].edge_length_m
     np.testing.assert_allclose(rippled.links.length_m, rippled.scale * seen_m)
     ends = rippled.uv_m[rippled.links.edges]
     lengths_m = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    assert np.median(lengths_m / rippled.links.length_m) == pytest.approx(1.0, abs=0.0002)
+    assert np.nanmedian(lengths_m / rippled.links.length_m) == pytest.approx(1.0, abs=0.001)
 
 
 def test_parts_are_taken_off_at_the_scale_of_the_whole(exact: Shape) -> None:

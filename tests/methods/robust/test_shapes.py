@@ -140,7 +140,7 @@ def torn() -> Integration:
 
 
 def part_of(made: Integration, view: int) -> tuple[int, Rigid2]:
-    """The component of a view that shows the smaller part, and the motion from its plane to the cylinder's."""
+    """The component of a view that shows the smaller part, and the motion from there to the cylinder's."""
     for number, component in enumerate(made.views.flattening(view).components):
         shown = component.view
         flat = Cylinder().flat_uv_m(shown.xyz_m[shown.valid].astype(float))
