@@ -12,15 +12,14 @@ from benchmarks.output import Options
 # page's threads do together.
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch", "strokes")
 ASKED_FOR = (
-    *("soak", "confidence", "accuracy", "stability", "paper_steps", "paper_candidates"),
+    *("soak", "states", "shape", "confidence", "accuracy", "paper_steps", "paper_candidates"),
     *("same", "sides", "seams", "strain", "constants", "mutants", "mistakes", "unmended"),
     *("mended_results", "active", "operating", "sensor", "tables"),
 )
-"""Run only if named: ``soak`` takes an hour, ``confidence`` learns what ``reliability`` measures, the others
-are about given recordings."""
+"""Run only if named: ``soak`` takes an hour, ``states`` makes recordings, the others are about given ones."""
 ON_ONE_CORE = (
     *("flattening", "reliability", "axis", "registration", "noise", "segmentation", "segmented"),
-    *("fused", "growth", "reach", "garments", "speed", "exports"),
+    *("fused", "reach", "garments", "speed", "exports"),
 )
 
 
@@ -60,9 +59,12 @@ def main() -> None:
         "--keep",
         default="",
         metavar="DIR",
-        help="of what measures each recording, constant or mutant: where that is kept",
+        help="where what is measured of each recording, constant or mutant is kept; states: its recordings",
     )
-    parser.add_argument("--meshes", nargs="+", default=[], metavar="OBJ", help="active: hanging meshes")
+    parser.add_argument(
+        "--meshes", nargs="+", default=[], metavar="OBJ", help="active, states: hanging meshes"
+    )
+    parser.add_argument("--against", default="", metavar="FILE", help="shape: figures of another commit")
     parser.add_argument(
         "--sensor", default="stereo", choices=("d435", "stereo"), help="active: noise (default: stereo)"
     )
@@ -79,6 +81,7 @@ def main() -> None:
         views=arguments.views,
         keep=arguments.keep,
         meshes=arguments.meshes,
+        against=arguments.against,
         sensor=arguments.sensor,
         starts=arguments.starts,
     )

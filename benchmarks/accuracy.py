@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.markdown import of_recordings
 from benchmarks.output import Options
 from benchmarks.unattended import measure_each, unattended
 from flatcloth.core.types import finite
@@ -76,16 +77,10 @@ def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def page(rows: Sequence[dict[str, Any]]) -> str:
     """Return the Markdown page."""
-    cells = (
-        [row["recording"], *("" if row[key] is None else str(row[key]) for key in _COLUMNS)] for row in rows
-    )
-    lines = "\n".join(f"| {' | '.join(row)} |" for row in cells)
     return f"""# Unattended results against the truth
 
 Method `robust`, the worst recording first. Coverage is the shape's alone, of all cloth that any view shows;
 floating pieces are not in it.
 
-| recording | {" | ".join(_COLUMNS.values())} |
-|{"---|" * (len(_COLUMNS) + 1)}
-{lines}
+{of_recordings(rows, _COLUMNS)}
 """

@@ -1,7 +1,7 @@
 """What compiling the numerics costs on a fresh machine, and which kernels a typical integration needs.
 
-An empty cache of numba: the warm-up's two processes first, then a bundled recording unattended, and its
-sides found without its masks, with a stroke, which compiles what the table of kernels
+An empty cache of numba: the warm-up's two processes first, then a bundled recording unattended, a proposal,
+and its sides found without its masks, with a stroke, which compiles what the table of kernels
 (flatcloth/engine/kernels/table.json) lacks. The table is written from what was seen. Processor seconds
 depend little on what else the machine does; the clock does.
 """
@@ -125,6 +125,7 @@ def _watch(written: Path, out: str) -> None:
     is_first = False
     warm_up()
     main(["run", RECORDING, "--out", out])
+    _propose()
     _segment()
     written.write_text(json.dumps(seen))
 
@@ -140,6 +141,22 @@ def _first_picture(recording: str) -> None:
     state = apply(SessionState(len(integration.recording)), Start())
     assert state.request is not None
     state = apply(state, integration.answer(state.document, state.request))
+    make_picture(integration, state.document, None)
+
+
+def _propose() -> None:
+    """Compute the first proposal of a session, which a run without an operator does not."""
+    from flatcloth.engine.integration import Integration
+    from flatcloth.recordings import open_recording
+    from flatcloth.session.machine import Propose, SessionState, Start, apply
+    from flatcloth.viewer.protocol.picture import make_picture
+
+    integration = Integration(open_recording(RECORDING))
+    state = SessionState(len(integration.recording))
+    for command in (Start(), Propose()):
+        state = apply(state, command)
+        assert state.request is not None
+        state = apply(state, integration.answer(state.document, state.request))
     make_picture(integration, state.document, None)
 
 

@@ -1,137 +1,83 @@
-"""Does the confidence of a proposal tell right from wrong? And how its weights were learned.
+"""Does the confidence of a placement tell right from wrong? And how its weights were learned.
 
-For each proposal of an unattended integration, each component is scored at all places that the method
-considered for it: *natural* cases, whose wrong ones are layers, folds and repeated texture. Places that
-are wrong on purpose (moved, turned, or where another component belongs) are told apart from them.
-Which are right is judged by the truth: right within 12 mm in the median, wrong beyond 20 mm; between,
-neither. Weights are also learned without each garment in turn, and scored on that garment.
+Each third view of an unattended result is taken out of its shape, and its components are scored where the
+shape with the view has them, and where they are wrong on purpose: moved, turned, or where another component
+of the view belongs. Which are right is judged by the truth: right within 12 mm in the median, wrong beyond
+20 mm; between, neither. Weights are also learned without each garment in turn, and scored on that garment.
 """
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks.inputs import Remembered, sources
-from benchmarks.output import Options
+from benchmarks.inputs import sources
+from benchmarks.node_truth import true_at, true_places
+from benchmarks.output import Options, save, say
+from benchmarks.unattended import unattended
 from flatcloth.core.config import RobustConfig
+from flatcloth.core.errors import AlignmentError
 from flatcloth.core.geometry import fit_rigid2, project
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
-from flatcloth.engine.garment.deciding import place_sure_pieces
-from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.engine.headless import Run
-from flatcloth.engine.integration import Integration
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.scoring import CONFIDENCE_WEIGHTS, FEATURES, confidence_of, features_of
-from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import Truth, read_truth
-from flatcloth.session.machine import Accept, Command, Document, Event, MemorySession, Reject, SessionState
 
 RIGHT_M, WRONG_M, NEAR_M = 0.012, 0.020, 0.12
 SAME_PIECE_M = 2.0
+EVERY = 3
 WRONG_PER_PART = 2
 
 
 @dataclass(frozen=True)
 class Laid:
-    """A placement: its score's parts, the error by the truth (m), and whether it was moved on purpose."""
+    """A placement: its score's parts, and the error by the truth (m)."""
 
-    recording: str
     garment: str
     parts: dict[str, float]
     error_m: float
-    moved: bool
 
 
-@dataclass(frozen=True)
-class Watched:
-    """An unattended integration: what computed, its final document and truth, and all its proposals."""
-
-    integration: Integration
-    document: Document
-    truth: Any
-    proposals: list[tuple[Document, int]]
-
-
-def watched(source: str) -> Watched:
-    """Integrate a recording; keep the document before each proposal, and the view that was proposed."""
-    integration = Integration(Remembered(open_recording(source)))
-    truth = Remembered(read_truth(integration.recording.location))
-    proposals: list[tuple[Document, int]] = []
-
-    def watch(event: Command | Event) -> None:
-        if isinstance(event, Accept | Reject):
-            proposals.append((before[0], event.view_index))
-        before[0] = run.state.document
-
-    session = MemorySession(SessionState(len(integration.recording)))
-    run = Run(integration, session, watch=watch)
-    before = [run.state.document]
-    run.finish()
-    place_sure_pieces(GarmentService(integration), session)  # as ``flatcloth run`` does
-    return Watched(integration, session.state.document, truth, proposals)
-
-
-def placements_of(found: Watched, random: np.random.Generator) -> list[Laid]:
-    """Return right and wrong placements of one recording."""
-    integration, truth = found.integration, found.truth
-    robust = integration.algorithm
+def placements_of(source: str) -> Iterator[Laid]:
+    """Yield right and wrong placements of one recording."""
+    integration, document, truth = unattended(source)
+    robust, intrinsics = integration.algorithm, integration.recording.intrinsics
     assert isinstance(robust, RobustMethod)
-    name = integration.recording.name
-    laid: list[Laid] = []
-    for document, view in found.proposals:
-        shape, parts = robust.shapes.shape(document), robust.search.components(document, view)
-        considered = robust.search.search(document, view).hypotheses
-        node_truth = _truth_of_nodes(integration, document, truth)
-        for component, hypotheses in considered.items():
-            part = parts[component]
-            held = robust.seen.associated(shape, view)[1]
-            rc = project(held.inverse().apply(part.xyz_m), integration.recording.intrinsics)
-            true = _truth_at(truth, view, rc)
-            best = hypotheses[0].current_from_new
-            motions = [(hypothesis.current_from_new, False) for hypothesis in hypotheses]
-            motions += [(_disturbed(best, part.uv_m, random), True) for _ in range(WRONG_PER_PART)]
-            motions += [(h[0].current_from_new, True) for c, h in considered.items() if c != component][:1]
-            for motion, moved in motions:
-                error = _error_m(motion.apply(part.uv_m), true, shape.all_uv_m, node_truth)
-                if np.isfinite(error):
-                    score = robust.score(document, view, component, motion)
-                    laid.append(Laid(name, truth.garment, score.parts, error, moved))
-    return laid
+    random = np.random.default_rng(crc32(integration.recording.name.encode()))
+    for added in document.accepted[::EVERY]:
+        view = added.view_index
+        others = replace(document, accepted=tuple(a for a in document.accepted if a.view_index != view))
+        try:
+            placement = robust.propose(others, view, None)
+        except AlignmentError:
+            continue
+        shape = robust.shapes.of(others)
+        node_truth = true_places(shape, robust.seen.surfaces(shape), truth)
+        held = robust.seen.poses((*shape.views, view))[-1]
+        found = {part.component: part.hypothesis.initial for part in placement.parts if part.hypothesis}
+        for component, motion in found.items():
+            sampled = robust._sampled(others, view)[component]
+            true = true_at(truth, view, project(held.inverse().apply(sampled.xyz_m), intrinsics))
+            motions = [motion, *(_disturbed(motion, sampled.uv_m, random) for _ in range(WRONG_PER_PART))]
+            motions += [other for number, other in found.items() if number != component][:1]
+            for own in motions:
+                error_m = _error_m(own.apply(sampled.uv_m), true, shape.all_uv_m, node_truth)
+                if np.isfinite(error_m):
+                    score = robust.score(others, view, component, own)
+                    yield Laid(truth.garment, score.parts, error_m)
 
 
-def _disturbed(
-    motion: Rigid2, uv_m: Float64, random: np.random.Generator, least_m: float = 0.0, most_deg: float = 40.0
-) -> Rigid2:
-    """Move by 25 to 120 mm (or by ``least_m``), and turn by up to ``most_deg`` about the part's middle."""
+def _disturbed(motion: Rigid2, uv_m: Float64, random: np.random.Generator) -> Rigid2:
+    """Move by 25 to 120 mm, and turn by up to 40 degrees about the part's middle, or not."""
     center = motion.apply(uv_m).mean(axis=0)
-    direction, length = random.uniform(0, 2 * np.pi), least_m or random.uniform(0.025, 0.12)
-    turn = np.radians(random.uniform(-most_deg, most_deg)) * random.integers(0, 2)
+    direction, length = random.uniform(0, 2 * np.pi), random.uniform(0.025, 0.12)
+    turn = np.radians(random.uniform(-40.0, 40.0)) * random.integers(0, 2)
     shift = length * np.array([np.cos(direction), np.sin(direction)])
     return Rigid2(float(turn), float(shift[0]), float(shift[1])).about(center) @ motion
-
-
-def _truth_at(truth: Truth, view: int, rc: Float64) -> Float64:
-    true = truth[view]
-    shown = of_interest(true, truth.panel_of_interest)
-    flat = np.where(shown[..., None], true.flat_uv_m, np.nan)
-    return bilinear_on_layer(flat, rc).astype(np.float64)
-
-
-def _truth_of_nodes(integration: Integration, document: Document, truth: Truth) -> Float64:
-    robust = integration.algorithm
-    assert isinstance(robust, RobustMethod)
-    shape = robust.shapes.shape(document)
-    result = np.full((len(shape.nodes), 2), np.nan)
-    for observation in shape.observations:
-        offset = np.array(robust.seen.surfaces(shape)[observation.view_index].frame.offset_rc)
-        result[observation.node] = _truth_at(truth, observation.view_index, observation.rc + offset)
-    return result
 
 
 def _error_m(placed: Float64, true: Float64, node_uv: Float64, node_truth: Float64) -> float:
@@ -151,13 +97,7 @@ def _error_m(placed: Float64, true: Float64, node_uv: Float64, node_truth: Float
 
 def area_under_roc(right: Float64, wrong: Float64) -> float:
     """Return the share of (right, wrong) pairs in which the right one scores higher; ties count half."""
-    both = np.concatenate([right, wrong])
-    order = np.argsort(both, kind="stable")
-    _, first, count = np.unique(both[order], return_index=True, return_counts=True)
-    rank = np.empty(both.size)
-    rank[order] = np.repeat(first + 0.5 * (count + 1), count)
-    total = rank[: right.size].sum() - right.size * (right.size + 1) / 2
-    return float(total / (right.size * wrong.size))
+    return float(((right[:, None] > wrong) + 0.5 * (right[:, None] == wrong)).mean())
 
 
 def learned_weights(laid: list[Laid]) -> Float64:
@@ -188,15 +128,10 @@ def left_out_scores(laid: list[Laid]) -> Float64:
     return scores
 
 
-def figures_of(laid: list[Laid], scores: Float64, accept: float, *, moved: bool) -> dict[str, Any]:
-    """Return how well scores tell right from wrong among the natural placements, or the moved ones.
-
-    Right placements are natural in both cases.
-    """
-    error, was_moved = np.array([p.error_m for p in laid]), np.array([p.moved for p in laid])
-    known = np.isfinite(scores)
-    right = scores[known & (error <= RIGHT_M) & ~was_moved]
-    wrong = scores[known & (error >= WRONG_M) & (was_moved == moved)]
+def figures_of(laid: list[Laid], scores: Float64, accept: float) -> dict[str, Any]:
+    """Return how well scores tell right from wrong placements."""
+    error, known = np.array([p.error_m for p in laid]), np.isfinite(scores)
+    right, wrong = scores[known & (error <= RIGHT_M)], scores[known & (error >= WRONG_M)]
     found: dict[str, Any] = {"right": int(right.size), "wrong": int(wrong.size)}
     if right.size and wrong.size:
         found |= {
@@ -207,25 +142,20 @@ def figures_of(laid: list[Laid], scores: Float64, accept: float, *, moved: bool)
     return found
 
 
-def judged(laid: list[Laid], scores: Float64, left_out: Float64) -> dict[str, dict[str, Any]]:
-    """Return :func:`figures_of` natural and moved placements, by scores as used and without their garment."""
-    accept = RobustConfig().accept_confidence
-    return {
-        f"{kind}{suffix}": figures_of(laid, own, accept, moved=kind == "moved")
-        for kind in ("natural", "moved")
-        for suffix, own in (("", scores), ("_garment_left_out", left_out))
-    }
-
-
 def run(options: Options) -> None:
-    """Measure and print; ``reliability`` writes the same figures."""
-    random = np.random.default_rng(0)
+    """Measure and print; write ``results/confidence.json`` unless ``quick``."""
     names = sources(options.recordings)
-    laid = [placement for name in names for placement in placements_of(watched(name), random)]
+    laid = [placement for name in names for placement in placements_of(name)]
     weights = CONFIDENCE_WEIGHTS
     if options.learn:
         weights = tuple(float(w) for w in learned_weights(laid))
-        print("weights:", ", ".join(f"{n} {w:.2f}" for n, w in zip(FEATURES, weights, strict=True)))
-    scored = np.array([confidence_of(p.parts, weights) for p in laid])
-    figures = {"recordings": len(names), **judged(laid, scored, left_out_scores(laid))}
-    print(json.dumps(figures, indent=1))
+        say("weights: " + ", ".join(f"{n} {w:.2f}" for n, w in zip(FEATURES, weights, strict=True)))
+    accept = RobustConfig().accept_confidence
+    scores = np.array([confidence_of(p.parts, weights) for p in laid])
+    figures = {
+        "as_used": figures_of(laid, scores, accept),
+        "garment_left_out": figures_of(laid, left_out_scores(laid), accept),
+    }
+    say(str(figures))
+    if not options.quick:
+        save("confidence", figures, names)

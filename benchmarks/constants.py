@@ -52,7 +52,7 @@ COMPARED = {
 change that is listed: as processors differ."""
 
 
-CONVERGENCE = "STILL_M"
+CONVERGENCE = "_STILL_M"
 """The constant that ends the minimisation. How far results move with it is taken for their noise: where few
 places of a seam hold a large piece, any change moves it by millimetres. ..."""
 _NOISE_FACTOR = 1.5

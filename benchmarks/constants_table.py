@@ -30,21 +30,21 @@ SHORT = {
 CHANGED = ("the result", "the last digits", "nothing")
 KEPT_FOR = {
     "bounds memory or time, or ends what has converged": (
-        "MOST_STEPS", "_FACTORS", "MOST_PIXELS", "_STILL", "KEPT_BYTES", "MOST_KEPT", "_FILLED", "THREADS",
+        "MOST_STEPS", "_FACTORS", "MOST_PIXELS", "_STILL", "MOST_KEPT", "_FILLED", "THREADS",
         "_IMAGES_KEPT", "_TRIES",
     ),
     "finds the axis of recordings that name none (`python -m benchmarks axis`)": (
         "TOP_M", "_AROUND_M", "VIEWS_USED", "_GATES", "_GRID_PIXELS", "_LEAST_AGREEING", "_SCALES_M",
         "_USUAL_TILT", "thinned()",
     ),
-    "finds wrong poses and turns (`python -m benchmarks mistakes`)": ("_LOOK", "_PARTNERS", "_LEAST_POINTS"),
+    "finds wrong poses and turns (`python -m benchmarks mistakes`)": ("_LOOK", "_LEAST_POINTS"),
     "serves an operator: how sure a proposal is, points placed by hand, strokes (`python -m benchmarks "
     "confidence`, `strokes`)": (
         "CONFIDENCE_WEIGHTS", "_REFINE_RADIUS_M", "HELD_STD_M", "_CONTRADICTED", "_MOST_INNER",
         "LEAST_AREA_M2", "SegmentationConfig.thickness_weight",
     ),
     "cuts or doubts false links, which these recordings do not have (`python -m benchmarks accuracy`, "
-    "`garments`)": ("MOST_CUT_EVIDENCE", "WEAK_EVIDENCE", "_BENT"),
+    "`garments`)": ("WEAK_EVIDENCE", "_BENT"),
     "is about what these recordings do not show: openings inside the outline, grippers, too small items": (
         "HOLE_M", "_UNLIKE", "_SMALL_SHARE", "LEAST_ITEM_M2",
     ),

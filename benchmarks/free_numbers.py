@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 ROOT = Path(__file__).parents[1]
-NUMERICS = ("methods", "flattening", "segmentation", "garments", "registration")
+NUMERICS = ("shape", "methods", "flattening", "segmentation", "garments", "registration")
 FORMULA = {0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 90.0, 180.0, 360.0, 255.0, 1e3, 1e4, 1.4826}
 """Numbers inside functions that are part of a formula or change a unit; 1.4826 is the deviation of a normal
 distribution in units of its median absolute deviation."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from benchmarks.output import RESULTS
@@ -18,6 +18,12 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(str(cell) for cell in line)} |" for line in lines)
+
+
+def of_recordings(rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
+    """Return a table of figures of recordings; ``columns`` says which, and what they are called."""
+    cells = ([row["recording"], *("" if row[k] is None else row[k] for k in columns)] for row in rows)
+    return table(("recording", *columns.values()), cells)
 
 
 def percent(share: float, digits: int = 0) -> str:

@@ -21,12 +21,12 @@ class Options:
     """What the command line asks of a benchmark.
 
     ``recordings`` are measured instead of the bundled ones; ``quick`` asks for few problems, one
-    repetition and no result file; ``learn`` for weights that are learned anew; ``other`` for an operator
+    repetition and no result file; ``learn`` for weights that are learned again; ``other`` for an operator
     who wants the other panel than the recording's own. ``copies``, ``timed`` and ``views`` say how large
-    ``batch`` is. ``keep`` is a folder where ``accuracy``, ``sides``, ``reliability``, ``paper_steps``,
-    ``mistakes``, ``unmended`` and ``mended_results`` keep what they measured of each recording, so that many
-    can be measured in pieces. ``meshes``, the ``sensor`` that looks at them, and ``starts``, the number of
-    start angles, are those of ``active``.
+    ``batch`` is. ``keep`` is a folder where benchmarks of whole recordings keep what they measured of each,
+    so that many can be measured in pieces, and where ``states`` makes its recordings. ``against`` names
+    figures of another commit. ``meshes`` are those of ``active`` and ``states``; the ``sensor`` that looks at
+    them, and ``starts``, the number of start angles, those of ``active``.
     """
 
     recordings: Sequence[str] = ()
@@ -37,6 +37,7 @@ class Options:
     timed: int = 200
     views: int = 0
     keep: str = ""
+    against: str = ""
     meshes: Sequence[str] = ()
     sensor: str = "stereo"
     starts: int = 3

@@ -1,39 +1,27 @@
-"""Are the claimed standard deviations true, and does the confidence tell right from wrong?
+"""Are the claimed standard deviations true?
 
 Each recording is integrated without an operator. Its pixels' errors against the truth are compared with
-their standard deviations (a reliability curve), and the scores of all natural placements with whether
-they are right (a ROC; see ``benchmarks.confidence``). A factor on the standard deviations is fitted
-without each garment in turn, so that 98 % of the others' pixels are within three of them plus 1 mm; it
-is 1 where they are right as they are.
+their standard deviations (a reliability curve). A factor on the standard deviations is fitted without each
+garment in turn, so that 98 % of the others' pixels are within three of them plus 1 mm; it is 1 where they
+are right as they are.
 """
 
 from __future__ import annotations
 
 import gc
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import numpy as np
 
-from benchmarks.confidence import (
-    RIGHT_M,
-    WRONG_M,
-    Laid,
-    judged,
-    left_out_scores,
-    placements_of,
-    watched,
-)
 from benchmarks.inputs import sources
 from benchmarks.output import RESULTS, Options, save, save_page, say
+from benchmarks.unattended import unattended
 from flatcloth.core.types import Float64
 from flatcloth.engine.evaluation import compare
-from flatcloth.methods.robust.scoring import CONFIDENCE_WEIGHTS, confidence_of
 
 WITHIN, STDS, ALLOWED_MM = 0.98, 3.0, 1.0
 _EDGES_MM = (1.5, 2.25, 2.75, 3.5, 5.0, 7.0, 10.0, 15.0, 25.0, 50.0)
@@ -100,84 +88,53 @@ def rows_of(found: Sequence[PixelErrors]) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: float(row["within_3_std_share"]))
 
 
-def roc(laid: Sequence[Laid], scores: Float64) -> tuple[Float64, Float64]:
-    """Return the shares of wrong and of right natural placements at or above each score, from (0, 0)."""
-    natural = np.array([not p.moved for p in laid]) & np.isfinite(scores)
-    error = np.array([p.error_m for p in laid])
-    right, wrong = (np.sort(scores[natural & own]) for own in (error <= RIGHT_M, error >= WRONG_M))
-    steps = np.unique(np.concatenate([right, wrong, [np.inf]]))[::-1]
-    shares = [1.0 - np.searchsorted(own, steps) / max(own.size, 1) for own in (wrong, right)]
-    return shares[0], shares[1]
-
-
-def measured(source: str) -> tuple[PixelErrors, list[Laid]]:
-    """Return the pixels' errors of a recording's unattended result, and the placements considered for it."""
-    found = watched(source)
-    recording, truth = found.integration.recording, found.truth
-    compared = compare(found.integration.canonical(found.document).view, truth, recording)
+def measured(source: str) -> PixelErrors:
+    """Return the pixels' errors of a recording's unattended result."""
+    integration, document, truth = unattended(source)
+    compared = compare(integration.canonical(document).view, truth, integration.recording)
     error_mm = 1e3 * np.linalg.norm(compared.flat_uv_m - compared.true_uv_m, axis=1)
-    errors = PixelErrors(recording.name, truth.garment, error_mm, compared.std_mm)
-    return errors, placements_of(found, np.random.default_rng(crc32(recording.name.encode())))
+    return PixelErrors(integration.recording.name, truth.garment, error_mm, compared.std_mm)
 
 
-def keep(file: Path, errors: PixelErrors, laid: Sequence[Laid]) -> None:
+def keep(file: Path, errors: PixelErrors) -> None:
     """Write what was measured of a recording."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    about = {"recording": errors.recording, "garment": errors.garment, "laid": [asdict(p) for p in laid]}
     with file.open("wb") as stream:
-        np.savez_compressed(
-            stream, error_mm=errors.error_mm, std_mm=errors.std_mm, about=np.array(json.dumps(about))
-        )
+        np.savez_compressed(stream, **{key: np.asarray(value) for key, value in vars(errors).items()})
 
 
-def kept(file: Path) -> tuple[PixelErrors, list[Laid]]:
+def kept(file: Path) -> PixelErrors:
     """Read what :func:`keep` wrote."""
     with np.load(file, allow_pickle=False) as data:
-        about = json.loads(str(data["about"]))
-        errors = PixelErrors(about["recording"], about["garment"], data["error_mm"], data["std_mm"])
-    return errors, [Laid(**placement) for placement in about["laid"]]
+        return PixelErrors(str(data["recording"]), str(data["garment"]), data["error_mm"], data["std_mm"])
 
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/reliability.json``, ``.md`` and ``.png`` unless ``quick``."""
-    names = sources(options.recordings)
-    errors, laid = [], []
+    names, errors = sources(options.recordings), []
     for name in names:
         file = Path(options.keep) / f"{Path(name).name}.npz" if options.keep else None
         found = kept(file) if file is not None and file.exists() else measured(name)
         if file is not None and not file.exists():
-            keep(file, *found)
+            keep(file, found)
         gc.collect()  # an integration and its caches refer to one another
-        errors.append(found[0])
-        laid += found[1]
-        say(f"{errors[-1].recording:<24} {errors[-1].within():.1%} within three standard deviations")
-    scores = np.array([confidence_of(p.parts, CONFIDENCE_WEIGHTS) for p in laid])
-    left_out = left_out_scores(laid)
-    figures = {
-        "recordings": rows_of(errors),
-        "curve": curve(errors),
-        **judged(laid, scores, left_out),
-    }
+        errors.append(found)
+        say(f"{found.recording:<24} {found.within():.1%} within three standard deviations")
+    figures = {"recordings": rows_of(errors), "curve": curve(errors)}
     say(page(figures))
     if not options.quick:
         save("reliability", figures, names)
         save_page("reliability", page(figures), names)
-        _draw(errors, laid, {"as used": scores, "garment left out": left_out})
+        _draw(errors)
 
 
 def page(figures: dict[str, Any]) -> str:
     """Return the Markdown page."""
     rows = "\n".join("| " + " | ".join(str(v) for v in row.values()) + " |" for row in figures["recordings"])
     bins = "\n".join("| " + " | ".join(str(v) for v in row.values()) + " |" for row in figures["curve"])
-    kinds = ("natural", "natural_garment_left_out", "moved", "moved_garment_left_out")
-    columns = ("right", "wrong", "area_under_roc", "right_accepted", "wrong_accepted")
-    told = "\n".join(
-        f"| {kind.replace('_', ' ')} | " + " | ".join(str(figures[kind].get(c, "")) for c in columns) + " |"
-        for kind in kinds
-    )
-    return f"""# Are standard deviations and confidences true?
+    return f"""# Are standard deviations true?
 
-![Reliability curve and ROC](reliability.png)
+![Reliability curve](reliability.png)
 
 Recordings, the worst first. The factor is fitted on the recordings of all other garments.
 
@@ -190,42 +147,26 @@ Pixels by claimed standard deviation, all recordings:
 | claimed mm | error RMS mm | median mm | p95 mm | share of the pixels |
 |---|---|---|---|---|
 {bins}
-
-Placements: natural ones are those that the method considered, moved ones are wrong on purpose.
-
-| wrong placements | right | wrong | area under the ROC | right accepted | wrong accepted |
-|---|---|---|---|---|---|
-{told}
 """
 
 
-def _draw(errors: Sequence[PixelErrors], laid: Sequence[Laid], scores: dict[str, Float64]) -> None:
+def _draw(errors: Sequence[PixelErrors]) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(10, 4.5), layout="constrained")
+    figure, axes = pyplot.subplots(figsize=(5, 4.5), layout="constrained")
     rows = curve(errors)
     claimed = [row["claimed_mm"] for row in rows]
     limits = (1.0, 60.0)
-    left.plot(limits, limits, color="0.6", linestyle="--", label="RMS error as claimed")
+    axes.plot(limits, limits, color="0.6", linestyle="--", label="RMS error as claimed")
     for key, name in (
         ("error_rms_mm", "RMS"),
         ("error_median_mm", "median"),
         ("error_p95_mm", "95th percentile"),
     ):
-        left.plot(claimed, [row[key] for row in rows], marker="o", label=name)
-    left.set(xscale="log", yscale="log", xlabel="claimed standard deviation, mm", ylabel="error, mm")
-    left.legend()
-    for name, own in scores.items():
-        wrong_share, right_share = roc(laid, own)
-        right.step(wrong_share, right_share, where="post", label=name)
-    right.set(
-        xlabel="natural wrong placements accepted",
-        ylabel="right placements accepted",
-        xlim=(0, 1),
-        ylim=(0, 1),
-    )
-    right.legend(loc="lower right")
+        axes.plot(claimed, [row[key] for row in rows], marker="o", label=name)
+    axes.set(xscale="log", yscale="log", xlabel="claimed standard deviation, mm", ylabel="error, mm")
+    axes.legend()
     figure.savefig(RESULTS / "reliability.png", dpi=100)

@@ -22,9 +22,9 @@ from flatcloth.core.types import MIRROR, FlattenedView, Float64, Int64
 from flatcloth.engine.both_sides import BothSides, one_side
 from flatcloth.engine.evaluation import Truth, look_up
 from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
-from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
+from flatcloth.shape.shape import Shape
 
 LEAST = 15
 """Smaller sets are not listed. Chosen: they join nothing."""
@@ -42,8 +42,7 @@ def row_of(source: str) -> dict[str, Any]:
     assert isinstance(integration.algorithm, RobustMethod)
     assert isinstance(other.algorithm, RobustMethod)
     this_shape, other_shape = (
-        method.shapes.settled(seen)
-        for method, seen in ((integration.algorithm, document), (other.algorithm, its))
+        method.shapes.of(seen) for method, seen in ((integration.algorithm, document), (other.algorithm, its))
     )
     sides = one_side(integration, document), one_side(other, its)
     pieces = [(each.canonical.view, *each.canonical.floating) for each in sides]
@@ -98,7 +97,7 @@ def row_of(source: str) -> dict[str, Any]:
 
 
 def _between(
-    shape: JointShape, node: Int64, uv_m: Float64, true_uv_m: Float64, members: Sequence[Int64]
+    shape: Shape, node: Int64, uv_m: Float64, true_uv_m: Float64, members: Sequence[Int64]
 ) -> dict[str, float]:
     """Return the evidence of a side's cloth between two sets of matches, and how far it is truly bent.
 

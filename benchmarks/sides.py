@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from benchmarks.markdown import of_recordings
 from benchmarks.output import Options
 from benchmarks.unattended import both_sides, measure_each, unattended
 from flatcloth.core.types import FlattenedView
@@ -98,22 +99,13 @@ def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: -(row["related_p95_mm"] or 1e9))
 
 
-def _cell(value: float | None) -> str:
-    return "" if value is None else str(value)
-
-
 def page(rows: Sequence[dict[str, Any]]) -> str:
     """Return the Markdown page."""
-    lines = "\n".join(
-        "| " + " | ".join([row["recording"], *(_cell(row[key]) for key in _COLUMNS)]) + " |" for row in rows
-    )
     return f"""# Both sides against the truth
 
 Method `robust`, unattended, masks of one side as recorded; the worst relation first. Shares of seen cloth are
 of all cloth of a side that any view shows. In relation: the other side in the frame of this one; empty if no
 seam joins the other side's shape to this one's.
 
-| recording | {" | ".join(_COLUMNS.values())} |
-|{"---|" * (len(_COLUMNS) + 1)}
-{lines}
+{of_recordings(rows, _COLUMNS)}
 """

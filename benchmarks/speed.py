@@ -2,8 +2,9 @@
 
 U is the time in which SciPy's SuperLU (symmetric mode, MMD_AT_PLUS_A) factors the five-point Laplacian
 of a grid of 110 x 110, measured in the same run on the same core. Warm times include the reading of the
-files; the command ``flatcloth run`` is timed as a user meets it, with imports, compiled kernels and
-export, on one core and on two.
+files; the command ``flatcloth run`` is timed as a user meets it, with imports, compiled kernels, both sides
+and export, on one core and on two. Proposals are those of a session that decides about one view at a time:
+from *Step* to the picture of the proposal.
 """
 
 from __future__ import annotations
@@ -25,10 +26,20 @@ from scipy.sparse.linalg import splu
 from benchmarks.inputs import sources
 from benchmarks.output import Options, recordings_of, save, say
 from flatcloth.core.errors import FlatclothError
-from flatcloth.engine.headless import Run
+from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
-from flatcloth.session.machine import Command, Event, MemorySession, Propose, SessionState
+from flatcloth.session.machine import (
+    Accept,
+    Command,
+    Event,
+    MemorySession,
+    Nudge,
+    Propose,
+    Reject,
+    SessionState,
+)
+from flatcloth.viewer.protocol.picture import make_picture
 
 REPEATS = 3
 GRID = 110
@@ -37,17 +48,21 @@ _RUN = "from flatcloth.cli import run_and_exit; run_and_exit()"
 
 @dataclass
 class Stopwatch:
-    """Told every command of a run; keeps how long each proposal took, in seconds."""
+    """Watches a run and decides for it; keeps how long each proposal took, drawn, in seconds."""
 
     proposals_s: list[float] = field(default_factory=list)
-    _asked_s: float | None = None
+    _asked_s: float = 0.0
 
     def __call__(self, said: Command | Event) -> None:
-        """Note the time of a command or an answer."""
-        now_s = time.perf_counter()
-        if self._asked_s is not None:
-            self.proposals_s.append(now_s - self._asked_s)
-        self._asked_s = now_s if isinstance(said, Propose) else None
+        """Note when a proposal is asked for."""
+        if isinstance(said, Propose):
+            self._asked_s = time.perf_counter()
+
+    def decide(self, integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
+        """Draw the proposal, note its time, and decide as an unattended run does."""
+        make_picture(integration, state.document, None)
+        self.proposals_s.append(time.perf_counter() - self._asked_s)
+        return accept_by_score(integration, state)
 
 
 def unit_s(repeats: int = 9, clock: Callable[[], float] = time.perf_counter) -> float:
@@ -85,43 +100,46 @@ def run(options: Options) -> None:
 
 def row_of(source: str, repeats: int) -> dict[str, Any]:
     """Return the best of several times after one run to warm up, in units U of the same minutes."""
-    _, _, views = whole_s(source, is_limited=False)
-    unit, watches, limited, whole = unit_s(), [], [], []
+    views = whole_s(source)[1]
+    unit, steps, whole = unit_s(), [], []
     for _ in range(repeats):
-        seconds, watch, _ = whole_s(source, is_limited=True)
-        limited.append(seconds)
-        watches.append(watch)
-        whole.append(whole_s(source, is_limited=False)[0])
+        steps.append(proposals_s(source))
+        whole.append(whole_s(source)[0])
         unit = min(unit, unit_s())
-    proposals = np.min([w.proposals_s for w in watches], axis=0)
+    proposals = np.min(steps, axis=0)
     cores = list(range(os.cpu_count() or 1)) if hasattr(os, "sched_setaffinity") else []
+    commands = {n: command(source, cores[:n], repeats) for n in (1, 2) if len(cores) >= n}
     return {
         "recording": open_recording(source).name,
         "unit_ms": round(1e3 * unit, 1),
         "frame_u": round(frame_s(source) / unit, 2),
+        "first_proposal_u": round(float(proposals[0]) / unit, 2),
         "proposal_u": round(float(np.median(proposals)) / unit, 2),
+        "last_proposal_u": round(float(proposals[-1]) / unit, 2),
         "slowest_proposal_u": round(float(proposals.max()) / unit, 2),
-        "views_14_u": round(min(limited) / unit, 1),
         "views": views,
         "unattended_u": round(min(whole) / unit, 1),
-        **{
-            f"command_on_{n}_to_warm": round(command_s(source, cores[:n], repeats) / min(whole), 2)
-            for n in (1, 2)
-            if len(cores) >= n
-        },
+        **{f"command_on_{n}_u": round(seconds / unit, 1) for n, (seconds, _) in commands.items()},
+        **{f"command_on_{n}_mb": round(1e-6 * size) for n, (_, size) in commands.items()},
     }
 
 
-def whole_s(source: str, *, is_limited: bool) -> tuple[float, Stopwatch, int]:
-    """Integrate from the files to the canonical view; return seconds, each proposal's, and the views."""
-    watch = Stopwatch()
+def whole_s(source: str) -> tuple[float, int]:
+    """Integrate from the files to the canonical view; return seconds and the number of views."""
     began_s = time.perf_counter()
     recording = open_recording(source)
     integration = Integration(recording)
-    session = MemorySession(SessionState(len(recording)))
-    document = Run(integration, session, watch=watch, is_limited=is_limited).finish().document
+    document = Run(integration, MemorySession(SessionState(len(recording)))).finish().document
     integration.canonical(document)
-    return time.perf_counter() - began_s, watch, len(document.used_views)
+    return time.perf_counter() - began_s, len(document.used_views)
+
+
+def proposals_s(source: str) -> list[float]:
+    """Return how long each proposal took, one after the other."""
+    integration, watch = Integration(open_recording(source)), Stopwatch()
+    session = MemorySession(SessionState(len(integration.recording)))
+    Run(integration, session, watch.decide, watch).finish()
+    return watch.proposals_s
 
 
 def frame_s(source: str) -> float:
@@ -141,20 +159,26 @@ def frame_s(source: str) -> float:
     return float(np.median(times))
 
 
-def command_s(source: str, cores: list[int], repeats: int) -> float:
-    """Return the least time of ``flatcloth run`` on some cores."""
-
+def command(source: str, cores: list[int], repeats: int) -> tuple[float, int]:
+    """Return the least time of ``flatcloth run`` on some cores, s, and the most memory it took, bytes."""
     # Python keeps its compiled modules, as for users.
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+    most = 0
 
     def once() -> None:
+        nonlocal most
         with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-c", _RUN, "run", source, "--out", str(Path(folder) / "session")]
+            words = [sys.executable, "-c", _RUN, "run", source, "--out", str(Path(folder) / "session")]
             os.sched_setaffinity(0, cores)  # the command inherits it
-            subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env=environment)
+            with subprocess.Popen(words, stdout=subprocess.DEVNULL, env=environment) as process:
+                _, status, used = os.wait4(process.pid, 0)
+                process.returncode = os.waitstatus_to_exitcode(status)
+            if process.returncode:
+                raise subprocess.CalledProcessError(process.returncode, words)
+            most = max(most, 1024 * used.ru_maxrss)
 
     before = os.sched_getaffinity(0)
     try:
-        return best_s(once, repeats)
+        return best_s(once, repeats), most
     finally:
         os.sched_setaffinity(0, before)

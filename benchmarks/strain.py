@@ -1,12 +1,16 @@
-"""How much longer or shorter flattened cloth is than true cloth, beside its ripples.
+"""Errors of lengths against the truth: strain beside ripples, and those of pairs by the views that saw them.
 
 A noisy sensor smooths ripples away, and their lengths with them. In circles of cloth a similarity is fitted
 to the true places of the nodes: its scale, less 1, is the strain, before the program lengthens anything.
 ``ripples`` are those that the program sees there under noise, from the angles between normals, rad^2. The
 share ``lost`` is that of the ripples in the strain, and ``share`` that of the ripples in what is left of it,
 fitted to all garments, and to all but each; recordings count alike. A circle averages much of the strain
-away: what is left is divided by what circles leave of the random strain by which the program computes
-deviations. Pairs of neighbours teach nothing: true places by pixels are off by a tenth of their length.
+away: what is left is divided by what circles leave of the random fields by which the program computes
+deviations.
+
+``layer_mm`` is the error of a pair that one noisy view sees, if n views leave an n-th of it: fitted to the
+errors of the lengths of pairs (68 % of them are smaller) that 1, 2, 3 and 4 views saw, beyond that of pairs
+that at least eight saw. True places by pixels are off by a tenth of a pair's length, too; both have that.
 """
 
 from __future__ import annotations
@@ -20,16 +24,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from benchmarks.inputs import sources
+from benchmarks.node_truth import true_places
 from benchmarks.output import Options, save, say
 from benchmarks.unattended import unattended
 from flatcloth.core.types import Float64
-from flatcloth.engine.evaluation import bilinear_on_layer, of_interest
 from flatcloth.engine.integration import Integration
-from flatcloth.methods.robust import uncertainty
-from flatcloth.methods.robust.joint import settled
-from flatcloth.methods.robust.joint_shape import JointShape
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.session.document import Document
+from flatcloth.shape.deviations import STRAIN_M, _smooth_fields
+from flatcloth.shape.ripples import ripples_of
+from flatcloth.shape.shape import Shape
 
 _RADIUS_M = 0.12
 """Of the circles: 3 times the distance over which strain is alike. Chosen: 300 nodes are in one, so that true
@@ -38,15 +42,25 @@ _LEAST_NODES = 100
 """Places with fewer nodes around them are left out. Chosen: a third of a circle."""
 _MOST_OFF_M = 0.01
 """Nodes farther off their true places, by the similarity, lie on other cloth. Chosen."""
+_ONE_STD = 0.683
+"""Share of the errors that are smaller than one deviation."""
+_FEW, _MANY = (1, 2, 3, 4), 8
+"""Numbers of views of pairs. Chosen."""
 
 
 @dataclass(frozen=True)
 class Strained:
-    """The strain and the ripples (K,) of the circles of a recording; ``left`` of a random strain in them."""
+    """The strain and the ripples (K,) of the circles of a recording; ``left`` of a random strain in them.
+
+    ``known`` is the strain of pairs that the program expects besides. ``by_views`` is the error of pairs that
+    so many views saw, m: :data:`_FEW`, then at least :data:`_MANY`.
+    """
 
     strain: Float64
     ripples: Float64
     left: float
+    known: float
+    by_views: Float64
 
 
 def run(options: Options) -> None:
@@ -76,6 +90,8 @@ def _row(name: str, own: Strained, lost: float) -> dict[str, Any]:
         "ripples": own.ripples.mean(),
         "mean_left": left.mean(),
         "rms_left": math.sqrt(np.square(left).mean()) / own.left,
+        "known": own.known,
+        **{f"pairs_{n}_mm": 1e3 * off for n, off in zip((*_FEW, _MANY), own.by_views, strict=True)},
     }
     return {"recording": name, **{key: round(float(value), 5) for key, value in figures.items()}}
 
@@ -87,32 +103,55 @@ def fitted(some: Sequence[Strained]) -> dict[str, float]:
     """
     square = max(sum(float(np.square(own.ripples).mean()) for own in some), 1e-12)
     lost = -sum(float((own.ripples * own.strain).mean()) for own in some) / square
-    left = [(own.strain + lost * own.ripples) / own.left for own in some if own.ripples.any()]
-    beyond = sum(max(float(np.square(each).mean()) - uncertainty._STRAIN**2, 0.0) for each in left)
-    return {"lost": round(lost, 3), "share": round(math.sqrt(beyond / square), 3)}
+    noisy = [own for own in some if own.ripples.any()]
+    left = [np.square((own.strain + lost * own.ripples) / own.left).mean() - own.known**2 for own in noisy]
+    share = math.sqrt(sum(max(float(each), 0.0) for each in left) / square)
+    few = np.array([np.square(own.by_views[:-1]) - np.square(own.by_views[-1]) for own in noisy])
+    layer_m2 = np.square(_FEW) * np.maximum(few, 0.0)
+    layer_mm = 1e3 * math.sqrt(float(np.nanmedian(layer_m2))) if noisy else 0.0
+    return {"lost": round(lost, 3), "share": round(share, 3), "layer_mm": round(layer_mm, 2)}
 
 
 def strains(integration: Integration, document: Document, truth: Any) -> Strained:
-    """Return the strain and the ripples of circles of a shape, where its cloth is not gathered."""
+    """Return the strain and the ripples of circles of a shape, and errors of its pairs."""
     algorithm = integration.algorithm
     assert isinstance(algorithm, RobustMethod)
-    shape = settled(algorithm.shapes.shape(document))
-    true = _true_places(algorithm, shape, truth)
-    below_m = np.linalg.norm(shape.nodes.xyz_m - integration.views.held_point_m, axis=1)
-    known = np.flatnonzero(
-        shape.placed & np.isfinite(true[:, 0]) & (below_m > uncertainty._GATHERED_EXTENT_M)
-    )
-    ripples = uncertainty.ripples_under_noise(shape)[known]
-    random = uncertainty._smooth(shape.uv_m[known], 1, np.random.default_rng(0))[:, 0]
-    tree, found = cKDTree(shape.uv_m[known]), []
-    for place in shape.uv_m[known][:: len(known) // 400 + 1]:
+    shape = algorithm.shapes.of(document)
+    true = true_places(shape, algorithm.seen.surfaces(shape), truth)
+    known = np.flatnonzero(shape.placed & np.isfinite(true[:, 0]))
+    flat_m, is_noisy = shape.uv_m[known] / shape.scale, any(seen.is_noisy for seen in shape.observations)
+    ripples = ripples_of(flat_m, shape.nodes.xyz_m[known], shape.nodes.normal[known]) * is_noisy
+    fields = _smooth_fields(shape.nodes.xyz_m[known], np.random.default_rng(0))
+    random = 0.5 * (fields[:, 0] + fields[:, 2])  # of a similarity: the mean of both strains
+    tree, found = cKDTree(flat_m), []
+    for place in flat_m[:: len(known) // 400 + 1]:
         near = tree.query_ball_point(place, _RADIUS_M)
         if len(near) >= _LEAST_NODES:
-            strain, kept = _strain(shape.uv_m[known[near]], true[known[near]])
+            strain, kept = _strain(flat_m[near], true[known[near]])
             if kept >= _LEAST_NODES:
                 found.append((strain, ripples[near].mean(), *random[near].mean(axis=0)))
     strain, there, *left = np.array(found).T if found else np.zeros((3, 1))
-    return Strained(strain, there, max(float(np.std(left)), 1e-9))
+    graph, own = shape.graph, shape.holds & shape.placed[shape.graph.pairs].all(axis=1)
+    variance = (graph.variance_m2[own] + STRAIN_M**2) / np.square(graph.length_m[own])
+    return Strained(
+        strain=strain,
+        ripples=there,
+        left=max(float(np.std(left)), 1e-9),
+        known=math.sqrt(float(np.median(variance))),
+        by_views=_errors_by_views(shape, true),
+    )
+
+
+def _errors_by_views(shape: Shape, true: Float64) -> Float64:
+    """Return the error of the lengths of pairs that few views saw, and of those that many did, m."""
+    graph = shape.graph
+    way = np.diff(true[graph.pairs], axis=1)[:, 0]
+    off_m = np.abs(np.linalg.norm(way, axis=1) - shape.scale * graph.length_m)
+    known = shape.holds & np.isfinite(off_m) & (off_m < _MOST_OFF_M)
+    chosen = [known & (graph.views == n) for n in _FEW] + [known & (graph.views >= _MANY)]
+    return np.array(
+        [np.quantile(off_m[own], _ONE_STD) if own.sum() >= _LEAST_NODES else np.nan for own in chosen]
+    )
 
 
 def _strain(flat_m: Float64, true_m: Float64) -> tuple[float, int]:
@@ -131,18 +170,3 @@ def _strain(flat_m: Float64, true_m: Float64) -> tuple[float, int]:
         off_m = np.abs(true - middle[1] - turned * (flat - middle[0]))
         kept = off_m <= max(_MOST_OFF_M, float(np.median(off_m)))
     return float(1.0 / np.abs(turned) - 1.0), int((off_m < _MOST_OFF_M).sum())
-
-
-def _true_places(algorithm: RobustMethod, shape: JointShape, truth: Any) -> Float64:
-    """Return the true place (N, 2) of each node, the median of all views that see it; NaN if none does."""
-    seen: list[list[Float64]] = [[] for _ in range(len(shape.nodes))]
-    for observation in shape.observations:
-        view = truth[observation.view_index]
-        offset = algorithm.seen.surfaces(shape)[observation.view_index].frame.offset_rc
-        shown = np.where(of_interest(view, truth.panel_of_interest)[..., None], view.flat_uv_m, np.nan)
-        for node, place in zip(
-            observation.node, bilinear_on_layer(shown, observation.rc + offset), strict=True
-        ):
-            if np.isfinite(place[0]):
-                seen[node].append(place)
-    return np.array([np.median(places, axis=0) if places else (np.nan, np.nan) for places in seen])

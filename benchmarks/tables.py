@@ -154,16 +154,18 @@ def speed() -> str:
     """Return the times in units U."""
     names = {
         "frame_u": "flatten a frame, U",
+        "first_proposal_u": "from *Step* to the picture of the proposal, at the second view, U",
         "proposal_u": "a proposal, median, U",
+        "last_proposal_u": "at the last view, U",
         "slowest_proposal_u": "the slowest proposal, U",
-        "views_14_u": "integrate 14 views, U",
-        "unattended_u": "integrate all views that add cloth, U",
-        "command_on_1_to_warm": "`flatcloth run` on one core, times the integration alone",
-        "command_on_2_to_warm": "the same on two cores",
+        "unattended_u": "integrate all views of one side, U",
+        "command_on_1_u": "`flatcloth run` on one core, both sides, U",
+        "command_on_2_u": "the same on two cores, U",
+        "command_on_1_mb": "memory of the run, MB",
     }
     rows = result("speed")
     head = ("", *(f"{row['recording']} (U = {row['unit_ms']} ms)" for row in rows))
-    lines = [(name, *(row[key] for row in rows)) for key, name in names.items()]
+    lines = [(name, *(row[key] for row in rows)) for key, name in names.items() if key in rows[0]]
     return f"{table(head, lines)}\n\n{origin('speed')}"
 
 

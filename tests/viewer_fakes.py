@@ -218,7 +218,7 @@ class CylinderIntegration:
             SimpleNamespace(component=0, area_m2=0.03, hypothesis=found),
             SimpleNamespace(component=1, area_m2=0.008, hypothesis=None),
         )
-        placement = SimpleNamespace(hypotheses=(), parts=parts)
+        placement = SimpleNamespace(hypotheses=(), parts=parts, change=None)
         return SimpleNamespace(view_index=pending.view_index, side=Side.LEFT, plan=plan, placement=placement)
 
     def answer(self, document: Document, request: Request, progress: Progress) -> Event:

@@ -175,9 +175,9 @@ def factor_in_place(band: Band) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"})
+@njit(cache=True, nogil=True)
 def substituted(factor: Band, rhs: Float64) -> Float64:
-    """Return the solutions (K, N) for K right-hand sides; their sums are taken in any order."""
+    """Return the solutions (K, N) for K right-hand sides."""
     first, entry = factor
     solved = rhs.copy()
     for j in range(len(first) - 1):

@@ -163,7 +163,7 @@ def nearest_samples(usable: Bool, steps: NDArray[np.uint8], rc: Int32, most_step
     return nearest.reshape((rows, cols))
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"})
+@njit(cache=True, nogil=True)
 def _blend(
     at: Int64,
     nearest: Int32,
@@ -175,10 +175,7 @@ def _blend(
     neighbours: Int32,
     radius_px: float,
 ) -> Float64:
-    """Return position and stretch (K, 3) of pixels (K,) of the flat image, from samples within a radius.
-
-    The sums over the samples around a pixel are taken in any order, several at a time.
-    """
+    """Return position and stretch (K, 3) of pixels (K,) of the flat image, from samples within a radius."""
     cols, belongs = nearest.shape[1], nearest.ravel()
     placed = np.full((at.size, 3), np.nan)
     narrower = 1.0 / (radius_px * radius_px)

@@ -92,7 +92,7 @@ def _along(x: float, y: float, side: Float64) -> tuple[float, float, float]:
     return t, dx - t * side[2], dy - t * side[3]
 
 
-@njit(cache=True, nogil=True, fastmath={"nnan", "nsz", "contract"})
+@njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
 def _nearest(q: Float64, facing: Float64, against_m: float, sides: Float64) -> tuple[Float64, Int64]:
     """Return the squared distances of places (N, 2) from the nearest sides, and which these are.
 

@@ -14,7 +14,6 @@ from flatcloth.api.integrating import integrate
 from flatcloth.cli import main
 from flatcloth.core.resources import sample_recordings
 from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.evaluation import compare
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +9,7 @@ import pytest
 from scenes import AXIS, Cylinder
 
 from flatcloth.core.config import Config, FlatteningConfig, PlanningConfig
-from flatcloth.core.errors import CancelledError, ConfigError, FlatclothError, FlatteningError, SurfaceError
+from flatcloth.core.errors import CancelledError, ConfigError, FlatclothError, FlatteningError
 from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration

@@ -19,13 +19,12 @@ from benchmarks.developable import AXIS, NOISE_M, SheetView, depth_noise_m, shee
 from benchmarks.problems import problem_of, signed_areas
 from benchmarks.reach import measured_shares, neighbouring_cells
 from benchmarks.report import exponent
+from benchmarks.shape import difference
 from benchmarks.single_views import errors_mm, whole_frame
-from benchmarks.speed import Stopwatch
 from flatcloth.core.geometry import back_project
 from flatcloth.core.types import Float64, Intrinsics
 from flatcloth.flattening.patches import STEP_RIGHT, STEPS_BOTH
 from flatcloth.recordings.truth import TrueView
-from flatcloth.session.machine import NothingMore, Propose, Start
 
 # The benchmark's camera, cropped to the sheets.
 CAMERA = Intrinsics(width=340, height=420, fx=425.0, fy=425.0, cx=169.5, cy=209.5)
@@ -147,12 +146,21 @@ def test_cloth_is_measured_where_the_depth_of_some_view_is_right() -> None:
     assert shares == {"measured": 0.5, "other_measured": 0.25}
 
 
-def test_the_stopwatch_times_proposals_only() -> None:
-    watch = Stopwatch()
-    for said in (Start(), Propose(), NothingMore(1, "none left")):
-        watch(said)
-    assert len(watch.proposals_s) == 1
-    assert watch.proposals_s[0] >= 0
+def test_a_shape_is_compared_with_itself_moved_and_with_a_node_of_another_piece() -> None:
+    uv = np.random.default_rng(0).uniform(0.0, 0.3, (50, 2))
+    added = SimpleNamespace(
+        view_index=2, node=np.arange(50), is_new=np.ones(50, dtype=bool), rc=np.arange(100.0).reshape(50, 2)
+    )
+    one = SimpleNamespace(nodes=uv, observations=(added,), piece=np.zeros(50, dtype=int), all_uv_m=uv)
+    moved = SimpleNamespace(**{**vars(one), "all_uv_m": uv[:, ::-1] * [1.0, -1.0] + 0.2})
+    found = difference(cast(Any, one), cast(Any, moved))
+    assert found["other_nodes_share"] == 0.0
+    assert found["moved_most_mm"] < 1e-9
+    moved.all_uv_m[7] += [0.003, 0.0]
+    moved.piece = np.where(np.arange(50) == 9, -1, 0)
+    found = difference(cast(Any, one), cast(Any, moved))
+    assert (found["other_nodes_share"], found["other_piece_share"]) == (0.0, pytest.approx(0.02))
+    assert found["moved_most_mm"] == pytest.approx(3.0, abs=0.1)
 
 
 @pytest.mark.parametrize("name", [*ON_ALL_CORES, *ON_ONE_CORE])
