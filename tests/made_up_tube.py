@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
-from made_up_sheets import STEP_M, grid, observed, shape_of
+from made_up_sheets import STEP_M, Bent, grid, nodes_at, observed, shape_of
 from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, FlattenedView, Float64, LaidPiece
 from flatcloth.methods.answers import Seam
-from flatcloth.methods.robust.joint import flatten_jointly
-from flatcloth.methods.robust.joint_shape import JointShape
-from flatcloth.methods.robust.observations import Nodes
 from flatcloth.methods.robust.seams.joining import JoinedSide, Seamed, join_sides, other_of, seams_of
 from flatcloth.session.garment import DecidedSeam
+from flatcloth.shape.shape import Shape
 
 Of = TypeVar("Of")
 Sides = tuple[Sequence[Of], Sequence[Of]]
@@ -37,17 +35,26 @@ def in_space(pattern: Float64, *, is_other: bool) -> tuple[Float64, Float64]:
     return np.column_stack([pattern, depth]), np.tile(normal, (len(pattern), 1))
 
 
-def side(which: np.ndarray, *, is_other: bool, strength: float = 1.0) -> JointShape:
+def of_side(*, is_other: bool) -> Bent:
+    """Return how a side's own plane lies in space: the other side is seen mirrored."""
+
+    def bent(own: Float64) -> tuple[Float64, Float64]:
+        isometry = np.tile(np.eye(3)[:, :2], (len(own), 1, 1))
+        pattern = own * MIRROR if is_other else own
+        isometry[:, :2] *= MIRROR if is_other else 1.0
+        return in_space(pattern, is_other=is_other)[0], isometry
+
+    return bent
+
+
+def side(which: np.ndarray, *, is_other: bool, strength: float = 1.0) -> Shape:
     """A laid out side of which nodes ``which`` (N,) of the pattern are seen, on its own plane."""
-    pattern = UV[which]
-    own = pattern * MIRROR if is_other else pattern
-    everything = np.ones(len(own), dtype=bool)
-    shape = shape_of(own, [observed(own, everything, 0, evidence=strength)], everything)
-    xyz, normal = in_space(pattern, is_other=is_other)
-    return replace(flatten_jointly(shape), nodes=Nodes(xyz_m=xyz, normal=normal, weight=np.ones(len(own))))
+    own, bent = UV[which] * (MIRROR if is_other else 1.0), of_side(is_other=is_other)
+    seen = observed(own, np.ones(len(own), dtype=bool), 0, evidence=strength, bent=bent)
+    return shape_of(own, [seen], nodes_at(own, bent))
 
 
-def raster(shape: JointShape, pattern: Float64, piece: int = 0, *, is_other: bool) -> FlattenedView:
+def raster(shape: Shape, pattern: Float64, piece: int = 0, *, is_other: bool) -> FlattenedView:
     """Rasterise a piece of a side whose nodes lie at ``pattern`` (N, 2)."""
     own = shape.piece == piece
     uv = shape.all_uv_m[own]
@@ -77,12 +84,11 @@ def raster(shape: JointShape, pattern: Float64, piece: int = 0, *, is_other: boo
 EVERYTHING = np.ones(len(UV), dtype=bool)
 THIS = side(EVERYTHING, is_other=False)
 OTHER = side(EVERYTHING, is_other=True)
-HELD_M = np.array([0.1, -0.3, 0.8])
 
 
 def joined(
-    this: JointShape,
-    other: JointShape,
+    this: Shape,
+    other: Shape,
     this_at: Float64 = UV,
     other_at: Float64 = UV,
     decided: Sequence[DecidedSeam] = (),
@@ -102,13 +108,13 @@ def joined(
 
 
 def seamed(
-    this: JointShape,
-    other: JointShape,
+    this: Shape,
+    other: Shape,
     pieces: Sides[FlattenedView],
     ends: Sides[Known],
     decided: Sequence[DecidedSeam] = (),
 ) -> Seamed:
-    return join_sides(this, other, pieces, ends, HELD_M, decided)
+    return join_sides(this, other, pieces, ends, decided)
 
 
 def seams(found: JoinedSide) -> tuple[Seam, ...]:

@@ -117,7 +117,7 @@ def laid_out(graph: Graph, used: Bool, vouched: Bool | None = None, *, overlap_c
             holds=holds, piece=piece, at=at, z=_of_nodes(pairs, at.z), rotation=_of_nodes(pairs, at.rotation)
         )
         # 7. Cloth that lies on other cloth is joined by false pairs that agree: the weakest are cut.
-        cut = cut_of_overlap(graph, holds, piece, laid.z, by_hand)
+        cut = cut_of_overlap(graph, holds, piece, laid.z, by_hand) & ~sure
         if not (overlap_cuts and cut.any()):
             return laid
         used = used & ~cut

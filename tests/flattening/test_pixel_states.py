@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up_sheets import shape_of_view
 from scenes import AXIS, CAMERA, Cylinder, box, frame, plane
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
@@ -13,8 +14,7 @@ from flatcloth.core.geometry import object_from_camera
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.pixel_states import PixelState, component_states, states_of_view
 from flatcloth.flattening.surface import observe_item, observe_surface
-from flatcloth.methods.robust.compositing import states_on_surface
-from flatcloth.methods.robust.joint import begin_joint
+from flatcloth.shape.drawing import states_of_nodes, states_on_surface
 
 NEAR_M, FAR_M, STEP_COL = 0.80, 0.85, 120
 ROWS, COLS = slice(120, 140), slice(135, 155)  # a hole that is too large to be bridged
@@ -85,10 +85,8 @@ def test_on_the_surface_a_pixel_has_the_state_of_what_carries_it() -> None:
     states = component_states(flattening, {0})
     assert set(np.unique(states[surface.usable])) <= {PixelState.SHAPE, PixelState.STRIP}
     assert (states[surface.usable] == PixelState.SHAPE).mean() > 0.95
-    flat = cylinder.flat_uv_m(surface.xyz_m.astype(float))
-    shape = begin_joint(surface, object_from_camera(AXIS, 0.0), flat, FlatteningConfig())
-    left = shape.nodes.xyz_m[:, 0] < 0.0
-    state = np.where(left, PixelState.FLOATING, PixelState.SHAPE).astype(np.uint8)
+    shape = shape_of_view(surface, object_from_camera(AXIS, 0.0), cylinder.flat_uv_m)
+    state = states_of_nodes(shape, taken_off=shape.nodes.xyz_m[:, 0] < 0.0)
     found = states_on_surface(shape.observations[0], surface, state, FlatteningConfig())
     x = surface.xyz_m[..., 0]
     assert (found[surface.usable & (x < -0.02)] == PixelState.FLOATING).mean() > 0.95

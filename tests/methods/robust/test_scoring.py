@@ -1,4 +1,4 @@
-"""Scores, refinement and hypotheses on a flat sheet that faces the camera: closed forms."""
+"""Scores and refinement on a flat sheet that faces the camera: closed forms."""
 
 from __future__ import annotations
 
@@ -7,26 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up_sheets import STILL, shape_of_view
 from scenes import AXIS, box, frame, plane
 
-from flatcloth.core.config import FlatteningConfig, SurfaceConfig
-from flatcloth.core.geometry import Rigid3
+from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.resources import static_folder
-from flatcloth.core.types import Float64, Rigid2
+from flatcloth.core.types import Rigid2
 from flatcloth.flattening.surface import Surface, observe_surface
-from flatcloth.methods.answers import Hypothesis
-from flatcloth.methods.robust.joint import begin_joint
-from flatcloth.methods.robust.placement_search import (
-    coarse_view,
-    distinct,
-    evaluate,
-    from_association,
-)
 from flatcloth.methods.robust.scoring import (
     CONFIDENCE_WEIGHTS,
     FEATURES,
     ReferenceShape,
     SampledComponent,
+    cloth_pairs,
     confidence_of,
     features_of,
     refine,
@@ -34,9 +27,7 @@ from flatcloth.methods.robust.scoring import (
     score_placement,
 )
 
-DEPTH_M = 0.85
 HALF_M = 0.09
-STILL = Rigid3(np.eye(3), np.zeros(3))
 PLACE_STD_M = 0.003
 
 
@@ -52,7 +43,7 @@ def surface_of() -> Surface:
 @pytest.fixture(scope="module")
 def reference() -> ReferenceShape:
     surface = surface_of()
-    shape = begin_joint(surface, STILL, surface.xyz_m[..., :2].astype(float), FlatteningConfig())
+    shape = shape_of_view(surface, STILL, lambda xyz_m: xyz_m[:, :2])
     return ReferenceShape(shape, {0: surface}, AXIS)
 
 
@@ -186,63 +177,17 @@ def test_refinement_without_any_overlap_knows_nothing(
     assert np.isinf(found.std).all()
 
 
-def associated(
-    reference: ReferenceShape, component: SampledComponent, motion: Rigid2, wrong_share: float
-) -> SampledComponent:
-    """Nodes on the component's plane, which ``motion`` takes to where they lie; some are wrong ones."""
-    random = np.random.default_rng(5)
-    chosen = random.permutation(reference.number.size)[:60]
-    uv: Float64 = motion.inverse().apply(reference.uv_m[chosen])
-    node = reference.number[chosen].copy()
-    wrong = random.permutation(60)[: round(60 * wrong_share)]
-    node[wrong] = random.permutation(reference.number)[: wrong.size]
-    return replace(component, uv_m=uv, node=node)
-
-
-@pytest.mark.parametrize("wrong_share", [0.0, 0.4])
-def test_association_finds_the_motion_though_some_are_wrong(
-    reference: ReferenceShape, component: SampledComponent, wrong_share: float
-) -> None:
-    motion = Rigid2(0.4, 0.05, -0.02)
-    (found,) = from_association(reference, associated(reference, component, motion, wrong_share))
-    assert found.theta_rad == pytest.approx(0.4, abs=0.01)
-    np.testing.assert_allclose((found.u_m, found.v_m), (0.05, -0.02), atol=1e-3)
-
-
-def test_two_associated_nodes_are_no_estimate(reference: ReferenceShape, component: SampledComponent) -> None:
-    few = replace(component, node=np.where(np.arange(len(component.node)) < 2, reference.number[0], -1))
-    assert from_association(reference, few) == []
-
-
-def test_hypotheses_that_come_to_lie_together_are_one_and_the_best_is_first(
+def test_the_nodes_that_a_component_shows_are_paired_with_their_places_each_once(
     reference: ReferenceShape, component: SampledComponent
 ) -> None:
-    estimates = [
-        ("lines", Rigid2(0.0, 0.008, 0.0)),
-        ("place", Rigid2(0.02, 0.0, 0.004)),
-        ("correlation", Rigid2(0.0, 0.0, 0.17)),
-    ]
-    found = evaluate(reference, component, estimates)
-    assert found[0].score.total > 0.9
-    scores = [h.score.total for h in found]
-    assert scores == sorted(scores, reverse=True)
-    near = [h for h in found if np.hypot(h.current_from_new.u_m, h.current_from_new.v_m) < 0.004]
-    assert len(near) == 1
-
-
-def test_distinct_hypotheses_are_kept_apart(component: SampledComponent, reference: ReferenceShape) -> None:
-    def at(u_m: float, total: float) -> Hypothesis:
-        motion = Rigid2(0.0, u_m, 0.0)
-        score = replace(score_placement(reference, component, motion), total=total)
-        return Hypothesis(source="x", initial=motion, current_from_new=motion, score=score, std=np.zeros(3))
-
-    kept = distinct([at(0.0, 0.4), at(0.006, 0.7), at(0.03, 0.5)], component)
-    assert [h.current_from_new.u_m for h in kept] == [0.006, 0.03]
-
-
-def test_coarse_view_covers_the_sheet_as_it_faces_the_camera(reference: ReferenceShape) -> None:
-    coarse = coarse_view(reference, AXIS, 0.0)
-    cells = coarse.valid
-    assert cells.sum() * coarse.pixel_size_m**2 == pytest.approx((2 * HALF_M) ** 2, rel=0.3)
-    np.testing.assert_allclose(coarse.z_angle_deg[cells], 0.0, atol=0.5)
-    np.testing.assert_allclose(coarse.xyz_m[cells][:, 2], DEPTH_M, atol=1e-3)
+    motion = Rigid2(0.4, 0.05, -0.02)
+    chosen = np.repeat(np.arange(20), 2)
+    node = np.append(reference.number[chosen], -1).astype(np.int32)
+    own = motion.inverse().apply(np.concatenate([reference.uv_m[chosen], [[0.3, 0.3]]]))
+    xyz = np.zeros((len(own), 3))
+    known = replace(component, uv_m=own, node=node, xyz_m=xyz, normal=xyz)
+    found = cloth_pairs(reference, known)
+    assert found is not None
+    assert len(found.shape_uv_m) == 20
+    np.testing.assert_allclose(motion.apply(found.new_uv_m), found.shape_uv_m, atol=1e-12)
+    assert cloth_pairs(reference, replace(known, node=np.full_like(node, -1))) is None

@@ -1,0 +1,108 @@
+"""How far nodes may be off: little on a patch, much on what hangs on a neck."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_sheets import STEP_M, exact_graph, grid
+
+from flatcloth.core.geometry import rotation_about
+from flatcloth.core.types import Bool, Float64
+from flatcloth.shape.algorithm import laid_out
+from flatcloth.shape.deviations import deviations_m
+from flatcloth.shape.graph import Graph
+
+PLATE = grid(20, 20)
+
+
+def deviations(graph: Graph, own: Bool | None = None, reference: Bool | None = None) -> Float64:
+    laid = laid_out(graph, np.ones(len(graph.pairs), dtype=bool))
+    return deviations_m(laid.at, graph, np.ones(len(graph), dtype=bool) if own is None else own, reference)
+
+
+def with_flap(neck: int) -> tuple[Graph, Bool]:
+    """A plate and a flap of 10 x 10 nodes, joined by a strip so many nodes wide; the flap's nodes."""
+    flap = grid(10, 10, (25 * STEP_M, 5 * STEP_M))
+    strip = grid(neck, 5, (20 * STEP_M, 8 * STEP_M))
+    uv = np.concatenate([PLATE, flap, strip])
+    at = np.arange(len(uv))
+    return exact_graph(uv), (at >= len(PLATE)) & (at < len(PLATE) + len(flap))
+
+
+def test_a_patch_that_hangs_together_is_sure_to_a_few_millimetres() -> None:
+    std_m = deviations(exact_graph(PLATE))
+    assert (std_m >= 0.0005).all()
+    assert np.median(std_m) < 0.002
+    assert std_m.max() < 0.004
+
+
+def test_what_hangs_on_a_neck_is_less_sure_the_narrower_it_is() -> None:
+    found = {}
+    for neck in (10, 4, 2):
+        graph, on_flap = with_flap(neck)
+        std_m = deviations(graph)
+        plate = ~on_flap & (np.arange(len(graph)) < len(PLATE))
+        assert np.median(std_m[plate]) < 0.002
+        found[neck] = np.median(std_m[on_flap]) / np.median(std_m[plate])
+    assert found[10] < found[4] < found[2]
+    assert found[2] > 1.6
+
+
+def test_deviations_grow_with_the_errors_of_pairs() -> None:
+    graph, on_flap = with_flap(2)
+    weak, strong = (
+        deviations(replace(graph, variance_m2=np.full(len(graph.pairs), std_m**2)))[on_flap]
+        for std_m in (0.002, 0.008)
+    )
+    np.testing.assert_allclose(strong / weak, 4.0, rtol=0.1)  # but for what is always unsure
+
+
+def test_an_error_where_much_hangs_on_it_counts_most() -> None:
+    """The same worse pairs on the neck move the flap; at the far end of the plate they move little."""
+    graph, on_flap = with_flap(3)
+    u = np.arange(len(graph))
+    left = graph.xyz_m[:, 0][graph.pairs].max(axis=1) < 4 * STEP_M
+    neck = (u[graph.pairs] >= len(PLATE) + 100).any(axis=1)
+    usual, at_rim, at_neck = (
+        np.median(deviations(replace(graph, variance_m2=np.where(worse, 100.0, 1.0) * 9e-8))[on_flap])
+        for worse in (np.zeros_like(left), left, neck)
+    )
+    assert at_rim < 1.5 * usual
+    assert at_neck > 3.0 * usual
+
+
+def test_other_pieces_have_no_deviation() -> None:
+    uv = np.concatenate([PLATE, grid(8, 8, (1.0, 0.0))])
+    main = np.arange(len(uv)) < len(PLATE)
+    std_m = deviations(exact_graph(uv), main)
+    np.testing.assert_array_equal(np.isfinite(std_m), main)
+    np.testing.assert_allclose(std_m[main], deviations(exact_graph(PLATE)), rtol=0.5)
+
+
+def test_deviations_are_relative_to_the_reference() -> None:
+    graph, on_flap = with_flap(2)
+    std_m = deviations(graph, reference=on_flap)
+    assert np.median(std_m[on_flap]) < 0.002 < np.median(std_m[: len(PLATE)])
+
+
+def test_ripples_that_noise_took_make_lengths_less_sure() -> None:
+    graph, on_flap = with_flap(2)
+    laid = laid_out(graph, np.ones(len(graph.pairs), dtype=bool))
+    every = np.ones(len(graph), dtype=bool)
+    smooth, rippled = (
+        deviations_m(laid.at, graph, every, ripples=np.full(len(graph), ripples))[on_flap]
+        for ripples in (0.0, 0.5)
+    )
+    assert (rippled > 2.0 * smooth).all()
+
+
+def test_a_garment_that_hangs_or_lies_elsewhere_is_about_as_sure() -> None:
+    """To an eighth or two: deviations are those of a few samples."""
+    graph, on_flap = with_flap(2)
+    usual = np.median(deviations(graph)[on_flap])
+    laid = replace(graph, offset_m=graph.offset_m * np.exp(1.0j))
+    hung = replace(graph, xyz_m=graph.xyz_m @ rotation_about(np.array([0.6, 0.0, 0.8]), 2.0))
+    for moved in (laid, hung):
+        assert np.median(deviations(moved)[on_flap]) == pytest.approx(usual, rel=0.4)
