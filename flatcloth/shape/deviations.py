@@ -17,6 +17,7 @@ from flatcloth.core.types import Bool, Complex128, Float64, Int32
 from flatcloth.shape.graph import Graph
 from flatcloth.shape.layout import LAMBDA, Minimum
 from flatcloth.shape.ripples import OF_RIPPLES
+from flatcloth.shape.shape import BULK
 
 DRAWS = 16
 """Samples of the posterior. Chosen: deviations are right to an eighth."""
@@ -26,11 +27,6 @@ REACH_M = 0.05
 """Distance in space over which errors of pairs are alike."""
 STRAIN_M = 0.0002
 """Error of a pair that no view knows of: strain, and what smoothing takes of a length."""
-_LEAST_STD_M = 0.0005
-"""Least deviation of a node: what nodes and pixels are measured to. Chosen."""
-_BULK = 0.9
-"""Share of the nodes that lie as the shape does; deviations are relative to these. Chosen, as in the
-evaluation of shapes against their truth."""
 
 
 def deviations_m(
@@ -65,7 +61,7 @@ def deviations_m(
     z[order.nodes] = at.z
     std_m = np.full(len(graph), np.nan)
     std_m[own] = np.hypot(
-        _spread_m(moved, z[own], (own if reference is None else reference)[own]), _LEAST_STD_M
+        _spread_m(moved, z[own], (own if reference is None else reference)[own]), STRAIN_M
     )
     return std_m
 
@@ -121,7 +117,7 @@ def _spread_m(moved: Complex128, z: Complex128, reference: Bool) -> Float64:
                 np.square(np.abs(arm[kept])).sum(), 1e-12
             )
             rest = np.abs(displaced - shift - 1j * turn * arm)
-            kept = reference & (rest <= np.quantile(rest[reference], _BULK))
+            kept = reference & (rest <= np.quantile(rest[reference], BULK))
         total += np.square(rest)
     spread: Float64 = np.sqrt(0.5 * total / moved.shape[1])
     return spread

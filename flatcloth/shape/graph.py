@@ -27,8 +27,6 @@ _DISAGREES_STDS = 2.0
 views of a D435 lose too much (medians 9 % worse), with 3, those of a stereo sensor too little."""
 _ROUNDS = 4
 """How often the mean and the weights are computed. Chosen: the weights hardly change after that."""
-_LEAST_WAY_M = 1e-6
-"""Nodes nearer than this lie on one another: no direction leads from one to the other. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,7 +206,7 @@ def pairs_as_laid(
     pair.
     """
     way = z[pairs[:, 1]] - z[pairs[:, 0]]
-    known = np.isfinite(way) & (np.abs(way) > _LEAST_WAY_M)
+    known = np.abs(way) > 0.0  # no direction leads to a node at the same place
     pairs, way = pairs[known], way[known]
     return Graph(
         xyz_m=graph.xyz_m,

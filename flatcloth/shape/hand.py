@@ -11,10 +11,8 @@ from scipy.spatial import cKDTree
 from flatcloth.core.types import Bool, Float64
 from flatcloth.shape.graph import Graph, Links, merged, pairs_as_laid, rotations_at
 from flatcloth.shape.observations import PAIR_INTERVALS, Association, Observation, PlacedView
-from flatcloth.shape.shape import Shape
+from flatcloth.shape.shape import PLACE_STD_M, Shape
 
-_STD_M = 0.003
-"""Standard deviation of a length between cloth that the operator laid and the shape under it. Set by hand."""
 _TO_COMPLEX = np.array([1.0, 1j])
 """From (u, v) to u + iv. By definition."""
 
@@ -76,7 +74,7 @@ def with_hands(
         pairs = np.sort(np.stack([one, there[np.concatenate([*near, []]).astype(np.int64)]], axis=1), axis=1)
         known = {tuple(pair) for part in parts for pair in part.pairs.tolist()}
         new = np.array([tuple(pair) not in known for pair in pairs.tolist()], dtype=np.bool_)
-        parts.append(pairs_as_laid(graph, pairs[new], z, rotation, _STD_M, evidence=1.0))
+        parts.append(pairs_as_laid(graph, pairs[new], z, rotation, PLACE_STD_M, evidence=1.0))
     whole, order = merged(parts, graph.xyz_m)
     place = np.empty(len(order), dtype=np.int32)
     place[order] = np.arange(len(order), dtype=np.int32)

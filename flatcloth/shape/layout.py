@@ -28,9 +28,9 @@ FALSE_RAD = 0.2
 FALSE_M = 0.008
 """... and those that miss the place of an end by more than this. From 0.15 to 0.3 rad nothing changes; at
 0.05 true pairs of necks go."""
-_HALVINGS_RAD, _HALVINGS_M = 2, 3
+_HALVINGS = 2
 """How often the scale of the loss is halved down to these. Chosen: no true pair is off by more than the first
-scale, 0.8 rad and 64 mm, before the others are right."""
+scale, 0.8 rad and 32 mm, before the others are right."""
 _OFF = 0.25
 """Weight at which a pair is off: that of Geman and McClure at the scale. By definition."""
 _ITERATIONS = 8
@@ -40,11 +40,6 @@ _HELD = 1e-9
 the weakest neck."""
 _STILL_M = 1e-4
 """The minimum is reached when no node moves farther. Chosen: far below what is measured."""
-_FAST = 0.5
-"""The equations are factored again if a step is not this much smaller than the one before. Chosen: a factor
-costs as much as ten steps."""
-_LEAST_SHARE = 1.0 / 64.0
-"""Smallest share of a step that is tried if the whole would raise the energy. Chosen."""
 _MOST_STEPS = 20
 """Most steps to the minimum. Chosen: 5 to 10 are needed."""
 
@@ -98,7 +93,7 @@ def rotations(pairs: Pairs, used: Bool, certain: Bool) -> tuple[Complex128, Floa
     turn = pairs.a * np.conj(pairs.b)  # R_j = R_i a / b
     turn /= np.maximum(np.abs(turn), np.finfo(float).tiny)
     rotation, holds = np.ones(len(order.nodes), dtype=complex), np.where(used, 1.0, 0.0)
-    for scale in _scales(FALSE_RAD, _HALVINGS_RAD):
+    for scale in _scales(FALSE_RAD):
         form = PairForm(order, pairs.weight * holds, turn, _HELD)
         for _ in range(_ITERATIONS):
             rotation = form.solve(rotation)
@@ -126,7 +121,7 @@ def places(pairs: Pairs, rotation: Complex128, holds: Float64, certain: Bool) ->
         return found
 
     z = solved_places(pairs.weight * holds)
-    for scale in _scales(FALSE_M, _HALVINGS_M):
+    for scale in _scales(FALSE_M):
         way = z[order.high] - z[order.low]
         off_m = np.maximum(np.abs(way - ways[0]), np.abs(way - ways[1]))
         near = np.where(certain, 1.0, _geman_mcclure(off_m, scale))
@@ -173,29 +168,27 @@ def minimum(pairs: Pairs, z: Complex128, rotation: Complex128, holds: Bool) -> M
     """Return the minimum of E over the pairs that hold (P,), from places and rotations near it.
 
     Gauss-Newton, plain least squares: false links are gone, and no neck loses pairs to a robust loss. The
-    equations are factored again only where steps do not shrink fast.
+    equations are factored again only while steps are large, or would raise the energy.
     """
-    weight, before_m, factor = np.where(holds, pairs.weight, 0.0), math.inf, None
+    weight, factor = np.where(holds, pairs.weight, 0.0), None
     energy, pull = _pulled_by_residuals(pairs, z, rotation, weight)
     for _ in range(_MOST_STEPS):
         if factor is None:
             factor = _factor(pairs, z, rotation, weight)
         moved = solved(factor, pull)[:, 0]
-        share, after = 1.0, math.inf
+        step, turn, is_whole = moved[0::3] + 1j * moved[1::3], moved[2::3], True
         while True:
-            next_z = z + share * (moved[0::3] + 1j * moved[1::3])
-            next_rotation = rotation * np.exp(1j * np.arctan(share * moved[2::3]))
+            next_z, next_rotation = z + step, rotation * np.exp(1j * np.arctan(turn))
             after, next_pull = _pulled_by_residuals(pairs, next_z, next_rotation, weight)
-            if after <= energy or share < _LEAST_SHARE:
+            step_m = float(np.abs(step).max(initial=0.0))
+            if after <= energy or step_m < _STILL_M:
                 break
-            share *= 0.5
-        step_m = float(np.abs(next_z - z).max(initial=0.0))
+            step, turn, is_whole = 0.5 * step, 0.5 * turn, False
         z, rotation, energy, pull = next_z, next_rotation, after, next_pull
         if step_m < _STILL_M:
             break
-        if share < 1.0 or step_m > FALSE_M or step_m > _FAST * before_m:
+        if step_m > FALSE_M or not is_whole:
             factor = None
-        before_m = step_m
     if factor is None:
         factor = _factor(pairs, z, rotation, weight)
     return Minimum(pairs=pairs, z=z, rotation=rotation, weight=weight, factor=factor)
@@ -212,8 +205,8 @@ def _pulled_by_residuals(
     return float(energy), pull
 
 
-def _scales(least: float, halvings: int) -> list[float]:
-    return [least * 2.0**n for n in range(halvings, -1, -1)]
+def _scales(least: float) -> list[float]:
+    return [least * 2.0**n for n in range(_HALVINGS, -1, -1)]
 
 
 def _geman_mcclure(residual: Float64, scale: float) -> Float64:
@@ -227,7 +220,7 @@ def _factor(pairs: Pairs, z: Complex128, rotation: Complex128, weight: Float64) 
     band = np.zeros((3 * order.width + 3, 3 * len(z)), order="F")
     way, ends = z[order.high] - z[order.low], (rotation[order.low] * pairs.a, rotation[order.high] * pairs.b)
     _add_equations(order.low, order.high, way, *ends, weight, LAMBDA, band.T)
-    band[0] += _HELD * band[0] + 1e-3 * _HELD * band[0].max()
+    band[0] += _HELD * (band[0] + np.median(band[0]))
     return np.asarray(factored(band), dtype=np.float64)
 
 

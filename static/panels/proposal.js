@@ -190,7 +190,7 @@ function foreseen(/** @type {Pending["foreseen"]} */ cloth) {
       ["adds", cm2(cloth.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
       ["seen again", cm2(cloth.again_cm2), "Cloth of the proposal that the shape or a piece already has"],
       cloth.joins.length > 0 && ["joins", cloth.joins.join(", "), "Pieces that it would connect (A is the shape)"],
-      cloth.moved_mm !== null && ["moves", `${number(cloth.moved_mm)} mm`, "95 % of the shape's cloth moves by less"],
+      cloth.moved_mm !== null && ["moves", `${number(cloth.moved_mm)} mm`, "Nine tenths of the shape's cloth move by less"],
       cloth.contradicted !== null && [
         "contradicts",
         `${number(100 * cloth.contradicted)} %`,

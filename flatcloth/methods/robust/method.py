@@ -44,6 +44,7 @@ from flatcloth.methods.answers import (
 )
 from flatcloth.methods.base import Focus, Method, Views
 from flatcloth.methods.neighbours import Neighbourhoods
+from flatcloth.methods.paper.matching import SEARCH_POINTS
 from flatcloth.methods.robust.next_best_view import inner_area_m2, rate_candidates, seams_ahead
 from flatcloth.methods.robust.scoring import (
     ReferenceShape,
@@ -67,9 +68,6 @@ from flatcloth.shape.shape import Shape, change_by, of_views
 MOST_CONTRADICTION = 0.1
 """Without an operator, a view is left out if the others contradict a larger share of its pairs. Set by
 hand."""
-_SAMPLES = 2000
-"""Points of a component that are compared with the shape. Chosen: as many as decide its score to a
-percent."""
 
 
 class RobustMethod(Method):
@@ -269,7 +267,7 @@ class RobustMethod(Method):
         found = {}
         for n, component in enumerate(flattening.components):
             inside, own = np.flatnonzero(of_pixel == n), np.flatnonzero(of_node == n)
-            inside = inside[:: max(1, len(inside) // _SAMPLES)]
+            inside = inside[:: max(1, len(inside) // SEARCH_POINTS)]
             # With the nodes, so that cloth present twice is found.
             some = np.stack(np.unravel_index(inside, of_pixel.shape), axis=1).astype(np.int32)
             rc: Int32 = np.concatenate([some, pixel[own]])

@@ -25,12 +25,8 @@ from flatcloth.methods.nearest import NearPoints
 from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
 from flatcloth.methods.refining import Nodes, Samples, fitted
 from flatcloth.shape.pieces import TWICE_M
-from flatcloth.shape.shape import Shape
+from flatcloth.shape.shape import PLACE_STD_M, Shape
 
-PLACE_STD_M = 0.003
-"""Standard deviation of the distance of equal cloth in space, in addition to the views' noise, and of a
-length between a seam and the cloth next to it. Set by hand; in ``outcome.json`` of the shared recordings, the
-places of a seam fit its motion to 2 to 4 mm in the median (``residual_mm``)."""
 _REFINE_RADIUS_M = 0.02
 """Initial scale of the robust refinement, distance in space. Set by hand."""
 CONFIDENCE_WEIGHTS = (4.51, 1.28, 0.38, -2.38, -2.17, -0.19, -1.58)

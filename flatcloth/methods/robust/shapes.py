@@ -31,9 +31,6 @@ from flatcloth.shape.shape import TWO_ROWS_M, Shape
 
 MOST_KEPT = 64
 """Values that are kept of each kind (poses, scores). Chosen: more than the views of a session."""
-_SHAPES_KEPT = 6
-"""Shapes that are kept: with and without the proposal, and those of the decisions before it, for undo.
-Chosen: each takes 10 to 15 MB."""
 
 
 def shape_key(document: Document) -> tuple[Hashable, ...]:
@@ -213,7 +210,7 @@ class Shapes:
     def __init__(self, views: Views, seen: RegisteredViews) -> None:
         self._views, self._seen = views, seen
         self._interval_px = views.config.flattening.sampling_intervals_px[-1]
-        self._shapes: Cache[Shape] = Cache(_SHAPES_KEPT)
+        self._shapes: Cache[Shape] = Cache(6)  # with and without the proposal, and for undo: 10 to 15 MB each
 
     def release(self) -> None:
         """Free all shapes but those in use."""

@@ -149,7 +149,7 @@ class JoinedPieceInfo(Sent, frozen=True):
 class Foreseen(Sent, frozen=True):
     """What accepting the proposal would add, measure again, and join.
 
-    By the shape with the view beside that without it: how far cloth moves (95 % of it less), the share of the
+    By the shape with the view beside that without it: how far cloth moves (nine tenths of it less), the share of the
     view's pairs that the others contradict, and how much more is reliable; None if the method does not know.
     """
 

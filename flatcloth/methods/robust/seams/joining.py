@@ -17,7 +17,6 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, FlattenedView, Float64, Int64, LaidPiece
 from flatcloth.methods.answers import Ends, Seam
-from flatcloth.methods.robust.scoring import PLACE_STD_M
 from flatcloth.methods.robust.seams.decisions import CUT, with_decisions
 from flatcloth.methods.robust.seams.laying import Both, joined_pieces, laid_piece, nodes_on, with_laid
 from flatcloth.methods.robust.seams.links import (
@@ -34,7 +33,7 @@ from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, merged, pairs_as_laid, rotations_at
 from flatcloth.shape.observations import PAIR_INTERVALS
 from flatcloth.shape.pieces import both_ends
-from flatcloth.shape.shape import PIECES_APART_M, Shape
+from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 _SEAM_EVIDENCE = 0.1
 """Evidence of each pair at a seam. Chosen: the 30 matches that join pieces have more than joins any two."""

@@ -17,11 +17,10 @@ from flatcloth.core.graphs import cut_between
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int16, Int32, Int64, Rigid2
 from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.methods.answers import Ends
-from flatcloth.methods.robust.scoring import PLACE_STD_M
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.shape.algorithm import apart
 from flatcloth.shape.pieces import LEAST_PIECE
-from flatcloth.shape.shape import PIECES_APART_M, Shape
+from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 LEAST_MATCHES = 28
 """Fewest matches of a set that joins pieces, or fewer if they cover as much as that on a strip as wide as
