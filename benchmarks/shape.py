@@ -39,10 +39,12 @@ from flatcloth.shape.shape import Shape
 ORDERS, REPEATS = 3, 3
 FACTORS = (1.0 + 1e-6, 1.0 - 1e-6)
 _COLUMNS = {
-    "this_within_3_std_share": "this side: within 3 std",
+    "this_seen": "this side: share of seen cloth",
+    "this_within_3_std_share": "within 3 std",
     "this_firm_share": "reliable",
     "this_firm_far_share": "> 20 mm",
-    "other_within_3_std_share": "other side: within 3 std",
+    "other_seen": "other side: share of seen cloth",
+    "other_within_3_std_share": "within 3 std",
     "other_firm_share": "reliable",
     "other_firm_far_share": "> 20 mm",
     "related_within_3_std_share": "in relation: within 3 std",
