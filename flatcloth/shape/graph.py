@@ -24,7 +24,7 @@ agree leave an n-th of it. Measured: ``python -m benchmarks strain``."""
 
 _DISAGREES_STDS = 2.0
 """A view that is off the mean of its pair by so many standard deviations has a quarter of its weight. With 1,
-views of a D435 lose too much (medians 9 % worse), with 3, those of a stereo sensor too little."""
+views of a D435 lose too much (medians 9 % worse). Set by hand."""
 _ROUNDS = 4
 """How often the mean and the weights are computed. Chosen: the weights hardly change after that."""
 

@@ -22,12 +22,12 @@ from flatcloth.shape.bands import Order, PairForm, factored, order_of, solved
 from flatcloth.shape.graph import Graph
 
 LAMBDA = 0.3
-"""Weight of directions against lengths. From 0.1 to 1 errors change by less than 2 %."""
+"""Weight of directions against lengths. Chosen: from 0.1 to 1 errors change by less than 2 %."""
 FALSE_RAD = 0.2
 """Pairs whose frames disagree by more than this are false links, ..."""
 FALSE_M = 0.008
 """... and those that miss the place of an end by more than this. From 0.15 to 0.3 rad nothing changes; at
-0.05 true pairs of necks go."""
+0.05 true pairs of necks go. Set by hand."""
 _HALVINGS = 2
 """How often the scale of the loss is halved down to these. Chosen: no true pair is off by more than the first
 scale, 0.8 rad and 32 mm, before the others are right."""

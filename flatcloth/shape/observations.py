@@ -12,10 +12,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from flatcloth.core.config import SurfaceConfig
@@ -43,9 +41,6 @@ WELL_SEEN_DEG = 55.0
 observed there. Set by hand."""
 _NEW_NODE_DISTANCE = 0.65
 """A view adds nodes at this distance (in sampling intervals) from the nodes it sees. Set by hand."""
-_NARROW_NODE_DISTANCE = 0.8
-"""In narrow places it does so at this distance, in halves of the interval. Set by hand: with a smaller one,
-skirts and shirts without noise are relaxed less well."""
 FRONTAL_NOISE = 0.4
 """Error of a pair seen frontally, as a share of the view's noise; the squared tangent of the incidence angle
 is added. Set by hand."""
@@ -96,11 +91,6 @@ class Observation:
     edge_evidence: Float64
     offset: Complex128
     is_noisy: bool
-
-
-_SURROUND = 4
-"""The nearest neighbours of a node, whose farthest bounds the length of its pairs. Chosen: these surround
-it."""
 
 
 def no_nodes() -> Nodes:
@@ -235,9 +225,6 @@ def observe(
     if len(associated.rc):
         distance, _ = cKDTree(associated.rc).query(fresh)
         fresh = fresh[distance > _NEW_NODE_DISTANCE * d]
-    if not surface.noisy:
-        known = np.concatenate([associated.rc, fresh])
-        fresh = np.concatenate([fresh, _in_narrow_places(surface.usable, d, known)])
     # Known cloth is not measured again at large incidence angles.
     steep = associated.incidence_deg > limit
     node = np.concatenate([associated.node[~steep], np.full(len(fresh), -1, dtype=np.int32)])
@@ -274,45 +261,6 @@ def observe(
     return averaged(nodes, observation, object_from_camera), observation
 
 
-def _in_narrow_places(usable: Bool, interval_px: int, known: Float64) -> Float64:
-    """Return positions (N, 2) at half the interval where the surface is narrower than the interval.
-
-    Strips and necks that the grid would miss connect the cloth on both sides of them. The middles of strips
-    come first, and the rest as close as half the interval allows, so that no strip of one pixel is missed.
-    """
-    size = 2 * interval_px + 1
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    narrow = usable & (cv2.morphologyEx(usable.astype(np.uint8), cv2.MORPH_OPEN, disc) == 0)
-    places = np.argwhere(narrow)
-    half = interval_px // 2
-    if len(known) and len(places):
-        distance, _ = cKDTree(known).query(places)
-        places = places[distance > _NARROW_NODE_DISTANCE * half]
-    if not len(places):
-        return np.zeros((0, 2))
-    # The nearest pixel off the surface is a neighbour of one on it.
-    padded = np.pad(usable.astype(np.uint8), 1)
-    outside = cv2.dilate(padded, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))) > padded
-    inside_px, _ = cKDTree(np.argwhere(outside)).query(places + 1)
-    order = np.argsort(-inside_px, kind="stable")
-    return _spaced(places[order], usable.shape, half).astype(np.float64)
-
-
-@njit(cache=True, nogil=True)
-def _spaced(places: NDArray[np.int64], shape: tuple[int, int], least_px: int) -> NDArray[np.int64]:
-    """Return those of the pixels (N, 2) that lie at least so many rows or columns from all before them."""
-    taken, count = np.zeros(shape, dtype=np.bool_), 0
-    chosen = np.empty_like(places)
-    for n in range(len(places)):
-        row, col = places[n]
-        if not taken[row, col]:
-            chosen[count, 0], chosen[count, 1] = row, col
-            count += 1
-            first_row, first_col = max(row - least_px + 1, 0), max(col - least_px + 1, 0)
-            taken[first_row : row + least_px, first_col : col + least_px] = True
-    return chosen[:count]
-
-
 def _pixels_inside(rc: Float64, shape: tuple[int, ...]) -> tuple[Int32, Bool]:
     in_rows, in_cols = ((rc > -0.5) & (rc < np.array(shape) - 0.5)).T
     inside: Bool = in_rows & in_cols
@@ -338,13 +286,6 @@ def _pairs(
     pixel = np.rint(rc).astype(np.int32)
     reach_px = PAIR_INTERVALS * interval_px
     edges = cKDTree(pixel).query_pairs(reach_px, output_type="ndarray").astype(np.int32)
-    if not surface.noisy:
-        # Where nodes are closer than the interval, pairs are shorter.
-        one, other = edges.T
-        apart_px = np.hypot(*(pixel[one] - pixel[other]).T)
-        surrounded_px = _nth_nearest(edges, apart_px, np.full((len(pixel), _SURROUND), reach_px))
-        longest_px = PAIR_INTERVALS * np.maximum(surrounded_px, interval_px // 2)
-        edges = edges[apart_px <= np.maximum(longest_px[one], longest_px[other])]
     edges = edges[path_on_surface(surface.usable, surface.steps, pixel, edges)]
     edges, length = lengths_along_surface(edges, points, normal, MAX_CHORD_SLOPE)
     apart = length > surface.pixel_pitch_m
@@ -355,21 +296,6 @@ def _pairs(
     bent_rad = math.radians(BENT_DEG)
     offset = _offsets(edges, points, normal, np.stack(tangent_basis(normal)), length, bent_rad)
     return edges, length, np.hypot(NOISELESS_STD_M, noise), offset
-
-
-@njit(cache=True, nogil=True)
-def _nth_nearest(edges: Int32, length: Float64, nearest: Float64) -> Float64:
-    """Return the length (N,) of the k-th shortest of each node's pairs.
-
-    ``nearest`` (N, k) is overwritten; before, it is what a node with fewer pairs has.
-    """
-    for e in range(len(edges)):
-        for end in range(2):
-            node, inserted = edges[e, end], length[e]
-            for k in range(nearest.shape[1]):
-                if inserted < nearest[node, k]:
-                    nearest[node, k], inserted = inserted, nearest[node, k]
-    return nearest[:, -1].copy()
 
 
 @njit(cache=True, nogil=True)

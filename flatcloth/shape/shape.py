@@ -18,12 +18,12 @@ from flatcloth.shape.observations import Nodes, Observation
 PIECES_APART_M = 10.0
 """Distance of floating pieces on the plane. By definition: larger than any cloth."""
 PLACE_STD_M = 0.003
-"""Standard deviation of the distance of equal cloth in space, in addition to the views' noise, and of a length
-between a seam, or cloth laid by hand, and the cloth next to it. Set by hand; in ``outcome.json`` of the shared
-recordings, the places of a seam fit its motion to 2 to 4 mm in the median (``residual_mm``)."""
+"""Standard deviation of the distance of equal cloth in space, in addition to the views' noise, and of a
+length between a seam, or cloth laid by hand, and the cloth next to it. Set by hand; in ``outcome.json`` of
+the shared recordings, the places of a seam fit its motion to 2 to 4 mm in the median (``residual_mm``)."""
 BULK = 0.9
-"""Share of the nodes that lie as the shape does: deviations are relative to these, and a view moves them by what
-it is said to move. Chosen, as in the evaluation of shapes against their truth."""
+"""Share of the nodes that lie as the shape does: deviations are relative to these, and a view moves them by
+what it is said to move. Chosen, as in the evaluation of shapes against their truth."""
 RELIABLE_M = 0.010
 """A node, or a pixel, with a smaller standard deviation is called reliable. Set by hand."""
 TWO_ROWS_M = 2 * LEAST_INTERVAL_M
@@ -143,9 +143,9 @@ def of_views(whole: Shape, views: Collection[int]) -> Shape:
 class Change:
     """What one more view changes about a shape.
 
-    ``added_m2`` cloth that is new, on any piece; ``moved_m`` by how much nine tenths of the main piece's cloth
-    move at most; ``contradicted`` the share of the view's pairs that the others contradict; ``made_sure_m2`` the
-    reliable cloth of the main piece, more than before.
+    ``added_m2`` cloth that is new, on any piece; ``moved_m`` by how much nine tenths of the main piece's
+    cloth move at most; ``contradicted`` the share of the view's pairs that the others contradict;
+    ``made_sure_m2`` the reliable cloth of the main piece, more than before.
     """
 
     added_m2: float

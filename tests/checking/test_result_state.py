@@ -214,12 +214,11 @@ def test_no_garment_is_tried_on_an_unattended_result_that_is_wrong(monkeypatch):
         service.of(Document())
 
 
-def test_a_result_of_a_wrong_recording_ends_soon_and_calls_nothing_reliable(tmp_path):
+def test_a_result_of_a_wrong_recording_calls_nothing_reliable(tmp_path):
     wrong = mended(open_recording(RIGHT), Mends(reverse=True))
     assert known_check(wrong) is None
     checked(wrong)
     shape = flatcloth.integrate(wrong, cores=1)
-    assert len(shape.views) <= LEAST_VIEWS
     assert shape.report["firm_share"] == 0.0
     assert np.isnan(shape.placement_std_m).all()
     integration, document = shape.data.integration, shape.data.document

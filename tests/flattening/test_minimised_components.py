@@ -67,9 +67,10 @@ def test_components_are_minimised_as_each_alone_and_the_largest_is_the_first() -
     sheets = [sheet(3, 7, 1), sheet(12, 5), sheet(1, 2, 2), sheet(32, 32, 3)]
     level, found = solved(*sheets)
     for one, uv in zip(sheets, found, strict=True):
-        np.testing.assert_array_equal(uv, minimise(*one, majorisations=6, energy_tolerance=2e-3).uv_m)
+        alone = minimise(*one, majorisations=6, energy_tolerance=2e-3).uv_m
+        np.testing.assert_allclose(uv, alone, rtol=0, atol=1e-12)  # sums of several begin elsewhere
     assert level.component[-1] == 0
-    assert level.energy == minimise(*sheets[3], majorisations=6, energy_tolerance=2e-3).energy
+    assert level.energy == pytest.approx(minimise(*sheets[3], majorisations=6, energy_tolerance=2e-3).energy)
     assert level.states == ()
 
 

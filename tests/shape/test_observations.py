@@ -56,27 +56,6 @@ def test_the_error_of_a_noisy_view_moves_no_node_along_steep_cloth() -> None:
     assert moved_px > 0.4 * OFF_M * CAMERA.fx / own[:, 2].max() * SLOPE / (1.0 + SLOPE**2)
 
 
-@pytest.mark.parametrize("width", [3, 5, 7])
-def test_no_strip_of_the_surface_is_too_narrow_to_join_two_areas(width: int) -> None:
-    """Wherever the strip lies between the nodes of a grid, pairs lead along it from one area to the other."""
-    depth = plane()
-    whole = observe_surface(frame(depth, box(0.1, depth)), AXIS, SurfaceConfig())
-    for row in range(100, 106):
-        usable = np.zeros_like(whole.usable)
-        usable[80:126, 80:100] = usable[80:126, 140:160] = True
-        usable[row : row + width, 100:140] = True
-        seen = seen_alone(replace(whole, usable=usable))
-        pixel = np.rint(seen.rc).astype(int)
-        assert usable[pixel[:, 0], pixel[:, 1]].all()
-        reached = np.array([pixel[:, 1].argmin()])
-        for _ in range(200):
-            touched = np.isin(seen.edges, reached).any(axis=1)
-            reached = np.union1d(reached, seen.edges[touched])
-        assert pixel[reached, 1].max() > 140
-        off_px = np.linalg.norm(seen.rc[:, None] - seen.rc, axis=2) + 99 * np.eye(len(seen.rc))
-        assert off_px.min() > 0.7 * INTERVAL_PX // 2
-
-
 def test_a_view_that_shows_one_place_alone_is_no_view_of_the_shape() -> None:
     depth = plane()
     surface = observe_surface(frame(depth, box(0.06, depth)), AXIS, SurfaceConfig())

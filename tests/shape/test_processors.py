@@ -1,4 +1,4 @@
-"""The same shape on every processor: with narrower vectors and another BLAS, pieces and places are the same."""
+"""The same shape on every processor, whatever the width of its vectors and its BLAS."""
 
 from __future__ import annotations
 

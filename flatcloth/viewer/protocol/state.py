@@ -149,8 +149,9 @@ class JoinedPieceInfo(Sent, frozen=True):
 class Foreseen(Sent, frozen=True):
     """What accepting the proposal would add, measure again, and join.
 
-    By the shape with the view beside that without it: how far cloth moves (nine tenths of it less), the share of the
-    view's pairs that the others contradict, and how much more is reliable; None if the method does not know.
+    By the shape with the view beside that without it: how far cloth moves (nine tenths of it less), the share
+    of the view's pairs that the others contradict, and how much more is reliable; None if the method does not
+    know.
     """
 
     added_cm2: float
