@@ -15,7 +15,6 @@ from typing import Any
 
 from flatcloth.core.decoding import MisfitError, fitted, found_at
 from flatcloth.core.errors import ConfigError
-from flatcloth.core.former_settings import FORMER, FORMER_DEFAULTS, MOVED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,57 +105,16 @@ class Config:
         plain: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))
         return plain
 
-    def to_former_dict(self) -> dict[str, Any]:
-        """Return what ``to_dict`` returned when all of ``former_settings`` could be set."""
-        former = self.to_dict()
-        for (section, name), default in FORMER_DEFAULTS.items():
-            if former[section][name] == getattr(getattr(Config(), section), name):
-                former[section][name] = default
-        for (section, name), (new_section, new_name) in MOVED.items():
-            former.setdefault(section, {})[name] = former[new_section].pop(new_name)
-        for section, names in FORMER.items():
-            former[section] = {**former.get(section, {}), **names}
-        return {section: own for section, own in former.items() if own}
-
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Config:
-        """Read what ``to_dict`` wrote, now or in an earlier version; missing names keep their defaults.
+        """Read what ``to_dict`` wrote; missing names keep their defaults.
 
         Raises
         ------
         ConfigError
-            If a name is unknown, a value has the wrong type, or a setting that is a constant now had
-            another value; the message names it.
+            If a name is unknown, or a value has the wrong type; the message names it.
         """
-        return _read(_without_former(values))
-
-
-def _without_former(values: Any) -> Any:
-    """Drop the settings of earlier versions that had their defaults, and rename those that were moved."""
-    if not isinstance(values, Mapping):
-        return values
-    current = {section.name for section in dataclasses.fields(Config)}
-    kept = {name: dict(own) if isinstance(own, Mapping) else own for name, own in values.items()}
-    for (section, name), default in FORMER_DEFAULTS.items():
-        if FORMER.keys() - current <= kept.keys() and isinstance(kept.get(section), dict):
-            if kept[section].get(name) == default:
-                del kept[section][name]
-    for (section, name), (new_section, new_name) in MOVED.items():
-        if isinstance(kept.get(section), dict) and name in kept[section]:
-            kept.setdefault(new_section, {})[new_name] = kept[section].pop(name)
-    for section, names in FORMER.items():
-        own = kept.get(section)
-        if not isinstance(own, dict):
-            continue
-        for name, default in names.items():
-            if name in own and own.pop(name) != default:
-                raise ConfigError(
-                    f"config.{section}.{name}: {values[section][name]!r} was set, but this version has it "
-                    f"fixed to {default!r}"
-                )
-        if not own and section not in current:
-            del kept[section]
-    return kept
+        return _read(values)
 
 
 def _read(values: Any) -> Config:

@@ -23,7 +23,7 @@ from flatcloth.core.plain_files import read_plain, replace_file
 from flatcloth.recordings.base import Recording, fingerprint, source_options
 from flatcloth.recordings.growing import GrowingRecording
 
-FORMAT = "flatcloth-session/1"
+FORMAT = "flatcloth-session/2"
 HEADER = "session.json"
 
 
@@ -75,7 +75,7 @@ def default_session_folder(recording: Recording, method: str, config: Config | N
     a short hash of its location and header, the method and the settings, so that sessions that
     cannot continue each other have different folders.
     """
-    settings = (config or Config()).to_former_dict()  # sessions of earlier versions are found again
+    settings = (config or Config()).to_dict()
     about = json.dumps([recording.location, fingerprint(recording), method, settings], sort_keys=True)
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", recording.name).strip("-.")[:60] or "recording"
     return state_folder() / "sessions" / f"{name}-{hashlib.sha256(about.encode()).hexdigest()[:8]}"
@@ -94,7 +94,9 @@ def read_header(folder: Path) -> Header:
         raw = parse_json(read_plain(path))
         found = raw.get("format") if isinstance(raw, dict) else None
         if found is not None and found != FORMAT:
-            raise JournalError(f"{path}: format {found!r:.60} is unknown, not {FORMAT}. Use another folder.")
+            raise JournalError(
+                f"{path}: format {found!r:.60} is not {FORMAT}, which this version continues. Use another folder."
+            )
         header = fitted(raw, Header)
         header.effective_config  # noqa: B018 - raises on unknown settings
     except FileNotFoundError as error:

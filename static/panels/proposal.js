@@ -116,7 +116,6 @@ function showProposal(state, send, show) {
     foreseen(pending.foreseen),
     checkList(pending.checks, show),
     pending.undetermined.length > 0 && make("p.note", `Not determined: ${pending.undetermined.join(", ")}`),
-    placesOf(pending, layers?.revision ?? 0, send),
     pending.why && make("p.asked-again", pending.why),
     placedWithIt(pending, send, show),
   ]);
@@ -156,31 +155,6 @@ function partsOfScore(/** @type {Pending} */ { parts, cameras, reason }) {
   );
 }
 
-/** The places that were found; a click lays the proposal there. */
-function placesOf(
-  /** @type {Pending} */ { hypotheses, view_index },
-  /** @type {number} */ revision,
-  /** @type {Send} */ send,
-) {
-  if (hypotheses.length < 2) return null;
-  const button = (/** @type {Pending["hypotheses"][number]} */ h, /** @type {number} */ index) => {
-    const [short, source] = SOURCES[h.source];
-    const src = `/hypothesis/${revision}-${view_index}/${index}.png`;
-    return make(
-      "button",
-      {
-        label: `${short} ${number(h.score, 2)}: ${source}`,
-        key: `place-${index}`,
-        tip: `${source}: ${vector([h.u_mm, h.v_mm])} mm, ${degrees(h.theta_deg)}. Click: lay it there.`,
-        click: () => send({ type: "choose", view_index, index }),
-      },
-      make("img", { src, alt: "", width: 108, height: 75 }),
-      make("span", `${short} ${number(h.score, 2)}`),
-    );
-  };
-  return make("div.places", { role: "group", label: "Places found" }, ...hypotheses.map(button));
-}
-
 /** What accepting would do. */
 function foreseen(/** @type {Pending["foreseen"]} */ cloth) {
   if (!cloth) return null;
@@ -190,7 +164,11 @@ function foreseen(/** @type {Pending["foreseen"]} */ cloth) {
       ["adds", cm2(cloth.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
       ["seen again", cm2(cloth.again_cm2), "Cloth of the proposal that the shape or a piece already has"],
       cloth.joins.length > 0 && ["joins", cloth.joins.join(", "), "Pieces that it would connect (A is the shape)"],
-      cloth.moved_mm !== null && ["moves", `${number(cloth.moved_mm)} mm`, "Nine tenths of the shape's cloth move by less"],
+      cloth.moved_mm !== null && [
+        "moves",
+        `${number(cloth.moved_mm)} mm`,
+        "Nine tenths of the shape's cloth move by less",
+      ],
       cloth.contradicted !== null && [
         "contradicts",
         `${number(100 * cloth.contradicted)} %`,
@@ -231,8 +209,6 @@ const CHECKS = {
   twice: "Share of the cloth seen in both that would lie 15 mm or more from its place in the shape",
   outline: "Share of the cloth seen in both that would lie outside the outline of the shape",
 };
-/** @type {Record<string, [short: string, long: string]>} */
-const SOURCES = { place: ["Space", "Place in space"], lines: ["Lines", "Z-angle lines"] };
 
 /** @type {Record<string, string>} what the parts of the score mean, by their names in both methods */
 const PARTS = {

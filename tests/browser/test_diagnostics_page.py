@@ -128,24 +128,6 @@ def test_strained_edges_are_drawn_on_both_sides_and_go_with_the_panel(open_tab):
     expect(tab.page.locator("#diagnostics")).to_be_hidden()
 
 
-@pytest.mark.parametrize("program", ["recordings/shirt-corner-d435"], indirect=True)
-def test_hypotheses_are_pictures_to_choose_from(open_tab):
-    tab = open_tab().ready()
-    tab.propose(20)  # one that both estimators place, each elsewhere
-    pictures = tab.page.locator(".places img")
-    expect(pictures.first).to_be_visible()
-    tab.page.wait_for_function(
-        "[...document.querySelectorAll('.places img')].every(i => i.complete && i.naturalWidth === 216)"
-    )
-    hypotheses = tab.state()["pending"]["hypotheses"]
-    assert pictures.count() == len(hypotheses) > 1
-    score = tab.state()["pending"]["score"]
-    tab.page.get_by_role("button", name=re.compile(f"{hypotheses[1]['score']:.2f}")).first.click()
-    tab.until(f"flatcloth.state.pending.score !== {score}")
-    assert tab.state()["pending"]["score"] == pytest.approx(hypotheses[1]["score"], abs=0.02)
-    tab.shoot("diagnostics-hypotheses")
-
-
 def test_the_panel_goes_with_the_proposal_and_comes_back_with_the_next(open_tab):
     tab = asked_why(open_tab)
     first = tab.page.evaluate("flatcloth.diagnostics.known.view_index")

@@ -46,7 +46,7 @@ def test_a_piece_is_seen_beside_the_shape_told_and_picked(open_tab):
     pick = tab.pick()
     assert pick["in_shape"]
     assert pick["miss_m"] == 0
-    assert pick["position_held_m"][1] < -0.01  # on the upper half, above the band
+    assert pick["position_held_m"][1] > 0.01  # on the lower half, below the band
     tab.page.locator('[data-id="part-floating"]').click()
     tab.page.get_by_role("button", name="B", exact=False).filter(has_text="cm").first.click()
     expect(tab.page.locator("#floating")).to_contain_text("Nothing seen connects it to the shape.")

@@ -69,19 +69,6 @@ def test_settings_cannot_be_changed_behind_the_session_s_back() -> None:
         Config().alignment = AlignmentConfig()  # type: ignore[misc]
 
 
-def test_settings_that_became_constants_are_dropped_and_moved_ones_are_found() -> None:
-    former = Config().to_former_dict()
-    assert sum(len(own) for own in former.values()) > 100
-    assert Config.from_dict(former) == Config()
-    former["outlook"]["most_views"] = 9
-    assert Config.from_dict(former).robust.most_views == 9
-
-
-def test_a_former_setting_with_another_value_is_named() -> None:
-    with pytest.raises(ConfigError, match=r"planning\.edge_width_px: 5 was set, .* fixed to 4"):
-        Config.from_dict({"planning": {"edge_width_px": 5}})
-
-
 def test_few_settings_are_exposed_each_with_its_meaning() -> None:
     """The dialog of the page shows them all; what they mean stands under each."""
     assert sum(len(own) for own in Config().to_dict().values()) <= 15

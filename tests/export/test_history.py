@@ -199,7 +199,7 @@ def test_a_folder_that_is_no_session_is_one_clear_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[]", "[" * 99999, '{"format": "flatcloth-session/2"}', '{"format": "flatcloth-session/1"}']
+    "text", ["", "[]", "[" * 99999, '{"format": "flatcloth-session/1"}', '{"format": "flatcloth-session/2"}']
 )
 def test_a_header_that_cannot_be_understood_is_one_clear_line(place: Path, text: str) -> None:
     opened(place).close()

@@ -48,7 +48,7 @@ def test_a_new_folder_says_what_the_session_is_about(place: Path) -> None:
     folder = opened(place)
     folder.close()
     header = json.loads((place / "session.json").read_text())
-    assert header["format"] == "flatcloth-session/1"
+    assert header["format"] == "flatcloth-session/2"
     assert header["recording"]["name"] == "memory"
     assert header["recording"]["views"] == 6
     assert header["method"] == "paper"

@@ -48,9 +48,9 @@ def test_a_recording_that_moved_is_the_same(place: Path) -> None:
         "[]",
         "{}",
         "null",
-        '{"format": "flatcloth-session/1"}',
-        "[" * 99999,
         '{"format": "flatcloth-session/2"}',
+        "[" * 99999,
+        '{"format": "flatcloth-session/1"}',
         '{"format": "x\\ny"}',
     ],
 )

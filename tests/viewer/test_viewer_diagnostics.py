@@ -5,7 +5,6 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from cylinder_views import CylinderViews, proposed
@@ -13,7 +12,6 @@ from route_client import RouteClient
 from viewer_fakes import PIXEL_M
 
 from flatcloth.core.types import Rigid2
-from flatcloth.rendering.thumbnails import HEIGHT_PX, WIDTH_PX, thumbnail
 from flatcloth.viewer.modes.diagnostics import LONGER, SHORTER, DiagnosticsService, edge_colors
 
 
@@ -73,38 +71,12 @@ def test_what_cannot_be_computed_is_told_in_one_line(held):
     [
         "/diagnostics/2-7.json",
         "/diagnostics/3-6.json",
-        "/hypothesis/2-1/0.png",
-        "/hypothesis/3-2/0.png",
-        "/hypothesis/3-1/2.png",
     ],
 )
 def test_what_is_no_longer_shown_is_not_there(held, path):
-    gone = 204 if path.endswith(".png") else 410  # a picture that comes too late is no error
-    assert held.get(path).status_code == gone
+    assert held.get(path).status_code == 410
     held.held.picture = None
-    assert held.get(path).status_code == gone
-
-
-def test_the_hypotheses_are_pictures_of_where_each_would_lie(held):
-    images = []
-    for index in (0, 1):
-        answer = held.get(f"/hypothesis/3-1/{index}.png")
-        assert answer.headers["content-type"] == "image/png"
-        images.append(cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED))
-    assert images[0].shape == (HEIGHT_PX, WIDTH_PX, 4)
-    # The second lies 0.15 m further to the right, in the same frame.
-    right = [np.flatnonzero(image[..., 3].any(axis=0)).max() for image in images]
-    assert right[1] > right[0] + 20
-
-
-def test_a_picture_shows_the_shape_pale_and_the_view_as_it_is():
-    views = CylinderViews()
-    shape, new = views.view(0), views.view(1)
-    image = thumbnail(shape, new, [Rigid2(0.0, -0.5, 0.0)], 0)
-    known = np.flatnonzero(image[HEIGHT_PX // 2, :, 3])
-    assert image[HEIGHT_PX // 2, known[8], 3] == 255
-    assert 0 < image[HEIGHT_PX // 2, known[-8], 3] < 128
-    assert image[0, 0, 3] == 0
+    assert held.get(path).status_code == 410
 
 
 def test_edges_are_drawn_in_3d_while_they_are_wished(held):

@@ -85,6 +85,7 @@ class RobustMethod(Method):
         self._references: Cache[ReferenceShape] = Cache(2)
         self._around: Cache[Neighbourhoods] = Cache(2)
         self._components: Cache[dict[int, SampledComponent]] = Cache(4)
+        self._hypotheses: Cache[dict[int, Hypothesis]] = Cache(4)
         self._scores: Cache[AlignmentScore] = Cache(MOST_KEPT)
         self._drawn: Cache[Canonical] = Cache(2)
         self._apart: Cache[Shape] = Cache(2)
@@ -169,12 +170,10 @@ class RobustMethod(Method):
         progress(0.1, f"flattening view {view_index}")
         flattening = self._views.flattening(view_index)
         progress(0.4, "computing the shape with the view")
-        shape = self.shapes.of(with_view(document, view_index))
+        shape, found = self.shapes.of(with_view(document, view_index)), self._found(document, view_index)
         sampled = self._sampled(document, view_index)
         parts = [
-            ComponentPlacement(
-                component=n, area_m2=own.area_m2, hypothesis=self._placed(document, shape, view_index, n)
-            )
+            ComponentPlacement(component=n, area_m2=own.area_m2, hypothesis=found.get(n))
             for n, own in sampled.items()
             if flattening.components[n].folded_share <= self._config.flattening.max_folded_share
         ]
@@ -203,23 +202,44 @@ class RobustMethod(Method):
             change=change_by(view_index, self.shapes.of(document), shape),
         )
 
-    def _placed(self, document: Document, shape: Shape, view_index: int, component: int) -> Hypothesis | None:
-        """Return where a shape that contains a view has one of its components; None if that floats, or is
-        new.
+    def _found(self, document: Document, view_index: int) -> dict[int, Hypothesis]:
+        """Return the placements of a view's components, but those that float or are new (cached)."""
+        key = shape_key(document), view_index
+        return self._hypotheses.get(key, lambda: self._find(document, view_index))
+
+    def _find(self, document: Document, view_index: int) -> dict[int, Hypothesis]:
+        """Find where the shape with a view has each of its components, and how well the other views agree.
+
+        The score is by the other views' cloth in that shape; for display each lies on the shape without it.
         """
-        motion = self.seen.current_from_component(shape, view_index, component)
-        if motion is None or not (self._sampled(document, view_index)[component].node >= 0).any():
-            return None
-        refined = refine(self._reference(document), self._sampled(document, view_index)[component], motion)
-        score = self.score(document, view_index, component, motion)
-        return Hypothesis(
-            source="place", initial=motion, current_from_new=motion, score=score, std=refined.std
-        )
+        shape = self.shapes.of(with_view(document, view_index))
+        others = of_views(shape, document.used_views)
+        reference = ReferenceShape(others, self.seen.surfaces(others), self._views.axis)
+        drawn, found = self._sampled(document, view_index), {}
+        for n, own in self._sample(others, view_index).items():
+            initial = self.seen.current_from_component(shape, view_index, n)
+            if initial is None or n not in drawn or not (own.node >= 0).any():
+                continue
+            refined = refine(self._reference(document), drawn[n], initial)
+            found[n] = Hypothesis(
+                source="place",
+                initial=initial,
+                current_from_new=refined.shape_from_component,
+                score=score_placement(reference, own, initial),
+                std=refined.std,
+            )
+        return found
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
-        """Score a placement by the probability that it is right (cached)."""
+        """Score a placement by the probability that it is right (cached).
+
+        Where the view hangs, by the shape with it; where it was moved to, by the shape that it was laid on.
+        """
 
         def make() -> AlignmentScore:
+            hangs = self._found(document, view_index).get(component)
+            if hangs is not None and hangs.current_from_new == motion:
+                return hangs.score
             sampled = self._sampled(document, view_index).get(component)
             if sampled is None:
                 return AlignmentScore(0.0, {})
@@ -254,11 +274,11 @@ class RobustMethod(Method):
     def _sampled(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
         """Return the components of a view with the nodes of the shape that they show (cached)."""
         return self._components.get(
-            (shape_key(document), view_index), lambda: self._sample(document, view_index)
+            (shape_key(document), view_index), lambda: self._sample(self.shapes.of(document), view_index)
         )
 
-    def _sample(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
-        flattening, shape = self._views.flattening(view_index), self.shapes.of(document)
+    def _sample(self, shape: Shape, view_index: int) -> dict[int, SampledComponent]:
+        flattening = self._views.flattening(view_index)
         pose = self.seen.poses((*shape.views, view_index))[-1]
         shown = associate(shape.nodes, flattening.surface, pose)
         of_pixel = self.seen.component_of_pixel(view_index)
@@ -310,7 +330,7 @@ class RobustMethod(Method):
 
     def release(self, *, surfaces: bool = False) -> None:
         """Free what only further views or earlier shapes need; with ``surfaces``, those of the views too."""
-        for kept in (self.shapes, self._references, self._around, self._components):
+        for kept in (self.shapes, self._references, self._around, self._components, self._hypotheses):
             kept.release() if isinstance(kept, Shapes) else kept.drop()
         self._seamed.drop()
         self.seen.release(surfaces=surfaces)

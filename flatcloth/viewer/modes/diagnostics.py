@@ -17,8 +17,6 @@ from flatcloth.core.types import Uint8
 from flatcloth.engine.diagnostics import Reasons, StrainedEdges, reasons
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.answers import ColumnCurves, ZAngleLine
-from flatcloth.rendering import layers
-from flatcloth.rendering.thumbnails import thumbnail
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.answers import (
@@ -79,7 +77,6 @@ class DiagnosticsService:
         """Return the routes of this service."""
         return [
             Route("/diagnostics/{revision:int}-{overlay:int}.json", self._serve),
-            Route("/hypothesis/{revision:int}-{view:int}/{index:int}.png", self._thumbnail),
         ]
 
     def show_edges(self, on: bool) -> None:
@@ -130,24 +127,6 @@ class DiagnosticsService:
             )
 
         return await http.made(make)
-
-    async def _thumbnail(self, request: Request) -> Response:
-        picture, asked = self._picture(), request.path_params
-        index = asked["index"]
-
-        def make() -> bytes | None:
-            overlay = None if picture is None else picture.overlay
-            if picture is None or overlay is None or picture.revision != asked["revision"]:
-                return None
-            hypotheses = overlay.proposal.placement.hypotheses
-            if overlay.proposal.view_index != asked["view"] or not 0 <= index < len(hypotheses):
-                return None
-            new = self._integration.views.part(asked["view"], overlay.proposal.component)
-            own = np.array(overlay.own_center_uv_m)
-            placements = [overlay.sheet.shown(h.current_from_new, own) for h in hypotheses]
-            return layers.png(thumbnail(picture.view, new, placements, index))
-
-        return await http.made(make, gone=None)  # no error: the page asks again for the newer state's
 
 
 def edge_colors(edges: StrainedEdges) -> Uint8:
