@@ -95,7 +95,7 @@ def read_header(folder: Path) -> Header:
         found = raw.get("format") if isinstance(raw, dict) else None
         if found is not None and found != FORMAT:
             raise JournalError(
-                f"{path}: format {found!r:.60} is not {FORMAT}, which this version continues. Use another folder."
+                f"{path}: format {found!r:.60} is not {FORMAT}, which this version reads. Use another folder."
             )
         header = fitted(raw, Header)
         header.effective_config  # noqa: B018 - raises on unknown settings
