@@ -19,7 +19,8 @@ _TO_COMPLEX = np.array([1.0, 1j])
 
 @dataclass(frozen=True, kw_only=True)
 class ByHand:
-    """A view that the operator laid on a shape, ``on`` the views before it, where his eyes join cloth.
+    """A view that the operator laid on the shape ``on`` of the views before it, where he sees that cloth
+    belongs.
 
     ``view`` with its pose; ``shown`` are nodes of that shape that the view shows, where its cloth hangs;
     ``pixel_uv_m`` (H, W, 2) is where the view's pixels were laid on the plane, NaN for those that were not.

@@ -19,10 +19,9 @@ from flatcloth.shape.graph import Graph, evidence_of_nodes
 LEAST_EVIDENCE = 2.0
 """Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
 Set by hand."""
-LEAST_CORE = 40
-"""Fewest nodes, joined by triangles, of a part that others are joined to. Set by hand."""
 LEAST_PIECE = 12
-"""Fewest nodes of a piece that is kept, and of an overlap that counts. Set by hand."""
+"""Fewest nodes of a piece that is kept, of a part that others are joined to, and of an overlap that counts.
+Set by hand: where parts of up to 40 nodes were joined by any evidence, flaps of another layer were."""
 TWICE_M = 0.015
 """The same cloth at two positions farther apart on the plane (a little more than the distance of nodes) is
 present twice. Nodes nearer than this on the plane and more than three times as far apart in space lie on
@@ -42,7 +41,7 @@ def pieces_of(graph: Graph, holds: Bool) -> Int32:
     Only what hangs together by pairs is a piece; there is always one.
     """
     label = connected_pieces(
-        len(graph), graph.pairs[holds], graph.evidence[holds], LEAST_CORE, LEAST_EVIDENCE
+        len(graph), graph.pairs[holds], graph.evidence[holds], LEAST_PIECE, LEAST_EVIDENCE
     )
     inside = holds & (label[graph.pairs[:, 0]] == label[graph.pairs[:, 1]])
     part = components(len(graph), graph.pairs[inside])
