@@ -31,27 +31,26 @@ CHANGED = ("the result", "the last digits", "nothing")
 KEPT_FOR = {
     "bounds memory or time, or ends what has converged": (
         "MOST_STEPS", "_FACTORS", "MOST_PIXELS", "_STILL", "MOST_KEPT", "_FILLED", "THREADS",
-        "_IMAGES_KEPT", "_TRIES",
+        "_IMAGES_KEPT", "_TRIES", "_MOST_STEPS",
     ),
     "finds the axis of recordings that name none (`python -m benchmarks axis`)": (
         "TOP_M", "_AROUND_M", "VIEWS_USED", "_GATES", "_GRID_PIXELS", "_LEAST_AGREEING", "_SCALES_M",
         "_USUAL_TILT", "thinned()",
     ),
     "finds wrong poses and turns (`python -m benchmarks mistakes`)": ("_LOOK", "_LEAST_POINTS"),
-    "serves an operator: how sure a proposal is, points placed by hand, strokes (`python -m benchmarks "
-    "confidence`, `strokes`)": (
+    "serves an operator: scores, points placed by hand, strokes (`python -m benchmarks confidence`)": (
         "CONFIDENCE_WEIGHTS", "_REFINE_RADIUS_M", "HELD_STD_M", "_CONTRADICTED", "_MOST_INNER",
         "LEAST_AREA_M2", "SegmentationConfig.thickness_weight",
     ),
-    "cuts or doubts false links, which these recordings do not have (`python -m benchmarks accuracy`, "
-    "`garments`)": ("WEAK_EVIDENCE", "_BENT"),
-    "is about what these recordings do not show: openings inside the outline, grippers, too small items": (
-        "HOLE_M", "_UNLIKE", "_SMALL_SHARE", "LEAST_ITEM_M2",
+    "concerns false links, which these recordings do not have (`python -m benchmarks accuracy`)": (
+        "WEAK_EVIDENCE", "_BENT", "LEAST_EVIDENCE", "MOST_CUT_EVIDENCE", "MOST_CONTRADICTION",
+        "MOST_DRIFT_M", "MOST_STD_M", "TWO_ROWS_M", "_TRIANGLES",
+    ),
+    "is about what these recordings lack: openings in the outline, grippers, small items, uneven turns": (
+        "HOLE_M", "_UNLIKE", "_SMALL_SHARE", "LEAST_ITEM_M2", "_FURTHER_DEG",
     ),
     "proposes motions of seams on other recordings (docs/tried.md)": ("_SEED_M",),
-    "scores plain cloth, and views that hardly overlap, by the paper's method": (
-        "_INTENSITY_FLOOR", "LEAST_OVERLAP_SHARE",
-    ),
+    "is for plain cloth in the method of the paper": ("_INTENSITY_FLOOR", "LEAST_OVERLAP_SHARE"),
     "is geometry with a test of its own": ("_ENDS", "_AREA"),
 }  # fmt: skip
 """Why those stay whose halves and doubles change nothing on the recordings measured."""
