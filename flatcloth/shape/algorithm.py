@@ -16,11 +16,11 @@ import numpy as np
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, Complex128, Int32
 from flatcloth.shape.deviations import deviations_m
-from flatcloth.shape.graph import Graph, Links, graph_of, view_frames
+from flatcloth.shape.graph import Graph, Links, graph_of, uv_of, view_frames
 from flatcloth.shape.hand import ByHand, with_hands
 from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, rotations
 from flatcloth.shape.observations import Observed, PlacedView, observe_all, with_view
-from flatcloth.shape.pieces import cut_of_overlap, pieces_of, weakly_joined
+from flatcloth.shape.pieces import cut_of_overlap, doubtfully_joined, pieces_of, weakly_joined
 from flatcloth.shape.ripples import LOST, ripples_under_noise
 from flatcloth.shape.shape import PIECES_APART_M, Shape
 
@@ -143,11 +143,12 @@ def _shape(
     if scale is None:
         scale = 1.0 + LOST * float(ripples[piece == 0].mean())
         links = replace(links, length_m=scale * links.length_m)
-    uv_m = scale * np.stack([z.real, z.imag], axis=1)
+    uv_m = scale * uv_of(z)
     uv_m[:, 0] += PIECES_APART_M * np.maximum(piece, 0)
     uv_m[piece < 0] = np.nan
     # 9. Deviations: errors of pairs as smooth random fields, through the same equations.
-    std_m = deviations_m(laid.at, graph, piece == 0, ripples=ripples)
+    doubtful = doubtfully_joined(graph, laid.holds, piece == 0)
+    std_m = deviations_m(laid.at, graph, piece == 0, doubtful=doubtful, ripples=ripples)
     return Shape(
         nodes=seen.nodes,
         observations=seen.observations,

@@ -159,6 +159,11 @@ def evidence_of_nodes(graph: Graph, holds: Bool) -> Float64:
     return np.bincount(graph.pairs.ravel(), twice, len(graph)).astype(np.float64)
 
 
+def uv_of(z: Complex128) -> Float64:
+    """Return complex places (N,) as (N, 2), m."""
+    return np.stack([z.real, z.imag], axis=1)
+
+
 def merged(parts: Sequence[Graph], xyz_m: Float64) -> tuple[Graph, Int64]:
     """Return the pairs of several graphs of the same nodes, at ``xyz_m`` (N, 3), as one graph.
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, Float64
-from flatcloth.shape.graph import Graph, Links, merged, pairs_as_laid, rotations_at
+from flatcloth.shape.graph import Graph, Links, merged, pairs_as_laid, rotations_at, uv_of
 from flatcloth.shape.observations import PAIR_INTERVALS, Association, Observation, PlacedView
 from flatcloth.shape.shape import PLACE_STD_M, Shape
 
@@ -69,8 +69,8 @@ def with_hands(
         rotation[there] = rotations_at(graph, under)[there]
         z[there] = under[there]
         reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
-        tree = cKDTree(np.stack([z[there].real, z[there].imag], axis=1))
-        near = tree.query_ball_point(np.stack([z[own].real, z[own].imag], axis=1), reach_m)
+        tree = cKDTree(uv_of(z[there]))
+        near = tree.query_ball_point(uv_of(z[own]), reach_m)
         one = np.repeat(own, [len(each) for each in near])
         pairs = np.sort(np.stack([one, there[np.concatenate([*near, []]).astype(np.int64)]], axis=1), axis=1)
         known = {tuple(pair) for part in parts for pair in part.pairs.tolist()}

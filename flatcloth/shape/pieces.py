@@ -14,14 +14,17 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.graphs import components, cut_between, grouped
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
-from flatcloth.shape.graph import Graph, evidence_of_nodes
+from flatcloth.shape.graph import Graph, evidence_of_nodes, uv_of
 
 LEAST_EVIDENCE = 2.0
 """Evidence that joins two parts: this many smooth pairs without noise, or more with noise.
 Set by hand."""
+LEAST_CORE = 40
+"""Fewest nodes, joined by triangles, of a part that needs so much evidence; smaller ones are joined by any.
+Set by hand."""
 LEAST_PIECE = 12
-"""Fewest nodes of a piece that is kept, of a part that others are joined to, and of an overlap that counts.
-Set by hand: where parts of up to 40 nodes were joined by any evidence, flaps of another layer were."""
+"""Fewest nodes of a piece that is kept, of a part that is doubted, and of an overlap that counts. Set by
+hand."""
 TWICE_M = 0.015
 """The same cloth at two positions farther apart on the plane (a little more than the distance of nodes) is
 present twice. Nodes nearer than this on the plane and more than three times as far apart in space lie on
@@ -41,7 +44,7 @@ def pieces_of(graph: Graph, holds: Bool) -> Int32:
     Only what hangs together by pairs is a piece; there is always one.
     """
     label = connected_pieces(
-        len(graph), graph.pairs[holds], graph.evidence[holds], LEAST_PIECE, LEAST_EVIDENCE
+        len(graph), graph.pairs[holds], graph.evidence[holds], LEAST_CORE, LEAST_EVIDENCE
     )
     inside = holds & (label[graph.pairs[:, 0]] == label[graph.pairs[:, 1]])
     part = components(len(graph), graph.pairs[inside])
@@ -61,6 +64,18 @@ def weakly_joined(graph: Graph, holds: Bool, piece: Int32) -> Bool:
     return weak
 
 
+def doubtfully_joined(graph: Graph, holds: Bool, own: Bool) -> Bool:
+    """Return the nodes (N,) of the piece ``own`` (N,) that less evidence joins to it than joins two pieces.
+
+    Small parts are joined by any evidence. Most are the same sheet; a few are flaps of another layer.
+    """
+    part = connected_pieces(
+        len(graph), graph.pairs[holds], graph.evidence[holds], LEAST_PIECE, LEAST_EVIDENCE
+    )
+    doubtful: Bool = own & (part != np.bincount(part[own]).argmax())
+    return doubtful
+
+
 def cut_of_overlap(graph: Graph, holds: Bool, piece: Int32, z: Complex128, by_hand: Bool) -> Bool:
     """Return the pairs (P,) to be cut since pieces lie on themselves: in each the weakest set that separates.
 
@@ -69,7 +84,7 @@ def cut_of_overlap(graph: Graph, holds: Bool, piece: Int32, z: Complex128, by_ha
     cut = np.zeros(len(holds), dtype=np.bool_)
     for number in range(int(piece.max(initial=-1)) + 1):
         own = piece == number
-        uv = np.where(own[:, None], np.stack([z.real, z.imag], axis=1), np.nan)
+        uv = np.where(own[:, None], uv_of(z), np.nan)
         lying = overlapping_pairs(uv, graph.xyz_m)
         lying = lying[~by_hand[lying].any(axis=1)]
         if np.unique(lying).size < LEAST_PIECE:

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, Complex128, Float64
 from flatcloth.flattening.sampling import CORRELATED_M
-from flatcloth.shape.graph import Graph
+from flatcloth.shape.graph import Graph, uv_of
 from flatcloth.shape.pieces import TWICE_M
 
 LOST = 0.08
@@ -19,7 +19,7 @@ OF_RIPPLES = 0.37
 
 def ripples_under_noise(graph: Graph, own: Bool, z: Complex128, normal: Float64) -> Float64:
     """Return the ripples (N,) of a noisy shape at its nodes ``own`` (N,), rad^2; 0 elsewhere."""
-    found, uv = np.zeros(len(graph)), np.stack([z[own].real, z[own].imag], axis=1)
+    found, uv = np.zeros(len(graph)), uv_of(z[own])
     found[own] = ripples_of(uv, graph.xyz_m[own], normal[own])
     return found
 

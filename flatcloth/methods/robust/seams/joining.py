@@ -30,9 +30,9 @@ from flatcloth.methods.robust.seams.links import (
 from flatcloth.session.garment import DecidedSeam
 from flatcloth.shape.algorithm import laid_out
 from flatcloth.shape.deviations import deviations_m
-from flatcloth.shape.graph import Graph, merged, pairs_as_laid, rotations_at
+from flatcloth.shape.graph import Graph, merged, pairs_as_laid, rotations_at, uv_of
 from flatcloth.shape.observations import PAIR_INTERVALS
-from flatcloth.shape.pieces import both_ends
+from flatcloth.shape.pieces import both_ends, doubtfully_joined
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 _SEAM_EVIDENCE = 0.1
@@ -263,7 +263,7 @@ def _laid_out(this: Shape, graph: Graph) -> tuple[Both, Float64]:
     """
     n = len(this.nodes)
     laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), overlap_cuts=False)
-    piece, uv = laid.piece.copy(), np.stack([laid.z.real, laid.z.imag], axis=1)
+    piece, uv = laid.piece.copy(), uv_of(laid.z)
     own = np.flatnonzero((this.piece == 0) & (piece[:n] >= 0))
     main = int(np.bincount(piece[own]).argmax())
     piece[laid.piece == main], piece[laid.piece == 0] = 0, main
@@ -279,7 +279,10 @@ def _laid_out(this: Shape, graph: Graph) -> tuple[Both, Float64]:
     uv[piece < 0] = np.nan
     reference = np.zeros(len(graph), dtype=np.bool_)
     reference[own] = True
-    return Both(all_uv_m=uv, piece=piece), deviations_m(laid.at, graph, piece == 0, reference)
+    doubtful = doubtfully_joined(graph, laid.holds, piece == 0)
+    return Both(all_uv_m=uv, piece=piece), deviations_m(
+        laid.at, graph, piece == 0, reference, doubtful=doubtful
+    )
 
 
 def _other_of(
