@@ -43,7 +43,7 @@ KEPT_FOR = {
         "LEAST_AREA_M2", "SegmentationConfig.thickness_weight",
     ),
     "concerns false links, which these recordings do not have (`python -m benchmarks accuracy`)": (
-        "WEAK_EVIDENCE", "_BENT", "LEAST_EVIDENCE", "MOST_CUT_EVIDENCE", "MOST_CONTRADICTION",
+        "WEAK_EVIDENCE", "_BENT", "LEAST_CORE", "LEAST_EVIDENCE", "MOST_CUT_EVIDENCE", "MOST_CONTRADICTION",
         "MOST_DRIFT_M", "MOST_STD_M", "TWO_ROWS_M", "_TRIANGLES",
     ),
     "is about what these recordings lack: openings in the outline, grippers, small items, uneven turns": (

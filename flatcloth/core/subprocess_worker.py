@@ -30,7 +30,7 @@ MEMORY_BYTES = 1_200_000_000
 """Memory that a worker may use in addition to its libraries; real recordings need less."""
 _START_S = 120.0
 """Longest start, in which only libraries are loaded; reading them from a cold disk can be slow."""
-_PATIENCE_S = 6.0
+_PATIENCE_S = 12.0
 """How long a process may be silent, or take to end. Chosen: shorter ends slow disks, longer makes users
 wait."""
 _MOST_STARVED = 10

@@ -229,20 +229,14 @@ def one_side(side: Integration, document: Document) -> OneSide:
 
 
 def _all_views(other: Integration, progress: Progress) -> Document:
-    """Return the decisions that integrate all views of a side; a view that the others contradict is left
-    out.
-    """
+    """Return the decisions that integrate all views of a side that can be added to its shape."""
     start = other.answer(Document(), Request(0, "start"), progress)
     assert isinstance(start, Started)
     begun = Document(start_view=start.view_index)
-    rest = [view for view in range(len(other.recording)) if not other.algorithm.why_unusable(view)]
-    rest = [view for view in rest if view != start.view_index]
-    progress(0.5, f"other side: the shape of {1 + len(rest)} views")
-    against = other.algorithm.contradicting(accept_all(begun, rest, {}))
-    return replace(
-        accept_all(begun, [view for view in rest if view not in against], {}),
-        finished="All views were looked at.",
-    )
+    rest = [view for view in range(len(other.recording)) if view != start.view_index]
+    why = other.why_left_out(begun, rest, lambda share, text: progress(share, f"other side: {text}"))
+    taken = accept_all(begun, [view for view in rest if view not in why], {})
+    return replace(taken, finished="All views were looked at.")
 
 
 def _or_empty(mask: Bool | None, frame: RgbdFrame) -> Bool:

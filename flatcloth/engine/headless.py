@@ -10,7 +10,6 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Progress, no_progress
 from flatcloth.engine.integration import Integration
 from flatcloth.session.commands import LeftOut
-from flatcloth.session.document import accept_all
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
@@ -32,10 +31,6 @@ from flatcloth.session.machine import (
 
 Policy = Callable[[Integration, SessionState], Accept | Reject | Nudge]
 """Returns the verdict on the pending proposal, or first moves it to another placement."""
-
-
-CONTRADICTS = "contradicts the other views"
-"""Reason why a view is left out: too many of its pairs contradict those of the other views."""
 
 
 def accept_by_score(integration: Integration, state: SessionState) -> Accept | Reject | Nudge:
@@ -152,20 +147,12 @@ class Run:
         self._take([view for view in range(count) if view not in known], progress)
 
     def _take(self, views: Sequence[int], progress: Progress) -> None:
-        integration, document = self.integration, self.state.document
-        if integration.flattens_ahead:
-            integration.views.read_ahead(reversed(views))
-        why = {}
-        for n, view in enumerate(views):
-            progress(n / max(len(views), 1), f"view {view}")
-            why[view] = integration.algorithm.why_unusable(view)
-        usable = [view for view in views if not why[view]]
-        progress(0.9, f"computing the shape of {len(document.used_views) + len(usable)} views")
-        against = integration.algorithm.contradicting(accept_all(document, usable, {}))
-        why |= dict.fromkeys(set(against).intersection(usable), CONTRADICTS)
-        taken = tuple(view for view in views if not why[view])
+        if self.integration.flattens_ahead:
+            self.integration.views.read_ahead(reversed(views))
+        why = self.integration.why_left_out(self.state.document, views, progress)
+        taken = tuple(view for view in views if view not in why)
         if views:
-            self._do(AcceptAll(taken, tuple(LeftOut(view, text) for view, text in why.items() if text)))
+            self._do(AcceptAll(taken, tuple(LeftOut(view, text) for view, text in why.items())))
 
     def add(self, view_index: int, progress: Progress = no_progress) -> str:
         """Integrate a view that was added to the recording, and views that waited for it.

@@ -7,7 +7,7 @@ from several threads.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -64,6 +64,8 @@ from flatcloth.session.machine import (
 
 _LIKELY_ROTATION_DEG = 30.0
 """Views about this far from the present one are decoded ahead. Chosen; not measured."""
+CONTRADICTS = "contradicts the other views"
+"""Reason why a view is left out: too many of its pairs contradict those of the other views."""
 VIEWS_AHEAD = 6
 """Number of views decoded or flattened ahead. Chosen: more delay the computation that the user waits for."""
 _NEXT_APART_DEG = 30.0
@@ -213,6 +215,20 @@ class Integration:
         if document.garment.parts:
             return self._by_garment(document).canonical
         return self.algorithm.canonical(document)
+
+    def why_left_out(
+        self, document: Document, views: Sequence[int], progress: Progress = no_progress
+    ) -> dict[int, str]:
+        """Return those of some views that cannot be added to a shape, each where it hangs, and why."""
+        why = {}
+        for n, view in enumerate(views):
+            progress(n / len(views), f"view {view}")
+            if reason := self.algorithm.why_unusable(view):
+                why[view] = reason
+        usable = [view for view in views if view not in why]
+        progress(0.9, f"computing the shape of {len(document.used_views) + len(usable)} views")
+        against = self.algorithm.contradicting(accept_all(document, usable, {}))
+        return why | {view: CONTRADICTS for view in usable if view in against}
 
     def wrong(self, document: Document) -> list[str]:
         """Return the reasons why something about the recording of a shape is wrong; empty if none."""

@@ -20,8 +20,8 @@ from flatcloth.shape.graph import Graph, Links, graph_of, uv_of, view_frames
 from flatcloth.shape.hand import ByHand, with_hands
 from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, rotations
 from flatcloth.shape.observations import Observed, PlacedView, observe_all, with_view
-from flatcloth.shape.pieces import cut_of_overlap, doubtfully_joined, pieces_of, weakly_joined
-from flatcloth.shape.ripples import LOST, ripples_under_noise
+from flatcloth.shape.pieces import cut_of_overlap, doubt_m, pieces_of, weakly_joined
+from flatcloth.shape.ripples import LOST, ripples_of
 from flatcloth.shape.shape import PIECES_APART_M, Shape
 
 
@@ -133,22 +133,21 @@ def _shape(
     scale: float | None = None,
 ) -> Shape:
     """Return a laid-out graph as a shape: every piece upright, at its place on the plane, with deviations."""
-    is_noisy = any(view.is_noisy for view in seen.observations)
     piece = np.where(weakly_joined(graph, laid.holds, laid.piece), -1, laid.piece).astype(np.int32)
     z = _upright(seen, laid, upright)
     # 8. A noisy sensor takes ripples off all lengths; one factor for all, as others would bend necks.
-    ripples = np.zeros(len(graph))
-    if is_noisy:
-        ripples = ripples_under_noise(graph, piece == 0, z, seen.nodes.normal)
+    ripples, main = np.zeros(len(graph)), piece == 0
+    if any(view.is_noisy for view in seen.observations):
+        ripples[main] = ripples_of(uv_of(z[main]), graph.xyz_m[main], seen.nodes.normal[main])
     if scale is None:
-        scale = 1.0 + LOST * float(ripples[piece == 0].mean())
+        scale = 1.0 + LOST * float(ripples[main].mean())
         links = replace(links, length_m=scale * links.length_m)
     uv_m = scale * uv_of(z)
     uv_m[:, 0] += PIECES_APART_M * np.maximum(piece, 0)
     uv_m[piece < 0] = np.nan
-    # 9. Deviations: errors of pairs as smooth random fields, through the same equations.
-    doubtful = doubtfully_joined(graph, laid.holds, piece == 0)
-    std_m = deviations_m(laid.at, graph, piece == 0, doubtful=doubtful, ripples=ripples)
+    # 9. Deviations: errors of pairs as smooth random fields, through the same equations; doubtful joints.
+    std_m = deviations_m(laid.at, graph, main, ripples=ripples)
+    std_m = np.hypot(std_m, doubt_m(graph, laid.holds, main, laid.z))
     return Shape(
         nodes=seen.nodes,
         observations=seen.observations,

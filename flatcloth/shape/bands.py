@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs, zpbtrf, zpbtrs
 
-from flatcloth.core.types import Complex128, Float64, Int32
+from flatcloth.core.types import Bool, Complex128, Float64, Int32
 from flatcloth.flattening.banded import cuthill_mckee
 
 
@@ -28,7 +28,7 @@ class Order:
     nodes: Int32
     low: Int32
     high: Int32
-    is_turned: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    is_turned: Bool
     width: int
 
 

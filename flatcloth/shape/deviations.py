@@ -12,10 +12,9 @@ import math
 
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
-from flatcloth.shape.graph import Graph, uv_of
+from flatcloth.shape.graph import Graph
 from flatcloth.shape.layout import LAMBDA, Minimum
 from flatcloth.shape.ripples import OF_RIPPLES
 from flatcloth.shape.shape import BULK
@@ -32,13 +31,7 @@ that eight views see are off by this."""
 
 
 def deviations_m(
-    at: Minimum,
-    graph: Graph,
-    own: Bool,
-    reference: Bool | None = None,
-    *,
-    doubtful: Bool | None = None,
-    ripples: Float64 | None = None,
+    at: Minimum, graph: Graph, own: Bool, reference: Bool | None = None, ripples: Float64 | None = None
 ) -> Float64:
     """Return the standard deviation (N,) of each node's place per axis, but for a motion of all, m.
 
@@ -52,8 +45,6 @@ def deviations_m(
         The nodes of the piece; others get NaN.
     reference : (N,) bool, optional
         The nodes of the piece that the deviations are relative to; by default all.
-    doubtful : (N,) bool, optional
-        The nodes of the piece on joints that may be false: they lie anywhere around the joint.
     ripples : (N,) float64, optional
         Those that a noisy sensor has smoothed away, rad^2.
     """
@@ -71,9 +62,6 @@ def deviations_m(
     z[order.nodes] = at.z
     std_m = np.full(len(graph), np.nan)
     std_m[own] = np.hypot(_spread_m(moved, z[own], (own if reference is None else reference)[own]), STRAIN_M)
-    if doubtful is not None and doubtful.any():
-        sure = uv_of(z[own & ~doubtful])
-        std_m[doubtful] = np.hypot(std_m[doubtful], cKDTree(sure).query(uv_of(z[doubtful]))[0])
     return std_m
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import Rigid3, tangent_basis
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
@@ -164,6 +165,19 @@ def uv_of(z: Complex128) -> Float64:
     return np.stack([z.real, z.imag], axis=1)
 
 
+def z_of(uv_m: Float64) -> Complex128:
+    """Return places (..., 2) as complex numbers u + iv (...), m."""
+    z: Complex128 = uv_m @ np.array([1.0, 1j])
+    return z
+
+
+def pairs_within(uv_m: Float64, other_uv_m: Float64, reach_m: float) -> tuple[Int64, Int64]:
+    """Return the pairs (K,), (K,) of places (N, 2) and other places (M, 2) at most ``reach_m`` apart."""
+    near = cKDTree(other_uv_m).query_ball_point(uv_m, reach_m)
+    one = np.repeat(np.arange(len(uv_m)), [len(each) for each in near])
+    return one, np.concatenate([*near, []]).astype(np.int64)
+
+
 def merged(parts: Sequence[Graph], xyz_m: Float64) -> tuple[Graph, Int64]:
     """Return the pairs of several graphs of the same nodes, at ``xyz_m`` (N, 3), as one graph.
 
@@ -203,7 +217,7 @@ def rotations_at(graph: Graph, z: Complex128) -> Complex128:
 
 
 def pairs_as_laid(
-    graph: Graph, pairs: Int32, z: Complex128, rotation: Complex128, std_m: float, evidence: float
+    graph: Graph, pairs: Int64, z: Complex128, rotation: Complex128, std_m: float, evidence: float
 ) -> Graph:
     """Return pairs (K, 2) of nodes of a graph, the lower one first, that hold both ends where they lie.
 

@@ -6,15 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, Float64
-from flatcloth.shape.graph import Graph, Links, merged, pairs_as_laid, rotations_at, uv_of
+from flatcloth.shape.graph import Graph, Links, merged, pairs_as_laid, pairs_within, rotations_at, uv_of, z_of
 from flatcloth.shape.observations import PAIR_INTERVALS, Association, Observation, PlacedView
 from flatcloth.shape.shape import PLACE_STD_M, Shape
-
-_TO_COMPLEX = np.array([1.0, 1j])
-"""From (u, v) to u + iv. By definition."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,11 +53,11 @@ def with_hands(
     for view, laid in zip(seen, by_hand, strict=True):
         row, col = np.rint(view.rc).astype(np.int32).T
         z = np.full(len(graph), np.nan + 0j)
-        z[view.node] = laid.pixel_uv_m[row, col] @ _TO_COMPLEX
+        z[view.node] = z_of(laid.pixel_uv_m[row, col])
         own = np.flatnonzero(np.isfinite(z))
         rotation = rotations_at(graph, z)
         under, first = np.full(len(graph), np.nan + 0j), len(laid.on.nodes)
-        under[:first] = laid.on.uv_m @ _TO_COMPLEX
+        under[:first] = z_of(laid.on.uv_m)
         under[own] = np.nan  # the same cloth needs no pair
         there = np.flatnonzero(np.isfinite(under))
         if not (own.size and there.size):
@@ -69,10 +65,8 @@ def with_hands(
         rotation[there] = rotations_at(graph, under)[there]
         z[there] = under[there]
         reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
-        tree = cKDTree(uv_of(z[there]))
-        near = tree.query_ball_point(uv_of(z[own]), reach_m)
-        one = np.repeat(own, [len(each) for each in near])
-        pairs = np.sort(np.stack([one, there[np.concatenate([*near, []]).astype(np.int64)]], axis=1), axis=1)
+        one, other = pairs_within(uv_of(z[own]), uv_of(z[there]), reach_m)
+        pairs = np.sort(np.stack([own[one], there[other]], axis=1), axis=1)
         known = {tuple(pair) for part in parts for pair in part.pairs.tolist()}
         new = np.array([tuple(pair) not in known for pair in pairs.tolist()], dtype=np.bool_)
         parts.append(pairs_as_laid(graph, pairs[new], z, rotation, PLACE_STD_M, evidence=1.0))

@@ -124,10 +124,6 @@ class Association:
     incidence_deg: Float64
 
 
-NOTHING_SEEN = Association(node=np.zeros(0, dtype=np.int32), rc=np.zeros((0, 2)), incidence_deg=np.zeros(0))
-"""What a view shows of no nodes. By definition."""
-
-
 def observe_all(views: Sequence[PlacedView], interval_px: int) -> Observed:
     """Observe views one after the other; a view that shows too little is left out.
 
@@ -135,9 +131,7 @@ def observe_all(views: Sequence[PlacedView], interval_px: int) -> Observed:
     """
     seen = Observed(nodes=no_nodes(), observations=(), object_from_camera=())
     for view in views:
-        shown = (
-            associate(seen.nodes, view.surface, view.object_from_camera) if len(seen.nodes) else NOTHING_SEEN
-        )
+        shown = associate(seen.nodes, view.surface, view.object_from_camera)
         with contextlib.suppress(SurfaceError):
             seen = with_view(seen, view, shown, interval_px)
     return seen

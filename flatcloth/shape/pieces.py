@@ -43,9 +43,7 @@ def pieces_of(graph: Graph, holds: Bool) -> Int32:
 
     Only what hangs together by pairs is a piece; there is always one.
     """
-    label = connected_pieces(
-        len(graph), graph.pairs[holds], graph.evidence[holds], LEAST_CORE, LEAST_EVIDENCE
-    )
+    label = connected_pieces(graph, holds, LEAST_CORE)
     inside = holds & (label[graph.pairs[:, 0]] == label[graph.pairs[:, 1]])
     part = components(len(graph), graph.pairs[inside])
     size = np.bincount(part)
@@ -64,16 +62,17 @@ def weakly_joined(graph: Graph, holds: Bool, piece: Int32) -> Bool:
     return weak
 
 
-def doubtfully_joined(graph: Graph, holds: Bool, own: Bool) -> Bool:
-    """Return the nodes (N,) of the piece ``own`` (N,) that less evidence joins to it than joins two pieces.
+def doubt_m(graph: Graph, holds: Bool, own: Bool, z: Complex128) -> Float64:
+    """Return how far each node (N,) of a piece, ``own``, is from a joint that may be false; 0 for others.
 
-    Small parts are joined by any evidence. Most are the same sheet; a few are flaps of another layer.
+    Small parts are joined by any evidence. Most are the same sheet; a few are flaps of another layer, which
+    may lie anywhere around the joint.
     """
-    part = connected_pieces(
-        len(graph), graph.pairs[holds], graph.evidence[holds], LEAST_PIECE, LEAST_EVIDENCE
-    )
-    doubtful: Bool = own & (part != np.bincount(part[own]).argmax())
-    return doubtful
+    part = connected_pieces(graph, holds, LEAST_PIECE)
+    sure = own & (part == np.bincount(part[own]).argmax())
+    found, doubtful = np.zeros(len(own)), own & ~sure
+    found[doubtful] = cKDTree(uv_of(z[sure])).query(uv_of(z[doubtful]))[0]
+    return found
 
 
 def cut_of_overlap(graph: Graph, holds: Bool, piece: Int32, z: Complex128, by_hand: Bool) -> Bool:
@@ -98,25 +97,13 @@ def cut_of_overlap(graph: Graph, holds: Bool, piece: Int32, z: Complex128, by_ha
     return cut
 
 
-def connected_pieces(
-    n: int, edges: Int32, evidence: Float64, least_core_nodes: int, least_evidence: float
-) -> Int32:
-    """Return the piece of cloth of each node (n,).
+def connected_pieces(graph: Graph, holds: Bool, least_core_nodes: int) -> Int32:
+    """Return the part of cloth (N,) that each node belongs to, by the pairs that hold (P,).
 
-    Parameters
-    ----------
-    n : int
-        Number of nodes.
-    edges : (M, 2) int32
-        Pairs, each once, the lower node first, sorted by it, then by the higher one.
-    evidence : (M,) float64
-        Evidence of each pair that its ends are one piece: little where the depth is noisy.
-    least_core_nodes : int
-        Parts connected by triangles with at least this many nodes are cores; all other nodes join
-        the core with the largest evidence.
-    least_evidence : float
-        Two cores are joined if the pairs between them have this much evidence together.
+    Cores are parts connected by triangles, of at least so many nodes; all other nodes join the core with the
+    largest evidence. Two cores are joined if the pairs between them have enough evidence together.
     """
+    n, edges, evidence = len(graph), graph.pairs[holds], graph.evidence[holds]
     i, j = edges.T.copy()
     core_of = components(n, edges[_neighbours_in_common(n, i, j) >= _TRIANGLES])
     is_core = np.bincount(core_of) >= least_core_nodes
@@ -124,7 +111,7 @@ def connected_pieces(
     rest = label < 0
     label[rest] = n + components(n, edges[rest[i] & rest[j]])[rest]
     label = np.unique(label, return_inverse=True)[1].astype(np.int32)
-    return _joined(label, i, j, evidence, least_evidence)
+    return _joined(label, i, j, evidence)
 
 
 def both_ends(flags: Bool, edges: Int32 | Int64) -> Bool:
@@ -175,7 +162,7 @@ def _grown(label: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
     return grown
 
 
-def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64, least_evidence: float) -> Int32:
+def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64) -> Int32:
     """Join parts if the pairs between them have enough evidence."""
     while True:
         count = int(piece.max()) + 1
@@ -183,11 +170,7 @@ def _joined(piece: Int32, i: Int32, j: Int32, evidence: Float64, least_evidence:
         across = a != b
         low, high = np.minimum(a, b)[across].astype(np.int64), np.maximum(a, b)[across]
         key, where = np.unique(low * count + high, return_inverse=True)
-        strong = (
-            np.bincount(where, evidence[across], key.size) >= least_evidence
-            if key.size
-            else np.zeros(0, bool)
-        )
+        strong = np.bincount(where, evidence[across], key.size) >= LEAST_EVIDENCE
         if not strong.any():
             return piece
         joined = np.stack(np.divmod(key[strong], count), axis=1).astype(np.int32)

@@ -6,22 +6,14 @@ import numpy as np
 from scipy.sparse import coo_matrix, eye_array
 from scipy.spatial import cKDTree
 
-from flatcloth.core.types import Bool, Complex128, Float64
+from flatcloth.core.types import Bool, Float64
 from flatcloth.flattening.sampling import CORRELATED_M
-from flatcloth.shape.graph import Graph, uv_of
 from flatcloth.shape.pieces import TWICE_M
 
 LOST = 0.08
 """Share of lengths that is lost under noise for each rad^2 of :func:`ripples_of`, ..."""
 OF_RIPPLES = 0.37
 """... and the deviation of the strain that is left. Both measured: ``python -m benchmarks strain``."""
-
-
-def ripples_under_noise(graph: Graph, own: Bool, z: Complex128, normal: Float64) -> Float64:
-    """Return the ripples (N,) of a noisy shape at its nodes ``own`` (N,), rad^2; 0 elsewhere."""
-    found, uv = np.zeros(len(graph)), uv_of(z[own])
-    found[own] = ripples_of(uv, graph.xyz_m[own], normal[own])
-    return found
 
 
 def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> Float64:

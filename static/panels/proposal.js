@@ -165,7 +165,7 @@ function foreseen(/** @type {Pending["foreseen"]} */ cloth) {
       ["seen again", cm2(cloth.again_cm2), "Cloth of the proposal that the shape or a piece already has"],
       cloth.joins.length > 0 && ["joins", cloth.joins.join(", "), "Pieces that it would connect (A is the shape)"],
       cloth.moved_mm !== null && [
-        "moves",
+        "moves the shape",
         `${number(cloth.moved_mm)} mm`,
         "Nine tenths of the shape's cloth move by less",
       ],

@@ -74,36 +74,39 @@ def test_each_step_knows_the_decision_that_stands(session: OpenedSession) -> Non
     assert second.decision.number == 3
 
 
+def drawn(session: OpenedSession, *shapes: Canonical) -> Integration:
+    """An integration that draws these shapes: of the start view, and with each further view."""
+
+    class Drawn:
+        recording = session.integration.recording
+
+        def canonical(self, document: Document, _whole: Document | None = None) -> Canonical:
+            return shapes[len(document.accepted)]
+
+        def cameras(self, _document: Document) -> None:
+            return None
+
+        earlier = canonical
+
+    made = Drawn()
+    made.algorithm = made  # type: ignore[attr-defined]
+    return cast("Integration", made)
+
+
 def test_floating_pieces_grow_beside_the_shape_and_join_it(session: OpenedSession) -> None:
     main, piece = sheet(0, 0, 40, 0.0), sheet(1, 0, 30, 0.0)
     far = replace(piece, origin_uv_m=(12.0, 3.0))
     wider = replace(sheet(0, 0, 50, 0.0), origin_uv_m=(0.0, 0.0))
 
-    class Shapes:
-        """The start view; then a piece floats; then the shape is wider and the piece is larger."""
-
-        recording = session.integration.recording
-        made = (
-            Canonical(view=main, current_from_view={}),
-            Canonical(view=main, current_from_view={}, floating=(far,)),
-            Canonical(view=wider, current_from_view={}, floating=(far,)),
-        )
-
-        def canonical(self, document: Document) -> Canonical:
-            return self.made[len(document.accepted)]
-
-        class algorithm:  # noqa: N801 - stands for the attribute of this name
-            @staticmethod
-            def cameras(_document: Document) -> None:
-                return None
-
-            @staticmethod
-            def earlier(earlier: Document, _document: Document) -> Canonical:
-                return Shapes.made[len(earlier.accepted)]
-
+    # The start view; then a piece floats; then the shape is wider.
+    one, two, three = (
+        Canonical(view=main, current_from_view={}),
+        Canonical(view=main, current_from_view={}, floating=(far,)),
+        Canonical(view=wider, current_from_view={}, floating=(far,)),
+    )
     accepted = (Accepted(1, Rigid2()), Accepted(2, Rigid2()))
     history = replace(session.history, document=Document(start_view=0, accepted=accepted), decisions=())
-    growth = grow(cast("Integration", Shapes()), history)
+    growth = grow(drawn(session, one, two, three), history)
     pixel_m2 = main.pixel_size_m**2
     areas = [(s.area_m2, s.floating_m2, s.added_m2) for s in growth.steps]
     np.testing.assert_allclose(
@@ -121,28 +124,13 @@ def test_a_piece_placed_by_the_garment_counts_as_shape(session: OpenedSession) -
     far = replace(piece, origin_uv_m=(12.0, 3.0))
     canonical = Canonical(view=main, current_from_view={}, floating=(far,))
 
-    class Shapes:
-        recording = session.integration.recording
-
-        def canonical(self, _document: Document) -> Canonical:
-            return canonical
-
-        class algorithm:  # noqa: N801 - stands for the attribute of this name
-            @staticmethod
-            def cameras(_document: Document) -> None:
-                return None
-
-            @staticmethod
-            def earlier(_earlier: Document, _document: Document) -> Canonical:
-                return canonical
-
     onto = Rigid2(0.0, 0.1 - 12.0, -3.0)
     decided = placed_piece(far, main, onto, 0.9, 0.02, accepted=True)
     document = Document(
         start_view=0, accepted=(Accepted(1, Rigid2()),), garment=GarmentDecisions(pieces=(decided,))
     )
     history = replace(session.history, document=document, decisions=())
-    growth = grow(cast("Integration", Shapes()), history)
+    growth = grow(drawn(session, canonical, canonical), history)
     pixel_m2 = main.pixel_size_m**2
     assert growth.area_m2 == pytest.approx(1400 * pixel_m2)
     last = growth.steps[-1]

@@ -7,8 +7,8 @@ from scenes import Cylinder
 from flatcloth.core.config import Config, RobustConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.types import FlattenedView, Rigid2
-from flatcloth.engine.headless import CONTRADICTS, Run, accept_by_score
-from flatcloth.engine.integration import Integration
+from flatcloth.engine.headless import Run, accept_by_score
+from flatcloth.engine.integration import CONTRADICTS, Integration
 from flatcloth.registration.registered import describe
 from flatcloth.session.machine import (
     UNSURE,

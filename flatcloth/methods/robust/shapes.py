@@ -77,7 +77,7 @@ class RegisteredViews:
         self._costs: Cache[Float32] = Cache(MOST_KEPT)
 
     def release(self, *, surfaces: bool) -> None:
-        """Free what only the search for placements needs; with ``surfaces``, also those of all views."""
+        """Free what only proposals need; with ``surfaces``, also those of all views."""
         self._component_maps.drop()
         if surfaces:
             self._registrations.drop()
@@ -248,10 +248,8 @@ class Shapes:
         placed = {view.surface.frame.view_index: view for view in self._seen.placed(document.used_views)}
         free = [view for number, view in placed.items() if number not in hands]
         for added in (*before, last):
-            made, view = (
-                shape(free, self._interval_px, document.start_view, by_hand),
-                placed[added.view_index],
-            )
+            made = shape(free, self._interval_px, document.start_view, by_hand)
+            view = placed[added.view_index]
             shown = associate(made.nodes, view.surface, view.object_from_camera)
             uv_m, _ = self._views.flattening(added.view_index).carrier.place_all()
             is_own = self._seen.component_of_pixel(added.view_index) == added.component
@@ -262,7 +260,7 @@ class Shapes:
         return shape(free, self._interval_px, document.start_view, by_hand)
 
     def _associated(self, shown: Shape, view_index: int) -> Association:
-        (pose,) = self._seen.poses((*shown.views, view_index))[-1:]
+        pose = self._seen.poses((*shown.views, view_index))[-1]
         return associate(shown.nodes, self._seen.surface(view_index), pose)
 
     def joined_piece(self, document: Document, added: Accepted) -> JoinedPiece | None:

@@ -30,15 +30,13 @@ from flatcloth.methods.robust.seams.links import (
 from flatcloth.session.garment import DecidedSeam
 from flatcloth.shape.algorithm import laid_out
 from flatcloth.shape.deviations import deviations_m
-from flatcloth.shape.graph import Graph, merged, pairs_as_laid, rotations_at, uv_of
+from flatcloth.shape.graph import Graph, merged, pairs_as_laid, pairs_within, rotations_at, uv_of, z_of
 from flatcloth.shape.observations import PAIR_INTERVALS
-from flatcloth.shape.pieces import both_ends, doubtfully_joined
+from flatcloth.shape.pieces import both_ends, doubt_m
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 _SEAM_EVIDENCE = 0.1
 """Evidence of each pair at a seam. Chosen: the 30 matches that join pieces have more than joins any two."""
-_TO_COMPLEX = np.array([1.0, 1j])
-"""From (u, v) to u + iv. By definition."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +83,7 @@ def join_sides(
     decided: Sequence[DecidedSeam] = (),
     check: Callable[[], None] = lambda: None,
 ) -> Seamed:
-    """Join the settled shapes of both sides along the seams.
+    """Join the shapes of both sides along the seams.
 
     Parameters
     ----------
@@ -244,15 +242,13 @@ def _pairs_at(shape: Shape, graph: Graph, seam_uv_m: Float64, first_node: int, f
     """
     placed = np.flatnonzero(shape.has_place)
     reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
-    near = cKDTree(shape.all_uv_m[placed]).query_ball_point(seam_uv_m, reach_m)
-    seam = np.repeat(np.arange(len(seam_uv_m)), [len(each) for each in near])
-    node = placed[np.concatenate([*near, []]).astype(np.int64)]
+    seam, near = pairs_within(seam_uv_m, shape.all_uv_m[placed], reach_m)
     z = np.full(first_seam + len(seam_uv_m), np.nan + 0j)
-    z[first_node : first_node + len(shape.nodes)] = shape.all_uv_m @ _TO_COMPLEX
-    z[first_seam:] = seam_uv_m @ _TO_COMPLEX
+    z[first_node : first_node + len(shape.nodes)] = z_of(shape.all_uv_m)
+    z[first_seam:] = z_of(seam_uv_m)
     rotation = np.ones(len(z), dtype=complex)
     rotation[:first_seam] = rotations_at(graph, z[:first_seam])
-    pairs = np.stack([first_node + node, first_seam + seam], axis=1).astype(np.int32)
+    pairs = np.stack([first_node + placed[near], first_seam + seam], axis=1)
     return pairs_as_laid(graph, pairs, z, rotation, PLACE_STD_M, _SEAM_EVIDENCE)
 
 
@@ -279,10 +275,8 @@ def _laid_out(this: Shape, graph: Graph) -> tuple[Both, Float64]:
     uv[piece < 0] = np.nan
     reference = np.zeros(len(graph), dtype=np.bool_)
     reference[own] = True
-    doubtful = doubtfully_joined(graph, laid.holds, piece == 0)
-    return Both(all_uv_m=uv, piece=piece), deviations_m(
-        laid.at, graph, piece == 0, reference, doubtful=doubtful
-    )
+    std_m = deviations_m(laid.at, graph, piece == 0, reference)
+    return Both(all_uv_m=uv, piece=piece), np.hypot(std_m, doubt_m(graph, laid.holds, piece == 0, laid.z))
 
 
 def _other_of(
