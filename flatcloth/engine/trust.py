@@ -22,8 +22,8 @@ from flatcloth.session.document import Document
 from flatcloth.session.garment import without_doubts
 
 _KNOWN = 0.75
-"""A kind is known from this probability on, odds of 3. Weaker evidence is hardly worth a mention (Kass and
-Raftery 1995, Bayes Factors, 3.2)."""
+"""A shape is known to be a garment from this probability on, odds of 3. Weaker evidence is hardly worth a
+mention (Kass and Raftery 1995, Bayes Factors, 3.2)."""
 
 
 class _Doubts(NamedTuple):
@@ -39,8 +39,9 @@ class Trust:
 
     A shape that no known kind of garment explains has a false joint somewhere, or is another item. What lies
     beyond such a joint may be anywhere on the item, and it is not known where the joint is. So nothing of it
-    is reliable until an operator names the kind. The same holds for a kind that is still not known when all
-    views were looked at; before, and while a recording grows, too little may have been seen to tell.
+    is reliable until an operator names the kind. The same holds where it may well be of none when all views
+    were looked at; before, and while a recording grows, too little may have been seen to tell. That several
+    kinds explain a shape is no doubt about it: each of them does.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -61,15 +62,15 @@ class Trust:
         return result.wrong_with(known_check(self._recording), registered, share, fits_none=fits_none)
 
     def doubt_of_kind(self, document: Document) -> float:
-        """Return the probability that a shape is not of its kind; 0 if the kind is no reason for doubt."""
+        """Return the probability that a shape is of no known kind; 0 if that is no reason for doubt."""
         found = self._kind_of(document)
         if found is None or found.by_hand is not None:
             return 0.0
         if _is_none(found):
             return found.probability
         is_all = document.finished is not None and not isinstance(self._recording, GrowingRecording)
-        of_kind = found.of_shape[found.kind]
-        return 1.0 - of_kind if is_all and of_kind < _KNOWN else 0.0
+        of_none = found.of_shape.get(NONE, 0.0)
+        return of_none if is_all and of_none > 1.0 - _KNOWN else 0.0
 
     def kind_std_m(self, document: Document) -> float:
         """Return the deviation of each place of a shape that its doubted kind adds; 0 without doubt.
