@@ -38,14 +38,12 @@ class Banding:
     """A numbering of the points that makes the matrices of a graph narrow bands.
 
     ``order`` (N,) lists the points in the new order; ``place`` (N,) is the position of each point in
-    it; ``pairs`` (M, 2) int32 are the pairs in the new numbering, the lower number first; ``pair``
-    (L,) int32, if any, maps each pair of a longer input list, with repetitions, to its unique pair.
+    it; ``pairs`` (M, 2) int32 are the pairs in the new numbering, the lower number first.
     """
 
     order: Int32
     place: Int32
     pairs: Int32
-    pair: Int32 | None = None
 
 
 def banding(n: int, edges: Int32) -> Banding:
@@ -54,32 +52,6 @@ def banding(n: int, edges: Int32) -> Banding:
     place = np.empty(n, dtype=np.int32)
     place[order] = np.arange(n, dtype=np.int32)
     return Banding(order=order, place=place, pairs=np.sort(place[edges], axis=1).astype(np.int32))
-
-
-class BandedLaplacian:
-    """A graph's Laplacian plus a diagonal matrix, factored once and solved many times.
-
-    Parameters
-    ----------
-    narrow : Banding
-        The order of the points, and the pairs.
-    weight : (M,) float64
-        Weights of the pairs, not negative.
-    held : float or (N,) float64
-        What is added to the diagonal; it makes the matrix definite.
-    """
-
-    def __init__(self, narrow: Banding, weight: Float64, held: float | Float64) -> None:
-        self._narrow = narrow
-        band = laplacian_band(len(narrow.order), narrow.pairs, weight)
-        band.entry[band.first[:-1]] += held if isinstance(held, float) else held[narrow.order]
-        factor_in_place(band)
-        self._factor = band
-
-    def solve(self, rhs: Float64) -> Float64:
-        """Return the solution (N, 2) for a right-hand side (N, 2)."""
-        solved = substituted(self._factor, np.ascontiguousarray(rhs[self._narrow.order].T))
-        return np.ascontiguousarray(solved.T)[self._narrow.place]
 
 
 @njit(cache=True, nogil=True)
@@ -199,15 +171,15 @@ def substituted(factor: Band, rhs: Float64) -> Float64:
 
 
 @njit(cache=True, nogil=True)
-def laplacian_band(n: int, edges: Int32, weight: Float64) -> Band:
+def laplacian_band(n: int, edges: Int32) -> Band:
     """Return the band of a Laplacian; it is definite only after a point has been fixed."""
     band = empty_band(n, edges, 1)
     first, entry = band
     for e in range(edges.shape[0]):
         a, b = edges[e, 0], edges[e, 1]
-        entry[first[a]] += weight[e]
-        entry[first[b]] += weight[e]
-        entry[first[a] + b - a] -= weight[e]
+        entry[first[a]] += 1.0
+        entry[first[b]] += 1.0
+        entry[first[a] + b - a] -= 1.0
     return band
 
 
@@ -215,8 +187,8 @@ def laplacian_band(n: int, edges: Int32, weight: Float64) -> Band:
 def hessian_band(n: int, pairs: Int32, unit: Float64) -> Band:
     """Return the band of the Gauss-Newton Hessian of H / 2 of n points, u and v interleaved.
 
-    ``unit`` (M, 2) are the unit vectors of the pairs, times the roots of their weights. The matrix is
-    singular for rigid motions, but for a diagonal that is far below what any bending changes.
+    ``unit`` (M, 2) are the unit vectors of the pairs. The matrix is singular for rigid motions, but for a
+    diagonal that is far below what any bending changes.
     """
     band = empty_band(n, pairs, 2)
     first, entry = band

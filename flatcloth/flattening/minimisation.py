@@ -1,6 +1,6 @@
 """Minimise Eq. (2): find points of the plane whose distances equal given lengths.
 
-``H(u, v) = sum over pairs of w_ab (|x_a - x_b| - E_ab)^2``. Majorisation (SMACOF) replaces H by a
+``H(u, v) = sum over pairs of (|x_a - x_b| - E_ab)^2``. Majorisation (SMACOF) replaces H by a
 quadratic that touches it from above. The minimum of that quadratic takes one solve with the graph
 Laplacian, which is factored once. Majorisation never increases H, and from the pixel start it does
 not fold the sheet, as gradient methods do (the paper's "instability"). Anderson mixing speeds it up.
@@ -27,7 +27,6 @@ from numba import njit
 from flatcloth.core.types import Float64, Int32
 from flatcloth.flattening.banded import (
     Band,
-    Banding,
     banding,
     bandwidth_of,
     factor_in_place,
@@ -43,9 +42,9 @@ ROBUST_STDS = 3.0
 """Residuals of so many standard deviations have a quarter of their weight, and half of the largest cost
 (Geman and McClure). Chosen: the usual 3."""
 ITERATIONS = 8
-"""Limit of the steps of relaxations, minimisations and adjustments, and of the rounds of robust weights.
-Chosen for speed; what they minimise normally ends them earlier."""
-MOST_STEPS = 60
+"""Limit of the steps of adjustments, and of the rounds of robust weights. Chosen for speed; what they
+minimise normally ends them earlier."""
+_MOST_STEPS = 60
 """Limit of Gauss-Newton steps. Chosen; the tolerance normally ends them earlier."""
 _REPAIRS = 2
 """Majorisations after each Gauss-Newton step. Set by hand."""
@@ -69,24 +68,17 @@ class Minimum:
 
 
 class Terms(NamedTuple):
-    """The terms of H: pairs (M, 2) int32, the lower number first, with their lengths and weights (M,)."""
+    """The terms of H: pairs (M, 2) int32, the lower number first, with their lengths (M,)."""
 
     pairs: Int32
     length_m: Float64
-    weight: Float64
 
 
 class Limits(NamedTuple):
-    """How many majorisations come first, and what ends the Gauss-Newton steps after them.
-
-    ``tolerance`` is the share of H, with its part ``constant_m2`` that no place changes, that a step must
-    promise to lower.
-    """
+    """How many majorisations come first; the share of H that a Gauss-Newton step must promise to lower."""
 
     majorisations: int
     tolerance: float
-    constant_m2: float
-    steps: int
 
 
 def minimise(
@@ -96,11 +88,7 @@ def minimise(
     *,
     majorisations: int,
     energy_tolerance: float,
-    weight: Float64 | None = None,
     record: bool = False,
-    narrow: Banding | None = None,
-    least_energy_m2: float = 0.0,
-    most_steps: int = MOST_STEPS,
 ) -> Minimum:
     """Minimise Eq. (2) for one connected graph.
 
@@ -116,16 +104,8 @@ def minimise(
         Majorisation steps before the first Gauss-Newton step.
     energy_tolerance : float
         Stop when the next step is predicted to lower H by a smaller share than this.
-    weight : (M,) float64, optional
-        Weights of the pairs, positive, about 1; by default all 1, as in the paper.
     record : bool
         Keep the intermediate states.
-    narrow : Banding, optional
-        The banding of the pairs, if it is already known.
-    least_energy_m2 : float
-        Part of H that is left out since no place changes it; the tolerance counts it.
-    most_steps : int
-        Limit of Gauss-Newton steps.
 
     Returns
     -------
@@ -139,9 +119,8 @@ def minimise(
     """
     if edges.shape[0] == 0:
         return Minimum(uv_m=initial_uv_m.copy(), energy=(0.0,))
-    narrow = narrow or banding(len(initial_uv_m), edges)
-    terms = Terms(narrow.pairs, edge_length_m, np.ones(len(edges)) if weight is None else weight)
-    limits = Limits(majorisations, energy_tolerance, least_energy_m2, most_steps)
+    narrow = banding(len(initial_uv_m), edges)
+    terms, limits = Terms(narrow.pairs, edge_length_m), Limits(majorisations, energy_tolerance)
     start = np.ascontiguousarray(initial_uv_m[narrow.order].T)
     x, energy, states = _minimised(start, terms, limits, record)
     return Minimum(
@@ -162,11 +141,11 @@ def _minimised(
     start: Float64, terms: Terms, limits: Limits, record: bool
 ) -> tuple[Float64, Float64, Float64]:
     """Return the points (2, N), the energies (K,), and if they are recorded the states (K, 2, N)."""
-    most = 1 + limits.majorisations + limits.steps
+    most = 1 + limits.majorisations + _MOST_STEPS
     energy, states = np.empty(most), np.empty((most if record else 0, *start.shape))
     start = start.copy()
     center = _center(start)
-    laplacian = laplacian_band(start.shape[1], terms.pairs, terms.weight)
+    laplacian = laplacian_band(start.shape[1], terms.pairs)
     laplacian.entry[0] += 1.0  # fixes point 0 and so makes the matrix definite
     factor_in_place(laplacian)
     x = _majorise(start, terms, laplacian, limits.majorisations, energy, states)
@@ -214,11 +193,10 @@ def _gauss_newton(
     """
     count = limits.majorisations + 1
     h = energy[count - 1]
-    tolerance = limits.tolerance * (1.0 + limits.constant_m2 / max(h, 1e-30))
     gradient, unit, rhs = np.empty_like(x), np.empty((len(terms.pairs), 2)), np.empty_like(x)
     # In a narrow band a factorisation takes less time than the steps of a try.
     factor, tries_gradients = laplacian, bandwidth_of(terms.pairs) > 3 * _MOST_CG_STEPS
-    for _ in range(limits.steps):
+    for _ in range(_MOST_STEPS):
         _write_gradient(x, terms, unit, gradient)
         step, gain, is_rough = np.zeros_like(x), 0.0, False
         if tries_gradients:
@@ -232,7 +210,7 @@ def _gauss_newton(
             gain = _product(gradient, step)
         candidate = _added(x, -1.0, step)
         h_new = _majorise_rhs(candidate, terms, rhs)
-        if gain > tolerance * h or h_new >= h:
+        if gain > limits.tolerance * h or h_new >= h:
             for _repair in range(_REPAIRS):
                 candidate = substituted(laplacian, rhs)
                 h_new = _majorise_rhs(candidate, terms, rhs)
@@ -244,7 +222,7 @@ def _gauss_newton(
         x, h, energy[count] = candidate, h_new, h_new
         _copy(x, states, count)
         count += 1
-        if gain <= tolerance * h:
+        if gain <= limits.tolerance * h:
             break
     return x, count
 
@@ -329,15 +307,15 @@ def _anderson_mixed(past_x: Float64, past_f: Float64, g: Float64, f: Float64) ->
 @njit(cache=True, nogil=True)
 def _majorise_rhs(x: Float64, terms: Terms, rhs: Float64) -> float:
     """Write B(x) x, the right-hand side of the majorising solve, and return H."""
-    pairs, lengths, weight = terms
+    pairs, lengths = terms
     rhs[:] = 0.0
     h = 0.0
     for e in range(pairs.shape[0]):
         a, b = pairs[e, 0], pairs[e, 1]
         du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
         d = math.sqrt(du * du + dv * dv)
-        h += weight[e] * (d - lengths[e]) ** 2
-        s = weight[e] * lengths[e] / max(d, 1e-12)
+        h += (d - lengths[e]) ** 2
+        s = lengths[e] / max(d, 1e-12)
         rhs[0, a] += s * du
         rhs[1, a] += s * dv
         rhs[0, b] -= s * du
@@ -347,16 +325,15 @@ def _majorise_rhs(x: Float64, terms: Terms, rhs: Float64) -> float:
 
 @njit(cache=True, nogil=True)
 def _write_gradient(x: Float64, terms: Terms, unit: Float64, gradient: Float64) -> None:
-    """Write the unit vectors of all pairs, times the root of the weights, and the gradient of H / 2."""
-    pairs, lengths, weight = terms
+    """Write the unit vectors of all pairs, and the gradient of H / 2."""
+    pairs, lengths = terms
     gradient[:] = 0.0
     for e in range(pairs.shape[0]):
         a, b = pairs[e, 0], pairs[e, 1]
         du, dv = x[0, a] - x[0, b], x[1, a] - x[1, b]
         d = max(math.sqrt(du * du + dv * dv), 1e-12)
-        root = math.sqrt(weight[e])
-        residual = root * (d - lengths[e])
-        for k, n in ((0, root * du / d), (1, root * dv / d)):
+        residual = d - lengths[e]
+        for k, n in ((0, du / d), (1, dv / d)):
             unit[e, k] = n
             gradient[k, a] += n * residual
             gradient[k, b] -= n * residual

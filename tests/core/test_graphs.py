@@ -9,11 +9,6 @@ from scipy.sparse.csgraph import connected_components
 from flatcloth.core.graphs import components
 
 
-def test_components_of_a_graph_are_numbered_by_their_first_point() -> None:
-    edges = np.array([[4, 1], [5, 2], [4, 5]], dtype=np.int32)
-    assert components(6, edges).tolist() == [0, 1, 1, 2, 1, 1]
-
-
 def test_components_are_numbered_by_their_first_nodes() -> None:
     rng = np.random.default_rng(0)
     for used in (20, 60, 120):

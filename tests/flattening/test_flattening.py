@@ -57,23 +57,6 @@ def test_energy_never_rises_and_states_lead_from_start_to_result() -> None:
     np.testing.assert_allclose(found.states[-1], found.uv_m, atol=1e-12)
 
 
-def test_terms_of_one_pair_count_as_their_mean() -> None:
-    points, edges, lengths = lattice(5, 8)
-    start = points * [0.9, 1.1]
-    random = np.random.default_rng(2)
-    every, weight = np.repeat(edges, 3, axis=0), random.uniform(0.5, 2.0, 3 * len(edges))
-    said = np.repeat(lengths, 3) + random.normal(0, 0.0005, len(every))
-    total = weight.reshape(-1, 3).sum(axis=1)
-    mean = (weight * said).reshape(-1, 3).sum(axis=1) / total
-    rest = float((weight * np.square(said - np.repeat(mean, 3))).sum())
-    options = {"majorisations": 6, "energy_tolerance": 1e-3}
-    found = minimise(start, edges, mean, weight=total, least_energy_m2=rest, **options)
-    slow = minimise(start, every, said, weight=weight, **options)
-    np.testing.assert_allclose(found.uv_m, slow.uv_m, atol=1e-12)
-    assert len(found.energy) == len(slow.energy)
-    assert found.energy[-1] + rest == pytest.approx(slow.energy[-1])
-
-
 def test_centroid_and_direction_of_the_start_are_kept() -> None:
     points, edges, lengths = lattice(6, 9)
     found = minimise(points + 5.0, edges, lengths, majorisations=6, energy_tolerance=1e-6)

@@ -49,12 +49,6 @@ class SampledComponent:
     node: Int32
     area_m2: float
 
-    @cached_property
-    def corners_m(self) -> Float64:
-        """Two corners of the samples on their plane, and their middle (3, 2)."""
-        across = np.ascontiguousarray(self.uv_m.T)
-        return np.stack([across.min(axis=1), across.max(axis=1), self.uv_m.mean(axis=0)])
-
 
 class ReferenceShape:
     """A shape as the reference for comparisons with components.
