@@ -31,8 +31,8 @@ MEMORY_BYTES = 1_200_000_000
 _START_S = 120.0
 """Longest start, in which only libraries are loaded; reading them from a cold disk can be slow."""
 _PATIENCE_S = 12.0
-"""How long a process may be silent, or take to end. Chosen: shorter ends slow disks, longer makes users
-wait."""
+"""How long a process may be silent, or take to end. Chosen: a chunk that unpacks to gigabytes takes a slow
+machine more than 6 s; longer makes users wait."""
 _MOST_STARVED = 10
 """How many times as long a worker may take that gets no processor time. Chosen: such a machine is stuck."""
 _LOOK_EVERY_S = 0.5

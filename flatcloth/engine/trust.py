@@ -39,9 +39,9 @@ class Trust:
 
     A shape that no known kind of garment explains has a false joint somewhere, or is another item. What lies
     beyond such a joint may be anywhere on the item, and it is not known where the joint is. So nothing of it
-    is reliable until an operator names the kind. The same holds where it may well be of none when all views
-    were looked at; before, and while a recording grows, too little may have been seen to tell. That several
-    kinds explain a shape is no doubt about it: each of them does.
+    is reliable until an operator names the kind. Once all views were looked at, a shape that may well be of
+    no known kind is as doubtful; before, and while a recording grows, too little may have been seen to tell.
+    That several kinds explain a shape is no reason for doubt.
     """
 
     def __init__(self, recording: Recording) -> None:
