@@ -19,6 +19,7 @@ from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.methods.answers import Ends
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.shape.algorithm import apart
+from flatcloth.shape.graph import z_of
 from flatcloth.shape.pieces import LEAST_PIECE
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
@@ -331,8 +332,7 @@ def _largest_set(matches: Matches, among: Int64) -> Int64:
     none = among[:0]
     if not among.size:
         return none
-    to_complex = np.array([1.0, 1j])
-    u, w = matches.this_uv_m[among] @ to_complex, (matches.other_uv_m[among] * MIRROR) @ to_complex
+    u, w = z_of(matches.this_uv_m[among]), z_of(matches.other_uv_m[among] * MIRROR)
     a, b = np.random.default_rng(0).integers(0, among.size, (2, _TRIES))
     here, there = u[b] - u[a], w[b] - w[a]
     good = (np.abs(here) > _SEED_M[0]) & (np.abs(here) < _SEED_M[1])
