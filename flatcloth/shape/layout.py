@@ -117,7 +117,8 @@ def places(pairs: Pairs, rotation: Complex128, holds: Float64, certain: Bool) ->
         right = np.empty((n, 2), order="F")
         for axis, way_m in enumerate((weight * middle.real, weight * middle.imag)):
             right[:, axis] = np.bincount(order.high, way_m, n) - np.bincount(order.low, way_m, n)
-        return z_of(PairForm(order, weight, held=_HELD).solve(right))
+        found: Float64 = PairForm(order, weight, held=_HELD).solve(right)
+        return z_of(found)
 
     z = solved_places(pairs.weight * holds)
     for scale in _scales(FALSE_M):
