@@ -13,7 +13,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.bands import line_of, ratios
 from benchmarks.developable import AXIS, sheets, view_of
 from benchmarks.output import RESULTS, Options, processor, save, save_page, say
 from benchmarks.peers import BOUND, Method, least_known_energy, methods
@@ -67,8 +66,6 @@ def run(options: Options) -> None:
     say("warming up")
     warm_up()
     rows = solver_rows(opened, quick=quick)
-    bands = [ratios(problem) for _, problem in problems(opened, quick=quick) if problem.garment]
-    say(line_of(bands))
     say("whole frames")
     frames = [frame_times(r, quick=quick) for r in opened if "d435" in r.name]
     say("accuracy on sheets")
@@ -83,7 +80,6 @@ def run(options: Options) -> None:
         "rows": [asdict(row) for row in rows],
         "frame_ms": statistics.median(f["frame_ms"] for f in frames) if frames else None,
         "frames": frames,
-        "bands": bands,
         "sheets": on_sheets,
         "views": on_views,
         "notes": {m.name: m.note for m in methods() if m.note},

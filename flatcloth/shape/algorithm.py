@@ -18,9 +18,10 @@ from flatcloth.core.types import Bool, Complex128, Int32
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, Links, graph_of, uv_of, view_frames
 from flatcloth.shape.hand import ByHand, with_hands
+from flatcloth.shape.joints import doubt_m
 from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, rotations
 from flatcloth.shape.observations import Observed, PlacedView, observe_all, with_view
-from flatcloth.shape.pieces import cut_of_overlap, doubt_m, pieces_of, weakly_joined
+from flatcloth.shape.pieces import cut_of_overlap, pieces_of, weakly_joined
 from flatcloth.shape.ripples import LOST, ripples_of
 from flatcloth.shape.shape import PIECES_APART_M, Shape
 
@@ -137,7 +138,8 @@ def _shape(
     z = _upright(seen, laid, upright)
     # 8. A noisy sensor takes ripples off all lengths; one factor for all, as others would bend necks.
     ripples, main = np.zeros(len(graph)), piece == 0
-    if any(view.is_noisy for view in seen.observations):
+    is_noisy = any(view.is_noisy for view in seen.observations)
+    if is_noisy:
         ripples[main] = ripples_of(uv_of(z[main]), graph.xyz_m[main], seen.nodes.normal[main])
     if scale is None:
         scale = 1.0 + LOST * float(ripples[main].mean())
@@ -145,9 +147,11 @@ def _shape(
     uv_m = scale * uv_of(z)
     uv_m[:, 0] += PIECES_APART_M * np.maximum(piece, 0)
     uv_m[piece < 0] = np.nan
-    # 9. Deviations: errors of pairs as smooth random fields, through the same equations; doubtful joints.
+    # 9. Deviations: errors of pairs as smooth random fields, through the same equations; joints that a noisy
+    #    sensor may have made.
     std_m = deviations_m(laid.at, graph, main, ripples=ripples)
-    std_m = np.hypot(std_m, doubt_m(graph, laid.holds, main, laid.z))
+    if is_noisy:
+        std_m = np.hypot(std_m, doubt_m(graph, laid.holds, laid.piece == 0, laid.z))
     return Shape(
         nodes=seen.nodes,
         observations=seen.observations,

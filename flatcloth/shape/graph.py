@@ -222,7 +222,7 @@ def pairs_as_laid(
     """Return pairs (K, 2) of nodes of a graph, the lower one first, that hold both ends where they lie.
 
     ``z``, ``rotation`` (N,) are their places and frames on the plane; ``std_m`` and ``evidence`` are of each
-    pair.
+    pair, as if all views saw it.
     """
     way = z[pairs[:, 1]] - z[pairs[:, 0]]
     known = np.abs(way) > 0.0  # no direction leads to a node at the same place
@@ -234,7 +234,7 @@ def pairs_as_laid(
         offset_m=np.conj(rotation[pairs]) * way[:, None],
         variance_m2=np.full(len(way), std_m**2),
         evidence=np.full(len(way), evidence),
-        views=np.ones(len(way), dtype=np.int64),
+        views=np.full(len(way), graph.views.max(initial=1)),
     )
 
 

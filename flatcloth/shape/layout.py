@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
-from flatcloth.shape.bands import Order, PairForm, factored, order_of, solved
+from flatcloth.flattening.bands import Order, PairForm, factored, order_of, solved
 from flatcloth.shape.graph import Graph
 
 LAMBDA = 0.3
@@ -221,7 +221,7 @@ def _factor(pairs: Pairs, z: Complex128, rotation: Complex128, weight: Float64) 
     way, ends = z[order.high] - z[order.low], (rotation[order.low] * pairs.a, rotation[order.high] * pairs.b)
     _add_equations(order.low, order.high, way, *ends, weight, LAMBDA, band.T)
     band[0] += _HELD * (band[0] + np.median(band[0]))
-    return np.asarray(factored(band), dtype=np.float64)
+    return factored(band)
 
 
 @njit(cache=True, nogil=True)

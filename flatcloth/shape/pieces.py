@@ -43,7 +43,7 @@ def pieces_of(graph: Graph, holds: Bool) -> Int32:
 
     Only what hangs together by pairs is a piece; there is always one.
     """
-    label = connected_pieces(graph, holds, LEAST_CORE)
+    label = _connected(graph, holds)
     inside = holds & (label[graph.pairs[:, 0]] == label[graph.pairs[:, 1]])
     part = components(len(graph), graph.pairs[inside])
     size = np.bincount(part)
@@ -60,19 +60,6 @@ def weakly_joined(graph: Graph, holds: Bool, piece: Int32) -> Bool:
     usual = float(np.median(evidence[piece == 0]))
     weak: Bool = evidence < _LEAST_OF_MEDIAN * usual
     return weak
-
-
-def doubt_m(graph: Graph, holds: Bool, own: Bool, z: Complex128) -> Float64:
-    """Return how far each node (N,) of a piece, ``own``, is from a joint that may be false; 0 for others.
-
-    Small parts are joined by any evidence. Most are the same sheet; a few are flaps of another layer, which
-    may lie anywhere around the joint.
-    """
-    part = connected_pieces(graph, holds, LEAST_PIECE)
-    sure = own & (part == np.bincount(part[own]).argmax())
-    found, doubtful = np.zeros(len(own)), own & ~sure
-    found[doubtful] = cKDTree(uv_of(z[sure])).query(uv_of(z[doubtful]))[0]
-    return found
 
 
 def cut_of_overlap(graph: Graph, holds: Bool, piece: Int32, z: Complex128, by_hand: Bool) -> Bool:
@@ -97,16 +84,16 @@ def cut_of_overlap(graph: Graph, holds: Bool, piece: Int32, z: Complex128, by_ha
     return cut
 
 
-def connected_pieces(graph: Graph, holds: Bool, least_core_nodes: int) -> Int32:
+def _connected(graph: Graph, holds: Bool) -> Int32:
     """Return the part of cloth (N,) that each node belongs to, by the pairs that hold (P,).
 
-    Cores are parts connected by triangles, of at least so many nodes; all other nodes join the core with the
-    largest evidence. Two cores are joined if the pairs between them have enough evidence together.
+    Cores are parts connected by triangles, of at least ``LEAST_CORE`` nodes; all other nodes join the core
+    with the largest evidence. Two cores are joined if the pairs between them have enough evidence together.
     """
     n, edges, evidence = len(graph), graph.pairs[holds], graph.evidence[holds]
     i, j = edges.T.copy()
     core_of = components(n, edges[_neighbours_in_common(n, i, j) >= _TRIANGLES])
-    is_core = np.bincount(core_of) >= least_core_nodes
+    is_core = np.bincount(core_of) >= LEAST_CORE
     label = _grown(np.where(is_core[core_of], core_of, -1), i, j, evidence)
     rest = label < 0
     label[rest] = n + components(n, edges[rest[i] & rest[j]])[rest]

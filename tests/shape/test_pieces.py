@@ -10,11 +10,10 @@ from made_up_sheets import STEP_M, exact_graph, grid, neighbours, off_m, on_cyli
 
 from flatcloth.core.types import Bool, Int32
 from flatcloth.shape.algorithm import laid_out
-from flatcloth.shape.graph import Graph, z_of
+from flatcloth.shape.graph import Graph
 from flatcloth.shape.pieces import (
     LEAST_PIECE,
     MOST_CUT_EVIDENCE,
-    doubt_m,
     overlapping_pairs,
     pieces_of,
     weakest_cut,
@@ -167,15 +166,3 @@ def test_a_few_nodes_on_other_cloth_are_not_cut_off() -> None:
     used: Bool = np.asarray(kept[graph.pairs].all(axis=1))
     found = laid_out(graph, used)
     assert (found.piece[few] == 0).all()
-
-
-@pytest.mark.parametrize(("evidence", "doubted"), [(0.3, True), (0.5, False)])
-def test_a_small_part_that_little_joins_is_as_unsure_as_it_is_far(evidence: float, *, doubted: bool) -> None:
-    """Three columns of the flap, joined by its first five nodes."""
-    graph, _ = falsely_joined(5, evidence)
-    small = ON_FLAP & (np.cumsum(ON_FLAP) <= 3 * 8)
-    used: Bool = np.asarray((small | ~ON_FLAP)[graph.pairs].all(axis=1))
-    piece = pieces_of(graph, used)
-    assert (piece[small] == piece[0]).all()
-    far_m = np.where(small & doubted, EVERYTHING[:, 0] - SHEET[:, 0].max(), 0.0)
-    np.testing.assert_allclose(doubt_m(graph, used, piece == piece[0], z_of(EVERYTHING)), far_m, atol=1e-9)

@@ -31,8 +31,9 @@ from flatcloth.session.garment import DecidedSeam
 from flatcloth.shape.algorithm import laid_out
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, merged, pairs_as_laid, pairs_within, rotations_at, uv_of, z_of
+from flatcloth.shape.joints import doubt_m
 from flatcloth.shape.observations import PAIR_INTERVALS
-from flatcloth.shape.pieces import both_ends, doubt_m
+from flatcloth.shape.pieces import both_ends
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 _SEAM_EVIDENCE = 0.1
@@ -108,8 +109,8 @@ def join_sides(
     joining = joining[np.isfinite(matches.other_uv_m[joining, 0])]
     # 3. Poses of all pieces by the largest sets; one graph, with a node for each place on a seam.
     own, mirrored, places, std_m = _posed(this, other, matches, links)
-    seams = matches.chosen(joining)
-    graph = _one_graph(own, mirrored, seams, (places[0][joining], places[1][joining]))
+    seams_xyz_m = matches.xyz_m[joining]
+    graph = _one_graph(own, mirrored, seams_xyz_m, (places[0][joining], places[1][joining]))
     check()
     # 4. The layout of both sides (shape/layout.py), and its deviations from the main piece of this one.
     both, joint_std_m = _laid_out(this, graph)
@@ -201,7 +202,7 @@ def _posed(
     return *posed, (places[0], places[1]), [np.sqrt(each) for each in variance]
 
 
-def _one_graph(this: Shape, mirrored: Shape, seams: Matches, places: tuple[Float64, Float64]) -> Graph:
+def _one_graph(this: Shape, mirrored: Shape, seams_xyz_m: Float64, places: tuple[Float64, Float64]) -> Graph:
     """Return both sides, which lie on one plane, as one graph; ``places`` are those of the seams on each."""
     n, m = len(this.nodes), len(mirrored.nodes)
     own, its = _own_graph(this), _own_graph(mirrored)
@@ -212,7 +213,7 @@ def _one_graph(this: Shape, mirrored: Shape, seams: Matches, places: tuple[Float
         _pairs_at(this, own, places[0], 0, n + m),
         _pairs_at(mirrored, its, places[1], n, n + m),
     ]
-    graph, _ = merged(parts, np.concatenate([this.nodes.xyz_m, mirrored.nodes.xyz_m, seams.xyz_m]))
+    graph, _ = merged(parts, np.concatenate([this.nodes.xyz_m, mirrored.nodes.xyz_m, seams_xyz_m]))
     return graph
 
 
@@ -276,7 +277,9 @@ def _laid_out(this: Shape, graph: Graph) -> tuple[Both, Float64]:
     reference = np.zeros(len(graph), dtype=np.bool_)
     reference[own] = True
     std_m = deviations_m(laid.at, graph, piece == 0, reference)
-    return Both(all_uv_m=uv, piece=piece), np.hypot(std_m, doubt_m(graph, laid.holds, piece == 0, laid.z))
+    if any(view.is_noisy for view in this.observations):
+        std_m = np.hypot(std_m, doubt_m(graph, laid.holds, piece == 0, laid.z))
+    return Both(all_uv_m=uv, piece=piece), std_m
 
 
 def _other_of(

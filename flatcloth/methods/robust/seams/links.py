@@ -20,6 +20,7 @@ from flatcloth.methods.answers import Ends
 from flatcloth.methods.robust.seams.rims import meeting, rim_of
 from flatcloth.shape.algorithm import apart
 from flatcloth.shape.graph import z_of
+from flatcloth.shape.joints import false_share, seen_often
 from flatcloth.shape.pieces import LEAST_PIECE
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
@@ -34,6 +35,8 @@ _BENT = 0.3
 """Cloth is cut between two sets that contradict each other if its evidence is less than this for each match
 of the weaker one, weighted by its width; otherwise the weaker set is false. Measured by the same command:
 where the cloth is bent it is up to 0.2, where the set is false 0.4 and more."""
+_FALSE_SETS = 1 / 177
+"""Share of the sets that join which are false. Measured by the same command: the next would be the first."""
 _MOST_CONTRADICTED = _BENT
 """A set is contradicted if, for each of its places, more true edges than this would lie on the other sheet's
 cloth. Measured by the same command: of the strongest sets that join, true ones have up to 0.06, but one 0.40;
@@ -83,16 +86,6 @@ class Matches:
     def __len__(self) -> int:
         """Return the number of places."""
         return len(self.this_uv_m)
-
-    def chosen(self, which: Bool | Int64) -> Matches:
-        """Return some of the places."""
-        return Matches(
-            this_uv_m=self.this_uv_m[which],
-            other_uv_m=self.other_uv_m[which],
-            xyz_m=self.xyz_m[which],
-            views=self.views[which],
-            pieces=self.pieces[which],
-        )
 
     def motion(self, members: Int64) -> Rigid2:
         """Return the motion from the mirrored plane of the other side on which some places agree."""
@@ -270,7 +263,10 @@ def _torn_between(
             evidence_between(shape, at[before.members], at[link.members])
             for shape, at in zip((this, other), node_of_match, strict=True)
         )
-        if evidence < _BENT * link.strength and evidence < its < np.inf:
+        pairs = this.graph.pairs
+        crosses = side[pairs[:, 0]] != side[pairs[:, 1]]
+        doubt = false_share(seen_often(this.graph, this.holds)[crosses].sum())
+        if evidence < _BENT * link.strength and evidence < its < np.inf and doubt > _FALSE_SETS:
             parts: list[Bool] = [(this.piece == link.this_piece) & part for part in (side, ~side)]
             return min(parts, key=np.count_nonzero)
     return None

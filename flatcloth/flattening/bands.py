@@ -8,12 +8,16 @@ how many cores there are, or how wide the processor's vectors are, but for the l
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numba import njit
 from scipy.linalg.lapack import dpbtrf, dpbtrs, zpbtrf, zpbtrs
 
+from flatcloth.core.graphs import grouped
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
-from flatcloth.flattening.banded import cuthill_mckee
+
+Band = TypeVar("Band", Float64, Complex128)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +46,43 @@ def order_of(n: int, pairs: Int32) -> Order:
     return Order(
         nodes=nodes, low=low, high=high, is_turned=first != low, width=int((high - low).max(initial=0))
     )
+
+
+@njit(cache=True, nogil=True)
+def cuthill_mckee(n: int, edges: Int32) -> Int32:
+    """Return an order (n,) of points in which the ends of pairs (M, 2) int32 lie close together.
+
+    It is that of Cuthill and McKee (1969), begun again where the one before ended (Gibbs et al., 1976) until
+    that makes it no narrower: layers of a long shape are narrow if the first is at an end of it.
+    """
+    first, end = grouped(edges.ravel(), n)
+    near = edges.ravel()[end ^ 1]
+    narrowest, least, start = np.arange(n).astype(np.int32), n, 0
+    while True:
+        order, is_listed = np.empty(n, dtype=np.int32), np.zeros(n, dtype=np.bool_)
+        count, widest, unlisted = 0, 0, 0
+        for at in range(n):
+            if at == count:  # the first point, or the first of another part
+                while is_listed[unlisted]:
+                    unlisted += 1
+                order[at] = start if at == 0 else unlisted
+                is_listed[order[at]] = True
+                count += 1
+            begin = count
+            for k in range(first[order[at]], first[order[at] + 1]):
+                other = near[k]
+                if not is_listed[other]:
+                    # Neighbours are listed by their numbers of pairs, sorted by insertion: they are few.
+                    pairs, place = first[other + 1] - first[other], count
+                    while place > begin and first[order[place - 1] + 1] - first[order[place - 1]] > pairs:
+                        order[place] = order[place - 1]
+                        place -= 1
+                    order[place], is_listed[other] = other, True
+                    count += 1
+            widest = max(widest, count - 1 - at)
+        if widest >= least:
+            return narrowest
+        narrowest, least, start = order, widest, order[-1]
 
 
 class PairForm:
@@ -80,7 +121,7 @@ class PairForm:
         return found
 
 
-def factored(band: Float64 | Complex128) -> Float64 | Complex128:
+def factored(band: Band) -> Band:
     """Return the Cholesky factor of a band (width + 1, N), which is overwritten: its lower half, by columns.
 
     Raises
@@ -91,7 +132,7 @@ def factored(band: Float64 | Complex128) -> Float64 | Complex128:
     factor, failed = (zpbtrf if np.iscomplexobj(band) else dpbtrf)(band, lower=1, overwrite_ab=1)
     if failed:
         raise np.linalg.LinAlgError("the pairs of a shape have weights that are not finite")
-    found: Float64 | Complex128 = factor
+    found: Band = factor
     return found
 
 

@@ -1,0 +1,74 @@
+"""Joints: the evidence of the weakest cut towards the middle, and the doubt that it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from made_up_sheets import exact_graph, grid, neighbours
+
+from flatcloth.core.types import Bool, Float64
+from flatcloth.shape.graph import Graph, z_of
+from flatcloth.shape.joints import doubt_m, false_share, seen_often
+from flatcloth.shape.shape import RELIABLE_M
+
+THREE = np.concatenate([grid(10, 10), grid(10, 6, (0.2, 0.0)), grid(8, 5, (0.4, 0.0))])
+SHEET = np.repeat([0, 1, 2], [100, 60, 40])
+ALL = np.ones(len(THREE), dtype=bool)
+AWAY_M = np.linalg.norm(THREE - THREE.mean(axis=0), axis=1)
+APART_M = AWAY_M + AWAY_M.max()
+
+
+def left_m(evidence: float, sheet: int) -> Float64:
+    """The deviation that a joint of some evidence leaves to the nodes of a sheet."""
+    found: Float64 = APART_M[sheet == SHEET] * np.sqrt(false_share(np.array(evidence)))
+    return found
+
+
+def in_a_row(evidence: tuple[float, float], views: int = 4) -> tuple[Graph, Bool]:
+    """Three sheets, each joined to the next by four pairs, which some views see; four see the others."""
+    joints = [(90 + k, 100 + k) for k in range(4)] + [(150 + k, 160 + k) for k in range(4)]
+    graph = exact_graph(THREE, np.concatenate([neighbours(THREE), joints]).astype(np.int32))
+    ends = np.sort(SHEET[graph.pairs], axis=1)
+    joins = ends[:, 0] != ends[:, 1]
+    weight = np.where(joins, np.array(evidence)[ends[:, 0] % 2] / 4.0, 1.0)
+    return replace(graph, evidence=weight, views=np.where(joins, views, 4)), ends[:, 1] == 2
+
+
+def doubts_m(graph: Graph, holds: Bool | None = None) -> list[Float64]:
+    """The doubt of the nodes of each sheet."""
+    off_m = doubt_m(
+        graph, np.ones(len(graph.pairs), dtype=bool) if holds is None else holds, ALL, z_of(THREE)
+    )
+    return [off_m[n == SHEET] for n in range(3)]
+
+
+def test_cloth_is_as_doubtful_as_the_weakest_joint_between_it_and_the_middle() -> None:
+    graph, _ = in_a_row((3.0, 0.4))
+    middle, next_, last = doubts_m(graph)
+    np.testing.assert_allclose(next_, left_m(3.0, 1), rtol=0.05)
+    np.testing.assert_allclose(last, left_m(0.4, 2), rtol=0.05)
+    assert middle.max() < 0.05 * APART_M.max()
+    weak_first = doubts_m(in_a_row((0.4, 3.0))[0])
+    np.testing.assert_allclose(weak_first[2], last, rtol=0.05)  # it hangs on the weak one, too
+
+
+def test_pairs_that_half_as_many_views_see_count_a_quarter() -> None:
+    graph, _ = in_a_row((4.0, 4.0), views=2)
+    every = np.ones(len(graph.pairs), dtype=bool)
+    counted = seen_often(graph, every) / graph.evidence
+    np.testing.assert_allclose(counted[graph.views == 2], 0.25, rtol=0.05)
+    np.testing.assert_array_equal(counted[graph.views == 4], 1.0)
+    np.testing.assert_allclose(doubts_m(graph)[2], left_m(1.0, 2), rtol=0.05)
+
+
+def test_cloth_that_many_pairs_join_is_not_doubted() -> None:
+    for off_m in doubts_m(in_a_row((30.0, 300.0))[0]):
+        assert off_m.max() < RELIABLE_M
+
+
+def test_pairs_that_do_not_hold_join_nothing() -> None:
+    graph, joins_last = in_a_row((30.0, 30.0))
+    joins_last &= np.ptp(SHEET[graph.pairs], axis=1) > 0
+    assert seen_often(graph, ~joins_last)[joins_last].sum() == 0.0
+    np.testing.assert_allclose(doubts_m(graph, ~joins_last)[2], left_m(0.0, 2), rtol=0.05)
