@@ -57,7 +57,7 @@ FRAMES = """(ms) => {
 }"""
 
 DRAWS = """async () => {
-    const { FlatCanvas } = await import("/static/canvas/canvas.js");
+    const { FlatCanvas } = await import("./static/canvas/canvas.js");
     const draw = FlatCanvas.prototype.draw, times = [];
     FlatCanvas.prototype.draw = function () {
         const before = performance.now();

@@ -23,7 +23,7 @@ from flatcloth.core.types import Bool, FlattenedView, Float64, Int32, Int64
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.integration import Integration
 from flatcloth.flattening.surface import item_mask
-from flatcloth.synthesis.native import load_open3d
+from flatcloth.synthesis.rendering import load_open3d
 
 VOXEL_M = 0.0035
 TRUNCATION_VOXELS = 3.0

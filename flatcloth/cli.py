@@ -6,52 +6,41 @@ import argparse
 import atexit
 import contextlib
 import difflib
+import importlib
 import os
 import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NoReturn
 
 from flatcloth import __version__
-from flatcloth.commands import (
-    active,
-    batch,
-    check,
-    evaluate,
-    export,
-    import_,
-    record,
-    run,
-    schema,
-    segment,
-    synthesize,
-    view,
-)
-from flatcloth.commands.output import add_output, error, speaking
 from flatcloth.core.errors import FlatclothError
+from flatcloth.core.plain_files import is_text
 from flatcloth.core.resources import sample_recordings
 
-COMMANDS: dict[str, ModuleType] = {
-    command.NAME: command
-    for command in (
-        view,
-        run,
-        check,
-        active,
-        segment,
-        batch,
-        export,
-        evaluate,
-        import_,
-        record,
-        synthesize,
-        schema,
-    )
-}
+COMMANDS = (
+    "view",
+    "run",
+    "check",
+    "active",
+    "segment",
+    "batch",
+    "export",
+    "evaluate",
+    "import",
+    "record",
+    "synthesize",
+    "schema",
+)
 _OWN_OPTIONS = ("-h", "--help", "--version", "--print-completion")
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_STOPPED = 130
+"""The exit code after one of them; see docs/commands.md."""
+_WORDS = "stopped; what was decided is in the session folder."
+_AGAIN_S = 0.05
+"""From a lost interrupt to the next. Chosen."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,7 +48,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     A command may have an exit code of its own, such as 1 of a goal that was not reached.
     """
+    from flatcloth.commands.output import error, escape_what_cannot_be_encoded, speaking
+
+    escape_what_cannot_be_encoded()
     given = list(sys.argv[1:] if arguments is None else arguments)
+    for word in (*given, os.environ.get("PWD", "")):
+        if not is_text(word):  # nor could a session or a recording name it
+            encoding = sys.getfilesystemencoding()
+            remedy = "Rename the file or folder." if encoding == "utf-8" else "Set PYTHONUTF8=1."
+            error(f"{word!a}: not a name in the encoding {encoding}. {remedy}")
+            return 2
     if given and (meant := _meant_command(given[0])):
         error(f"{given[0]}: no such command or recording; did you mean 'flatcloth {meant}'?")
         return 2
@@ -70,43 +68,81 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.parser.error(_unknown(options.parser, unknown))
     # Its matrices are small: BLAS threads cost more than they bring. numpy is not imported yet.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    stop = _Stop()
     try:
-        # SIGTERM has the effect of Ctrl-C, so that child processes are ended and temporary files removed.
-        with _terminated_as_interrupted(), speaking(options):
-            return _carried_out(options)
+        with stop.heard(), speaking(options):
+            return _carried_out(options, stop)
     except FlatclothError as failed:  # the log file cannot be written
         error(str(failed))
         return 2
+    except KeyboardInterrupt:  # before the command has begun, or after its end
+        error(_WORDS)
+        return _STOPPED
 
 
-@contextlib.contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM do what Ctrl-C does while the block runs; only the main thread can."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+def _carried_out(options: argparse.Namespace, stop: _Stop) -> int:
+    from flatcloth.commands.output import error
 
-
-def _carried_out(options: argparse.Namespace) -> int:
     try:
         status = int(options.run(options) or 0)
         sys.stdout.flush()
-    except FlatclothError as failed:
-        error(str(failed))
-        return 2
-    except KeyboardInterrupt:
-        error("stopped; what was decided is in the session folder.")
-        return 130
+        return status
     except BrokenPipeError:
         # Who read the output has gone, as in "flatcloth run ... | head"; the work is done or of no use.
         _discard_output()
         return 141
-    return status
+    except SystemExit:  # a command has ended by itself, with words of its own
+        raise
+    except BaseException as failed:
+        # What the signal has interrupted may have made another error of it, as compiled functions do.
+        if stop.asked or isinstance(failed, KeyboardInterrupt):
+            error(_WORDS)
+            return _STOPPED
+        if isinstance(failed, FlatclothError):
+            error(str(failed))
+            return 2
+        raise
+
+
+class _Stop:
+    """Ends a command at a signal, so that child processes are ended and temporary files removed."""
+
+    asked = False
+    _timer: threading.Timer | None = None
+
+    @contextlib.contextmanager
+    def heard(self) -> Iterator[None]:
+        """Raise ``KeyboardInterrupt`` in the block at a signal; only the main thread can."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        # A signal that is ignored, as by nohup, stays so.
+        before = {n: h for n in _SIGNALS if (h := signal.getsignal(n)) is not signal.SIG_IGN}
+        unraisable, in_thread = sys.unraisablehook, threading.excepthook
+        try:
+            sys.unraisablehook = lambda lost: self._again(lost) if self.asked else unraisable(lost)
+            threading.excepthook = lambda lost: None if self.asked else in_thread(lost)
+            for number in before:
+                signal.signal(number, self._ask)
+            yield
+        finally:
+            if self._timer is not None:
+                self._timer.cancel()
+            for number, handler in before.items():
+                signal.signal(number, handler)
+            sys.unraisablehook, threading.excepthook = unraisable, in_thread
+
+    def _ask(self, _number: int, _frame: object) -> None:
+        self.asked = True
+        raise KeyboardInterrupt
+
+    def _again(self, lost: sys.UnraisableHookArgs) -> None:
+        """Ask again if a callback of compiled code has lost the interrupt, once that has returned."""
+        if isinstance(lost.exc_value, KeyboardInterrupt):
+            here = threading.get_ident()
+            self._timer = threading.Timer(_AGAIN_S, signal.pthread_kill, [here, signal.SIGINT])
+            self._timer.daemon = True
+            self._timer.start()
 
 
 def run_and_exit() -> NoReturn:
@@ -114,6 +150,11 @@ def run_and_exit() -> NoReturn:
 
     Before, child processes are ended as usual. Unloading modules and kernels would take 0.2 s.
     """
+    for number in _SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(
+                number, lambda *_: os._exit(_STOPPED)
+            )  # until a command runs, nothing is to be ended
     status = main()
     threads = threading.enumerate()
     if len(threads) == 1 or any(thread.daemon for thread in threads):
@@ -174,10 +215,17 @@ class _PrintCompletion(argparse.Action):
 
 
 def _parser() -> argparse.ArgumentParser:
+    from flatcloth.commands.output import add_output
+
+    # Loaded only now: a signal in the first milliseconds is not heard yet.
+    modules = {
+        name: importlib.import_module(f"flatcloth.commands.{'import_' if name == 'import' else name}")
+        for name in COMMANDS
+    }
     parser = argparse.ArgumentParser(
         prog="flatcloth",
         description="Integrate turned RGB-D views of a hanging garment into its canonical shape.",
-        epilog="\n\n".join(command.EXAMPLES for command in COMMANDS.values()),
+        epilog="\n\n".join(command.EXAMPLES for command in modules.values()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"flatcloth {__version__}")
@@ -188,7 +236,7 @@ def _parser() -> argparse.ArgumentParser:
         help='print the completion script of a shell: eval "$(flatcloth --print-completion bash)"',
     )
     commands = parser.add_subparsers(required=True, metavar="{" + ",".join(COMMANDS) + "}")
-    for name, command in COMMANDS.items():
+    for name, command in modules.items():
         added = commands.add_parser(
             name,
             help=command.SUMMARY,

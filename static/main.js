@@ -1,41 +1,43 @@
 // The page: takes the server's states, gives them to its parts, and turns what the operator does into messages.
 
-import { FlatCanvas } from "/static/canvas/canvas.js";
-import { Handles } from "/static/canvas/handles.js";
-import { Comparison } from "/static/canvas/compare.js";
-import { KeyPointer } from "/static/canvas/key_pointer.js";
-import { Looking } from "/static/canvas/look.js";
-import { LAYERS, layerAction } from "/static/canvas/layer_list.js";
-import { isMove, KeyNudges } from "/static/canvas/nudges.js";
-import { Ruler } from "/static/canvas/ruler.js";
-import { Column } from "/static/layout/column.js";
-import { Layout } from "/static/layout/layout.js";
-import { PageAddress } from "/static/page/address.js";
-import { Connection } from "/static/page/connection.js";
-import { byId, setText } from "/static/page/dom.js";
-import { showExports } from "/static/page/exports.js";
-import { number } from "/static/page/format.js";
-import { Hover } from "/static/page/hover.js";
-import { startKeys } from "/static/page/keys.js";
-import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "/static/page/notices.js";
-import { Page } from "/static/page/page.js";
-import { showPalette } from "/static/page/palette.js";
-import { loadScene, startScene } from "/static/page/scene.js";
-import { SceneMarks } from "/static/page/scene_marks.js";
-import { StatusLines } from "/static/page/status.js";
-import { seen } from "/static/both/seen.js";
-import { applyTheme, onTheme, toggleTheme } from "/static/page/theme.js";
-import { RejectMenu, showHelp, Toolbar } from "/static/page/toolbar.js";
-import { PANELS } from "/static/panels/index.js";
-import { LiveBar } from "/static/panels/live.js";
-import { showLegend } from "/static/panels/readout.js";
-import { Repair } from "/static/panels/repair.js";
-import { ReviewList } from "/static/review/list.js";
-import { ResultPanel } from "/static/review/result.js";
-import { markPresent, Timeline } from "/static/review/timeline.js";
-import { Verdicts } from "/static/review/verdicts.js";
-import { answerDrops } from "/static/start/drop.js";
-import { Teaching } from "/static/teaching/teaching.js";
+import { FlatCanvas } from "./canvas/canvas.js";
+import { Handles } from "./canvas/handles.js";
+import { Comparison } from "./canvas/compare.js";
+import { KeyPointer } from "./canvas/key_pointer.js";
+import { Looking } from "./canvas/look.js";
+import { LAYERS, layerAction } from "./canvas/layer_list.js";
+import { isMove, KeyNudges } from "./canvas/nudges.js";
+import { Ruler } from "./canvas/ruler.js";
+import { Column } from "./layout/column.js";
+import { Layout } from "./layout/layout.js";
+import { PageAddress } from "./page/address.js";
+import { Connection } from "./page/connection.js";
+import { byId, showWords } from "./page/dom.js";
+import { showExports } from "./page/exports.js";
+import { number } from "./page/format.js";
+import { Hover } from "./page/hover.js";
+import { startKeys } from "./page/keys.js";
+import { forgetServerLog, notify, showLog, startTips, takeServerLog } from "./page/notices.js";
+import { Page } from "./page/page.js";
+import { showPalette } from "./page/palette.js";
+import { loadScene, startScene } from "./page/scene.js";
+import { SceneMarks } from "./page/scene_marks.js";
+import { StatusLines } from "./page/status.js";
+import { seen } from "./both/seen.js";
+import { applyTheme, onTheme, toggleTheme } from "./page/theme.js";
+import { RejectMenu, showHelp, Toolbar } from "./page/toolbar.js";
+import { PANELS } from "./panels/index.js";
+import { LiveBar } from "./panels/live.js";
+import { showLegend } from "./panels/readout.js";
+import { Repair } from "./panels/repair.js";
+import { ReviewList } from "./review/list.js";
+import { ResultPanel } from "./review/result.js";
+import { markPresent, Timeline } from "./review/timeline.js";
+import { Verdicts } from "./review/verdicts.js";
+import { answerDrops } from "./start/drop.js";
+import { Teaching } from "./teaching/teaching.js";
+
+byId("unloaded").remove();
 
 const LEAST_MOVE_M = 0.00005; // what is shown as 0.0 mm and 0.0° is no move
 const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
@@ -88,7 +90,7 @@ const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
   message(message) {
-    if (message.type === "switched") return location.replace("/");
+    if (message.type === "switched") return location.replace("./");
     if (message.type === "state") show(message);
     else if (message.type === "note") takeNote(message);
     page.take(message);
@@ -102,14 +104,11 @@ const connection = new Connection({
     page.each("reconnected");
     loadScene(true);
   },
-  lost(seconds) {
-    byId("banner").hidden = false;
+  lost(seconds, refusal) {
     const again = `Trying again in ${number(seconds, 1)} s.`;
-    setText(
-      byId("banner"),
-      `No connection to flatcloth. ${again} If the program has ended, start it again: nothing is lost.`,
-    );
-    page.each("disconnected");
+    const ended = `No connection to flatcloth. ${again} If the program has ended, start it again: nothing is lost.`;
+    showWords(byId("banner"), refusal === null ? ended : `No connection to flatcloth. ${refusal} ${again}`);
+    if (refusal === null) page.each("disconnected");
   },
 });
 
@@ -159,8 +158,7 @@ function drawFrame(/** @type {FrameInfo} */ frame, /** @type {Shown | null} */ s
   showLegend(frame.legend);
   looking.show(page.layer, frame.legend, true);
   markPresent(frame.view_index);
-  byId("empty").hidden = shown !== null;
-  setText(byId("empty"), frame.reason);
+  showWords(byId("empty"), shown ? "" : frame.reason);
 }
 
 function showLayer(/** @type {State} */ state) {
@@ -171,8 +169,7 @@ function showLayer(/** @type {State} */ state) {
     : [page.layer, state.layers?.legends[page.layer]];
   showLegend(looking.legend(looked, legend));
   looking.show(looked, legend, false, state.layers?.legends);
-  byId("empty").hidden = Boolean(state.layers);
-  setText(byId("empty"), whyEmpty(state));
+  showWords(byId("empty"), state.layers ? "" : whyEmpty(state));
 }
 
 function whyEmpty(/** @type {State} */ { trouble, start_view, phase }) {
@@ -185,7 +182,7 @@ function whyEmpty(/** @type {State} */ { trouble, start_view, phase }) {
 // --- do ----------------------------------------------------------------------------------------
 
 function decide(/** @type {string} */ name, more = {}) {
-  const action = /** @type {import("/static/page/messages").Do["action"]} */ (name);
+  const action = /** @type {import("./page/messages").Do["action"]} */ (name);
   nudges.flush();
   const { pending } = page.thisSide;
   // The view that this user sees is the view that is meant, whatever has changed meanwhile.
@@ -248,7 +245,7 @@ const PAGE_ACTIONS = {
     const known = page.state.actions.filter((a) => a.name !== "palette" && modes.includes(a.mode));
     showPalette(known, run);
   },
-  home: () => location.assign("/start"),
+  home: () => location.assign("start"),
   log: showLog,
   theme: toggleTheme,
   help: () => showHelp(page.state.actions, page.state.mode),

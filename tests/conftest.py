@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -52,3 +53,18 @@ def server(integration: CylinderIntegration, folder: MemoryFolder) -> Iterator[P
     with PageServer(Opened(integration, folder), port=0) as running:
         yield running
         integration.gate.set()
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    """Where a session is to be."""
+    return tmp_path / "session"
+
+
+@pytest.fixture
+def viser_server() -> Iterator[Any]:
+    import viser
+
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    yield server
+    server.stop()

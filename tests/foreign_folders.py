@@ -3,15 +3,47 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import pytest
+
+from flatcloth.core.errors import RecordingError
+from flatcloth.core.types import Intrinsics
+from flatcloth.recordings import open_recording
 
 WIDTH, HEIGHT = 16, 12
 FOCAL_PX, CENTER_PX = 20.0, (7.5, 5.5)
 MATRIX = [FOCAL_PX, 0, 0, 0, FOCAL_PX, 0, *CENTER_PX, 1]  # by columns
+
+
+def read(source: Path, **options: Any) -> list[Any]:
+    """Open a source, 10 degrees a view unless other angles are given, and return its frames."""
+    given = options if {"angles", "step_deg"} & options.keys() else {"step_deg": 10.0} | options
+    recording = open_recording(source, **given)
+    return [recording[n] for n in range(len(recording))]
+
+
+def refused(source: Path, cause: str, **options: Any) -> str:
+    """Read a source that is refused for a cause; return the line."""
+    with pytest.raises(RecordingError, match=cause) as caught:
+        read(source, **options)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def write_films(place: Path, frames: Sequence[tuple[float, Any, Any]], camera: Intrinsics) -> None:
+    """Write a TUM folder of times (s), color and depth (mm)."""
+    lines = []
+    for n, (time_s, color, depth_mm) in enumerate(frames):
+        write(place / f"rgb/{n}.png", color)
+        write(place / f"depth/{n}.png", 5 * depth_mm)
+        lines.append(f"{time_s:.4f} rgb/{n}.png {time_s:.4f} depth/{n}.png\n")
+    (place / "associations.txt").write_text("".join(lines))
+    (place / "calibration.txt").write_text(f"{camera.fx} {camera.fy} {camera.cx} {camera.cy}")
 
 
 def rgb(view: int) -> np.ndarray:

@@ -81,6 +81,26 @@ def write_ply(path: Path, vertices: np.ndarray, triangles: np.ndarray, rgb: np.n
     return path
 
 
+def binary_ply_of(
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    order: str = "<",
+    texture: str = "",
+    more: dict[str, np.ndarray] | None = None,
+) -> bytes:
+    """Return a binary PLY of a byte order, with more properties of its vertices, and a texture's name."""
+    fields = dict(zip("xyz", vertices.T, strict=True)) | (more or {})
+    faces = np.zeros(len(triangles), dtype=[("n", "u1"), ("v", f"{order}i4", 3)])
+    faces["n"], faces["v"] = 3, triangles
+    head = f"ply\nformat binary_{'big' if order == '>' else 'little'}_endian 1.0\n"
+    head += f"comment TextureFile {texture}\n" if texture else ""
+    head += f"element vertex {len(vertices)}\n" + "".join(f"property float {name}\n" for name in fields)
+    head += f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+    return (
+        head.encode() + np.column_stack([*fields.values()]).astype(f"{order}f4").tobytes() + faces.tobytes()
+    )
+
+
 def write_glb(
     path: Path, vertices: np.ndarray, triangles: np.ndarray, uv: np.ndarray, bgr: np.ndarray
 ) -> Path:

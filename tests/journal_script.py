@@ -51,10 +51,15 @@ def opened(place: Path) -> SessionFolder:
 
 def states() -> list[SessionState]:
     """The state after each line of the script, the empty one first."""
-    found = [SessionState(len(RECORDING))]
-    for step in SCRIPT:
-        found.append(apply(found[-1], step))
-    return found
+    return [after(*SCRIPT[:n]) for n in range(len(SCRIPT) + 1)]
+
+
+def after(*steps: Command | Event, n_views: int = len(RECORDING)) -> SessionState:
+    """The state after some steps of a new session."""
+    state = SessionState(n_views)
+    for step in steps:
+        state = apply(state, step)
+    return state
 
 
 def idle(state: SessionState) -> SessionState:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import json
 import time
 from typing import Any
 
+import cv2
 import httpx
 import msgspec
 from websockets.sync.client import ClientConnection, connect
 
+from flatcloth.core.parcel import unpack
 from flatcloth.viewer.protocol.answers import ServerMessage
 from flatcloth.viewer.server.app import PageServer
 
-WAIT_S = 20
+WAIT_S = 60
 
 
 def bearer(server: PageServer) -> dict[str, str]:
@@ -65,17 +68,26 @@ class Tab:
     def say_raw(self, text):
         self._socket.send(text)
 
+    def next(self):
+        """Return the next message; a frame is one, with its picture as ``image``."""
+        data = self._socket.recv(timeout=WAIT_S)
+        if not isinstance(data, str):
+            frame, pictures = unpack(io.BytesIO(data).read)
+            picture = cv2.imdecode(pictures["frame"], cv2.IMREAD_UNCHANGED) if pictures else None
+            return {**frame, "image": picture}
+        message = decoded(data)
+        if message["type"] == "state":
+            self.state = message
+        elif message["type"] == "note":
+            self.notes.append(message)
+        return message
+
     def until(self, found):
         """Read until ``found(last message)`` is true, and return that message."""
         end = time.monotonic() + WAIT_S
-        while True:
-            message = decoded(self._socket.recv(timeout=end - time.monotonic()))
-            if message["type"] == "state":
-                self.state = message
-            elif message["type"] == "note":
-                self.notes.append(message)
-            if found(message):
-                return message
+        while not found(message := self.next()):
+            assert time.monotonic() < end
+        return message
 
     def state_where(self, found):
         return self.until(lambda m: m["type"] == "state" and found(m))

@@ -83,17 +83,6 @@ def write_pcd(
 
 
 def packed_lzf(data: bytes) -> bytes:
-    """LZF of literals only, but for a first run of equal bytes, which is packed as one."""
-    run = len(data) - len(data.lstrip(data[:1]))
-    out = bytearray()
-    place = 0
-    if run >= 4:
-        length = min(run - 1, 264) - 2
-        out += bytes([0, data[0]])
-        out += bytes([(length << 5) | 0, 0]) if length < 7 else bytes([0xE0, length - 7, 0])
-        place = 1 + length + 2
-    while place < len(data):
-        part = data[place : place + 32]
-        out += bytes([len(part) - 1]) + part
-        place += len(part)
-    return bytes(out)
+    """LZF of literals only."""
+    parts = [data[place : place + 32] for place in range(0, len(data), 32)]
+    return b"".join(bytes([len(part) - 1]) + part for part in parts)

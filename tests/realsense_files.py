@@ -16,7 +16,7 @@ import numpy as np
 from scenes import CAMERA, Cylinder
 
 from flatcloth.core.types import Uint8
-from flatcloth.recordings.realsense.library import load_realsense
+from flatcloth.recordings.files.libraries import load_realsense
 
 WIDTH, HEIGHT = CAMERA.width, CAMERA.height
 WALL_M = 1.5

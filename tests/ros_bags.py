@@ -14,6 +14,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
+from flatcloth.core.types import Intrinsics
+
 COLOR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
 K = (FOCAL_PX, 0.0, CENTER_PX[0], 0.0, FOCAL_PX, CENTER_PX[1], 0.0, 0.0, 1.0)
 START_S = 1_700_000_000.0
@@ -65,6 +67,17 @@ def views(count: int = 3, *, interval_s: float = 1.0, info: Info | None = None) 
             Message("/camera/color/camera_info", at, info or Info()),
         ]
     return found
+
+
+def write_film(path: Path, frames: Sequence[tuple[float, Any, Any]], camera: Intrinsics) -> Path:
+    """Write times (s), color and depth (mm) of a camera."""
+    k = (camera.fx, 0.0, camera.cx, 0.0, camera.fy, camera.cy, 0.0, 0.0, 1.0)
+    messages = []
+    for at, color, depth_mm in frames:
+        info = Info(k=k, size=(camera.width, camera.height))
+        messages += [Message(COLOR, at, Image("rgb8", color)), Message(DEPTH, at, Image("16UC1", depth_mm))]
+        messages.append(Message("/camera/color/camera_info", at, info))
+    return write(path, messages)
 
 
 def write(path: Path, messages: Sequence[Message], *, packed: bool = False) -> Path:

@@ -8,12 +8,14 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 from starlette.applications import Starlette
 
+from flatcloth.viewer.http import REFUSALS
+
 
 class RouteClient:
     """Asks in a thread of its own, since browser tests leave a loop running in theirs."""
 
     def __init__(self, routes):
-        self._app = Starlette(routes=routes)
+        self._app = Starlette(routes=routes, exception_handlers=REFUSALS)
 
     def get(self, path):
         return self._ask(lambda client: client.get(path))

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flatcloth.checking.color import VIEWS as COLOR_VIEWS
-from flatcloth.checking.color import color_findings
+from flatcloth.checking.color import Shown, color_findings, odds_of, reduced
 from flatcloth.checking.findings import MOST_SURE, Check, Finding
 from flatcloth.checking.hanging import (
     axis_findings,
@@ -32,12 +31,12 @@ from flatcloth.checking.images import (
 )
 from flatcloth.checking.lens import focal_findings, focal_length
 from flatcloth.checking.order import order_findings
-from flatcloth.checking.slips import closes
-from flatcloth.checking.turning import Seen, turning_findings
-from flatcloth.checking.turns import NEAR_DEG, Pair, features_of, item_pixels, pairs_of
+from flatcloth.checking.pairing import pairing_findings
+from flatcloth.checking.turning import Seen, estimated, turning_findings
+from flatcloth.checking.turns import NEAR_DEG, Pair, features_of, item_pixels, pairs_of, shows_turn
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import RecordingError, SurfaceError
-from flatcloth.core.types import Bool, Progress, RgbdFrame, RotationAxis, no_progress
+from flatcloth.core.types import Progress, RgbdFrame, RotationAxis, no_progress
 from flatcloth.flattening.surface import foreground_mask
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.growing import GrowingRecording
@@ -48,11 +47,14 @@ _MOST_VIEWS = 36
 """Views that are read. Chosen: a turn in steps of 10 degrees."""
 _FIRST = 3
 """Views by which the item and its distance are found. Chosen."""
-_MOST_APART_DEG = 45.0
-"""Pairs that are recorded farther apart are not registered. Chosen: no start leads from one to the other."""
+_EXTENT_SHARE = 0.4
+"""The item lies within this share of its distance, in any unit. Chosen: as its extent at 0.9 m."""
 _MOST_STEP_DEG = 15.0
 """With larger steps a contradiction means nothing: a registration finds the turn from a start within about
 this. Measured: of the 34 recordings every second to fourth view seem to contradict each other in four."""
+_UNITS = 3.0
+"""The unit of the angles is another if they turn so many times more or less. Chosen; the rest is checked once
+it is mended."""
 _LIKE_FOCAL = 0.4
 """Factors of the angles up to this from 1 may come from a wrong focal length. Chosen."""
 _LEAST_SHARE = 0.35
@@ -63,11 +65,11 @@ _THREADS = 2
 
 @dataclass(frozen=True, kw_only=True)
 class _Seen:
-    """What is kept of a view: how it looks, its features, and for a few views the frame with its item."""
+    """What is kept of a view: how it looks, also reduced, and its features."""
 
     look: ViewLook
+    shown: Shown
     features: ViewFeatures | None
-    frame: tuple[RgbdFrame, Bool] | None
 
 
 def check_recording(
@@ -97,14 +99,14 @@ def check_recording(
         If no view can be read.
     """
     read = frame or recording.__getitem__
-    numbers = choose_views(recording.angles_deg, _MOST_VIEWS)
-    numbers.sort(key=lambda n: recording.angles_deg[n])
+    numbers = _chosen(recording.angles_deg)
     known = _readable(read, numbers[:: max(1, len(numbers) // _FIRST)][:_FIRST])
     first = list(known.values())
     usual_m = _usual_depth_m(first, recording.rotation_axis)
     if not math.isfinite(usual_m):
-        return Check(findings=(), views=0, pairs=0)
-    height_m = float(np.median([look_at(f, item_pixels(f, usual_m, EXTENT_M)).height_m for f in first]))
+        return Check(unjudged="no view shows a surface of the item")
+    extent_m = max(EXTENT_M, _EXTENT_SHARE * usual_m)
+    height_m = float(np.median([look_at(f, item_pixels(f, usual_m, extent_m)).height_m for f in first]))
     wrong_unit = unit_findings(usual_m, height_m, recording.rotation_axis)
     if wrong_unit:
         return Check(findings=tuple(wrong_unit), views=len(numbers), pairs=0)
@@ -138,22 +140,39 @@ def known_check(recording: Recording) -> Check | None:
 def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
     axis = recording.rotation_axis
     looks, views = [s.look for s in seen], [s.features for s in seen if s.features is not None]
-    frames = [s.frame for s in seen if s.frame is not None]
     findings = mask_findings(looks) if recording.has_masks else []
     background = background_findings(looks)
     findings += background
     if not isinstance(recording, GrowingRecording):  # its angles are being chosen by what they show
         findings += coverage_findings([recording.angles_deg[look.view_index] for look in looks])
     findings += exposure_findings(looks)
-    if frames:
-        findings += color_findings(frames)
+    captured = sorted(seen, key=lambda one: one.look.view_index)
+    numbers = [one.look.view_index for one in captured]
+    items, odds = odds_of([one.shown for one in captured])
+    pairing = pairing_findings(items, odds, numbers, len(recording))
+    every = recording.intrinsics.height / items.shape[1]
+    findings += pairing or color_findings(items, odds, numbers, every)
     about = axis or _vertical(views)
-    pairs = pairs_of(views, about, _MOST_APART_DEG) if len(views) > 1 else []
-    if not background:  # which does not turn
+    pairs = pairs_of(views, about) if len(views) > 1 else []
+    if not background and not pairing:  # which does not turn; which turns as other views are recorded
         findings += _turning(recording, views, pairs, about)
     order = {True: 0, False: 1}
     findings.sort(key=lambda finding: (order[finding.stops], -min(finding.probability, MOST_SURE)))
-    return Check(findings=tuple(findings), views=len(looks), pairs=len(pairs))
+    agreeing = sum(pair.agrees for pair in pairs)
+    why = "" if agreeing else _unjudged([view.angle_deg for view in views])
+    return Check(findings=tuple(findings), views=len(looks), pairs=agreeing, unjudged=why)
+
+
+def _unjudged(angles_deg: Sequence[float]) -> str:
+    """Return why no two views agree with their angles, in the order of these."""
+    if len(angles_deg) < 2:
+        return "fewer than two views show a surface of the item"
+    step = float(np.median(np.diff(angles_deg)))
+    if not shows_turn(step):
+        return (
+            f"its views are recorded {step:.2g} degrees apart, too {'near' if step < 1 else 'far'} to compare"
+        )
+    return "no two neighbouring views show the same surface"
 
 
 def _turning(
@@ -165,12 +184,13 @@ def _turning(
         return []
     share, step = float(np.median(seen.share)), float(np.median(seen.recorded_deg))
     likeliest = [pair.turns[0] for pair in pairs if pair.turns]
-    found, factor = turning_findings(seen, lambda sense: closes(views, about, sense))
+    estimate = estimated(views, about, seen)
+    found, factor = turning_findings(seen, estimate)
     if factor is None or factor == 0.0 or factor == -1.0:
-        rotated = rotated_findings(views, about, likeliest, factor == -1.0, step, recording.held_point_m)
+        rotated = rotated_findings(views, about, likeliest, factor == -1.0, step)
         if rotated:
             return rotated
-    if step > _MOST_STEP_DEG:
+    if step > _MOST_STEP_DEG or (factor and abs(math.log(abs(factor))) > 1.01 * math.log(_UNITS)):
         return found
     swings = sway_findings([turn for turn in likeliest if turn.share >= _LEAST_SHARE], about)
     if swings and factor is None:  # views in another order tilt in any way, too
@@ -190,7 +210,8 @@ def _turning(
     if any(finding.is_certain for finding in tilted):
         return tilted  # about the recorded axis the item turns less than about its own
     found += order_findings(views, pairs, about, factor)
-    if share < _LEAST_SHARE and not found and not (factor and closes(views, about, factor)):
+    agrees = factor is not None and estimate is not None and estimate.is_known
+    if share < _LEAST_SHARE and not found and not agrees:
         return [nothing_common(share, likeliest)]
     if factor is None or any(finding.is_certain for finding in found):
         return found
@@ -205,6 +226,19 @@ def _turning(
     if beside or axis is None:
         return found + beside
     return found + focal_findings(focal, views, axis, factor, recording.held_point_m)
+
+
+def _chosen(angles_deg: Sequence[float]) -> list[int]:
+    """Return the views that are read, in order of their angles: spread over the turn, or over what there is.
+
+    Angles in another unit are no turn.
+    """
+    ranked = sorted(range(len(angles_deg)), key=lambda n: angles_deg[n])
+    spread = choose_views(angles_deg, _MOST_VIEWS)
+    is_turn = np.ptp(angles_deg) <= 360.0 and len(spread) > _MOST_VIEWS / 4
+    if is_turn or len(ranked) <= _MOST_VIEWS:
+        return sorted(spread, key=lambda n: angles_deg[n])
+    return [ranked[n] for n in np.linspace(0, len(ranked) - 1, _MOST_VIEWS).round().astype(int)]
 
 
 def _readable(read: Callable[[int], RgbdFrame], numbers: Sequence[int]) -> dict[int, RgbdFrame]:
@@ -227,8 +261,9 @@ def _usual_depth_m(frames: Sequence[RgbdFrame], axis: RotationAxis | None) -> fl
         try:
             item = foreground_mask(frame, axis, SurfaceConfig())
         except SurfaceError:
-            continue
-        depths.append(float(np.median(frame.depth_m[item])))
+            item = frame.depth_m > 0  # as in another unit; if all is far, it is the background
+        if item.any():
+            depths.append(float(np.median(frame.depth_m[item])))
     return float(np.median(depths)) if depths else math.nan
 
 
@@ -236,7 +271,6 @@ def _seen_views(
     read: Callable[[int], RgbdFrame], numbers: Sequence[int], usual_m: float, progress: Progress
 ) -> Iterator[_Seen]:
     """Look at each view; a damaged one is reported when it is requested."""
-    with_color = set(numbers[:: max(1, len(numbers) // COLOR_VIEWS)][:COLOR_VIEWS])
 
     def look(n: int) -> _Seen | None:
         try:
@@ -244,8 +278,7 @@ def _seen_views(
         except RecordingError:
             return None
         near = item_pixels(frame, usual_m, EXTENT_M)
-        kept = (frame, near) if n in with_color else None
-        return _Seen(look=look_at(frame, near), features=features_of(frame, near), frame=kept)
+        return _Seen(look=look_at(frame, near), shown=reduced(frame, near), features=features_of(frame, near))
 
     with ThreadPoolExecutor(_THREADS) as pool:
         for n, seen in enumerate(pool.map(look, numbers)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.mending import Mends
@@ -14,9 +14,6 @@ if the probabilities are right."""
 MOST_SURE = 0.999
 """Highest probability that a finding states; it stands for all higher ones. Chosen."""
 
-Picture = Literal["turned", "outline"]
-"""``turned``: two views laid on each other; ``outline``: the outline in depth drawn on the color."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
@@ -24,7 +21,8 @@ class Finding:
 
     ``name`` is a word that stays, such as ``sense``; ``text`` says in one line what is wrong; ``probability``
     how sure that is. ``mends`` are the settings that remove it, the likeliest first; empty if none does.
-    ``stops`` is whether results would be wrong, not only worse. ``views`` are two views that show it.
+    ``stops`` is whether results would be wrong, not only worse. ``views`` are two views that show it, or one
+    twice if the outline in depth, drawn on its color, does.
     """
 
     name: str
@@ -33,7 +31,6 @@ class Finding:
     mends: tuple[Mends, ...] = ()
     stops: bool = True
     views: tuple[int, int] | None = None
-    picture: Picture = "turned"
 
     @property
     def is_certain(self) -> bool:
@@ -61,11 +58,15 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """The result of a check: the findings, those that stop a run first, and what was compared."""
+    """The result of a check: the findings, those that stop a run first, and what was compared.
+
+    ``pairs`` of neighbouring views agree with their angles; if none does, ``unjudged`` says why.
+    """
 
     findings: tuple[Finding, ...] = ()
     views: int = 0
     pairs: int = 0
+    unjudged: str = ""
 
     @property
     def certain(self) -> tuple[Finding, ...]:
@@ -75,9 +76,11 @@ class Check:
     @property
     def lines(self) -> list[str]:
         """The check in lines of text."""
-        if not self.findings:
-            return [f"Nothing is wrong with {self.views} views; {self.pairs} pairs agree with the angles."]
-        return [finding.line for finding in self.findings]
+        lines = [finding.line for finding in self.findings]
+        if self.unjudged and not any(finding.stops for finding in self.findings):
+            return [*lines, f"Its turning cannot be judged: {self.unjudged}."]
+        right = f"Nothing is wrong with {self.views} views; {self.pairs} pairs agree with the angles."
+        return lines or [right]
 
     def refuse(self, location: str) -> None:
         """Refuse a recording with which results would certainly be wrong.
@@ -96,5 +99,6 @@ class Check:
         return {
             "views": self.views,
             "pairs": self.pairs,
+            "unjudged": self.unjudged,
             "findings": [finding.to_dict() for finding in self.findings],
         }

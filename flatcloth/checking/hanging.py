@@ -27,8 +27,6 @@ _SLICE_M = 0.03
 _STEADY = 8.0
 """Weight of the logarithm of how much more one end moves than the other. Set by hand; on the 34 recordings
 the held end moves 1.3 to 11 times less."""
-_END_M = 0.05
-"""The end of the item is at the height of the held point within this. Chosen: thinning loses thin tips."""
 _WORSE = 0.05
 """About the right axis no less of the surface agrees than about a wrong one, up to this share. Chosen."""
 _SIDEWAYS_PAIRS = 6
@@ -39,19 +37,17 @@ _LEAST_SWINGS = 6
 
 @dataclass(frozen=True, kw_only=True)
 class SeenAxis:
-    """The axis that turns show: ``off_m`` its distance from the recorded one, ``tilt_deg`` between them."""
+    """The axis that turns show: ``off_m`` its distance from the recorded one, ``tilt_deg`` between them.
 
-    point_m: Float64
-    direction: Float64
+    ``swing_deg`` is by how much a view swings, in each direction: the deviation of its rotation across it.
+    """
+
+    axis: RotationAxis
     off_m: float
     off_std_m: float
     tilt_deg: float
     tilt_std_deg: float
-
-    @property
-    def axis(self) -> RotationAxis:
-        """It as an axis."""
-        return RotationAxis(point_m=self.point_m, direction=self.direction, estimated=True)
+    swing_deg: float
 
 
 def seen_axis(turns: Sequence[Turn], axis: RotationAxis) -> SeenAxis | None:
@@ -71,8 +67,9 @@ def seen_axis(turns: Sequence[Turn], axis: RotationAxis) -> SeenAxis | None:
     signs = np.sign(np.array(ways) @ axis.direction)[:, None]
     along = np.array(ways) * signs
     direction = along.sum(axis=0) / np.linalg.norm(along.sum(axis=0))
-    size = np.linalg.norm(along, axis=1)
-    apart = np.linalg.norm(along - (along @ direction)[:, None] * direction, axis=1) / size.mean()
+    size_deg = math.degrees(np.linalg.norm(along, axis=1).mean())
+    apart = np.linalg.norm(along - (along @ direction)[:, None] * direction, axis=1)
+    apart_deg = math.degrees(float(np.median(apart)))
     middle = np.mean([turn.center_m for turn in turns], axis=0)
     matrix, wanted = np.concatenate(rows), np.concatenate(right)
     matrix, wanted = np.vstack([matrix, 1e-3 * direction]), np.append(wanted, 1e-3 * direction @ middle)
@@ -83,12 +80,13 @@ def seen_axis(turns: Sequence[Turn], axis: RotationAxis) -> SeenAxis | None:
     across = offset - (offset @ axis.direction) * axis.direction
     # Where the recorded axis is at the height of that point.
     return SeenAxis(
-        point_m=np.asarray(point_m, dtype=np.float64),
-        direction=direction,
+        axis=RotationAxis(point_m=point_m.astype(np.float64), direction=direction, estimated=True),
         off_m=float(np.linalg.norm(across)),
         off_std_m=math.sqrt(float(np.sort(np.diag(covariance))[:2].max())),
         tilt_deg=math.degrees(math.acos(min(1.0, abs(float(direction @ axis.direction))))),
-        tilt_std_deg=math.degrees(float(np.median(apart))) / math.sqrt(len(turns)),
+        tilt_std_deg=math.degrees(apart_deg / size_deg) / math.sqrt(len(turns)),
+        # Both views of a pair swing, in two directions each; the median is robust.
+        swing_deg=apart_deg / math.sqrt(4.0 * math.log(2.0)),
     )
 
 
@@ -120,25 +118,12 @@ def axis_findings(turns: Sequence[Turn], axis: RotationAxis | None) -> list[Find
     ]
 
 
-def swing_deg(turns: Sequence[Turn], axis: RotationAxis) -> float:
-    """Return by how much a view swings: deviation of the rotation across the axis, in each direction.
-
-    What is proportional to the turn is no swing, but another axis.
-    """
-    turned = np.radians([turn.start_deg - turn.seen_deg for turn in turns])
-    across = np.array([turn.twist[:3] for turn in turns]) - turned[:, None] * axis.direction
-    recorded = np.radians([turn.seen_deg for turn in turns])
-    tilt = recorded @ across / max(float(recorded @ recorded), 1e-12)
-    squares = np.square(across - recorded[:, None] * tilt).sum(axis=1)
-    # Both views of a pair swing, in two directions each; the median of the squares is robust.
-    return math.degrees(math.sqrt(float(np.median(squares)) / (4.0 * math.log(2.0))))
-
-
 def sway_findings(turns: Sequence[Turn], axis: RotationAxis) -> list[Finding]:
     """Return whether the item swings between views by more than the registration mends."""
     if len(turns) < _LEAST_SWINGS:
         return []
-    swing, most = swing_deg(turns, axis), PosePrior().swing_stds_deg[-1]
+    seen, most = seen_axis(turns, axis), PosePrior().swing_stds_deg[-1]
+    swing = 0.0 if seen is None else seen.swing_deg
     # The deviation of a deviation from n pairs is about 1 / sqrt(n) of it, as the median tells it.
     sure = 0.5 * (1.0 + math.erf((swing / most - 1.0) * math.sqrt(len(turns) / 2.0)))
     if sure < 0.5:
@@ -180,7 +165,6 @@ def rotated_findings(
     turns: Sequence[Turn],
     backwards: bool,
     step_deg: float,
-    held_point_m: Float64 | None = None,
 ) -> list[Finding]:
     """Return whether the images are upside down or on their side.
 
@@ -196,18 +180,13 @@ def rotated_findings(
         The views turn the other way than recorded.
     step_deg : float
         Usual recorded turn.
-    held_point_m : (3,) float64, optional
-        As recorded.
     """
     shown = views[0].view_index, views[1].view_index
     if backwards:
-        probability = _upside_down(views, axis, held_point_m)
-        if probability > 0.5:
-            text = (
-                "The images are upside down: the lower end of the item stays in place, and it turns backwards"
-            )
-            return [_rotated(text, 180, probability, shown)]
-        return []
+        upper, lower = held_end(views, axis.direction)
+        probability = 1.0 / (1.0 + (max(lower, 1e-4) / max(upper, 1e-4)) ** _STEADY)
+        text = "The images are upside down: the lower end of the item stays in place, and it turns backwards"
+        return [_rotated(text, 180, probability, shown)] if probability > 0.5 else []
     share, tilt_deg = np.median([(turn.share, turn.tilt_deg) for turn in turns], axis=0).tolist()
     side = np.cross(axis.direction, [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side)
@@ -227,18 +206,6 @@ def rotated_findings(
     up = side * np.sign(seen)
     text = "The images are on their side: the item turns about an axis that lies across them"
     return [_rotated(text, 270 if up[0] > 0 else 90, 0.995, shown)]
-
-
-def _upside_down(views: Sequence[ViewFeatures], axis: RotationAxis, held_point_m: Float64 | None) -> float:
-    """Return the probability that the item is held at its lower end."""
-    upper, lower = held_end(views, axis.direction)
-    odds = _STEADY * math.log(max(upper, 1e-4) / max(lower, 1e-4))
-    if held_point_m is not None:
-        ends = np.array([[f(view.points_m @ axis.direction) for f in (np.max, np.min)] for view in views])
-        top, bottom = np.median(ends, axis=0)
-        held = float(held_point_m @ axis.direction)
-        odds += 3.0 * float(abs(top - held) > _END_M) - 3.0 * float(abs(bottom + held) > 2 * _END_M)
-    return 1.0 / (1.0 + math.exp(-max(min(odds, 30.0), -30.0)))
 
 
 def _rotated(text: str, by_deg: int, probability: float, shown: tuple[int, int]) -> Finding:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.checking.findings import Finding
+from flatcloth.checking.units import DEPTHS, allowed
 from flatcloth.core.types import Bool, Float32, RgbdFrame, RotationAxis
 from flatcloth.recordings.mending import Mends
 
@@ -20,11 +21,12 @@ two deviations."""
 _DISTANCE_M, _DISTANCE_STD = 0.9, 0.5
 """Usual distance of an item from a depth camera, and the deviation of its logarithm. Chosen: D435 and Azure
 Kinect measure 0.3 to 3 m, two deviations."""
-_UNITS = (1000.0, 100.0, 10.0, 4.0, 0.25, 0.1, 0.01, 0.001)
-"""Factors by which units of depth are mistaken: metres and millimetres, tenths of them, and the quarter
-millimetres of an L515. By definition."""
 _RIGHT_UNIT = 0.99
 """Probability that the unit is right, before anything is looked at. Chosen."""
+_MOST_MENDS = 3
+"""Units that are proposed. Chosen: size and distance alone tell a factor to 40 %."""
+_ROUGH = 0.2
+"""A factor without a name, and with a larger deviation, mends nothing. Chosen."""
 _AXIS_STD = 0.15
 """Deviation of the logarithm of the item's distance over that of the axis, for folds off the axis. Chosen."""
 _ON_ITEM = 0.7
@@ -89,27 +91,27 @@ def look_at(frame: RgbdFrame, item: Bool, every: int = 4) -> ViewLook:
 
 def unit_findings(depth_m: float, height_m: float, axis: RotationAxis | None) -> list[Finding]:
     """Return whether the unit of depth is another, from distance and height of the item and from the axis."""
-
-    def log_likelihood(factor: float) -> float:
-        size = (math.log(factor * height_m / _HEIGHT_M) / _HEIGHT_STD) ** 2
-        distance = (math.log(factor * depth_m / _DISTANCE_M) / _DISTANCE_STD) ** 2
-        beside = 0.0 if axis is None else (math.log(factor * depth_m / _distance(axis)) / _AXIS_STD) ** 2
-        return -0.5 * (size + distance + beside)
-
     if not (depth_m > 0 and height_m > 0):
         return []
-    log = {factor: log_likelihood(factor) + math.log((1 - _RIGHT_UNIT) / len(_UNITS)) for factor in _UNITS}
-    log[1.0] = log_likelihood(1.0) + math.log(_RIGHT_UNIT)
-    most = max(log.values())
-    total = sum(math.exp(value - most) for value in log.values())
-    best = max(log, key=lambda factor: log[factor])
-    if best == 1.0:
+    told = [(_HEIGHT_M / height_m, _HEIGHT_STD), (_DISTANCE_M / depth_m, _DISTANCE_STD)]
+    if axis is not None:
+        told.append((_distance(axis) / depth_m, _AXIS_STD))
+    logs, stds = np.log([factor for factor, _ in told]), np.array([std for _, std in told])
+    std = float(np.sum(stds**-2.0) ** -0.5)
+    log = float(np.sum(logs * stds**-2.0)) * std**2
+    units = allowed(math.exp(log), std, DEPTHS)
+    # Of all factors, the likeliest explains the same lengths as 1 does.
+    off = 0.5 * min((log / std) ** 2 - (math.log(units[0].factor) - log) ** 2 / std**2, 60.0)
+    right = _RIGHT_UNIT / (_RIGHT_UNIT + (1.0 - _RIGHT_UNIT) * math.exp(off) / len(DEPTHS))
+    if right > 0.5:
         return []
     text = f"Depth is in another unit: the item would be {_length(height_m)} high, {_length(depth_m)} away"
     if axis is not None:
         text += f", and turn about an axis {_length(_distance(axis))} away"
-    probability = 1.0 - math.exp(log[1.0] - most) / total
-    return [Finding(name="unit", text=text, probability=probability, mends=(Mends(depth_factor=best),))]
+    text += f"; it is {' or '.join(unit.name for unit in units[:_MOST_MENDS] if unit.name) or 'unknown'}"
+    is_told = bool(units[0].name) or std < _ROUGH
+    mends = tuple(Mends(depth_factor=unit.factor) for unit in units[:_MOST_MENDS] if is_told)
+    return [Finding(name="unit", text=text, probability=1.0 - right, mends=mends)]
 
 
 def _distance(axis: RotationAxis) -> float:
@@ -141,29 +143,24 @@ def mask_findings(looks: Sequence[ViewLook]) -> list[Finding]:
             probability=1.0 - 0.01 * share / _ON_ITEM,
             mends=(Mends(invert_masks=True),) if inverted else (Mends(without_masks=True),),
             views=(worst.view_index, worst.view_index),
-            picture="outline",
         )
     ]
-
-
-def still_share(looks: Sequence[ViewLook]) -> float:
-    """Return the area that keeps its place, depth and color in all views, as a share of the item's area."""
-    seen = np.stack([look.thinned for look in looks])
-    shown = np.isfinite(seen[..., 0]).mean(axis=0)
-    often = shown > _OFTEN
-    if not often.any():
-        return 0.0
-    middle = np.nanmedian(seen[:, often], axis=0)
-    off = np.nanmedian(np.abs(seen[:, often] - middle), axis=0)
-    still = (off[:, 0] < _STILL_OF_DEPTH * middle[:, 0] ** 2) & (off[:, 1] < _STILL_GRAY)
-    return float(np.count_nonzero(still) / np.median(np.isfinite(seen[..., 0]).sum(axis=(1, 2))))
 
 
 def background_findings(looks: Sequence[ViewLook]) -> list[Finding]:
     """Return whether something that stands still is taken for a part of the item."""
     if len(looks) < _FEW:
         return []
-    share = still_share(looks)
+    seen = np.stack([look.thinned for look in looks])
+    is_item = np.isfinite(seen[..., 0])
+    often = is_item.mean(axis=0) > _OFTEN
+    if not often.any():
+        return []
+    middle = np.nanmedian(seen[:, often], axis=0)
+    off = np.nanmedian(np.abs(seen[:, often] - middle), axis=0)
+    # What keeps its place, depth and color in all views.
+    still = (off[:, 0] < _STILL_OF_DEPTH * middle[:, 0] ** 2) & (off[:, 1] < _STILL_GRAY)
+    share = float(np.count_nonzero(still) / np.median(is_item.sum(axis=(1, 2))))
     if not _MOST_STILL < share < _ALL_STILL:
         return []
     text = f"{share:.0%} of what is taken for the item never moves: masks must leave out the background"

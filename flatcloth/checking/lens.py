@@ -13,15 +13,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from flatcloth.checking.findings import Finding
-from flatcloth.checking.turns import ALIKE_SHARE, LOOSE_DEG, Reach, turns_between
+from flatcloth.checking.turns import (
+    ALIKE_SHARE,
+    LOOSE_DEG,
+    POINTS,
+    Reach,
+    spread_of,
+    turns_between,
+    weight_of,
+)
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Float64, RotationAxis
-from flatcloth.flattening.surface import NOISELESS_STD_M
+from flatcloth.core.types import Float64, RgbdFrame, RotationAxis
 from flatcloth.recordings.mending import Mends
+from flatcloth.registration.axis_estimation import depth_features
 from flatcloth.registration.pose_prior import (
     COMMON,
     OWN,
@@ -32,7 +39,7 @@ from flatcloth.registration.pose_prior import (
     poses,
     variances,
 )
-from flatcloth.registration.view_features import CHANNELS, MOTION, UNKNOWNS, ViewFeatures, compare
+from flatcloth.registration.view_features import MOTION, UNKNOWNS, ViewFeatures, compare
 
 _LOGS = np.linspace(-0.4, 0.4, 5)
 """Focal lengths that are tried: logarithms of factors of the recorded one. Chosen; streams of one camera
@@ -44,8 +51,6 @@ _TURN_DEG = 27.0
 _REACH = Reach(turn_std_deg=LOOSE_DEG, shift_std_m=0.003, scales_m=(0.01, 0.003))
 """The turn and the axis are known here, and the scale is near the noise of a D435. Set by hand: with a
 shift of 8 mm the estimates of noisy recordings are 5 to 10 % too small."""
-_ERODED_BLOCKS = 2
-"""The rim of the item does not count, since a stereo sensor makes it wider. Set by hand."""
 _LEAST_CHANGE = 0.12
 """A smaller logarithm is not told: twice the largest error on the 34 recordings."""
 _SURE_STDS = 2.0
@@ -76,9 +81,7 @@ class FocalLength:
     @property
     def differs(self) -> bool:
         """Whether the focal length is another than recorded: on flat cloth, others are as good."""
-        gain = self.best_share - self.share
-        is_better = gain > max(ALIKE_SHARE * self.share, _SURE_STDS * self.gain_std)
-        return abs(self.log_factor) >= _LEAST_CHANGE and is_better
+        return self.best_share - self.share > max(ALIKE_SHARE * self.share, _SURE_STDS * self.gain_std)
 
 
 def focal_length(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) -> FocalLength | None:
@@ -94,30 +97,23 @@ def focal_length(views: Sequence[ViewFeatures], axis: RotationAxis, factor: floa
         By which the recorded angles are to be multiplied.
     """
     ends = _pairs(views, abs(factor))
-    pairs = [
-        (factor * (views[b].angle_deg - views[a].angle_deg), _inner(views[a]), _inner(views[b]))
-        for a, b in ends[:: max(1, len(ends) // _PAIRS)]
-    ]
-    if not pairs:
+    pairs = ends[:: max(1, len(ends) // _PAIRS)]
+    if len(pairs) < 4:
         return None
-
-    def shares_at(logs: Float64) -> Float64:
-        return np.array(
-            [[_share(one, other, axis, turn, float(log)) for log in logs] for turn, one, other in pairs]
-        )
-
-    logs, shares = _LOGS[1:-1], shares_at(_LOGS[1:-1])
-    if shares.mean(axis=0).argmax() != 1:  # the peak is not within these
-        logs, shares = _LOGS, np.column_stack([shares_at(_LOGS[:1]), shares, shares_at(_LOGS[-1:])])
-    peaks = np.array([peak for row in shares if (peak := _peak(logs, row)) is not None])
-    if len(peaks) < 4:
-        return None
-    mean = shares.mean(axis=0)
-    gains = shares[:, int(np.argmax(mean))] - shares[:, len(logs) // 2]
+    shares = np.zeros((len(pairs), len(_LOGS)))
+    for row, (a, b) in zip(shares, pairs, strict=True):
+        turn = factor * (views[b].angle_deg - views[a].angle_deg)
+        for n, log in enumerate(_LOGS.tolist()):
+            one, other = (_with_focal_factor(views[end], math.exp(log)) for end in (a, b))
+            found = turns_between(one, other, axis, (turn,), _REACH)
+            row[n] = found[0].share if found else 0.0
+    mean, middle = shares.mean(axis=0), len(_LOGS) // 2
+    best = int(np.argmax(mean))
+    gains = shares[:, best] - shares[:, middle]
     return FocalLength(
-        log_factor=-float(np.median(peaks)),
-        share=float(mean[len(logs) // 2]),
-        best_share=float(mean.max()),
+        log_factor=-float(_LOGS[best]),
+        share=float(mean[middle]),
+        best_share=float(mean[best]),
         gain_std=float(gains.std(ddof=1)) / math.sqrt(len(gains)),
     )
 
@@ -190,12 +186,9 @@ def _form(
     ends: tuple[ViewFeatures, ViewFeatures], cameras: tuple[Rigid3, Rigid3], center_m: Float64, scale_m: float
 ) -> tuple[Float64, Float64]:
     """Return matrix (7, 7) and gradient (7,) of a pair's negative log likelihood: its motion and the lens."""
-    spread = np.array([scale_m / 3.0, *[0.0] * CHANNELS])  # the weight is a quarter at three times the spread
+    spread = spread_of(scale_m)
     found = compare(*ends, *cameras, center_m, 0.0, 3.0 * scale_m, spread, 2, of_focal=True)
-    # Points of the same block of the image share their errors.
-    blocks = found.parts.sum() ** 2 / max(float(np.square(found.parts).sum()), 1.0)
-    variance_m2 = found.tally[2] / max(found.tally[1], 1.0) + NOISELESS_STD_M**2
-    weight = blocks / max(found.count, 1) / variance_m2
+    weight = weight_of(found)
     return weight * found.matrix[0], weight * found.gradient[0]
 
 
@@ -209,49 +202,16 @@ def _pairs(views: Sequence[ViewFeatures], factor: float) -> list[tuple[int, int]
     return found
 
 
-def _share(one: ViewFeatures, other: ViewFeatures, axis: RotationAxis, turn_deg: float, log: float) -> float:
-    """Return the share of points that agree if the focal length is ``exp(log)`` times the recorded one."""
-    factor = math.exp(log)
-    ends = _with_focal_factor(one, factor), _with_focal_factor(other, factor)
-    found = turns_between(ends[0], ends[1], axis, (turn_deg,), _REACH)
-    return found[0].share if found else 0.0
-
-
-def _inner(view: ViewFeatures) -> ViewFeatures:
-    """Return the features of a view without the rim of the item."""
-    around = np.ones((3, 3), np.uint8)
-    usable = cv2.erode(view.usable.astype(np.uint8), around, iterations=_ERODED_BLOCKS) > 0
-    kept = usable[view.pixel[:, 0], view.pixel[:, 1]]
-    return replace(
-        view, points_m=view.points_m[kept], normal=view.normal[kept], pixel=view.pixel[kept], usable=usable
-    )
-
-
 def _with_focal_factor(view: ViewFeatures, factor: float) -> ViewFeatures:
-    """Return the features of a view as with another focal length: x and y are divided by the factor."""
-    if factor == 1.0:
-        return view
-    k, images = view.intrinsics, view.images
-    across = np.array([1.0 / factor, 1.0 / factor, 1.0])
-    normal = view.normal / across
-    normals = np.asarray(view.normals / across.astype(np.float32), dtype=np.float32)
-    normals /= np.sqrt(np.einsum("ijk,ijk->ij", normals, normals))[..., None]  # faster than a norm
-    made = images._replace(normals=normals)
-    return replace(
-        view,
+    """Return the features of the inside of a view as with another focal length."""
+    k, nothing = view.intrinsics, np.zeros((*view.usable.shape, 3), np.uint8)
+    inside = RgbdFrame(
+        view_index=view.view_index,
+        angle_deg=view.angle_deg,
+        color=nothing,
+        depth_m=view.depth_m,
+        mask=None,
         intrinsics=replace(k, fx=k.fx * factor, fy=k.fy * factor),
-        points_m=view.points_m * across,
-        normal=normal / np.linalg.norm(normal, axis=-1, keepdims=True),
-        make_images=lambda: made,
-        key=object(),
     )
-
-
-def _peak(logs: Float64, shares: Float64) -> float | None:
-    """Return where a parabola through the largest share and its neighbours is largest."""
-    n = int(np.argmax(shares))
-    if not 0 < n < len(shares) - 1:
-        return float(logs[n])
-    below, at, above = shares[n - 1 : n + 2]
-    bend = below - 2 * at + above
-    return float(logs[n] + 0.5 * (below - above) / bend * (logs[1] - logs[0])) if bend < 0 else None
+    # The rim does not count, since a stereo sensor makes it wider: it is lost.
+    return depth_features(inside, view.usable, POINTS) or view

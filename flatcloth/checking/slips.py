@@ -63,36 +63,6 @@ class Closure:
 _Pairs = Sequence[tuple[ViewFeatures, ViewFeatures, float]]
 
 
-def closes(views: Sequence[ViewFeatures], axis: RotationAxis, sense: float) -> bool:
-    """Return whether the angles are a full turn, and the last views show what the first ones do after it.
-
-    Noise lets all turns between neighbours look shorter than they are, by up to a fifth; the ends meet only
-    if the angles are right. What they share is compared with what views as near to each other do, and with
-    what views do that are a quarter, half, or three quarters of a turn further: it must be above the
-    geometric mean of the two. ``sense`` is 1, or -1 if the item turns the other way; views are in order of
-    their angles.
-    """
-    count, gap_deg = len(views), _gap_deg(views)
-    if gap_deg is None:
-        return False
-    quarters = [round(count * part) for part in (0.25, 0.5, 0.75)]
-
-    def shared(firsts: Sequence[int], seconds: Sequence[int]) -> float:
-        """Return the median share of views before ``firsts`` and from ``seconds`` on, as if they met."""
-        pairs = [
-            (views[(a - 1 - i) % count], views[(b + j) % count], sense * (gap_deg + i_deg + j_deg))
-            for a, b in zip(firsts, seconds, strict=True)
-            for i, i_deg in enumerate(before_deg)
-            for j, j_deg in enumerate(after_deg)
-        ]
-        return float(np.median(_shares(pairs, axis, np.zeros(1))))
-
-    before_deg = [views[-1].angle_deg - views[-1 - n].angle_deg for n in range(_AROUND)]
-    after_deg = [views[n].angle_deg - views[0].angle_deg for n in range(_AROUND)]
-    ends, near = shared([0], [0]), shared(quarters, quarters)
-    return ends**2 > near * shared([0] * len(quarters), quarters)
-
-
 def closure(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) -> Closure | None:
     """Return how the ends of a full turn meet; None if it is not full, or nothing is common.
 
@@ -105,7 +75,8 @@ def closure(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) ->
     factor : float
         1, or -1 if the item turns the other way than recorded.
     """
-    if _gap_deg(views) is None:
+    gap_deg = 360.0 - (views[-1].angle_deg - views[0].angle_deg)
+    if abs(gap_deg) > NEAR_DEG + _MOST_DEG or len(views) < 4 * _AROUND:
         return None
     pairs = [
         (one, other, factor * (other.angle_deg + 360.0 - one.angle_deg))
@@ -133,13 +104,6 @@ def closure(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) ->
         ),
         gain=float(1.0 - usual[len(further) // 2] / max(usual[best], 1e-9)),
     )
-
-
-def _gap_deg(views: Sequence[ViewFeatures]) -> float | None:
-    """Return the turn from the last view to the first one; None if the angles are no full turn."""
-    gap_deg = 360.0 - (views[-1].angle_deg - views[0].angle_deg)
-    is_full = abs(gap_deg) <= NEAR_DEG + _MOST_DEG and len(views) >= 4 * _AROUND
-    return gap_deg if is_full else None
 
 
 def slipped_after(

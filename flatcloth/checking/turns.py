@@ -13,17 +13,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from flatcloth.checking.rigid import LEAST_WEIGHT, follow
 from flatcloth.core.geometry import Rigid3, object_from_camera, window_of
 from flatcloth.core.types import Bool, Float64, RgbdFrame, RotationAxis
 from flatcloth.flattening.surface import NOISELESS_STD_M
 from flatcloth.registration.axis_estimation import depth_features, thinned
-from flatcloth.registration.pose_prior import PosePrior
-from flatcloth.registration.view_features import Gates, ViewFeatures, nothing_compared
+from flatcloth.registration.pose_prior import PosePrior, motion
+from flatcloth.registration.view_features import CHANNELS, MOTION, Agreement, Gates, ViewFeatures, compare
 
 _BLOCKS = 9000
 """Blocks of a thinned item. Chosen: half of the pixels of a garment's rectangle remain, 5 mm wide."""
-_POINTS = 700
+POINTS = 700
 """Compared points of a view. Chosen: the turns of the 34 recordings are found to 1 degree in the median."""
 _MARGIN_PX = 6
 """Around the item, so that its outline is a depth jump. Chosen."""
@@ -31,6 +30,8 @@ _SCALES_M = (0.02, 0.01, 0.005)
 """Scales of the robust weights, coarse to fine, as those of the estimation of the axis. Chosen."""
 _TILT_STD_DEG = 3.0
 """Prior of the rotation across the axis: several times the largest swing that is mended. Chosen."""
+_LEAST_WEIGHT = 10.0
+"""Sum of weights below which two views have nothing in common. Chosen."""
 _STEPS = 2
 """Gauss-Newton steps at each scale. Chosen: more change turns by less than their deviation."""
 _GATES = Gates(same_normal_cos=0.7, least_facing_cos=-2.0, full_facing_cos=-1.0)
@@ -39,11 +40,19 @@ LOOSE_DEG = math.sqrt(2.0) * PosePrior().turn_stds_deg[-1]
 """Deviation of the turn between two views whose angles have the largest error mended. By definition."""
 NEAR_DEG = 4.0 * LOOSE_DEG
 """A turn is as recorded if it is off by less: four such deviations. By definition."""
-_LEAST_TURN_DEG = 0.5
-"""Views recorded nearer to each other show no turn; as for the axis. Chosen."""
+_LEAST_TURN_DEG, _MOST_TURN_DEG = 0.5, 45.0
+"""Views recorded nearer to each other show no turn; views farther apart share too little cloth. As for the
+axis; chosen."""
+_BLIND_DEG = (12.0, -12.0, 24.0, -24.0)
+"""Starts where the recorded turn is none, in addition to no turn. Chosen: each leads 12 degrees far."""
 ALIKE_SHARE = 0.06
 """A motion after which the share of points that agree is smaller by up to this is as good as another.
 Measured: the recorded turns of the 34 recordings are that much worse at most, on cloth smooth as a tube."""
+
+
+WORSE_SHARE = 0.15
+"""The recorded turn is wrong if so much less of the surface agrees with it than with another. Measured: at
+most 0.06 on the 34 recordings, where cloth is as smooth as a tube."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,20 +99,13 @@ def item_pixels(frame: RgbdFrame, usual_m: float, extent_m: float) -> Bool:
     return near
 
 
-def item_of(frame: RgbdFrame, near: Bool) -> tuple[RgbdFrame, Bool] | None:
-    """Return the thinned item ``near`` (H, W) of a view, without its mask, and its pixels; None if empty."""
+def features_of(frame: RgbdFrame, near: Bool) -> ViewFeatures | None:
+    """Return the features of the item ``near`` (H, W) of a view; None if it shows no surface."""
     window = window_of(near, _MARGIN_PX)
     if window is None:
         return None
-    cropped = replace(frame, mask=near, other_mask=None).cropped(*window)
-    small = thinned(cropped, _BLOCKS)
-    return small, small.depth_m > 0
-
-
-def features_of(frame: RgbdFrame, near: Bool) -> ViewFeatures | None:
-    """Return the features of the item ``near`` (H, W) of a view; None if it shows no surface."""
-    found = item_of(frame, near)
-    return None if found is None else depth_features(*found, points=_POINTS)
+    small = thinned(replace(frame, mask=near, other_mask=None).cropped(*window), _BLOCKS)
+    return depth_features(small, small.depth_m > 0, POINTS)
 
 
 def turns_between(
@@ -131,12 +133,16 @@ def _from(
     precision[:3, :3] = (np.eye(3) - along) / math.radians(_TILT_STD_DEG) ** 2
     precision[:3, :3] += along / math.radians(prior.turn_std_deg) ** 2
     precision[3:, 3:] = np.eye(3) / prior.shift_std_m**2
-    twist, matrix, tally = _followed(
-        one, other, object_from_camera(axis, start_deg), precision, prior.scales_m, _STEPS, 2
-    )
-    in_image, agreeing, _ = tally.tolist()
-    if agreeing < LEAST_WEIGHT:
-        return None
+    start, twist = object_from_camera(axis, start_deg), np.zeros(MOTION)
+    matrix, gradient = np.eye(MOTION), np.zeros(MOTION)
+    for scale_m in (*np.repeat(prior.scales_m, _STEPS), prior.scales_m[-1]):
+        twist = twist - np.linalg.solve(matrix, gradient)
+        found = _compared(one, other, motion(twist, center_m) @ start, center_m, scale_m, 2)
+        if found.tally[1] < _LEAST_WEIGHT:
+            return None
+        weight = weight_of(found)
+        matrix = weight * found.matrix[0, :MOTION, :MOTION] + precision
+        gradient = weight * found.gradient[0, :MOTION] + precision @ twist
     covariance = np.linalg.inv(matrix)[:3, :3]
     return Turn(
         first=one.view_index,
@@ -144,42 +150,37 @@ def _from(
         start_deg=start_deg,
         seen_deg=start_deg - math.degrees(float(twist[:3] @ axis.direction)),
         std_deg=math.degrees(math.sqrt(float(axis.direction @ covariance @ axis.direction))),
-        share=agreeing / in_image,
+        share=float(found.tally[1] / found.tally[0]),
         twist=twist,
         center_m=center_m,
     )
 
 
-def _followed(
-    one: ViewFeatures,
-    other: ViewFeatures,
-    start: Rigid3,
-    precision: Float64,
-    scales_m: Sequence[float],
-    steps: int,
-    every: int,
-) -> tuple[Float64, Float64, Float64]:
-    """Return twist, information and tally of :func:`follow`, of the second view from a start on."""
-    sums, limits = nothing_compared(other, one, every, _GATES)
-    found: tuple[Float64, Float64, Float64] = follow(
-        other.compared(),
-        one.compared(),
-        (start.rotation, start.translation_m),
-        one.middle_m,
-        precision,
-        np.array(scales_m),
-        steps,
-        NOISELESS_STD_M**2,
-        limits,
-        sums,
-    )
-    return found
+def _compared(
+    one: ViewFeatures, other: ViewFeatures, pose: Rigid3, center_m: Float64, scale_m: float, every: int
+) -> Agreement:
+    """Compare the second view, moved, with the first one, at a scale of the robust weights."""
+    stays = Rigid3(np.eye(3), np.zeros(3))
+    return compare(other, one, pose, stays, center_m, 0.0, 3.0 * scale_m, spread_of(scale_m), every, _GATES)
+
+
+def spread_of(scale_m: float) -> Float64:
+    """Return the spreads (4,) with which a comparison weights a distance of this scale by a quarter."""
+    return np.array([scale_m / 3.0, *[0.0] * CHANNELS])
+
+
+def weight_of(found: Agreement) -> float:
+    """Return the information of a comparison of distances over its sums of squares."""
+    # Points of the same block of the image share their errors.
+    blocks = found.parts.sum() ** 2 / max(float(np.square(found.parts).sum()), 1.0)
+    variance_m2 = found.tally[2] / max(found.tally[1], 1.0) + NOISELESS_STD_M**2
+    return float(blocks / max(found.count, 1) / variance_m2)
 
 
 def share_at(one: ViewFeatures, other: ViewFeatures, axis: RotationAxis, turn_deg: float) -> float:
     """Return the share of points that roughly agree if the second view is turned by this."""
     pose = object_from_camera(axis, turn_deg)
-    *_, tally = _followed(one, other, pose, np.zeros((6, 6)), _SCALES_M[1:2], 0, 4)
+    tally = _compared(one, other, pose, one.middle_m, _SCALES_M[1], 4).tally
     return float(tally[1] / max(tally[0], 1.0))
 
 
@@ -204,6 +205,12 @@ class Pair:
         alike = [turn for turn in self.turns if turn.share >= best.share - ALIKE_SHARE]
         return math.hypot(best.std_deg, max(abs(turn.seen_deg - best.seen_deg) for turn in alike))
 
+    @property
+    def agrees(self) -> bool:
+        """Whether the views show the same surface after the recorded turn."""
+        near = self.share_near(self.recorded_deg, NEAR_DEG)
+        return shows_turn(self.recorded_deg) and near > 0.0 and near >= self.share - WORSE_SHARE
+
     def share_near(self, turn_deg: float, within_deg: float) -> float:
         """Return the share of points that agree after a turn near one that is expected."""
         return max((t.share for t in self.turns if abs(t.seen_deg - turn_deg) <= within_deg), default=0.0)
@@ -214,9 +221,8 @@ def pair_of(one: ViewFeatures, other: ViewFeatures, axis: RotationAxis, recorded
     turns = turns_between(one, other, axis, (0.0,))
     if not turns or abs(turns[0].seen_deg - recorded_deg) > NEAR_DEG:
         found = [turn.seen_deg for turn in turns[:1]]
-        starts = (
-            s for s in (recorded_deg, -recorded_deg) if all(abs(s - seen) > LOOSE_DEG for seen in found)
-        )
+        further = (recorded_deg, -recorded_deg) if shows_turn(recorded_deg) else _BLIND_DEG
+        starts = (s for s in further if all(abs(s - seen) > LOOSE_DEG for seen in found))
         turns += turns_between(one, other, axis, starts)
     return Pair(
         first=one.view_index,
@@ -226,10 +232,26 @@ def pair_of(one: ViewFeatures, other: ViewFeatures, axis: RotationAxis, recorded
     )
 
 
-def pairs_of(views: Sequence[ViewFeatures], axis: RotationAxis, most_deg: float) -> list[Pair]:
-    """Compare each two neighbours, recorded at most ``most_deg`` apart; views in order of their angles."""
+def is_near(by_deg: float) -> bool:
+    """Return whether views that are turned by so much share enough cloth to be compared."""
+    return abs(by_deg) <= _MOST_TURN_DEG
+
+
+def shows_turn(by_deg: float) -> bool:
+    """Return whether views that are turned by so much show it: neither too near nor too far."""
+    return is_near(by_deg) and abs(by_deg) >= _LEAST_TURN_DEG
+
+
+def pairs_of(views: Sequence[ViewFeatures], axis: RotationAxis) -> list[Pair]:
+    """Compare each two neighbours; views in order of their angles.
+
+    Views that are recorded too near or too far are left out, unless most are: then the unit of the angles may
+    be another.
+    """
+    steps = [other.angle_deg - one.angle_deg for one, other in pairwise(views)]
+    is_usual = bool(steps) and shows_turn(float(np.median(steps)))
     return [
-        pair_of(one, other, axis, other.angle_deg - one.angle_deg)
-        for one, other in pairwise(views)
-        if _LEAST_TURN_DEG <= other.angle_deg - one.angle_deg <= most_deg
+        pair_of(one, other, axis, step)
+        for (one, other), step in zip(pairwise(views), steps, strict=True)
+        if step > 0 and (not is_usual or shows_turn(step))
     ]

@@ -48,6 +48,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
     )
     listen.add_argument("--token-file", type=Path, metavar="FILE", help="as of flatcloth view")
+    add_public_url(listen)
     add_method(parser)
     add_hand_eye(parser)
 
@@ -128,12 +129,14 @@ def run(options: argparse.Namespace) -> int:
 def listen(service: ActiveService, options: argparse.Namespace) -> None:
     """Let a robot turn the item."""
     from flatcloth.viewer.server.active import serve_active
+    from flatcloth.viewer.server.guard import PublicUrl
 
     def ready(url: str, token: str) -> None:
         words = f"Robots ask {url} with the token {token} (Ctrl-C ends it)"
         announce(options, words, url, token, session=str(service.loop.folder))
 
-    serve_active(service, options.host, options.listen, options.token_file, ready)
+    public = None if options.public_url is None else PublicUrl.parse(options.public_url)
+    serve_active(service, options.host, options.listen, options.token_file, ready, public)
 
 
 def lead(loop: ActiveLoop, cell: Cell, bar: ProgressBar, *, masks: bool) -> None:
@@ -166,6 +169,15 @@ def told_end(options: argparse.Namespace, service: ActiveService, files: list[Pa
     document = {**service.next(), "session": str(loop.folder), "steps": loop.steps()}
     report(options, document, lines)
     return 0 if isinstance(end, End) and end.reached else 1
+
+
+def add_public_url(parser: argparse._ActionsContainer) -> None:
+    """Declare ``--public-url``."""
+    parser.add_argument(
+        "--public-url",
+        metavar="URL",
+        help="address at which a proxy offers this, as https://lab.example.org/cloth/ (docs/security.md)",
+    )
 
 
 def goal_of(options: argparse.Namespace) -> tuple[Goal, Budget]:

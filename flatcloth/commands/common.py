@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from flatcloth.batch.runner import Limits
     from flatcloth.core.config import Config
     from flatcloth.engine.integration import Integration
-    from flatcloth.recordings import SourceOptions
+    from flatcloth.recordings import Recording, SourceOptions
     from flatcloth.recordings.mending import Mends
 
 
@@ -128,6 +128,11 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
     )
 
 
+def notes_of(recording: Recording) -> list[str]:
+    """Return what a recording's reader found worth telling."""
+    return list(getattr(recording, "notes", ()))
+
+
 _FLAGS = {
     "reverse": "the item turns the other way than the angles say",
     "estimate_axis": "do not use the recorded axis and held point; estimate them",
@@ -143,6 +148,7 @@ _FACTORS = {
 }
 _LISTS = {
     "view_angles": ("VIEW=DEG,...", "angles of single views, as if recorded"),
+    "depth_views": ("VIEW=VIEW,...", "views that have the depth of another: 0-34=1-35"),
     "leave_out": ("VIEW,...", "views that are not read; later ones count on without them"),
 }
 
@@ -183,9 +189,9 @@ def mends_of(options: argparse.Namespace) -> Mends | None:
     RecordingError
         If a value is invalid.
     """
-    from flatcloth.recordings.mending import MEND_NAMES, Mends
+    from flatcloth.recordings.mending import MENDS, Mends
 
-    given = {name: getattr(options, name, None) for name in MEND_NAMES}
+    given = {name: getattr(options, name, None) for name in MENDS}
     said = {name: value for name, value in given.items() if value not in (None, False)}
     return Mends.from_dict(said, "the command line") if said else None
 
@@ -272,13 +278,8 @@ def limits_of(options: argparse.Namespace) -> Limits:
 
 def whole(least: int, most: int, cause: str) -> Callable[[str], int]:
     """Return what reads a whole number of the command line within limits; else it says the ``cause``."""
-
-    def read(text: str) -> int:
-        if not text.isascii() or not text.isdigit() or not least <= int(text) <= most:
-            raise argparse.ArgumentTypeError(f"{text!r} {cause}")
-        return int(text)
-
-    return read
+    read = number(lambda value: value.is_integer() and least <= value <= most, cause)
+    return lambda text: int(read(text))
 
 
 def number(fits: Callable[[float], bool], cause: str) -> Callable[[str], float]:

@@ -48,7 +48,8 @@ def run(options: argparse.Namespace) -> None:
     say(f"{'recording':<24}{heads}{'views':>7}{'s':>7}")
     for row in _one_by_one(options) if options.jobs == 1 and not options.scheduler else _together(options):
         rows.append(row)
-        say(_table_row(row))
+        cells = "".join(f"{form.format(row[key]):>11}" for key, _, form in _COLUMNS)
+        say(f"{row['recording']:<24}{cells}{len(row['views']):>7}{row['seconds']:>7.1f}")
         if "sides" in row:
             say(_sides_line(row["sides"]))
         if "garment" in row:
@@ -153,8 +154,3 @@ _COLUMNS: tuple[tuple[str, str, str], ...] = (
     ("firm_far_share", ">20mm", "{:.1%}"),
     ("within_3_std_share", "in 3 std", "{:.1%}"),
 )
-
-
-def _table_row(row: dict[str, Any]) -> str:
-    cells = "".join(f"{form.format(row[key]):>11}" for key, _, form in _COLUMNS)
-    return f"{row['recording']:<24}{cells}{len(row['views']):>7}{row['seconds']:>7.1f}"

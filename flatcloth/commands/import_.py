@@ -12,6 +12,7 @@ from flatcloth.commands.common import (
     add_camera_options,
     add_mends,
     mends_of,
+    notes_of,
     source_options_of,
 )
 from flatcloth.commands.output import report
@@ -71,7 +72,7 @@ def run(options: argparse.Namespace) -> None:
         recording = _opened(options, bar)
         count = copy_recording(recording, options.out, options.name, bar.show)
         check = check_recording(open_recording(options.out), progress=bar.show)
-    angles, notes = recording.angles_deg, list(getattr(recording, "notes", ()))
+    angles, notes = recording.angles_deg, notes_of(recording)
     notes += [finding.line for finding in check.findings]
     views = "1 view" if count == 1 else f"{count} views, {min(angles):g} to {max(angles):g} degrees,"
     line = f"{views} written to {options.out}. Open it with: flatcloth view {options.out}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import functools
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -227,22 +228,26 @@ def _opened_loop(
 def page_options(options: argparse.Namespace) -> dict[str, Any]:
     """Return what the server of the page needs of the options of ``view``."""
     from flatcloth.viewer.places import Places
-    from flatcloth.viewer.server.guard import given_token, is_loopback
+    from flatcloth.viewer.server.guard import PublicUrl, given_token, is_open
+
+    public = None if options.public_url is None else PublicUrl.parse(options.public_url)
 
     def ready(server: PageServer) -> None:
-        words = f"flatcloth is at {server.url} (Ctrl-C ends it)"
+        here = "" if public is None else f", served to its proxy at port {server.port}"
+        words = f"flatcloth is at {server.url}{here} (Ctrl-C ends it)"
         session = None if server.session is None else str(server.session)
         announce(options, words, server.url, server.token, recording=server.recording, session=session)
 
     token = False if options.no_token else given_token(options.token_file) or True
-    if token is True and options.quiet and not is_loopback(options.host):
+    if token is True and options.quiet and is_open(options.host, public):
         raise FlatclothError("--quiet would keep the token to itself; give --token-file or FLATCLOTH_TOKEN.")
     return {
         "ready": ready,
         "host": options.host,
         "port": options.port,
         "token": token,
-        "places": Places(options.root, own=is_loopback(options.host)),
+        "places": Places(options.root, own=not is_open(options.host, public)),
+        "public": public,
         "opener": Opener(options),
     }
 
@@ -270,22 +275,24 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     add_capture_options(group)
 
 
-def serve_camera(options: argparse.Namespace) -> bool:
-    """Serve the page of a camera until it is stopped; return False without ``--camera``.
+def first_of_camera(options: argparse.Namespace) -> Callable[[], Opened] | None:
+    """Return what opens the camera or the cell that is shown first; None without ``--camera`` and ``--cell``.
 
     Raises
     ------
     FlatclothError
-        If options contradict each other, or the camera cannot be opened.
+        If options contradict each other.
     """
     if options.cell is not None:
-        _serve_cell(options)
-        return True
+        for name in ("source", "camera", "live", "session"):
+            if getattr(options, name) not in (None, False):
+                raise FlatclothError(f"--cell shows a simulated cell; it does not go with --{name}.")
+        return lambda: opened_cell(options)
     if options.camera is None:
         given = [n for n in ("out", "frames", "align", "resume") if getattr(options, n) not in (None, False)]
         if given:
             raise FlatclothError(f"--{given[0]} needs --camera; give both, or neither.")
-        return False
+        return None
     if options.source is not None:
         raise FlatclothError(
             f"{options.source}: --camera shows a camera instead of a recording; give only one of them."
@@ -293,21 +300,5 @@ def serve_camera(options: argparse.Namespace) -> bool:
         )
     if options.live:
         raise FlatclothError("--live plays a recording, and --camera shows a camera; give only one of them.")
-    _serve(options)
-    return True
-
-
-def _serve_cell(options: argparse.Namespace) -> None:
-    from flatcloth.viewer.server.app import serve
-
-    for name in ("source", "camera", "live", "session"):
-        if getattr(options, name) not in (None, False):
-            raise FlatclothError(f"--cell shows a simulated cell; it does not go with --{name}.")
-    serve(first=lambda: opened_cell(options), **page_options(options))
-
-
-def _serve(options: argparse.Namespace) -> None:
-    from flatcloth.viewer.server.app import serve
-
     opener = opened_camera if options.goal is None else opened_looking_camera
-    serve(first=lambda: opener(options, options.camera), **page_options(options))
+    return lambda: opener(options, options.camera)

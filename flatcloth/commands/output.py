@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
 import logging
 import os
@@ -61,6 +62,18 @@ def announce(
     if options.json:
         print(json.dumps({"url": url, "token": token, **more, "pid": os.getpid()}), flush=True)
     _said.info("%s", words, extra={"secret": token})
+
+
+def escape_what_cannot_be_encoded() -> None:
+    """Let stdout and stderr write escapes for characters that their encodings lack, in place of an error."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _one_line(text: str) -> str:
+    """Return a text with escapes for the control characters that names of files may have."""
+    return "".join(c if c.isprintable() or c in "\u00a0\u3000" else ascii(c)[1:-1] for c in text)
 
 
 def add_output(parser: argparse.ArgumentParser, *, has_json: bool) -> None:
@@ -127,14 +140,14 @@ def speaking(options: argparse.Namespace) -> Iterator[None]:
 
 def error(text: str) -> None:
     """Report why a command failed: on stderr, and in the log file."""
-    print(f"flatcloth: {text}", file=sys.stderr)
+    print(f"flatcloth: {_one_line(text)}", file=sys.stderr)
     _failed.error("%s", text)
 
 
 def _log_file(path: Path) -> logging.Handler:
     with os_errors_as(FlatclothError, f"{path}: the log cannot be written", "Choose another file."):
         path.parent.mkdir(parents=True, exist_ok=True)
-        handler = logging.FileHandler(path, encoding="utf-8")
+        handler = logging.FileHandler(path, encoding="utf-8", errors="backslashreplace")
     handler.setFormatter(_WithoutSecrets("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     return handler
 
@@ -158,7 +171,7 @@ class _Printer(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one line."""
-        print(record.getMessage(), file=sys.stderr if self._on_stderr else sys.stdout, flush=True)
+        print(_one_line(record.getMessage()), file=sys.stderr if self._on_stderr else sys.stdout, flush=True)
 
 
 class _Others(logging.StreamHandler):  # type: ignore[type-arg]

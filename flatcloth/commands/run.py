@@ -12,6 +12,7 @@ from flatcloth.commands.common import (
     add_source,
     kept_mends,
     loading,
+    notes_of,
     source_options_of,
 )
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
@@ -63,7 +64,11 @@ def run(options: argparse.Namespace) -> None:
         )
         bar.show(1.0, "writing")
         files = shape.write(options.out, base_from_camera=base_from_camera)
-    lines = [*shape.lines(), f"Written to {options.out}: {', '.join(file.name for file in files)}"]
+    lines = [
+        *notes_of(recording),
+        *shape.lines(),
+        f"Written to {options.out}: {', '.join(file.name for file in files)}",
+    ]
     report(options, shape.report, lines)
     for line in view_lines(shape.report):
         detail(line)

@@ -38,20 +38,18 @@ def add_strokes(parser: argparse.ArgumentParser) -> None:
 
 def strokes_of(options: argparse.Namespace) -> tuple[Decision, ...]:
     """Read the file of ``--strokes``; without one, there are none."""
-    import json
-
-    from flatcloth.core.errors import SegmentationError
+    from flatcloth.core.decoding import parse_json
+    from flatcloth.core.errors import SegmentationError, os_errors_as
     from flatcloth.core.plain_files import read_plain
     from flatcloth.core.strokes import decisions_from_plain
 
     if options.strokes is None:
         return ()
+    with os_errors_as(SegmentationError, f"{options.strokes}: cannot be read", "Give a strokes file."):
+        data = read_plain(options.strokes)
     try:
-        content = json.loads(read_plain(options.strokes))
-    except OSError as error:
-        why = error.strerror or error
-        raise SegmentationError(f"{options.strokes}: cannot be read ({why}); give a strokes file.") from error
-    except (ValueError, RecursionError) as error:
+        content = parse_json(data)
+    except ValueError as error:
         raise SegmentationError(f"{options.strokes}: is not JSON ({error}); give a strokes file.") from error
     return decisions_from_plain(content, str(options.strokes))
 

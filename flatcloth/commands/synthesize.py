@@ -19,7 +19,7 @@ EXAMPLES = """examples:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("mesh", type=Path, metavar="MESH", help="OBJ, PLY or GLB, in its hanging pose")
+    parser.add_argument("mesh", type=Path, metavar="MESH", help="OBJ, PLY, glTF, GLB, STL or OFF file")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="recording folder to write")
     parser.add_argument("--name", help="title of the recording (default: the folder's name)")
     _add_hanging(parser.add_argument_group("the item"))
@@ -31,7 +31,7 @@ def _add_hanging(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--up",
         choices=("x", "y", "z", "-x", "-y", "-z"),
-        help="upward axis of the file (default: GLB y, others z); a downward one as --up=-z",
+        help="upward axis of the file (default: GLB and glTF y, others z); a downward one as --up=-z",
     )
     group.add_argument("--scale", type=float, default=1.0, help="metres per unit of the file (default: 1)")
     held = group.add_mutually_exclusive_group()
@@ -76,6 +76,15 @@ def _add_camera(group: argparse._ArgumentGroup) -> None:
     )
 
 
+_DEVIATIONS = (
+    (("--angle-error",), "DEG", "the recorded angles"),
+    (("--axis-error",), "MM", "the recorded axis"),
+    (("--sway", "--swing"), "MM", "the lowest point from view to view"),
+    (("--twist",), "DEG", "the angle by which the lowest point lags behind the turn"),
+    (("--exposure",), "PERCENT", "the exposure from view to view; white balance a quarter of it"),
+)
+
+
 def _add_errors(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--sensor",
@@ -85,39 +94,11 @@ def _add_errors(group: argparse._ArgumentGroup) -> None:
         default="none",
         help="none, the noise model of a D435, or depth matched between two rendered infrared images",
     )
-    group.add_argument(
-        "--angle-error",
-        type=float,
-        default=0.0,
-        metavar="DEG",
-        help="standard deviation of the recorded angles",
-    )
-    group.add_argument(
-        "--axis-error", type=float, default=0.0, metavar="MM", help="standard deviation of the recorded axis"
-    )
-    group.add_argument(
-        "--sway",
-        "--swing",
-        dest="sway",
-        type=float,
-        default=0.0,
-        metavar="MM",
-        help="standard deviation of the lowest point from view to view",
-    )
-    group.add_argument(
-        "--twist",
-        type=float,
-        default=0.0,
-        metavar="DEG",
-        help="standard deviation of the angle by which the lowest point lags behind the turn",
-    )
-    group.add_argument(
-        "--exposure",
-        type=float,
-        default=0.0,
-        metavar="PERCENT",
-        help="standard deviation of the exposure from view to view; white balance a quarter of it",
-    )
+    for names, unit, text in _DEVIATIONS:
+        group.add_argument(
+            *names, dest=names[0][2:].replace("-", "_"), type=float, default=0.0, metavar=unit,
+            help=f"standard deviation of {text}",
+        )  # fmt: skip
     group.add_argument(
         "--seed", type=int, default=0, help="seed of the pattern and of all errors (default: 0)"
     )

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from flatcloth.commands.active import add_cell, add_goal
+from flatcloth.commands.active import add_cell, add_goal, add_public_url
 from flatcloth.commands.common import add_method, add_source, number, whole
 from flatcloth.commands.export import add_hand_eye
-from flatcloth.commands.opening import add_camera, opened_recording, page_options, serve_camera
+from flatcloth.commands.opening import add_camera, first_of_camera, opened_recording, page_options
 from flatcloth.core.errors import FlatclothError
 
 NAME = "view"
@@ -30,6 +30,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
     )
+    add_public_url(parser)
     parser.add_argument(
         "--port",
         type=whole(0, 65535, "is not a port; give a number from 0 to 65535"),
@@ -84,13 +85,11 @@ def run(options: argparse.Namespace) -> None:
 
     if options.fps is not None and not options.live:
         raise FlatclothError("--fps needs --live; give both, or neither.")
-    if serve_camera(options):
+    first, page = first_of_camera(options), page_options(options)
+    if options.source is not None:
+        serve(first=lambda: opened_recording(options, options.source, options.session), **page)
         return
-    page = page_options(options)
-    if options.source is None:
-        given = [name for name in ("live", "session") if getattr(options, name)]
-        if given:
-            raise FlatclothError(f"--{given[0]} needs SOURCE; name a recording, or open one on the page.")
-        serve(**page)
-        return
-    serve(first=lambda: opened_recording(options, options.source, options.session), **page)
+    given = [name for name in ("live", "session") if getattr(options, name)] if first is None else []
+    if given:
+        raise FlatclothError(f"--{given[0]} needs SOURCE; name a recording, or open one on the page.")
+    serve(first=first, **page)

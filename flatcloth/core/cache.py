@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass, field
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -45,14 +46,6 @@ def size_in_bytes(value: object) -> int:
     return total
 
 
-@dataclass
-class _Making(Generic[T]):
-    """A value that a thread is computing; ``value`` is a list of it once it is made, empty if that failed."""
-
-    done: threading.Event = field(default_factory=threading.Event)
-    value: list[T] = field(default_factory=list)
-
-
 class Cache(Generic[T]):
     """Keeps the values used last.
 
@@ -74,7 +67,7 @@ class Cache(Generic[T]):
         self._size = size
         self._lock = threading.Lock()
         self._values: OrderedDict[Hashable, tuple[T, int]] = OrderedDict()
-        self._making: dict[Hashable, _Making[T]] = {}
+        self._making: dict[Hashable, Future[T]] = {}
         self._bytes = 0
 
     def get(self, key: Hashable, make: Callable[[], T]) -> T:
@@ -89,18 +82,18 @@ class Cache(Generic[T]):
                 return self._values[key][0]
             making = self._making.get(key)
             if making is None:
-                mine = self._making[key] = _Making[T]()
+                mine = self._making[key] = Future[T]()
         if making is not None:
-            making.done.wait()
-            return making.value[0] if making.value else self.put(key, make())
+            return self.put(key, make()) if making.exception() else making.result()
         try:
-            value = self.put(key, make())
-            mine.value.append(value)
-            return value
+            mine.set_result(self.put(key, make()))
+        except BaseException as error:
+            mine.set_exception(error)
+            raise
         finally:
             with self._lock:
                 del self._making[key]
-            mine.done.set()
+        return mine.result()
 
     def put(self, key: Hashable, value: T) -> T:
         """Keep a value and return it; if another thread was first, keep and return that thread's."""
@@ -111,7 +104,8 @@ class Cache(Generic[T]):
                 return self._values[key][0]
             self._values[key] = (value, size)
             self._bytes += size
-            while len(self._values) > self._most or self._is_too_large():
+            most_bytes = math.inf if self._most_bytes is None else self._most_bytes
+            while len(self._values) > self._most or (self._bytes > most_bytes and len(self._values) > 1):
                 _, (_, freed) = self._values.popitem(last=False)
                 self._bytes -= freed
             return value
@@ -148,9 +142,6 @@ class Cache(Generic[T]):
         with self._lock:
             return [(key, value) for key, (value, _) in self._values.items()]
 
-    def _is_too_large(self) -> bool:
-        return self._most_bytes is not None and self._bytes > self._most_bytes and len(self._values) > 1
-
 
 class ReadAhead:
     """Makes values that will soon be asked for, on a thread of its own; errors are left to later requests.
@@ -163,31 +154,20 @@ class ReadAhead:
 
     def __init__(self, make: Callable[[Any], object]) -> None:
         self._make = make
-        self._changed = threading.Condition()
-        self._wanted: list[Any] = []
-        self._running = False
+        # An idle thread keeps nothing alive, and ends with this object.
+        self._pool = ThreadPoolExecutor(1, "flatcloth-ahead")
+        self._jobs: list[Future[None]] = []
 
     def want(self, keys: Iterable[Any]) -> None:
         """Set the keys that are likely to be asked for, the likeliest first; earlier ones are dropped."""
-        with self._changed:
-            self._wanted = list(keys)
-            if self._wanted and not self._running:
-                # It ends when there is nothing to do, so that it keeps nothing alive that is not used.
-                self._running = True
-                threading.Thread(target=self._run, name="flatcloth-ahead", daemon=True).start()
+        for job in self._jobs:
+            job.cancel()
+        self._jobs = [self._pool.submit(self._try, key) for key in keys]
 
     def wait(self) -> None:
         """Return when all that is wanted now has been made."""
-        with self._changed:
-            self._changed.wait_for(lambda: not self._running)
+        wait(self._jobs)
 
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                if not self._wanted:
-                    self._running = False
-                    self._changed.notify_all()
-                    return
-                key = self._wanted.pop(0)
-            with contextlib.suppress(Exception):  # raised again when the value is asked for
-                self._make(key)
+    def _try(self, key: Any) -> None:
+        with contextlib.suppress(Exception):  # raised again when the value is asked for
+            self._make(key)

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from flatcloth.core.decoding import MisfitError, fitted, found_at
+from flatcloth.core.decoding import MisfitError, fitted, found_at, unread
 from flatcloth.core.errors import ConfigError
 
 
@@ -102,8 +102,7 @@ class Config:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain dictionaries, lists and numbers, for JSON."""
-        plain: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))
-        return plain
+        return dict(json.loads(json.dumps(dataclasses.asdict(self))))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Config:
@@ -118,28 +117,16 @@ class Config:
 
 
 def _read(values: Any) -> Config:
-    _check_names(Config, values, "config")
-    for section in dataclasses.fields(Config):
-        if section.name in values:
-            _check_names(
-                type(getattr(Config(), section.name)), values[section.name], f"config.{section.name}"
-            )
+    if unknown := next(unread(values, Config), None):
+        known = [f"{part}.{name}" for part, own in Config().to_dict().items() for name in own]
+        raise ConfigError(f"config.{unknown}: no such setting; known are {', '.join(known)}.")
     try:
         return fitted(_whole(values), Config)
     except MisfitError as error:
         where, found = error.where.partition("[")[0], found_at(values, error.where)
         raise ConfigError(
-            f"config.{where}: {found!r:.60} does not fit; expected {error.expected}."
+            f"{f'config.{where}'.removesuffix('.')}: {found!r:.60} does not fit; expected {error.expected}."
         ) from error
-
-
-def _check_names(kind: type, values: Any, where: str) -> None:
-    if not isinstance(values, Mapping):
-        raise ConfigError(f"{where}: expected a table of settings, got {type(values).__name__}.")
-    known = [field.name for field in dataclasses.fields(kind)]
-    unknown = sorted(set(values) - set(known))
-    if unknown:
-        raise ConfigError(f"{where}.{unknown[0]}: no such setting; known are {', '.join(known)}.")
 
 
 def _whole(value: Any) -> Any:

@@ -9,7 +9,8 @@ import json
 import math
 import re
 import threading
-from typing import Annotated, Any, TypeVar
+from collections.abc import Iterator
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 import msgspec
 
@@ -59,7 +60,7 @@ _PREPARED: set[Any] = set()
 _PREPARING = threading.Lock()
 
 
-def converted(raw: Any, kind: type[T]) -> T:
+def converted(raw: Any, kind: type[T], *, strict: bool = True) -> T:
     """Convert as ``msgspec.convert`` does, also on several threads at once.
 
     msgspec builds the description of a struct when it is first used. If two threads do that at the same
@@ -74,11 +75,11 @@ def converted(raw: Any, kind: type[T]) -> T:
         with _PREPARING:
             msgspec.json.Decoder(kind)
             _PREPARED.add(kind)
-    return msgspec.convert(raw, kind)
+    return msgspec.convert(raw, kind, strict=strict, dec_hook=lambda other, value: other(value))  # paths
 
 
-def fitted(raw: Any, kind: type[T]) -> T:
-    """Convert plain dictionaries and lists to a value of a type.
+def fitted(raw: Any, kind: type[T], *, strict: bool = True) -> T:
+    """Convert plain dictionaries and lists to a value of a type; if not ``strict``, also numbers from text.
 
     Raises
     ------
@@ -86,7 +87,7 @@ def fitted(raw: Any, kind: type[T]) -> T:
         If anything is missing or of another type or range.
     """
     try:
-        return converted(raw, kind)
+        return converted(raw, kind, strict=strict)
     except msgspec.ValidationError as error:
         raise _misfit(str(error), raw) from error
     except OverflowError as error:
@@ -94,6 +95,18 @@ def fitted(raw: Any, kind: type[T]) -> T:
     except UnicodeEncodeError as error:
         place = _place_of(str(error.object), raw) or ""
         raise MisfitError(place, "text with half a character", "text") from error
+
+
+def unread(raw: Any, kind: Any, where: str = "") -> Iterator[str]:
+    """Yield the places of what plain objects say beyond the fields of a type, also of types in it."""
+    if isinstance(raw, dict) and isinstance(kind, type) and (known := get_type_hints(kind)):
+        for name, value in raw.items():
+            place = f"{where}.{name}".removeprefix(".")
+            yield from unread(value, known[name], place) if name in known else [place]
+        return
+    for inner in get_args(kind):
+        for n, value in enumerate(raw) if isinstance(raw, list) else [(-1, raw)]:
+            yield from unread(value, inner, where if n < 0 else f"{where}[{n}]")
 
 
 def decoded(data: bytes | str, kind: type[T]) -> T:
@@ -109,24 +122,18 @@ def decoded(data: bytes | str, kind: type[T]) -> T:
 
 def described(value: Any) -> str:
     """Describe a value from a file in a word or two."""
-    match value:
-        case None:
-            return "missing"
-        case bool():
-            return "true or false"
-        case float() if not math.isfinite(value):
-            return "not a finite number"
-        case int() if abs(value) > 10**300:
-            return "not a finite number"
-        case int() | float():
-            return "a number"
-        case str():
-            return "text"
-        case dict():
-            return "an object"
-        case list():
-            return f"a list of {len(value)}"
-    return "of another type"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    if isinstance(value, int | float) and not abs(value) < (
+        math.inf if isinstance(value, float) else 10**300
+    ):
+        return "not a finite number"
+    return next((words for kind, words in _DESCRIBED.items() if isinstance(value, kind)), "of another type")
+
+
+_DESCRIBED: dict[Any, str] = {
+    type(None): "missing", bool: "true or false", int | float: "a number", str: "text", dict: "an object",
+}  # fmt: skip
 
 
 def _misfit(text: str, raw: Any) -> MisfitError:
@@ -142,7 +149,8 @@ def _misfit(text: str, raw: Any) -> MisfitError:
         wanted = re.sub(r"`([^`]+)`", lambda found: _plain(found[1]), expected[1])
         found = described(value)
         bounded = found in ("a number", "text") and ("<" in wanted or ">" in wanted)
-        return MisfitError(where, f"{value!r:.60}" if bounded and _is_short(value) else found, wanted)
+        bounded &= not isinstance(value, int) or abs(value) < 10**60
+        return MisfitError(where, f"{value!r:.60}" if bounded else found, wanted)
     if problem == "Number out of range":
         return MisfitError(where, "not a finite number", "a number")
     return MisfitError(where, f"{value!r:.60}", "one of")
@@ -151,24 +159,13 @@ def _misfit(text: str, raw: Any) -> MisfitError:
 def found_at(raw: Any, where: str) -> Any:
     """Return the value at a place as named by :class:`MisfitError`; None if there is none."""
     for name, index in _STEPS.findall("." + where if where else ""):
-        raw = _step(raw, name, index)
+        in_list = isinstance(raw, list) and index.isdecimal()
+        raw = raw[int(index)] if in_list else raw.get(name) if isinstance(raw, dict) else None
     return raw
-
-
-def _step(value: Any, name: str, index: str) -> Any:
-    if isinstance(value, dict):
-        return value.get(name)
-    if isinstance(value, list) and index.isdecimal():
-        return value[int(index)]
-    return None
 
 
 def _plain(kinds: str) -> str:
     return " or ".join(_WORDS.get(kind, kind) for kind in kinds.split(" | ") if kind != "null")
-
-
-def _is_short(value: Any) -> bool:
-    return not isinstance(value, int) or abs(value) < 10**60
 
 
 def _place_of(text: str, raw: Any) -> str | None:

@@ -23,13 +23,11 @@ class Rigid3:
 
     def apply(self, points_m: Floats) -> Float64:
         """Move points (..., 3)."""
-        moved: Float64 = np.asarray(points_m, dtype=np.float64) @ self.rotation.T + self.translation_m
-        return moved
+        return np.asarray(points_m, dtype=np.float64) @ self.rotation.T + self.translation_m
 
     def turn(self, vectors: Floats) -> Float64:
         """Rotate directions (..., 3), without the translation."""
-        turned: Float64 = np.asarray(vectors, dtype=np.float64) @ self.rotation.T
-        return turned
+        return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
     def apply_with_normal(self, points_m: Floats, normals: Floats) -> tuple[Float64, Float64]:
         """Move points (..., 3) and rotate their normals (..., 3)."""
@@ -92,8 +90,7 @@ def back_project(depth_m: Float32, intrinsics: Intrinsics) -> Float32:
 
 def height_m(xyz_m: Floats, axis: RotationAxis) -> Float64:
     """Return the height (...) of points (..., 3) along the axis, 0 at the axis point, up positive."""
-    height: Float64 = (np.asarray(xyz_m, dtype=np.float64) - axis.point_m) @ axis.direction
-    return height
+    return (np.asarray(xyz_m, dtype=np.float64) - axis.point_m) @ axis.direction
 
 
 def directions_across(axis: RotationAxis) -> tuple[Float64, Float64]:
@@ -149,8 +146,7 @@ def tangent_basis(normal: Float64) -> tuple[Float64, Float64]:
     small = np.linalg.norm(right, axis=1) < 0.2
     right[small] = np.array([0.0, 0.0, 1.0]) - normal[small, 2:] * normal[small]
     right /= np.linalg.norm(right, axis=1)[:, None]
-    down: Float64 = -np.cross(normal, right)
-    return right, down
+    return right, -np.cross(normal, right)
 
 
 def project(points_m: Float64, intrinsics: Intrinsics) -> Float64:

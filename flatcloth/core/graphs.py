@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Float64, Int32, Int64
 
 _UNITS = 1000
@@ -22,8 +22,7 @@ def components(n: int, edges: NDArray[np.integer]) -> Int32:
     ``edges`` (M, 2) are the pairs that are joined. SciPy's ``connected_components`` takes five times as long,
     as it wants a matrix first.
     """
-    number: Int32 = _components(n, np.ascontiguousarray(edges, dtype=np.int32))
-    return number
+    return _components(n, np.ascontiguousarray(edges, dtype=np.int32))
 
 
 @njit(cache=True, nogil=True)

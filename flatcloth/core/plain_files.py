@@ -14,10 +14,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+from flatcloth.core.errors import CancelledError
+
 MOST_TEXT_BYTES = 16_000_000
 """Largest list, table or description that is read."""
 MOST_JOURNAL_BYTES = 200_000_000
 """Largest journal that is read; one decision takes about 300 bytes."""
+
+
+def is_text(name: str) -> bool:
+    """Return whether a name is text; one that is not UTF-8 on disk has half characters for its bytes."""
+    return not any("\ud800" <= character <= "\udfff" for character in name)
 
 
 def open_plain(path: Path) -> BinaryIO:
@@ -101,7 +108,7 @@ def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
             file.flush()
             os.fsync(file.fileno())
         draft.replace(path)
-    except Exception:
+    except BaseException:  # also when the program is stopped
         with contextlib.suppress(OSError):
             draft.unlink()
         raise
@@ -117,12 +124,8 @@ def check_replacing(path: Path) -> None:
         If it cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with contextlib.suppress(_DraftEndedError), replacing(path):
-        raise _DraftEndedError
-
-
-class _DraftEndedError(Exception):
-    """Ends a draft without replacing the file."""
+    with contextlib.suppress(CancelledError), replacing(path):
+        raise CancelledError  # ends the draft without replacing the file
 
 
 def open_own(path: Path, flags: int) -> int:

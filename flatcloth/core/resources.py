@@ -24,8 +24,7 @@ def sample_recordings() -> dict[str, Path]:
 
 def sample_mesh() -> Path:
     """Return the bundled mesh of a hanging T-shirt, for the simulated cell."""
-    root = _first_existing(_PACKAGE / "samples", _PACKAGE.parent / "recordings")
-    return root / "tshirt-corner.obj.gz"
+    return _first_existing(_PACKAGE / "samples", _PACKAGE.parent / "recordings") / "tshirt-corner.obj.gz"
 
 
 def _first_existing(installed: Path, checkout: Path) -> Path:

@@ -137,7 +137,7 @@ class Worker:
             if not self.close.alive:
                 raise WorkerLostError("ended while it read an earlier view")
             try:
-                _write(self._stdin, Message(table))
+                _write(self._process.stdin, Message(table))  # type: ignore[arg-type]
             except OSError as error:
                 raise WorkerLostError(self._end_of_it()) from error
             until_s = time.monotonic() + limit_s
@@ -151,11 +151,6 @@ class Worker:
         if "error" in answer.table:
             raise WorkerError(answer.table["error"])
         return answer
-
-    @property
-    def _stdin(self) -> BinaryIO:
-        assert self._process.stdin is not None
-        return self._process.stdin  # type: ignore[return-value]
 
     def _receive(self, until_s: float, quiet_s: float | None = None) -> Message:
         """Return the next message; time in which the worker waits for processor or disk does not count."""
@@ -278,9 +273,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         assert pipe is not None
         with contextlib.suppress(OSError):  # unsent data has no reader any more
             pipe.close()
-
-
-# --- messages --------------------------------------------------------------------------------
 
 
 def _write(out: BinaryIO, message: Message) -> None:

@@ -128,22 +128,13 @@ class Rigid2:
 
     def inverse(self) -> Rigid2:
         """Return the motion that undoes this one."""
-        cos, sin = math.cos(self.theta_rad), math.sin(self.theta_rad)
-        return Rigid2(
-            -self.theta_rad,
-            -(cos * self.u_m + sin * self.v_m),
-            sin * self.u_m - cos * self.v_m,
-        )
+        cos, sin, u_m, v_m = math.cos(self.theta_rad), math.sin(self.theta_rad), self.u_m, self.v_m
+        return Rigid2(-self.theta_rad, -(cos * u_m + sin * v_m), sin * u_m - cos * v_m)
 
     def about(self, center_m: Floats) -> Rigid2:
         """Return the motion that first rotates about ``center_m`` (2,) and then shifts by (u, v)."""
-        c = np.asarray(center_m, dtype=np.float64)
-        turned = Rigid2(self.theta_rad).apply(c)
-        return Rigid2(
-            self.theta_rad,
-            float(c[0] - turned[0] + self.u_m),
-            float(c[1] - turned[1] + self.v_m),
-        )
+        u_m, v_m = (np.asarray(center_m) - Rigid2(self.theta_rad).apply(center_m)).tolist()
+        return Rigid2(self.theta_rad, u_m + self.u_m, v_m + self.v_m)
 
 
 def wrap_rad(angle_rad: float) -> float:

@@ -76,7 +76,7 @@ def warm_up() -> None:
 
 
 def is_compiled() -> bool:
-    """Return whether all kernels of a typical integration are compiled and kept on disk."""
+    """Return whether no kernel of a typical integration is to be compiled and kept on disk."""
     return all(kernel.is_kept for kernel in kernels())
 
 

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import itertools
 import json
+import posixpath
 import re
 import zlib
 from collections.abc import Sequence
@@ -60,7 +61,7 @@ ENTRY = "offline/offline.js"
 """The module of ``static/`` that the page starts with."""
 _OTHER = "other "
 """Before the names of the other side's data. Chosen."""
-_IMPORTED = re.compile(r'from "/static/([^"]+)"')
+_IMPORTED = re.compile(r'from "(\.[^"]+)"')
 _STYLES = "page/page.css", "canvas/canvas.css", "garment/garment.css", "offline/offline.css"
 
 
@@ -88,7 +89,7 @@ def common_parts(entry: str, styles: Sequence[str], more_policy: str = "") -> di
     static = static_folder()
     style = "\n".join((static / name).read_text("utf-8") for name in styles)
     modules = import_map(static, entry)
-    script = f'import "{_bare(entry)}";'
+    script = f'import "flatcloth/{entry}";'
     return {
         "policy": _policy(script, modules, style) + more_policy,
         "icon": data_url((static / "icon.svg").read_bytes(), "image/svg+xml"),
@@ -101,8 +102,8 @@ def common_parts(entry: str, styles: Sequence[str], more_policy: str = "") -> di
 def import_map(folder: Path, entry: str) -> str:
     """Return an import map (HTML standard) that holds a module of a folder, and all that it imports.
 
-    A data URL has no folder, so each ``/static/NAME`` that a module imports gets the bare name
-    ``flatcloth/NAME``, which the map resolves to the module's data URL.
+    A data URL has no folder, so each relative path that a module imports becomes the bare name
+    ``flatcloth/NAME`` (its path below the folder), which the map resolves to the module's data URL.
 
     Raises
     ------
@@ -110,21 +111,19 @@ def import_map(folder: Path, entry: str) -> str:
         If a module cannot be read; the message names it.
     """
     found: dict[str, str] = {}
-    waiting = [entry]
+    waiting = [f"flatcloth/{entry}"]
     while waiting:
         name = waiting.pop()
-        if _bare(name) in found:
+        if name in found:
             continue
-        with os_errors_as(FlatclothError, f"{folder / name}: cannot be read", "Reinstall flatcloth."):
-            source = (folder / name).read_text("utf-8")
-        waiting += _IMPORTED.findall(source)
-        bare = _IMPORTED.sub(lambda path: f'from "{_bare(path[1])}"', source)
-        found[_bare(name)] = data_url(bare.encode(), "text/javascript")
+        path = folder / name.removeprefix("flatcloth/")
+        with os_errors_as(FlatclothError, f"{path}: cannot be read", "Reinstall flatcloth."):
+            source = path.read_text("utf-8")
+        for relative in _IMPORTED.findall(source):
+            waiting.append(posixpath.normpath(f"{name}/../{relative}"))
+            source = source.replace(f'from "{relative}"', f'from "{waiting[-1]}"')
+        found[name] = data_url(source.encode(), "text/javascript")
     return json.dumps({"imports": found})
-
-
-def _bare(name: str) -> str:
-    return f"flatcloth/{name}"
 
 
 def _policy(script: str, modules: str, style: str) -> str:

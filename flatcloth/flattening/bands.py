@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numba import njit
 from scipy.linalg.lapack import dpbtrf, dpbtrs, zpbtrf, zpbtrs
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.graphs import grouped
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
 

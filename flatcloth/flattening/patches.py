@@ -9,9 +9,9 @@ import math
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Float64, Floats, Int32, RgbdFrame
 
 STEP_RIGHT, STEP_DOWN = 1, 2

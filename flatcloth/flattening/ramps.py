@@ -17,9 +17,9 @@ import math
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64, Intrinsics
 from flatcloth.flattening.patches import median
 

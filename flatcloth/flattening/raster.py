@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int32, RotationAxis
 from flatcloth.flattening.patches import STEP_DOWN, STEP_RIGHT
 from flatcloth.flattening.reading import read_attributes

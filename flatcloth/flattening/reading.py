@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.geometry import Rigid3, object_from_camera, z_angle_deg
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Int16, RotationAxis, Uint8
 from flatcloth.flattening.surface import Surface

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.errors import FlatteningError
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Rigid2
 

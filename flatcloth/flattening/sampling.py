@@ -15,10 +15,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.graphs import components
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.patches import NOISY_WINDOW_PX, fit_patches, normals_from_fit

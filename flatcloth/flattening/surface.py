@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import back_project, window_of, z_angle_deg

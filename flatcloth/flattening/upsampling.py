@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.geometry import tangent_basis
 from flatcloth.core.graphs import grouped
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Int64

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.flattening.minimisation import ROBUST_STDS
 from flatcloth.flattening.sampling import CORRELATED_M

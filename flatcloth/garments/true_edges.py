@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.geometry import Rigid3, project
 from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Intrinsics
 from flatcloth.flattening.borders import SPACING_M

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.graphs import by_cell, cell_of
 from flatcloth.core.types import Float64, Int32
 

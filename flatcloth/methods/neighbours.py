@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Float64, Int32, Int64
 
 

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.graphs import cell_of
 from flatcloth.core.types import Float64, Int32, Rigid2
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
+from flatcloth.core.plain_files import is_text
 from flatcloth.core.resources import sample_recordings
 from flatcloth.recordings.base import Recording, keep_source_options
 from flatcloth.recordings.manifest import HEADER
@@ -82,8 +83,8 @@ def place_of(source: str | os.PathLike[str]) -> Path:
         exists, is_folder = path.exists(), path.is_dir()
     except (OSError, RuntimeError, ValueError) as error:
         raise RecordingError(f"{os.fspath(source)!r}: cannot be opened ({error}). {_can_read()}.") from error
-    if not str(path).isprintable():
-        raise RecordingError(f"{str(path)!r}: no such file or folder. {_can_read()}.")
+    if not is_text(str(path.absolute())):
+        raise RecordingError(f"{str(path)!a}: its name or its folder's is not UTF-8. Rename it.")
     if not exists:
         samples = sample_recordings()
         if str(source) not in samples:

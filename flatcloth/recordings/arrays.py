@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RotationAxis, Uint8
 from flatcloth.recordings.base import LazyRecording, ViewImages
-from flatcloth.recordings.files.camera import checked_intrinsics
+from flatcloth.recordings.files.camera import checked_direction, checked_intrinsics
 from flatcloth.recordings.files.depth_files import FARTHEST_M
 from flatcloth.recordings.files.text import failing
-from flatcloth.recordings.film.angles import MAX_VIEWS, repeated
-
-_UNIT_TOLERANCE = 1e-3
-"""A direction may differ from length 1 by this, as in ``recording.json``; it is normalised. Chosen."""
+from flatcloth.recordings.film.angles import MAX_VIEWS, check_distinct
 
 
 def recording_from_arrays(
@@ -69,25 +66,19 @@ def recording_from_arrays(
     """
     angles = _numbers("angles_deg", angles_deg)
     if angles.ndim != 1 or not 1 <= len(angles) <= MAX_VIEWS:
-        _fail("angles_deg", f"has the shape {angles.shape}", f"Give 1 to {MAX_VIEWS} angles, one per view.")
-    same = repeated(angles.tolist())
-    if same is not None:
-        _fail(
-            "angles_deg",
-            f"views {same[0]} and {same[1]} have the same angle",
-            "Every view needs its own angle, also modulo 360 degrees.",
-        )
-    colors = [_color(f"color[{n}]", image) for n, image in enumerate(color)]
-    _check_count("color", colors, angles)
+        failing("angles_deg")(f"has the shape {angles.shape}", f"Give 1 to {MAX_VIEWS} angles, one per view.")
+    check_distinct(angles.tolist(), "angles_deg:", [f"view {n}" for n in range(len(angles))])
+    count, whole = len(angles), ("u1", "u2", "u4", "u8", "i1", "i2", "i4", "i8")
+    colors: list[Uint8] = _images("color", color, count, ("u1",), (3,), "Give uint8 (H, W, 3), RGB.")
     size = colors[0].shape[:2]
-    for n, image in enumerate(colors):
-        _check_size(f"color[{n}]", image, size)
-    depths = [_depth(f"depth[{n}]", image, size, depth_scale_m) for n, image in enumerate(depth)]
-    _check_count("depth", depths, angles)
-    found = None
+    units = _images("depth", depth, count, (*whole, "f2", "f4", "f8"), (), "Give numbers (H, W).", size)
+    depths = [_metres(f"depth[{n}]", image, depth_scale_m) for n, image in enumerate(units)]
+    found: list[Bool] | None = None
     if masks is not None:
-        found = [_mask(f"masks[{n}]", image, size) for n, image in enumerate(masks)]
-        _check_count("masks", found, angles)
+        found = [
+            image != 0
+            for image in _images("masks", masks, count, ("b1", *whole), (), "Give bool (H, W).", size)
+        ]
     return LazyRecording(
         name=name,
         location="arrays",
@@ -100,89 +91,82 @@ def recording_from_arrays(
     )
 
 
-def _fail(where: str, cause: str, remedy: str) -> NoReturn:
-    failing(where)(cause, remedy)
-
-
 def _array(where: str, values: ArrayLike) -> NDArray[Any]:
     try:
         return np.asarray(values)
     except ValueError:
-        _fail(where, "has rows of different lengths", "Give an array.")
+        failing(where)("has rows of different lengths", "Give an array.")
 
 
 def _numbers(where: str, values: ArrayLike) -> Float64:
     array = _array(where, values)
     if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-        _fail(where, "is not made of finite numbers", "Give numbers.")
+        failing(where)("is not made of finite numbers", "Give numbers.")
     return array.astype(np.float64)
 
 
 def _vector(where: str, values: ArrayLike) -> Float64:
     vector = _numbers(where, values)
     if vector.shape != (3,) or np.abs(vector).max() > FARTHEST_M:
-        _fail(where, "is no point near the camera", "Give three numbers, in metres.")
+        failing(where)("is no point near the camera", "Give three numbers, in metres.")
     return vector
 
 
-def _check_count(where: str, images: Sequence[NDArray[Any]], angles: Float64) -> None:
-    if len(images) != len(angles):
-        _fail(where, f"has {len(images)} images for {len(angles)} angles", "Give one image per angle.")
+def _images(
+    where: str,
+    given: Iterable[ArrayLike],
+    count: int,
+    kinds: Sequence[str],
+    channels: tuple[int, ...],
+    give: str,
+    size: tuple[int, ...] | None = None,
+) -> list[NDArray[Any]]:
+    images = [_array(f"{where}[{n}]", image) for n, image in enumerate(given)]
+    if len(images) != count:
+        failing(where)(f"has {len(images)} images for {count} angles", "Give one image per angle.")
+    for n, image in enumerate(images):
+        if (
+            image.dtype.str[1:] not in kinds
+            or image.shape[2:] != channels
+            or image.ndim < 2
+            or not image.size
+        ):
+            failing(f"{where}[{n}]")(f"has the type {image.dtype} and the shape {image.shape}", give)
+        rows, cols = size or images[0].shape[:2]
+        if image.shape[:2] != (rows, cols):
+            pixels = f"Give {rows} x {cols} pixels, as in color[0]."
+            failing(f"{where}[{n}]")(f"has the shape {image.shape}", pixels)
+    return images
 
 
-def _check_size(where: str, image: NDArray[Any], size: tuple[int, ...]) -> None:
-    if image.shape[:2] != size:
-        _fail(where, f"has the shape {image.shape}", f"Give {size[0]} x {size[1]} pixels, as in color[0].")
-
-
-def _color(where: str, values: ArrayLike) -> Uint8:
-    image = _array(where, values)
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
-        _fail(where, f"has the type {image.dtype} and the shape {image.shape}", "Give uint8 (H, W, 3), RGB.")
-    return image
-
-
-def _depth(where: str, values: ArrayLike, size: tuple[int, ...], scale_m: float | None) -> Float32:
-    image = _array(where, values)
-    if image.dtype.kind not in "iuf" or image.ndim != 2:
-        _fail(where, f"has the type {image.dtype} and the shape {image.shape}", "Give numbers (H, W).")
-    _check_size(where, image, size)
+def _metres(where: str, image: NDArray[Any], scale_m: float | None) -> Float32:
     if scale_m is not None and not 1e-6 <= scale_m <= 1.0:
-        _fail("depth_scale_m", f"is {scale_m:g}", "Give metres per unit of depth, 0.001 for millimetres.")
+        failing("depth_scale_m")(f"is {scale_m:g}", "Give metres per unit of depth, 0.001 for millimetres.")
     scale = scale_m or (1.0 if image.dtype.kind == "f" else 1e-3)
     metres: Float32 = np.multiply(image, np.float32(scale), dtype=np.float32)
     metres[~np.isfinite(metres)] = 0.0
     if (metres < 0).any():
-        _fail(where, "has negative values", "Depth is measured along the optical axis, from 0.")
+        failing(where)("has negative values", "Depth is measured along the optical axis, from 0.")
     if not metres.any():
-        _fail(where, "has no depth, every pixel is 0", "Leave the view out.")
+        failing(where)("has no depth, every pixel is 0", "Leave the view out.")
     if np.median(metres[metres > 0]) > FARTHEST_M:
-        _fail(where, f"is mostly beyond {FARTHEST_M:g} m", "Give depth_scale_m, 0.001 for millimetres.")
+        failing(where)(f"is mostly beyond {FARTHEST_M:g} m", "Give depth_scale_m, 0.001 for millimetres.")
     metres[metres > FARTHEST_M] = 0.0
     return metres
-
-
-def _mask(where: str, values: ArrayLike, size: tuple[int, ...]) -> Bool:
-    image = _array(where, values)
-    if image.dtype.kind not in "biu" or image.ndim != 2:
-        _fail(where, f"has the type {image.dtype} and the shape {image.shape}", "Give bool (H, W).")
-    _check_size(where, image, size)
-    mask: Bool = image != 0
-    return mask
 
 
 def _camera(given: Intrinsics | ArrayLike, size: tuple[int, ...]) -> Intrinsics:
     height, width = size
     if isinstance(given, Intrinsics):
         if (given.height, given.width) != size:
-            _fail(
-                "intrinsics", f"are of {given.width}x{given.height} px", f"The images are {width}x{height}."
+            failing("intrinsics")(
+                f"are of {given.width}x{given.height} px", f"The images are {width}x{height}."
             )
         focal, center = (given.fx, given.fy), (given.cx, given.cy)
     else:
         k = _numbers("intrinsics", given)
         if k.shape != (3, 3) or k[[0, 1, 2, 2], [1, 0, 0, 1]].any() or k[2, 2] != 1:
-            _fail("intrinsics", "is no camera matrix", "Give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
+            failing("intrinsics")("is no camera matrix", "Give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
         focal, center = (float(k[0, 0]), float(k[1, 1])), (float(k[0, 2]), float(k[1, 2]))
 
     return checked_intrinsics((width, height), focal, center, failing("intrinsics"))
@@ -191,14 +175,8 @@ def _camera(given: Intrinsics | ArrayLike, size: tuple[int, ...]) -> Intrinsics:
 def _axis(given: RotationAxis | tuple[ArrayLike, ArrayLike]) -> RotationAxis:
     where = "rotation_axis"
     point, direction = (given.point_m, given.direction) if isinstance(given, RotationAxis) else tuple(given)
-    unit = _vector(f"{where} direction", direction)
-    length = float(np.linalg.norm(unit))
-    if abs(length - 1.0) > _UNIT_TOLERANCE:
-        _fail(f"{where} direction", f"has length {length:g}", "Give a unit vector.")
-    if unit[1] > 0 or abs(unit[2]) > 0.9:
-        _fail(
-            f"{where} direction",
-            "does not point up",
-            "Give a direction with negative y, across the line of sight; negate the angles with it.",
-        )
-    return RotationAxis(point_m=_vector(f"{where} point", point), direction=unit / length)
+    fail = failing(f"{where} direction")
+    unit = checked_direction(_vector(f"{where} direction", direction), fail)
+    if unit[1] > 0:
+        fail("does not point up", "Give a direction with negative y; negate the angles with it.")
+    return RotationAxis(point_m=_vector(f"{where} point", point), direction=unit)

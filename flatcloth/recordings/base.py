@@ -18,50 +18,40 @@ class Recording(Protocol):
     @property
     def name(self) -> str:
         """Short name, for titles and session folders."""
-        ...
 
     @property
     def description(self) -> str:
         """One sentence of free text; may be empty."""
-        ...
 
     @property
     def location(self) -> str:
         """Where it was read from, for messages and for resuming a session."""
-        ...
 
     @property
     def intrinsics(self) -> Intrinsics:
         """The camera, after correction of the lens distortion."""
-        ...
 
     @property
     def rotation_axis(self) -> RotationAxis | None:
         """The turning axis in the camera frame; None if the source does not give it."""
-        ...
 
     @property
     def held_point_m(self) -> Float64 | None:
         """The point where the item is held, camera frame; None if the source does not give it."""
-        ...
 
     @property
     def angles_deg(self) -> tuple[float, ...]:
         """Angle of each view about the axis since view 0."""
-        ...
 
     @property
     def has_masks(self) -> bool:
         """Whether every view has a mask of the side of interest."""
-        ...
 
     def __len__(self) -> int:
         """Return the number of views."""
-        ...
 
     def __getitem__(self, view_index: int) -> RgbdFrame:
         """Read one view; raises ``RecordingError`` with file, cause and remedy."""
-        ...
 
 
 class ViewImages(NamedTuple):

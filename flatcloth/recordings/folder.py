@@ -10,7 +10,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Bool, Float32
 from flatcloth.recordings.base import LazyRecording, ViewImages
 from flatcloth.recordings.files import depth_files, images
-from flatcloth.recordings.manifest import HEADER, Manifest, read_manifest
+from flatcloth.recordings.manifest import HEADER, Manifest, ViewFiles, read_manifest
 from flatcloth.recordings.source import Format, SourceOptions
 
 
@@ -85,19 +85,15 @@ class _ImageFiles:
     def __init__(self, manifest: Manifest) -> None:
         self._manifest, self._camera, self._undistort = manifest, manifest.intrinsics, manifest.lens.undistort
         for view in manifest.views:
-            images.read_checked(view.color, "color", self._camera)
-            self._depth_header(view.depth)
-            if view.mask is not None:
-                images.read_checked(view.mask, "mask", self._camera)
+            self._checked(view)
 
     def read(self, view_index: int) -> ViewImages:
         view = self._manifest.views[view_index]
-        images.read_checked(view.color, "color", self._camera)
+        header = self._checked(view)
         color = self._undistort(images.decode_color(view.color), blend=True)
-        return ViewImages(color, self._depth(view.depth), *self._masks(view.mask))
+        return ViewImages(color, self._depth(view.depth, header), *self._masks(view.mask))
 
-    def _depth(self, path: Path) -> Float32:
-        header = self._depth_header(path)
+    def _depth(self, path: Path, header: images.ImageHeader) -> Float32:
         depth_m = depth_files.decode_depth_m(path, header, self._manifest.depth_scale_m)
         depth_m = self._undistort(depth_m, blend=False)
         if not depth_m.any():
@@ -108,7 +104,6 @@ class _ImageFiles:
         """Return the masks of this side and of the other; the second is None unless the file names both."""
         if path is None:
             return None, None
-        images.read_checked(path, "mask", self._camera)
         values = self._undistort(images.decode_raw(path, np.uint8), blend=False)
         other = values == OTHER_SIDE
         names_both = other.any() and (other | (values == 0) | (values == 255)).all()
@@ -121,9 +116,13 @@ class _ImageFiles:
         # All False if the side of interest is not visible in this view.
         return mask, other if names_both else None
 
-    def _depth_header(self, path: Path) -> images.ImageHeader:
+    def _checked(self, view: ViewFiles) -> images.ImageHeader:
+        """Check the headers of a view's files, and return that of its depth."""
+        images.read_checked(view.color, "color", self._camera)
+        if view.mask is not None:
+            images.read_checked(view.mask, "mask", self._camera)
         if not self._manifest.any_depth:
-            return images.read_checked(path, "depth", self._camera)
-        header = depth_files.read_depth_header(path)
-        images.check_size(path, header, self._camera)
+            return images.read_checked(view.depth, "depth", self._camera)
+        header = depth_files.read_depth_header(view.depth)
+        images.check_size(view.depth, header, self._camera)
         return header

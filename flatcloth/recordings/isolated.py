@@ -12,15 +12,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from flatcloth.core.decoding import fitted
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.subprocess_worker import Message, Worker, WorkerLostError, reader_errors_as, serve
 from flatcloth.core.types import Intrinsics, Progress, no_progress
 from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
 from flatcloth.recordings.film.angles import GivenAngles
+from flatcloth.recordings.ros.bag import MCAP, ROS_1, ZSTD, data_files
 from flatcloth.recordings.source import Format, SourceOptions
 
-_ROS_STARTS = (b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0")
+_ROS_STARTS = (ROS_1, MCAP, b"SQLite format 3\0", ZSTD)
+_ABOUT = ("name", "description", "location", "notes", "angles_deg")
 _REFUSED = ("camera_file", "fov_deg", "turning_deg", "sweep")
 
 
@@ -59,21 +62,17 @@ def open_isolated(
 
     given = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
     about = ask({"kind": kind, "path": str(path), "options": given}, progress).table
+    lists = {name: tuple(about[name]) for name in ("notes", "angles_deg")}
     return LazyRecording(
-        name=about["name"],
-        description=about["description"],
-        location=about["location"],
-        notes=tuple(about["notes"]),
-        angles_deg=tuple(about["angles_deg"]),
-        intrinsics=Intrinsics(**about["intrinsics"]),
+        **{**about, **lists, "intrinsics": Intrinsics(**about["intrinsics"])},
         read=lambda view_index: ViewImages(**ask({"view": view_index}).arrays),
     )
 
 
 def _is_realsense(path: Path) -> bool:
-    from flatcloth.recordings.realsense.player import is_realsense
+    from flatcloth.recordings.realsense.player import is_realsense  # opening other kinds does not load it
 
-    return path.is_file() and is_realsense(path)
+    return is_realsense(path)
 
 
 def _open_realsense(path: Path, options: SourceOptions) -> Recording:
@@ -83,15 +82,15 @@ def _open_realsense(path: Path, options: SourceOptions) -> Recording:
 
 
 def _is_ros(path: Path) -> bool:
-    if path.is_dir():
-        with contextlib.suppress(OSError), open_plain(path / "metadata.yaml") as file:
-            return b"rosbag2_bagfile_information" in file.read(65_536)
-        return False
-    try:
+    with contextlib.suppress(OSError):  # not readable: opening it reports the error
+        if path.is_dir():
+            with contextlib.suppress(OSError), open_plain(path / "metadata.yaml") as file:
+                return b"rosbag2_bagfile_information" in file.read(65_536)
+            return any(_is_ros(file) and not _is_realsense(file) for file in data_files(path))
         with open_plain(path) as file:
-            return file.read(16).startswith(_ROS_STARTS)
-    except OSError:  # not readable: opening it reports the error
-        return False
+            start = file.read(16)
+            return start.startswith(_ROS_STARTS) or (not start and path.suffix == ".mcap")
+    return False
 
 
 def _open_ros(path: Path, options: SourceOptions) -> Recording:
@@ -117,30 +116,21 @@ class _Reader:
     def answer(self, question: Mapping[str, Any], progress: Progress) -> Message:
         if self._recording is None:
             self._recording = _opened(question, progress)
-            return Message(
-                {
-                    "name": self._recording.name,
-                    "description": self._recording.description,
-                    "location": self._recording.location,
-                    "notes": list(getattr(self._recording, "notes", ())),
-                    "intrinsics": dataclasses.asdict(self._recording.intrinsics),
-                    "angles_deg": list(self._recording.angles_deg),
-                }
-            )
+            about = {name: getattr(self._recording, name, ()) for name in _ABOUT}
+            return Message({**about, "intrinsics": dataclasses.asdict(self._recording.intrinsics)})
         frame = self._recording[question["view"]]
         return Message({}, {"color": frame.color, "depth_m": frame.depth_m})
 
 
 def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
     path, options = Path(question["path"]), question["options"]
-    options = {k: Path(v) if k in ("table", "angles") and v is not None else v for k, v in options.items()}
     if question["kind"] == "ros":
         from flatcloth.recordings.ros.recording import open_ros
 
-        return open_ros(path, GivenAngles(**options), progress)
+        return open_ros(path, fitted(options, GivenAngles), progress)
     from flatcloth.recordings.realsense.turned import TurnOptions, open_realsense
 
-    return open_realsense(path, TurnOptions(**options), progress)
+    return open_realsense(path, fitted(options, TurnOptions), progress)
 
 
 def main() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,17 +9,16 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from flatcloth.core.decoding import Finite, MisfitError, Vector3, fitted
+from flatcloth.core.decoding import Finite, MisfitError, Vector3, fitted, unread
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64, Intrinsics, RotationAxis
-from flatcloth.recordings.files.camera import Lens, checked_intrinsics, checked_lens
-from flatcloth.recordings.files.text import Fail, failing, inside, load_json, one_line
+from flatcloth.recordings.files.camera import Lens, checked_direction, checked_intrinsics, checked_lens
+from flatcloth.recordings.files.text import Fail, failing, inside, load_table, one_line, unused
 from flatcloth.recordings.files.text import shortened as _short
-from flatcloth.recordings.film.angles import MAX_VIEWS, repeated
+from flatcloth.recordings.film.angles import check_distinct
 
 FORMAT = "flatcloth-recording/1"
 HEADER = "recording.json"
-_MODELS = ("none", "brown_conrady")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +28,8 @@ class ViewFiles:
     angle_deg: float
     color: Path
     depth: Path
-    mask: Path | None
-    truth: Path | None
+    mask: Path | None = None
+    truth: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,9 +47,9 @@ class Manifest:
     intrinsics: Intrinsics
     lens: Lens
     depth_scale_m: float
-    rotation_axis: RotationAxis | None
-    held_point_m: Float64 | None
     views: tuple[ViewFiles, ...]
+    rotation_axis: RotationAxis | None = None
+    held_point_m: Float64 | None = None
     truth: Any = None
     any_depth: bool = False
     notes: tuple[str, ...] = ()
@@ -69,7 +67,7 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / HEADER
     if not path.is_file():
         raise RecordingError(f"{path}: missing. A recording is a folder that contains {HEADER}.")
-    return _Reader(folder).manifest(load_json(path))
+    return _Reader(folder).manifest(load_table(path))
 
 
 class CameraOfHeader(msgspec.Struct, frozen=True):
@@ -103,8 +101,9 @@ class ViewOfHeader(msgspec.Struct, frozen=True):
 
 
 class RecordingHeader(msgspec.Struct, frozen=True):
-    """The fields of ``recording.json`` that are used; others are ignored."""
+    """The fields of ``recording.json`` that are used; others are named in a note."""
 
+    format: Any
     intrinsics: CameraOfHeader
     views: tuple[ViewOfHeader, ...]
     name: str = ""
@@ -133,8 +132,6 @@ class _Reader:
             self._fail(f"{error.where or 'the file'} is {error.found}", remedy)
         intrinsics, lens = self._camera(header.intrinsics)
         axis, turns = self._axis(header.rotation_axis)
-        scale = self._depth_scale(header.depth_scale_m)
-        views = self._views(header.views, turns)
         held = header.held_point_m
         return Manifest(
             folder=self._folder,
@@ -142,11 +139,12 @@ class _Reader:
             description=one_line(header.description),
             intrinsics=intrinsics,
             lens=lens,
-            depth_scale_m=scale,
+            depth_scale_m=self._depth_scale(header.depth_scale_m),
             rotation_axis=axis,
             held_point_m=None if held is None else self._point(held, "held_point_m"),
-            views=views,
+            views=self._views(header.views, turns),
             truth=header.truth,
+            notes=tuple(unused(self._path, list(unread(raw, RecordingHeader)))),
         )
 
     def _check_format(self, found: Any) -> None:
@@ -167,37 +165,15 @@ class _Reader:
         size = (self._size(given.width, "width"), self._size(given.height, "height"))
         focal, center = (given.fx, given.fy), (given.cx, given.cy)
         intrinsics = checked_intrinsics(size, focal, center, self._fail, "intrinsics.")
-        return intrinsics, self._lens(given, intrinsics)
-
-    def _lens(self, given: CameraOfHeader, intrinsics: Intrinsics) -> Lens:
-        model, numbers = given.distortion_model, list(given.distortion)
-        if model not in _MODELS:
-            self._fail(
-                f"intrinsics.distortion_model {_short(model)} is unknown", f"Known are {', '.join(_MODELS)}."
-            )
-        if model == "none" and any(numbers):
-            self._fail(
-                "intrinsics.distortion has numbers, but distortion_model is none",
-                "Set brown_conrady, or empty the list.",
-            )
-        if model == "brown_conrady" and len(numbers) not in (4, 5):
-            self._fail(f"intrinsics.distortion has {len(numbers)} numbers", "Write [k1, k2, p1, p2, k3].")
-        return checked_lens(intrinsics, numbers, self._fail, "intrinsics.")
+        model, numbers = given.distortion_model, given.distortion
+        return intrinsics, checked_lens(intrinsics, numbers, self._fail, "intrinsics.", model)
 
     def _axis(self, given: AxisOfHeader | None) -> tuple[RotationAxis | None, float]:
         """Return the axis, and the sign (1 or -1) of the file's angles about it."""
         if given is None:
             return None, 1.0
         point = self._point(given.point_m, "rotation_axis.point_m")
-        direction = np.array(given.direction)
-        length = math.hypot(*direction)
-        if abs(length - 1) > 1e-3:
-            self._fail(f"rotation_axis.direction has length {length:g}", "Give a unit vector.")
-        direction = direction / length
-        if abs(direction[2]) > 0.9:
-            self._fail(
-                "the camera looks along rotation_axis.direction", "It must see the item from the side."
-            )
+        direction = checked_direction(np.array(given.direction), self._fail, "rotation_axis.direction ")
         # Inside the program the axis points up (y is down); a rotation about the opposite direction has
         # the opposite sign.
         turns = -1.0 if direction[1] > 0 else 1.0
@@ -206,45 +182,28 @@ class _Reader:
     def _views(self, given: tuple[ViewOfHeader, ...], turns: float) -> tuple[ViewFiles, ...]:
         if not given:
             self._fail("views is empty", "List at least one view.")
-        if len(given) > MAX_VIEWS:
-            self._fail(f"{len(given)} views", f"At most {MAX_VIEWS} are read: split the recording.")
-        views = tuple(self._view(view, f"views[{i}]", turns) for i, view in enumerate(given))
-        self._check_angles([v.angle_deg for v in views])
-        self._check_masks(views)
-        return views
-
-    def _check_angles(self, angles_deg: list[float]) -> None:
-        found = repeated(angles_deg)
-        if found is not None:
-            first, second = found
-            self._fail(
-                f"views[{second}] has the angle of views[{first}] ({abs(angles_deg[first]):g} degrees)",
-                "Every view needs its own angle, also modulo 360: correct or remove one.",
-            )
-
-    def _check_masks(self, views: tuple[ViewFiles, ...]) -> None:
+        names = [f"views[{n}]" for n in range(len(given))]
+        check_distinct([view.angle_deg for view in given], f"{self._path}:", names)
+        views = tuple(self._view(view, name, turns) for view, name in zip(given, names, strict=True))
         without = [i for i, v in enumerate(views) if v.mask is None]
         if 0 < len(without) < len(views):
             self._fail(
                 f"views[{without[0]}] has no mask, but other views have one",
                 "Give every view a mask, or none: the side of interest must be the same in all.",
             )
+        return views
 
     def _view(self, given: ViewOfHeader, where: str, turns: float) -> ViewFiles:
         if abs(given.angle_deg) > 3600:
             self._fail(f"{where}.angle_deg is {given.angle_deg:g}", "Give degrees since view 0.")
         if given.depth is None:
             self._fail(f"{where} has no depth image", "flatcloth needs depth in every view.")
-        return ViewFiles(
-            angle_deg=turns * given.angle_deg + 0.0,  # + 0.0 makes a negative zero positive
-            color=self._file(given.color, f"{where}.color"),
-            depth=self._file(given.depth, f"{where}.depth"),
-            mask=None if given.mask is None else self._file(given.mask, f"{where}.mask"),
-            truth=None if given.truth is None else self._file(given.truth, f"{where}.truth"),
-        )
-
-    def _file(self, value: str | None, where: str) -> Path:
-        return inside(self._folder, value, self._path, where)
+        files = {
+            kind: inside(self._folder, name, self._path, f"{where}.{kind}")
+            for kind in ("color", "depth", "mask", "truth")
+            if (name := getattr(given, kind)) is not None or kind == "color"
+        }
+        return ViewFiles(angle_deg=turns * given.angle_deg + 0.0, **files)  # + 0.0: no negative zero
 
     def _size(self, number: float, name: str) -> int:
         if not number.is_integer() or not 8 <= number <= 16384:

@@ -6,16 +6,23 @@ They are options of its source, so that a session keeps them, and a resumed sess
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
+import msgspec
 import numpy as np
 
+from flatcloth.core.decoding import Finite, MisfitError, fitted
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Intrinsics, RgbdFrame, Uint8
 from flatcloth.recordings.base import Recording, ViewImages, altered
+
+T = TypeVar("T")
+Factor = Annotated[float, msgspec.Meta(ge=1e-4, le=1e4)]
+View = Annotated[int, msgspec.Meta(ge=0)]
+Pixels = Annotated[float, msgspec.Meta(gt=-1e4, lt=1e4)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +37,8 @@ class Mends:
         All angles are multiplied by it.
     view_angles : tuple of (view, degrees)
         The angles of single views, as if recorded.
+    depth_views : tuple of (view, view)
+        The first has the depth of the second; color, masks and angle stay.
     leave_out : tuple of int
         Views that are not read; later views count on without them.
     estimate_axis : bool
@@ -49,18 +58,19 @@ class Mends:
     """
 
     reverse: bool = False
-    angle_factor: float = 1.0
-    view_angles: tuple[tuple[int, float], ...] = ()
-    leave_out: tuple[int, ...] = ()
+    angle_factor: Factor = 1.0
+    view_angles: tuple[tuple[View, Finite], ...] = ()
+    depth_views: tuple[tuple[View, View], ...] = ()
+    leave_out: tuple[View, ...] = ()
     estimate_axis: bool = False
     mirror: bool = False
-    rotate: int = 0
-    color_shift: tuple[float, float] = (0.0, 0.0)
-    color_scale: float = 1.0
+    rotate: Annotated[int, msgspec.Meta(ge=0, le=270, multiple_of=90)] = 0
+    color_shift: tuple[Pixels, Pixels] = (0.0, 0.0)
+    color_scale: Factor = 1.0
     invert_masks: bool = False
     without_masks: bool = False
-    depth_factor: float = 1.0
-    focal_factor: float = 1.0
+    depth_factor: Factor = 1.0
+    focal_factor: Factor = 1.0
 
     def __bool__(self) -> bool:
         """Return whether anything is changed."""
@@ -69,7 +79,7 @@ class Mends:
     def to_dict(self) -> dict[str, Any]:
         """Return what is changed, for JSON."""
         return {
-            field.name: _plain(value)
+            field.name: value
             for field in dataclasses.fields(self)
             if (value := getattr(self, field.name)) != field.default
         }
@@ -83,113 +93,105 @@ class Mends:
         RecordingError
             If a name is unknown or a value is invalid.
         """
-        made: dict[str, Any] = {}
-        for name, value in values.items():
-            if name not in _READ:
-                raise RecordingError(f"{where}: unknown mend {name!r:.60}. Known are {', '.join(_READ)}.")
-            read, give = _READ[name]
-            try:
-                made[name] = read(value)
-            except (TypeError, ValueError, OverflowError) as error:
-                raise RecordingError(f"{where}: {name} is {value!r:.60}. {give}.") from error
-        return cls(**made)
+        return options_of(cls, values, where)
 
     def then(self, more: Mends) -> Mends:
         """Return mends of a recording that is read with these already; single views are named as in it."""
-        own = dict(self.view_angles) | dict(more.view_angles)
+        (right, down), (more_right, more_down) = self.color_shift, more.color_shift
+        factors = ("angle_factor", "color_scale", "depth_factor", "focal_factor")
         return Mends(
-            reverse=self.reverse != more.reverse,
-            angle_factor=self.angle_factor * more.angle_factor,
-            view_angles=tuple(sorted(own.items())),
+            view_angles=tuple(sorted((dict(self.view_angles) | dict(more.view_angles)).items())),
+            depth_views=tuple(sorted((dict(self.depth_views) | dict(more.depth_views)).items())),
             leave_out=tuple(sorted({*self.leave_out, *more.leave_out})),
             estimate_axis=self.estimate_axis or more.estimate_axis,
-            mirror=self.mirror != more.mirror,
             rotate=(self.rotate + more.rotate) % 360,
-            color_shift=(
-                self.color_shift[0] + more.color_shift[0],
-                self.color_shift[1] + more.color_shift[1],
-            ),
-            color_scale=self.color_scale * more.color_scale,
-            invert_masks=self.invert_masks != more.invert_masks,
+            color_shift=(right + more_right, down + more_down),
             without_masks=self.without_masks or more.without_masks,
-            depth_factor=self.depth_factor * more.depth_factor,
-            focal_factor=self.focal_factor * more.focal_factor,
+            **{name: getattr(self, name) * getattr(more, name) for name in factors},
+            **{name: getattr(self, name) != getattr(more, name) for name in _TWICE_IS_NONE},
         )
 
     def words(self) -> str:
         """Return the options of the command line that make these mends."""
         said: list[str] = []
         for name, value in self.to_dict().items():
-            option = f"--{name.replace('_', '-')}"
-            if value is True:
-                said.append(option)
-            elif name == "view_angles":
-                said.append(f"{option} {','.join(f'{view}={angle:g}' for view, angle in value)}")
+            said.append(f"--{name.replace('_', '-')}")
+            if name == "view_angles":
+                said.append(",".join(f"{view}={angle:g}" for view, angle in value))
+            elif name == "depth_views":
+                said.append(",".join(_runs(self.depth_views)))
             elif name == "leave_out":
-                said.append(f"{option} {','.join(map(str, value))}")
-            elif isinstance(value, list):
-                said.append(f"{option} {' '.join(f'{v:g}' for v in value)}")
-            else:
-                said.append(f"{option} {value:.4g}")
+                said.append(",".join(map(str, value)))
+            elif value is not True:
+                said += [f"{v:g}" for v in value] if isinstance(value, tuple) else [f"{value:.4g}"]
         return " ".join(said)
 
 
-def _plain(value: Any) -> Any:
-    return [_plain(v) for v in value] if isinstance(value, tuple) else value
+def _runs(pairs: Sequence[tuple[int, int]]) -> list[str]:
+    """Return pairs of views as runs: ``0-34=1-35``."""
+    runs: list[list[tuple[int, int]]] = []
+    for view, other in pairs:
+        step = (other - runs[-1][-1][1]) if runs and view == runs[-1][-1][0] + 1 else 0
+        is_on = abs(step) == 1 and (len(runs[-1]) < 2 or runs[-1][1][1] - runs[-1][0][1] == step)
+        runs[-1:] = [[*runs[-1], (view, other)]] if is_on else [*runs[-1:], [(view, other)]]
+    ends = [zip(run[0], run[-1], strict=True) if len(run) > 1 else zip(run[0], strict=True) for run in runs]
+    return ["=".join("-".join(map(str, side)) for side in sides) for sides in ends]
 
 
-def yes_or_no(value: Any) -> bool:
-    """Return the value of a switch in a table; raises ``ValueError`` if it is neither on nor off."""
-    known = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-    return known[str(value).lower()] if str(value).lower() in known else _refuse(value)
-
-
-def _factor(value: Any) -> float:
-    factor = float(value)
-    return factor if 1e-4 <= factor <= 1e4 else _refuse(value)
-
-
-def _list(value: Any) -> list[Any]:
-    return value.replace(",", " ").split() if isinstance(value, str) else list(value)
-
-
-def _views(value: Any) -> tuple[int, ...]:
-    views = tuple(int(v) for v in _list(value))
-    return views if all(v >= 0 for v in views) else _refuse(value)
-
-
-def _angles(value: Any) -> tuple[tuple[int, float], ...]:
-    pairs = [v.split("=") if isinstance(v, str) else v for v in _list(value)]
-    found = tuple((int(view), float(angle)) for view, angle in pairs)
-    return found if all(v >= 0 and math.isfinite(a) for v, a in found) else _refuse(value)
-
-
-def _turn(value: Any) -> int:
-    turn = int(value)
-    return turn if turn in (0, 90, 180, 270) else _refuse(value)
-
-
-def _shift(value: Any) -> tuple[float, float]:
-    right, down = (float(v) for v in _list(value))
-    return (right, down) if max(abs(right), abs(down)) < 1e4 else _refuse(value)
-
-
-def _refuse(value: Any) -> Any:
-    raise ValueError(f"{value!r:.60}")
-
-
-_YES, _FACTOR = (yes_or_no, "Give yes or no"), (_factor, "Give a factor above 0, such as 2")
-_READ: dict[str, tuple[Callable[[Any], Any], str]] = {
-    **dict.fromkeys(("reverse", "estimate_axis", "mirror", "invert_masks", "without_masks"), _YES),
-    **dict.fromkeys(("angle_factor", "color_scale", "depth_factor", "focal_factor"), _FACTOR),
-    "view_angles": (_angles, "Give views and their degrees, such as 7=70"),
-    "leave_out": (_views, "Give the numbers of views"),
-    "rotate": (_turn, "Give 90, 180 or 270"),
-    "color_shift": (_shift, "Give two numbers of pixels, right and down"),
-}
-"""What reads the value of each mend, and what to give if it cannot."""
-MEND_NAMES = tuple(_READ)
+_TWICE_IS_NONE = ("reverse", "mirror", "invert_masks")
+"""Mends that undo themselves. By definition."""
+MENDS = tuple(field.name for field in dataclasses.fields(Mends))
 """The names of all mends."""
+_GIVE = {
+    "view_angles": "views and their degrees, such as 7=70",
+    "depth_views": "views and those whose depth they have, such as 0-34=1-35",
+    "leave_out": "the numbers of views",
+    "rotate": "90, 180 or 270",
+    "color_shift": "two numbers of pixels, right and down",
+    "angles": "the name of a file",
+    "camera_file": "the name of a file",
+    "fov_deg": "two angles in degrees, horizontal and vertical",
+    "sweep": "forth or back",
+}
+"""What to give for an option, where its type says too little."""
+
+
+def options_of(kind: type[T], values: Mapping[str, Any], where: str) -> T:
+    """Read options from a table: of JSON, or of the command line and CSV files, whose values are text.
+
+    Raises
+    ------
+    RecordingError
+        If a name is unknown or a value is invalid.
+    """
+    types = {field.name: str(field.type) for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    for name, value in values.items():
+        if name not in types:
+            raise RecordingError(f"{where}: unknown option {name!r:.60}. Known are {', '.join(types)}.")
+        try:
+            if "\0" in str(value):  # no file has it in its name
+                raise MisfitError(name, "text with a zero character", "")
+            fitted({name: _untexted(value, types[name])}, kind, strict=False)
+        except MisfitError as error:
+            give = _GIVE.get(name, error.expected or "another value")
+            raise RecordingError(f"{where}: {name} is {value!r:.60}. Give {give}.") from error
+    return fitted({n: _untexted(v, types[n]) for n, v in values.items()}, kind, strict=False)
+
+
+def _untexted(value: Any, kind: str) -> Any:
+    if isinstance(value, str) and kind.startswith("tuple"):
+        return [each for item in value.replace(",", " ").split() for each in _listed(item)]
+    return {"yes": True, "no": False}.get(str(value).lower(), value) if kind.startswith("bool") else value
+
+
+def _listed(item: str) -> list[Any]:
+    """Return what an item of a list says: itself, a pair, or the pairs of a run of views (``0-34=1-35``)."""
+    if run := re.fullmatch(r"(\d+)-(\d+)=(\d+)-(\d+)", item, re.ASCII):
+        one, last, other, its_last = map(int, run.groups())
+        if 0 <= last - one == abs(its_last - other) < 10_000:
+            way = 1 if other <= its_last else -1
+            return [(one + n, other + way * n) for n in range(last - one + 1)]
+    return [item.split("=") if "=" in item else item]
 
 
 def mended(recording: Recording, mends: Mends) -> Recording:
@@ -202,18 +204,23 @@ def mended(recording: Recording, mends: Mends) -> Recording:
     """
     if not mends:
         return recording
-    named = [*mends.leave_out, *(view for view, _ in mends.view_angles)]
+    depth_of = dict(mends.depth_views)
+    named = [*mends.leave_out, *(view for view, _ in mends.view_angles), *depth_of, *depth_of.values()]
     wrong = [view for view in named if view >= len(recording)]
     kept = [n for n in range(len(recording)) if n not in mends.leave_out]
     if wrong or not kept:
         cause = f"has no view {wrong[0]}" if wrong else "has no view left"
-        raise RecordingError(f"{recording.location}: {cause}. Correct --leave-out or --view-angles.")
+        raise RecordingError(
+            f"{recording.location}: {cause}. Correct --leave-out, --view-angles or --depth-views."
+        )
     own = dict(mends.view_angles)
     sign = -mends.angle_factor if mends.reverse else mends.angle_factor
     angles = [sign * own.get(n, recording.angles_deg[n]) for n in kept]
 
     def read(view: int) -> ViewImages:
         frame = recording[kept[view]]
+        if kept[view] in depth_of:
+            frame = dataclasses.replace(frame, depth_m=recording[depth_of[kept[view]]].depth_m)
         return _images(frame, mends)
 
     return altered(
@@ -236,22 +243,21 @@ def _camera(k: Intrinsics, mends: Mends) -> Intrinsics:
 
 
 def _images(frame: RgbdFrame, mends: Mends) -> ViewImages:
-    color, depth_m = frame.color, frame.depth_m
+    depth_m = frame.depth_m
     masks = [None if mends.without_masks else mask for mask in (frame.mask, frame.other_mask)]
     if mends.invert_masks:
         masks = [None if mask is None else ~mask & (depth_m > 0) for mask in masks]
     if mends.depth_factor != 1.0:
         depth_m = depth_m * np.float32(mends.depth_factor)
-    color = scaled_color(color, mends.color_scale, mends.color_shift)
-    if mends.mirror:
-        color, depth_m = np.ascontiguousarray(color[:, ::-1]), np.ascontiguousarray(depth_m[:, ::-1])
-        masks = [None if mask is None else np.ascontiguousarray(mask[:, ::-1]) for mask in masks]
-    turns = -(mends.rotate // 90)  # numpy turns anticlockwise
-    if turns:
-        color = np.ascontiguousarray(np.rot90(color, turns))
-        depth_m = np.ascontiguousarray(np.rot90(depth_m, turns))
-        masks = [None if mask is None else np.ascontiguousarray(np.rot90(mask, turns)) for mask in masks]
-    return ViewImages(color, depth_m, *masks)
+
+    def turned(image: Any) -> Any:
+        image = image[:, ::-1] if mends.mirror else image
+        return np.ascontiguousarray(np.rot90(image, -(mends.rotate // 90)))  # numpy turns anticlockwise
+
+    color = scaled_color(frame.color, mends.color_scale, mends.color_shift)
+    return ViewImages(
+        turned(color), turned(depth_m), *(None if mask is None else turned(mask) for mask in masks)
+    )
 
 
 def scaled_color(color: Uint8, scale: float, shift_px: tuple[float, float]) -> Uint8:

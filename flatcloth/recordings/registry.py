@@ -80,11 +80,9 @@ def format_of(path: Path, options: SourceOptions) -> Format | None:
 
 
 def _recognises(form: Format, path: Path) -> bool:
-    if form in BUILT_IN:
-        return form.recognises(path)
     try:
         return bool(form.recognises(path))
-    except Exception:  # noqa: BLE001 - another package's code
+    except Exception:  # noqa: BLE001 - it may be another package's code
         _log.exception("The format %s failed to examine %s.", form.name, path)
         return False
 
@@ -113,9 +111,5 @@ def open_by(form: Format, path: Path, options: SourceOptions) -> Recording:
 
 def recordings_below(path: Path) -> tuple[Path, ...]:
     """Return the sources of a data set if a folder is one of a known layout or a part of it."""
-    for form in every_format():
-        if form.recordings_below is not None:
-            found = tuple(form.recordings_below(path))
-            if found:
-                return found
-    return ()
+    asked = (form.recordings_below for form in every_format() if form.recordings_below is not None)
+    return next(filter(None, (tuple(below(path)) for below in asked)), ())

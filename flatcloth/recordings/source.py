@@ -7,18 +7,18 @@ A format is one module that offers a :class:`Format`. The formats of this packag
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from msgspec import Meta
+
+from flatcloth.core.decoding import Finite
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.film.angles import GivenAngles
-from flatcloth.recordings.mending import MEND_NAMES, Mends, yes_or_no
-
-SWEEPS = ("forth", "back")
+from flatcloth.recordings.mending import MENDS, Mends, options_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,19 +34,20 @@ class SourceOptions:
     """
 
     angles: Path | None = None
-    step_deg: float | None = None
+    step_deg: Finite | None = None
     camera_file: Path | None = None
-    fov_deg: tuple[float, float] | None = None
-    turning_deg: float | None = None
-    sweep: str | None = None
-    format: str | None = None
+    fov_deg: tuple[Finite, Finite] | None = None
+    turning_deg: Finite | None = None
+    sweep: Literal["forth", "back"] | None = None
+    format: Annotated[str, Meta(max_length=1024)] | None = None
     mends: Mends | None = None
     as_recorded: bool | None = None
 
     @property
     def given_angles(self) -> GivenAngles:
         """The options about the angles."""
-        return GivenAngles(table=self.angles, step_deg=self.step_deg)
+        factor = 1.0 if self.mends is None else self.mends.angle_factor
+        return GivenAngles(table=self.angles, step_deg=self.step_deg, factor=factor)
 
     def refuse(self, source: str, *names: str) -> None:
         """Raise if options were given that do not apply to a source.
@@ -104,29 +105,19 @@ class SourceOptions:
             If a name is unknown or a value is invalid.
         """
         known = {name: value for name, value in values.items() if value not in (None, "")}
-        mends = {name: known.pop(name) for name in MEND_NAMES if name in known}
-        unknown = sorted(set(known) - set(_READ))
-        if unknown:
-            names = ", ".join((*_READ, *MEND_NAMES))
-            raise RecordingError(f"{where}: unknown option {unknown[0]!r:.60}. Known are {names}.")
-        made = {name: _READ[name](value, f"{where}: {name}") for name, value in known.items()}
+        mends = {name: known.pop(name) for name in MENDS if name in known}
         if mends:
-            made["mends"] = Mends.from_dict(mends, where)
+            known["mends"] = Mends.from_dict(mends, where)
         for name in ("angles", "camera_file"):
-            if name in made and base is not None:
-                made[name] = base / made[name].expanduser()
-        return cls(**made)
+            if base is not None and isinstance(known.get(name), str):
+                known[name] = base / Path(known[name]).expanduser()
+        return options_of(cls, known, where)
 
 
 OPTION_NAMES = {
-    "angles": "--angles",
-    "step_deg": "--step",
-    "camera_file": "--camera-file",
-    "fov_deg": "--fov",
-    "turning_deg": "--turning",
-    "sweep": "--sweep",
-    "format": "--format",
-    "as_recorded": "--as-recorded",
+    field.name: f"--{field.name.removesuffix('_deg').replace('_', '-')}"
+    for field in dataclasses.fields(SourceOptions)
+    if field.name != "mends"
 }
 """Names of the options on the command line."""
 
@@ -163,55 +154,3 @@ class Format:
     recognises: Callable[[Path], bool]
     open: Callable[[Path, SourceOptions], Recording]
     recordings_below: Callable[[Path], Sequence[Path]] | None = None
-
-
-def _text(value: Any, where: str) -> str:
-    if not isinstance(value, str) or not value.isprintable() or len(value) > 1024:
-        raise RecordingError(f"{where} is not a text. Write a name.")
-    return value
-
-
-def _path(value: Any, where: str) -> Path:
-    return Path(_text(value, where))
-
-
-def _number(value: Any, where: str) -> float:
-    try:
-        number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise RecordingError(f"{where} is not a number. Give degrees.")
-    return number
-
-
-def _pair(value: Any, where: str) -> tuple[float, float]:
-    parts = value.replace(",", " ").split() if isinstance(value, str) else value
-    if not isinstance(parts, list | tuple) or len(parts) != 2:
-        raise RecordingError(f"{where} is not a pair of numbers. Give two, horizontal and vertical.")
-    return _number(parts[0], where), _number(parts[1], where)
-
-
-def _sweep(value: Any, where: str) -> str:
-    if value not in SWEEPS:
-        raise RecordingError(f"{where} is unknown. Choose one of {', '.join(SWEEPS)}.")
-    return str(value)
-
-
-def _flag(value: Any, where: str) -> bool:
-    try:
-        return yes_or_no(value)
-    except ValueError as error:
-        raise RecordingError(f"{where} is {value!r:.60}. Give yes or no.") from error
-
-
-_READ: dict[str, Callable[[Any, str], Any]] = {
-    "angles": _path,
-    "step_deg": _number,
-    "camera_file": _path,
-    "fov_deg": _pair,
-    "turning_deg": _number,
-    "sweep": _sweep,
-    "format": _text,
-    "as_recorded": _flag,
-}

@@ -11,6 +11,7 @@ import itertools
 import json
 import math
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from flatcloth.core.decoding import fitted, parse_json
 from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import read_plain, replace_file, sync_folder
 from flatcloth.core.types import Bool, Intrinsics, RotationAxis, Uint8
-from flatcloth.recordings.film.angles import MAX_VIEWS, TOLERANCE_DEG, apart_deg
+from flatcloth.recordings.film.angles import check_distinct
 from flatcloth.recordings.folder import open_folder
 from flatcloth.recordings.manifest import FORMAT, HEADER, RecordingHeader
 
@@ -83,13 +84,9 @@ class RecordingWriter:
             "format": FORMAT,
             "name": name,
             "description": description,
-            "intrinsics": {
-                "width": intrinsics.width, "height": intrinsics.height,
-                "fx": intrinsics.fx, "fy": intrinsics.fy, "cx": intrinsics.cx, "cy": intrinsics.cy,
-                "distortion_model": "none", "distortion": [],
-            },
+            "intrinsics": {**asdict(intrinsics), "distortion_model": "none", "distortion": []},
             "depth_scale_m": depth_scale_m,
-        }  # fmt: skip
+        }
         if rotation_axis is not None:
             self._header["rotation_axis"] = {
                 "point_m": np.asarray(rotation_axis.point_m, dtype=float).tolist(),
@@ -102,12 +99,8 @@ class RecordingWriter:
         self._views: list[dict[str, Any]] = []
         self._lock_fd: int | None = None
         try:
-            self._open(resume)
-        except OSError as error:
-            self.close()
-            raise RecordingError(
-                f"{self._folder}: cannot be written ({error.strerror}). Choose a writable folder."
-            ) from error
+            with os_errors_as(RecordingError, f"{folder}: cannot be written", "Choose a writable folder."):
+                self._open(resume)
         except BaseException:
             self.close()
             raise
@@ -269,15 +262,10 @@ class RecordingWriter:
         where = f"{self._folder}: view {len(self._views)}"
         if self._lock_fd is None:
             raise RecordingError(f"{self._folder}: the recording is closed. Open it again with resume=True.")
-        if len(self._views) >= MAX_VIEWS:
-            raise RecordingError(f"{where} exceeds the limit of {MAX_VIEWS} views.")
         if not math.isfinite(angle_deg) or abs(angle_deg) > 3600:
             raise RecordingError(f"{where} has the angle {angle_deg}. Give degrees since view 0.")
-        if any(apart_deg(angle_deg, taken) < TOLERANCE_DEG for taken in self.angles_deg):
-            raise RecordingError(
-                f"{where} repeats an angle ({angle_deg:g} degrees). "
-                "Every view needs its own angle, also modulo 360."
-            )
+        names = [f"view {n}" for n in range(len(self._views) + 1)]
+        check_distinct([*self.angles_deg, angle_deg], f"{self._folder}:", names)
         if not images["depth"].any():
             raise RecordingError(f"{where} has no depth, every pixel is 0. Record it again.")
         for kind in ("mask", "truth"):

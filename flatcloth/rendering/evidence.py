@@ -44,7 +44,7 @@ def evidence(recording: Recording, finding: Finding) -> Uint8 | None:
     told = [("as recorded", recording)]
     if finding.mends:
         told.append((f"with {finding.mends[0].words()}"[:60], mended(recording, finding.mends[0])))
-    draw = _turned if finding.picture == "turned" else _outlined
+    draw = _turned if len(set(finding.views)) > 1 else _outlined
     views = [_index(made, view, recording) for made in (told[-1][1],) for view in finding.views]
     pictures = [
         _captioned(_fitted(draw(made, finding.views if made is recording else tuple(views))), text)

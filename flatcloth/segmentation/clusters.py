@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.graphs import by_cell, cell_of
 from flatcloth.core.types import Float32, Float64, Int32, Int64
 from flatcloth.registration.axis import THREADS

@@ -13,9 +13,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Float64, Int64, Progress, no_progress
 from flatcloth.segmentation.relations import SignedGraph
 from flatcloth.segmentation.settings import SegmentationConfig

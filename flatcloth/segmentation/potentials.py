@@ -12,10 +12,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import LinearOperator, cg, splu
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Float64, Int64
 from flatcloth.segmentation.partition import CORE_NODES, partition
 from flatcloth.segmentation.relations import SignedGraph

@@ -13,8 +13,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.segmentation.partition import partition
 from flatcloth.segmentation.potentials import Potentials

@@ -92,7 +92,7 @@ class SessionFolder:
             name = "" if error.filename is None else f"{Path(os.fsdecode(error.filename)).name}: "
             raise JournalError(
                 f"{folder}: cannot be used as session folder ({name}{error.strerror})."
-                " Choose a writable folder."
+                " Choose a writable folder, by --session or --out, or set XDG_STATE_HOME to one."
             ) from error
         except BaseException:
             _close(opened, lock_fd)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
 from flatcloth.shape.graph import Graph
 from flatcloth.shape.layout import LAMBDA, Minimum

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.geometry import Rigid3, tangent_basis
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.observations import Nodes, Observation

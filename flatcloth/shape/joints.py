@@ -8,10 +8,10 @@ crossed by pairs that few views see (``docs/robust.md``).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.graph import Graph
 from flatcloth.shape.pieces import LEAST_EVIDENCE, LEAST_PIECE, both_ends

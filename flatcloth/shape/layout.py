@@ -15,8 +15,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Complex128, Float64, Int32
 from flatcloth.flattening.bands import Order, PairForm, factored, order_of, solved
 from flatcloth.shape.graph import Graph

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.geometry import Rigid3, project, tangent_basis

@@ -9,9 +9,9 @@ side by side in space. Where they are not, a false link joins what is apart.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.spatial import cKDTree
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.graphs import components, cut_between, grouped
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.graph import Graph, evidence_of_nodes, uv_of

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flatcloth.core.errors import SynthesisError
-from flatcloth.core.geometry import Rigid3, camera_from_object, rotation_about
+from flatcloth.core.geometry import Rigid3, camera_from_object
 from flatcloth.core.types import Bool, Float64, Intrinsics, RotationAxis, Uint8
 from flatcloth.recordings.writer import Uint16
-from flatcloth.synthesis.recording import HungItem, Request, depth_unit_m, hung_item, sensor_of
+from flatcloth.synthesis.hanging import swung
+from flatcloth.synthesis.recording import HungItem, Request, depth_unit_m, hung_item, sensor_of, truth_header
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +62,7 @@ class Cell:
         most_seen: bool = False,
     ) -> None:
         self._request, self._start_deg = request, start_deg
-        self._item = hung_item(request, with_truth=False)
+        self._item = hung_item(request)
         if most_seen:
             self._item = replace(self._item, panel_of_interest=_most_seen(self._item, request.camera))
         self._look = sensor_of(request, self._item)
@@ -70,11 +71,7 @@ class Cell:
         self.depth_scale_m = depth_unit_m(request)
         self.axis: RotationAxis = self._item.hung.axis
         self.held_point_m: Float64 = self._item.hung.held_point_m
-        self.truth_header = {
-            "garment": request.mesh.name.partition(".")[0],
-            "held_at": "highest point" if request.held is None else "chosen point",
-            "panel_of_interest": self._item.panel_of_interest,
-        }
+        self.truth_header = truth_header(request, self._item)
 
     @property
     def points_m(self) -> Float64:
@@ -111,30 +108,18 @@ class Cell:
 
     def _pose(self, angle_deg: float, number: int) -> Rigid3:
         """Return the pose of the item, with the sway and the error of the turntable of this look."""
-        loose, held = self._request.loose, self.held_point_m
+        loose, hung = self._request.loose, self._item.hung
         random = np.random.default_rng([self._request.seed, 1, number])
-        length = float((self._item.hung.points_m - held)[:, 1].max())
+        length = float((hung.points_m - hung.held_point_m)[:, 1].max())
         tilt = random.normal(0, loose.swing_m / length, 2)
         error = random.normal(0, loose.angle_deg)
-        swing = rotation_about(np.array([0, 0, 1.0]), tilt[0]) @ rotation_about(
-            np.array([1.0, 0, 0]), tilt[1]
-        )
-        swung = Rigid3(swing, held - swing @ held)
-        return swung @ camera_from_object(self.axis, self._start_deg + angle_deg + error)
+        return swung(hung, tilt) @ camera_from_object(self.axis, self._start_deg + angle_deg + error)
 
 
 def _most_seen(item: HungItem, camera: Intrinsics) -> int:
     """Return the panel, 1 or 2, whose outer face covers more pixels of four views round the item."""
-    small = Intrinsics(
-        width=camera.width // 4,
-        height=camera.height // 4,
-        fx=camera.fx / 4,
-        fy=camera.fy / 4,
-        cx=(camera.cx - 1.5) / 4,
-        cy=(camera.cy - 1.5) / 4,
-    )
     pixels = np.zeros(2)
     for angle_deg in (0.0, 90.0, 180.0, 270.0):
-        view = item.scene.view(small, camera_from_object(item.hung.axis, angle_deg))
+        view = item.scene.view(camera, camera_from_object(item.hung.axis, angle_deg))
         pixels += [(view.outer & (view.panel == panel)).sum() for panel in (1, 2)]
     return int(pixels.argmax()) + 1

@@ -17,7 +17,6 @@ from scipy.sparse.linalg import splu
 from flatcloth.core.graphs import components
 from flatcloth.core.types import Float64, Int32
 from flatcloth.flattening.minimisation import minimise
-from flatcloth.synthesis.meshes import GarmentMesh
 from flatcloth.synthesis.panels import cut_to_disk, nodes_of, shared_edges, signed_areas
 
 _SIMILAR = (0.6, 1.6)
@@ -109,24 +108,6 @@ def flatten_panel(
         stretch=float(np.median(np.abs(lengths[0] / np.maximum(lengths[1], 1e-9) - 1))),
         # With v down, counterclockwise triangles have negative areas.
         flipped_share=float((signed_areas(placed) > 0).mean()),
-    )
-
-
-def pattern_panel(name: str, members: Int32, points_m: Float64, mesh: GarmentMesh) -> FlatPanel | None:
-    """Return a panel at its texture coordinates, not minimised; None without any that fit the cloth."""
-    if mesh.corner_uv is None:
-        return None
-    placed = _pattern_start(points_m[mesh.triangles[members]], mesh.corner_uv[members])
-    if placed is None:
-        return None
-    middle = (placed.reshape(-1, 2).min(axis=0) + placed.reshape(-1, 2).max(axis=0)) / 2
-    return FlatPanel(
-        name=name,
-        members=members,
-        corner_uv_m=placed - middle,
-        from_pattern=True,
-        stretch=0.0,
-        flipped_share=0.0,
     )
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3, camera_from_object, rotation_about
@@ -118,11 +118,7 @@ def turn(
     for n, angle in enumerate(angles_deg):
         tilt = random.normal(0, loose.swing_m / length, 2) if n > 0 else np.zeros(2)
         error = random.normal(0, loose.angle_deg) if n > 0 else 0.0
-        swing = rotation_about(np.array([0, 0, 1.0]), tilt[0]) @ rotation_about(
-            np.array([1.0, 0, 0]), tilt[1]
-        )
-        swung = Rigid3(swing, hung.held_point_m - swing @ hung.held_point_m)
-        poses.append(swung @ camera_from_object(hung.axis, angle))
+        poses.append(swung(hung, tilt) @ camera_from_object(hung.axis, angle))
         recorded.append(round(angle + error, 2))
     off = np.array([*random.normal(0, loose.axis_m, 2), 0.0])[[0, 2, 1]]
     twists = [0.0, *random.normal(0, loose.twist_deg, len(angles_deg) - 1)]
@@ -134,6 +130,12 @@ def turn(
             point_m=np.round(hung.axis.point_m + off, 4), direction=hung.axis.direction
         ),
     )
+
+
+def swung(hung: Hung, tilt: Float64) -> Rigid3:
+    """Return the pose of an item that swings about its held point, sideways and in depth (2,), radians."""
+    swing = rotation_about(np.array([0, 0, 1.0]), tilt[0]) @ rotation_about(np.array([1.0, 0, 0]), tilt[1])
+    return Rigid3(swing, hung.held_point_m - swing @ hung.held_point_m)
 
 
 def twisted(hung: Hung, twist_deg: float) -> Float64:
@@ -198,14 +200,10 @@ def _held_point(
 def _balancing(points: Float64) -> Float64:
     """Return the smallest rotation about the origin that brings the centroid of the points below it."""
     middle = points.mean(axis=0)
-    length = float(np.linalg.norm(middle))
-    if length < 1e-9:
+    if np.linalg.norm(middle) < 1e-9:
         return np.eye(3)
-    down = np.array([0.0, 1.0, 0.0])
-    cross = np.cross(middle / length, down)
-    sine, cosine = float(np.linalg.norm(cross)), float(middle @ down) / length
-    about = cross / sine if sine > 1e-9 else np.array([1.0, 0.0, 0.0])
-    return rotation_about(about, math.atan2(sine, cosine))
+    found: Float64 = Rotation.align_vectors(np.array([0.0, 1.0, 0.0]), middle)[0].as_matrix()
+    return found
 
 
 def _apart(angles_deg: list[float]) -> tuple[float, ...]:

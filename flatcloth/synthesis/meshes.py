@@ -1,12 +1,14 @@
-"""Reading garment meshes: OBJ (also gzipped) by this module, PLY and GLB by Open3D.
+"""Reading garment meshes: OBJ with its materials by this module, other formats by trimesh.
 
-OBJ has its own reader because Open3D's drops the groups and splits the surface where the texture
-coordinates do; both are needed to find the panels.
+trimesh and Open3D read OBJ too, but take a file whose faces name vertices that do not exist, drop the groups,
+and split the surface where the texture coordinates do; groups and surface are needed to find the panels.
 """
 
 from __future__ import annotations
 
 import gzip
+import io
+import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -14,23 +16,40 @@ from pathlib import Path
 
 import numpy as np
 
-from flatcloth.core.errors import RecordingError, SynthesisError
+from flatcloth.core.errors import SynthesisError, os_errors_as
 from flatcloth.core.plain_files import open_plain, read_plain
 from flatcloth.core.subprocess_worker import Worker, reader_errors_as
 from flatcloth.core.types import Float64, Int32, Uint8
-from flatcloth.recordings.files.images import decode_color, read_header
 from flatcloth.recordings.files.text import shortened
-from flatcloth.synthesis.native import MOST_TEXTURE_PIXELS
+from flatcloth.synthesis.texture_files import file_beside, read_texture
 
-SUFFIXES = (".obj", ".ply", ".glb")
-_MOST_TRIANGLES = 500_000
-"""Limits of a mesh file. Chosen: they bound time and memory; a face of an OBJ takes up to 20 microseconds."""
-_MOST_LINES = 4 * _MOST_TRIANGLES
-"""See ``_MOST_TRIANGLES``: a triangle has about a face, a vertex, a texture vertex and a normal."""
-_MOST_LINE_BYTES = 100_000
-"""See ``_MOST_TRIANGLES``."""
+SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
+_STARTS = {b"glTF": ".glb", b"ply": ".ply", b"OFF": ".off", b"COFF": ".off"}
+"""How files of some formats begin, whatever their name is."""
+_NO_MESHES = {
+    b"version https://git-lfs": "a pointer of Git LFS, not the file. Run: git lfs pull",
+    b"PK\x03\x04": "a ZIP archive. Unpack it, or convert 3MF and USDZ with MeshLab or Blender to OBJ",
+    b"<": "XML or HTML, not a mesh that is read. Convert it (COLLADA, X3D) with Blender to OBJ or GLB",
+    b"Kaydara FBX": "FBX. Convert it with Blender to OBJ or GLB",
+    b"BLENDER": "a file of Blender. Export OBJ or GLB there",
+    b"PXR-USDC": "USD. Convert it with Blender to OBJ or GLB",
+    b"#usda": "USD. Convert it with Blender to OBJ or GLB",
+    b"DRACO": "a mesh packed by Draco. Export it without compression",
+}
+"""How files begin that users take for meshes, and what to do."""
 _LARGEST_COORDINATE = 1e9
-"""See ``_MOST_TRIANGLES``: larger ones overflow where they are squared in float32."""
+"""Chosen: larger ones overflow where they are squared in float32."""
+_MOST_TRIANGLES = 500_000
+"""Limit of a mesh file. Chosen: it bounds time and memory; a face of an OBJ takes up to 20 microseconds."""
+_MOST_LINES = 4 * _MOST_TRIANGLES
+"""Chosen: a triangle has about a face, a vertex, a texture vertex and a normal."""
+_MOST_LINE_CHARACTERS = 100_000
+"""Longest line. Chosen: far above what programs write."""
+_COMMENT = re.compile(r"(^|\s)#.*")
+_BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_TEXTURE_OPTION = re.compile(
+    r"-(?:([ost])(?:\s+[-+.\deE]+){1,3}|mm\s+\S+\s+\S+|(?:blendu|blendv|bm|boost|cc|clamp|imfchan|texres|type)\s+\S+)\s+"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +58,8 @@ class GarmentMesh:
 
     ``vertices`` (N, 3) in the file's unit; ``triangles`` (T, 3), counterclockwise seen from outside;
     ``group`` (T,) index into ``group_names``; ``corner_uv`` (T, 3, 2) texture coordinates, v up;
-    ``vertex_rgb`` (N, 3); ``images`` RGB, with ``image`` (T,) the image of each triangle (-1 none).
+    ``vertex_rgb`` (N, 3); ``images`` RGB, with ``image`` (T,) the image of each triangle (-1 none);
+    ``notes`` on what is not read of its colors, for the user.
     Data that the file does not have are None or empty.
     """
 
@@ -51,39 +71,52 @@ class GarmentMesh:
     vertex_rgb: Uint8 | None = None
     images: tuple[Uint8, ...] = ()
     image: Int32 | None = None
+    notes: tuple[str, ...] = ()
 
 
-def read_mesh(path: Path) -> GarmentMesh:
-    """Read a mesh file.
+def suffix_of(path: Path) -> str:
+    """Return the suffix of a mesh file in small letters, without that of gzip."""
+    return Path(path.name.lower().removesuffix(".gz")).suffix
+
+
+def read_mesh(path: Path, *, with_images: bool = True) -> GarmentMesh:
+    """Read a mesh file; without ``with_images``, its textures are neither read nor missed.
 
     Raises
     ------
     SynthesisError
         If the file is missing, of another format, damaged, or has no triangles.
     """
-    suffix = path.suffix.lower()
-    if path.name.lower().endswith(".obj.gz"):
-        suffix = ".obj"
-    if suffix not in SUFFIXES:
-        raise SynthesisError(f"{path}: not a mesh file. flatcloth reads {', '.join(SUFFIXES)}.")
     if not path.is_file():
         raise SynthesisError(f"{path}: no such file. Name a mesh file ({', '.join(SUFFIXES)}).")
-    mesh = _ObjReader(path).mesh() if suffix == ".obj" else _read_in_worker(path)
+    with (
+        os_errors_as(SynthesisError, f"{path}: cannot be read", "Check its permissions."),
+        open_plain(path) as file,
+    ):
+        start = file.read(32).removeprefix(b"\xef\xbb\xbf").lstrip()
+    for mark, told in _NO_MESHES.items():
+        if start.startswith(mark):
+            raise SynthesisError(f"{path}: is {told}.")
+    kind = next((k for mark, k in _STARTS.items() if start.startswith(mark)), suffix_of(path))
+    if kind not in SUFFIXES:
+        raise SynthesisError(
+            f"{path}: not a mesh file. flatcloth reads {', '.join(SUFFIXES)}. Convert it with Blender."
+        )
+    mesh = _ObjReader(path).mesh(with_images) if kind == ".obj" else _read_in_worker(path, kind, with_images)
     return _checked(mesh, path)
 
 
 def _checked(mesh: GarmentMesh, path: Path) -> GarmentMesh:
-    mesh = _without_slivers(mesh)
-    if len(mesh.triangles) == 0:
+    """Return a mesh without triangles that have two equal corners."""
+    t = mesh.triangles
+    kept = (t[:, 0] != t[:, 1]) & (t[:, 1] != t[:, 2]) & (t[:, 2] != t[:, 0])
+    if not kept.any():
         raise SynthesisError(f"{path}: has no triangles. Export the surface, not points or lines.")
-    if len(mesh.triangles) > _MOST_TRIANGLES:
+    if np.count_nonzero(kept) > _MOST_TRIANGLES:
         raise SynthesisError(
-            f"{path}: {len(mesh.triangles)} triangles, the limit is {_MOST_TRIANGLES}. Decimate it."
+            f"{path}: {np.count_nonzero(kept)} triangles, the limit is {_MOST_TRIANGLES}. Decimate it."
         )
-    if mesh.triangles.min() < 0 or mesh.triangles.max() >= len(mesh.vertices):
-        raise SynthesisError(f"{path}: a face names a vertex that does not exist. Export the mesh again.")
-    used = mesh.vertices[mesh.triangles]
-    for values in (used, mesh.corner_uv):
+    for values in (mesh.vertices[t[kept]], mesh.corner_uv):
         # Also true for NaN.
         if values is not None and not np.abs(values).max() < _LARGEST_COORDINATE:
             raise SynthesisError(
@@ -91,8 +124,15 @@ def _checked(mesh: GarmentMesh, path: Path) -> GarmentMesh:
             )
     # Unused vertices must not count as the highest or the farthest point.
     vertices = mesh.vertices.copy()
-    vertices[np.setdiff1d(np.arange(len(vertices)), mesh.triangles)] = vertices[mesh.triangles[0, 0]]
-    return replace(mesh, vertices=vertices)
+    vertices[np.setdiff1d(np.arange(len(vertices)), t[kept])] = vertices[t[kept][0, 0]]
+    return replace(
+        mesh,
+        vertices=vertices,
+        triangles=t[kept],
+        group=mesh.group[kept],
+        corner_uv=None if mesh.corner_uv is None else mesh.corner_uv[kept],
+        image=None if mesh.image is None else mesh.image[kept],
+    )
 
 
 def inside_out(mesh: GarmentMesh) -> GarmentMesh:
@@ -104,45 +144,28 @@ def inside_out(mesh: GarmentMesh) -> GarmentMesh:
     )
 
 
-def _without_slivers(mesh: GarmentMesh) -> GarmentMesh:
-    """Drop triangles with two equal corners."""
-    t = mesh.triangles
-    kept = (t[:, 0] != t[:, 1]) & (t[:, 1] != t[:, 2]) & (t[:, 2] != t[:, 0])
-    return replace(
-        mesh,
-        triangles=t[kept],
-        group=mesh.group[kept],
-        corner_uv=None if mesh.corner_uv is None else mesh.corner_uv[kept],
-        image=None if mesh.image is None else mesh.image[kept],
-    )
-
-
 class _ObjReader:
     """Reads one OBJ file; every error names the line."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._vertices: list[tuple[float, ...]] = []
-        self._texture: list[tuple[float, ...]] = []
-        self._triangles: list[tuple[int, int, int]] = []
-        self._corners: list[tuple[int, int, int]] = []
+        self._number = 0
+        self._vertices: list[list[float]] = []
+        self._texture: list[tuple[float, float]] = []
+        self._triangles: list[tuple[int, ...]] = []  # vertices, texture vertices, group, material
         self._groups: dict[str, int] = {}
-        self._group: list[int] = []
         self._materials: dict[str, int] = {}
-        self._material: list[int] = []
         self._libraries: list[str] = []
+        self._others: set[str] = set()
 
-    def mesh(self) -> GarmentMesh:
-        group, material, number = "", "", 0
+    def mesh(self, with_images: bool) -> GarmentMesh:
+        group, material = "", ""
         try:
             for key, words in self._lines():
-                number += 1
                 if key == "v":
-                    self._vertices.append(tuple(map(float, words[:6])))
-                    if len(words) < 3:
-                        raise ValueError("a vertex has three numbers")
+                    self._vertices.append(_vertex(words))
                 elif key == "vt":
-                    self._texture.append((float(words[0]), float(words[1])))
+                    self._texture.append((_number(words[0]), _number(words[1]) if len(words) > 1 else 0.0))
                 elif key == "f":
                     self._face(words, group, material)
                 elif key in ("g", "o"):
@@ -151,24 +174,42 @@ class _ObjReader:
                     material = " ".join(words)
                 elif key == "mtllib":
                     self._libraries.append(" ".join(words))
+                else:
+                    self._others.add(key)
         except (ValueError, IndexError) as error:
             raise SynthesisError(
-                f"{self._path}: line {max(number, 1)} is not valid OBJ ({shortened(str(error), 120)}). "
+                f"{self._path}: line {max(self._number, 1)} is not valid OBJ ({shortened(str(error), 120)}). "
                 "Export the mesh again."
             ) from error
-        return self._assembled()
+        surfaces = sorted(self._others & {"curv", "l", "p", "surf"})
+        if not self._triangles and surfaces:
+            raise SynthesisError(
+                f"{self._path}: has no triangles, only {', '.join(surfaces)}. Export the surface as a mesh."
+            )
+        return self._assembled(with_images)
 
     def _lines(self) -> Iterator[tuple[str, list[str]]]:
+        """Yield keyword and words of each line, without comments; a backslash continues a line."""
         try:
             with open_plain(self._path) as packed:
-                file = gzip.GzipFile(fileobj=packed) if self._path.suffix.lower() == ".gz" else packed
-                for number, line in enumerate(iter(lambda: file.readline(_MOST_LINE_BYTES), b"")):
-                    if len(line) == _MOST_LINE_BYTES:
-                        raise ValueError(f"the line is longer than {_MOST_LINE_BYTES} characters")
-                    if number == _MOST_LINES:
+                file = gzip.GzipFile(fileobj=packed) if packed.read(2) == b"\x1f\x8b" else packed
+                packed.seek(0)
+                start = file.read(3)
+                file.seek(0)
+                coding = (name for mark, name in _BYTE_ORDER_MARKS.items() if start.startswith(mark))
+                text = io.TextIOWrapper(file, next(coding, "utf-8"), errors="replace")
+                begun = ""
+                for line in iter(lambda: text.readline(_MOST_LINE_CHARACTERS), ""):
+                    self._number += 1
+                    if len(begun) + len(line) >= _MOST_LINE_CHARACTERS:
+                        raise ValueError(f"it is longer than {_MOST_LINE_CHARACTERS} characters")
+                    if self._number > _MOST_LINES:
                         raise ValueError(f"the limit is {_MOST_LINES} lines: decimate the mesh")
-                    key, *words = line.decode("utf-8", errors="replace").split() or ("",)
-                    yield key, words
+                    line = begun + _COMMENT.sub("", line).strip()
+                    begun = line[:-1] + " " if line.endswith("\\") else ""
+                    if line and not begun:
+                        key, *words = line.split()
+                        yield key, words
         except (OSError, EOFError, zlib.error) as error:
             cause = getattr(error, "strerror", None) or "not a whole gzip file"
             raise SynthesisError(f"{self._path}: cannot be read ({cause}). Name a mesh file.") from error
@@ -181,11 +222,13 @@ class _ObjReader:
         textures = [self._index(c[1], len(self._texture)) if len(c) > 1 and c[1] else -1 for c in corners]
         if len(self._triangles) + len(corners) - 2 > _MOST_TRIANGLES:  # also those without area
             raise ValueError(f"the limit is {_MOST_TRIANGLES} triangles: decimate the mesh")
+        own = (
+            self._groups.setdefault(group, len(self._groups)),
+            self._materials.setdefault(material, len(self._materials)),
+        )
         for k in range(1, len(corners) - 1):
-            self._triangles.append((points[0], points[k], points[k + 1]))
-            self._corners.append((textures[0], textures[k], textures[k + 1]))
-            self._group.append(self._groups.setdefault(group, len(self._groups)))
-            self._material.append(self._materials.setdefault(material, len(self._materials)))
+            places = [values[n] for values in (points, textures) for n in (0, k, k + 1)]
+            self._triangles.append((*places, *own))
 
     @staticmethod
     def _index(word: str, count: int) -> int:
@@ -196,79 +239,96 @@ class _ObjReader:
             raise ValueError(f"{word} is not among the {count} defined so far")
         return index
 
-    def _assembled(self) -> GarmentMesh:
-        corners = np.array(self._corners, dtype=np.int32).reshape(-1, 3)
+    def _assembled(self, with_images: bool) -> GarmentMesh:
+        rows = np.array(self._triangles, dtype=np.int32).reshape(-1, 8)
+        corners, material = rows[:, 3:6], rows[:, 7]
         has_uv = len(corners) > 0 and bool((corners >= 0).all())
         rgb = None
         if self._vertices and all(len(v) == 6 for v in self._vertices):
             level = np.array([v[3:] for v in self._vertices])
             rgb = np.clip(np.nan_to_num(level) * (255 if level.max() <= 1 else 1), 0, 255).astype(np.uint8)
-        images, image_of_material = self._images()
+        none: tuple[tuple[Uint8, ...], Int32, tuple[str, ...]] = ((), np.zeros(0, dtype=np.int32), ())
+        images, image_of_material, notes = self._images() if with_images and has_uv else none
         return GarmentMesh(
             vertices=np.array([v[:3] for v in self._vertices], dtype=np.float64).reshape(-1, 3),
-            triangles=np.array(self._triangles, dtype=np.int32).reshape(-1, 3),
-            group=np.array(self._group, dtype=np.int32),
+            triangles=rows[:, :3],
+            group=rows[:, 6],
             group_names=tuple(self._groups),
             corner_uv=np.array(self._texture)[corners] if has_uv else None,
             vertex_rgb=rgb,
             images=images,
-            image=image_of_material[self._material] if images and has_uv else None,
+            image=image_of_material[material] if images else None,
+            notes=notes,
         )
 
-    def _images(self) -> tuple[tuple[Uint8, ...], Int32]:
-        """Read the color images of the materials in use; -1 for a material without an image."""
-        files: dict[str, Path] = {}
-        folder, name = self._path.parent.resolve(), ""
-        for library in self._libraries:
-            for key, *words in _words_of(_inside(folder, library, self._path)):
-                if key == "newmtl":
-                    name = " ".join(words)
-                elif key == "map_Kd" and words:
-                    files[name] = _inside(folder, words[-1], self._path)
+    def _images(self) -> tuple[tuple[Uint8, ...], Int32, tuple[str, ...]]:
+        """Read the textures of the materials in use, -1 for one without; also return notes."""
+        named: dict[str, tuple[str, Path]] = {}
+        notes: list[str] = []
+        for line in self._libraries:
+            whole = file_beside(self._path.parent, line)  # the name of one file, or names of several
+            for name in [line] if whole is not None else line.split():
+                file = file_beside(self._path.parent, name)
+                if file is None:
+                    notes.append(f"{shortened(line)} is not beside the mesh")
+                    break
+                named |= {material: (name, file) for material, name in _textures_of(file, notes).items()}
         images: list[Uint8] = []
-        place = np.full(max(len(self._materials), 1), -1, dtype=np.int32)
-        for name, index in self._materials.items():
-            if name in files:
+        place = np.full(len(self._materials), -1, dtype=np.int32)
+        for material, index in self._materials.items():
+            if material in named:
                 place[index] = len(images)
-                images.append(_texture(files[name]))
-        return tuple(images), place
+                images.append(read_texture(self._path, *named[material]))
+        return tuple(images), place, tuple(notes)
 
 
-def _words_of(path: Path) -> list[list[str]]:
+def _textures_of(library: Path, notes: list[str]) -> dict[str, str]:
+    """Return the name of each material's color texture; add to the notes what of it is not applied."""
     try:
-        text = read_plain(path).decode("utf-8", errors="replace")
-    except OSError:
-        return []  # without a material library only the colors are missing
-    return [line.split() for line in text.splitlines() if line.split()]
-
-
-def _inside(folder: Path, name: str, mesh: Path) -> Path:
-    try:
-        path = (folder / name).resolve()
-    except (OSError, RuntimeError, ValueError):  # a loop of links, or not a valid name
-        path = None
-    if path is None or not path.is_relative_to(folder) or not name.isprintable():
+        data = read_plain(library)
+    except OSError as error:
         raise SynthesisError(
-            f"{mesh}: {shortened(name)} is not a file inside its folder. Copy the file into that folder."
-        )
-    return path
-
-
-def _texture(path: Path) -> Uint8:
-    try:
-        header = read_header(path)
-        if header.width * header.height > MOST_TEXTURE_PIXELS:
-            raise RecordingError(f"{path}: {header.width}x{header.height} px. Make it smaller.")
-        return decode_color(path)
-    except RecordingError as error:
-        raise SynthesisError(
-            f"{error} Correct this texture, or choose a generated pattern with --texture."
+            f"{library}: cannot be read ({error.strerror}). Check its permissions."
         ) from error
+    coding = next((name for mark, name in _BYTE_ORDER_MARKS.items() if data.startswith(mark)), "utf-8")
+    try:
+        text = data.decode(coding)
+    except UnicodeDecodeError:
+        text = data.decode("cp1252", errors="replace")
+    found, material = {}, ""
+    for line in text.splitlines():
+        key, rest = (*line.split(None, 1), "", "")[:2]
+        if key == "newmtl":
+            material = " ".join(_COMMENT.sub("", rest).split())
+        elif key.lower() == "map_kd":
+            name = rest.strip()
+            while option := _TEXTURE_OPTION.match(name):
+                name = name[option.end() :]
+                if option[1] and {float(word) for word in option[0].split()[1:]} != {float(option[1] == "s")}:
+                    notes.append(f"{shortened(option[0].strip())} of {library.name} is not applied")
+            found[material] = name if file_beside(library.parent, name) else _COMMENT.sub("", name).strip()
+    return found
 
 
-def _read_in_worker(path: Path) -> GarmentMesh:
+def _vertex(words: list[str]) -> list[float]:
+    """Return the position of a vertex, with its color if it has one."""
+    numbers = [_number(word) for word in words]
+    if len(numbers) < 3:
+        raise ValueError("a vertex has three numbers")
+    if len(numbers) == 4 and numbers[3]:  # homogeneous
+        return [number / numbers[3] for number in numbers[:3]]
+    return numbers[: 6 if len(numbers) >= 6 else 3]
+
+
+def _number(word: str) -> float:
+    return float(word.replace(",", "."))  # a decimal comma
+
+
+def _read_in_worker(path: Path, kind: str, with_images: bool) -> GarmentMesh:
+    question = {"path": str(path), "kind": kind, "with_images": with_images}
     with reader_errors_as(SynthesisError, path, "damaged", "Export the surface again."):
-        found = Worker("flatcloth.synthesis.native", path).ask({"path": str(path)}).arrays
+        answer = Worker("flatcloth.synthesis.scenes", path).ask(question)
+    found = answer.arrays
     count = sum(name.startswith("image") for name in found) - 1
     return GarmentMesh(
         vertices=found["vertices"],
@@ -278,5 +338,6 @@ def _read_in_worker(path: Path) -> GarmentMesh:
         corner_uv=found.get("uv"),
         vertex_rgb=found.get("rgb"),
         images=tuple(found[f"image{n}"] for n in range(count)),
+        notes=tuple(answer.table["notes"]),
         image=found.get("image"),
     )

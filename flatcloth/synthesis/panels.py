@@ -100,8 +100,8 @@ def cut_to_disk(triangles: Int32, points_m: Float64, name: str) -> Int32:
         If the piece is closed or has handles, so that such cuts do not make it a disk.
     """
     edge, corner = shared_edges(triangles)
-    loops = _openings(triangles, edge)
-    count = int(loops.max()) + 1 if loops.size else 0
+    loops = _openings(triangles)
+    count = int(loops.max()) + 1
     vertices = np.unique(triangles)
     boundary = 3 * len(triangles) - 2 * len(edge)
     euler = len(vertices) - (len(edge) + boundary) + len(triangles)
@@ -134,21 +134,15 @@ def cut_to_disk(triangles: Int32, points_m: Float64, name: str) -> Int32:
     return nodes_of(triangles, ~cut, corner)
 
 
-def _openings(triangles: Int32, inner_edges: Int32) -> Int32:
+def _openings(triangles: Int32) -> Int32:
     """Return the number (N,) of the boundary that each vertex lies on, -1 for inner vertices."""
     n = int(triangles.max()) + 1
-    every = np.sort(
-        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
-    ).astype(np.int64)
-    code = every[:, 0] * n + every[:, 1]
-    inner = inner_edges[:, 0].astype(np.int64) * n + inner_edges[:, 1]
-    rim = every[~np.isin(code, inner)]
-    if len(rim) == 0:
-        return np.full(0, -1, dtype=np.int32)
-    label = components(n, rim)
+    every = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges, count = np.unique(every, axis=0, return_counts=True)
+    rim = edges[count == 1]
     result = np.full(n, -1, dtype=np.int32)
     on_rim = np.unique(rim)
-    result[on_rim] = np.unique(label[on_rim], return_inverse=True)[1]
+    result[on_rim] = np.unique(components(n, rim)[on_rim], return_inverse=True)[1]
     return result
 
 

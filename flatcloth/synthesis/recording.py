@@ -15,9 +15,9 @@ from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float64, Intrinsics, Progress, no_progress
 from flatcloth.recordings.writer import RecordingWriter
 from flatcloth.registration.axis import THREADS
-from flatcloth.synthesis.flat import FlatPanel, flatten_panel, pattern_panel
+from flatcloth.synthesis.flat import FlatPanel, flatten_panel
 from flatcloth.synthesis.hanging import Hung, PoseErrors, hang, share_in_image, turn, twisted
-from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh
+from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh, suffix_of
 from flatcloth.synthesis.panels import split_panels
 from flatcloth.synthesis.rendering import MESH_COLORS, Rendered, Scene
 from flatcloth.synthesis.sensor import DepthSensor, measure_color, measure_depth
@@ -49,7 +49,7 @@ _FOLDED_SHARE = 0.005
 class Request:
     """The options of a synthesis; see the command ``synthesize``.
 
-    ``up`` None: y for GLB, z for other files. ``held``: a point in the file's frame and unit, a
+    ``up`` None: y for glTF, z for other files. ``held``: a point in the file's frame and unit, a
     vertex, or None for the highest vertex. ``panel``: the side of interest, by name or number from 1.
     ``texture`` None: the mesh's own colors if it has any, otherwise a checker.
     """
@@ -140,11 +140,7 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
         depth_scale_m=depth_unit_m(request),
         rotation_axis=turning.recorded_axis,
         held_point_m=np.round(hung.held_point_m, 4),
-        truth_header={
-            "garment": request.mesh.stem,
-            "held_at": "highest point" if request.held is None else "chosen point",
-            "panel_of_interest": of_interest,
-        },
+        truth_header=truth_header(request, item),
     ) as writer:
         for n, ((view, depth, rgb), angle) in enumerate(
             zip(_ahead(seen, len(angles)), turning.recorded_angles_deg, strict=True)
@@ -161,34 +157,33 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
         views=len(angles),
         panels=panels,
         panel_of_interest=of_interest,
-        warnings=tuple(_warnings(hung, panels, request.camera)),
+        warnings=(*item.notes, *_warnings(hung, panels, request.camera)),
     )
 
 
 def _ahead(make: Callable[[int], _T], count: int) -> Iterator[_T]:
     """Yield what is made of each number below ``count``, in order; ``THREADS`` are made at the same time."""
     with ThreadPoolExecutor(THREADS) as pool:
-        waiting = [pool.submit(make, n) for n in range(min(THREADS, count))]
-        for n in range(count):
-            yield waiting.pop(0).result()
-            if n + THREADS < count:
-                waiting.append(pool.submit(make, n + THREADS))
+        for n in range(0, count, THREADS):  # not all at once: that would fill the memory
+            yield from pool.map(make, range(n, min(n + THREADS, count)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class HungItem:
-    """A mesh that hangs before the camera, ready to be rendered: its panels and the side of interest."""
+    """A mesh that hangs before the camera, ready to be rendered: its panels and the side of interest.
+
+    ``notes`` are for the user.
+    """
 
     hung: Hung
     panels: tuple[FlatPanel, ...]
     panel_of_interest: int
     scene: Scene
+    notes: tuple[str, ...] = ()
 
 
-def hung_item(request: Request, progress: Progress = no_progress, *, with_truth: bool = True) -> HungItem:
+def hung_item(request: Request, progress: Progress = no_progress) -> HungItem:
     """Read, hang and texture the mesh of a request.
-
-    Without truth a panel with pattern coordinates is not flattened, which takes seconds.
 
     Raises
     ------
@@ -196,10 +191,10 @@ def hung_item(request: Request, progress: Progress = no_progress, *, with_truth:
         If the mesh cannot be read, hung or flattened, or an option does not match it.
     """
     _check(request)
-    mesh = read_mesh(request.mesh)
+    mesh = read_mesh(request.mesh, with_images=request.texture in (None, MESH_COLORS))
     if request.inside_out:
         mesh = inside_out(mesh)
-    up = request.up or ("y" if request.mesh.suffix.lower() == ".glb" else "z")
+    up = request.up or ("y" if suffix_of(request.mesh) in (".glb", ".gltf") else "z")
     try:
         hung = hang(
             mesh.vertices,
@@ -209,19 +204,30 @@ def hung_item(request: Request, progress: Progress = no_progress, *, with_truth:
             distance_m=request.distance_m,
             balanced=request.balanced,
         )
-        progress(0.0, "flattening the truth" if with_truth else "hanging the mesh")
-        panels = _flat_panels(mesh, hung, with_truth)
+        progress(0.0, "flattening the truth")
+        panels = _flat_panels(mesh, hung)
     except SynthesisError as error:
         raise SynthesisError(f"{request.mesh}: {error}") from error
     texture = request.texture or (MESH_COLORS if _has_colors(mesh) else PATTERNS[0])
     if texture == MESH_COLORS and not _has_colors(mesh):
-        raise SynthesisError(f"{request.mesh}: has no colors. Choose --texture {', '.join(PATTERNS)}.")
+        why = f" ({'; '.join(mesh.notes)})" if mesh.notes else ""
+        raise SynthesisError(f"{request.mesh}: has no colors{why}. Choose --texture {', '.join(PATTERNS)}.")
     return HungItem(
         hung=hung,
         panels=panels,
         panel_of_interest=_panel_number(request.panel, panels),
+        notes=tuple(f"{note}: its colors may be others." for note in mesh.notes),
         scene=Scene(mesh, hung.points_m, panels, texture, request.seed),
     )
+
+
+def truth_header(request: Request, item: HungItem) -> dict[str, object]:
+    """Return what ``recording.json`` says of the truth."""
+    return {
+        "garment": request.mesh.name.partition(".")[0],
+        "held_at": "highest point" if request.held is None else "chosen point",
+        "panel_of_interest": item.panel_of_interest,
+    }
 
 
 def depth_unit_m(request: Request) -> float:
@@ -252,7 +258,7 @@ def _check(request: Request) -> None:
         raise SynthesisError(f"--seed {request.seed}: choose a number from 0.")
 
 
-def _flat_panels(mesh: GarmentMesh, hung: Hung, with_truth: bool) -> tuple[FlatPanel, ...]:
+def _flat_panels(mesh: GarmentMesh, hung: Hung) -> tuple[FlatPanel, ...]:
     panels = []
     size_m = float(np.ptp(hung.points_m, axis=0).max())
     if size_m > _LARGEST_M:
@@ -260,9 +266,7 @@ def _flat_panels(mesh: GarmentMesh, hung: Hung, with_truth: bool) -> tuple[FlatP
     for name, members in split_panels(mesh):
         if len(members) == 0:
             raise SynthesisError(f"The mesh has no group named {name}. Name both sides, front and back.")
-        panel = None if with_truth else pattern_panel(name, members, hung.points_m, mesh)
-        if panel is None:
-            panel = flatten_panel(name, members, hung.points_m, mesh.triangles, mesh.corner_uv)
+        panel = flatten_panel(name, members, hung.points_m, mesh.triangles, mesh.corner_uv)
         if np.abs(panel.corner_uv_m).max() > _MOST_FLAT_M:
             raise SynthesisError(
                 f"Panel {name} is over {2 * _MOST_FLAT_M:g} m large when flat, more than the truth of "
@@ -276,7 +280,7 @@ def _panel_number(wanted: str, panels: tuple[FlatPanel, ...]) -> int:
     names = [panel.name for panel in panels]
     if wanted in names:
         number = names.index(wanted) + 1
-    elif wanted.isdigit() and 1 <= int(wanted) <= len(panels):
+    elif wanted.isdecimal() and 1 <= int(wanted) <= len(panels):
         number = int(wanted)
     else:
         number = 0

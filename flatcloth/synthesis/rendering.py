@@ -5,15 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Intrinsics, Uint8
+from flatcloth.recordings.files.libraries import load_with_libusb
 from flatcloth.synthesis.flat import FlatPanel
 from flatcloth.synthesis.meshes import GarmentMesh
-from flatcloth.synthesis.native import load_open3d
 from flatcloth.synthesis.textures import mesh_rgb, pattern_rgb
 
 Uint16 = NDArray[np.uint16]
@@ -38,6 +40,23 @@ _NOT_ITSELF = 0.999
 """Share of the way to a surface on which anything in between casts a shadow. Chosen."""
 _TRUTH_UNITS_PER_M, _TRUTH_OFFSET_M, _TRUTH_OUTER = 20000.0, 1.5, 16
 """The format of recordings/truth.py, which only evaluation may import."""
+
+
+def load_open3d() -> Any:
+    """Return the module ``open3d``.
+
+    Raises
+    ------
+    SynthesisError
+        If it is not installed, or a library it needs is missing.
+    """
+    try:
+        return load_with_libusb("open3d")
+    except (ImportError, OSError) as error:
+        raise SynthesisError(
+            f"Rendering needs Open3D, which cannot be loaded ({error}). "
+            "Run: pip install 'flatcloth[synthesis]', and install the system library named here."
+        ) from error
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,27 +146,17 @@ class Scene:
         """
         points = camera_from_points.apply(self._points if points_m is None else points_m)
         caster = _Caster(points, self._mesh.triangles)
-        rows, cols = _window(points, camera)
-        hit = caster.cast(camera, rows, cols, 1)
-        shape = (camera.height, camera.width)
-        result = Rendered(
-            depth_m=np.zeros(shape, dtype=np.float32),
-            rgb=np.empty((*shape, 3), dtype=np.uint8),
-            panel=np.zeros(shape, dtype=np.uint8),
-            outer=np.zeros(shape, dtype=bool),
-            flat_uv_m=np.full((*shape, 2), np.nan, dtype=np.float32),
+        hit = caster.cast(camera, 1)
+        seen = hit.seen
+        flat = np.full((*seen.shape, 2), np.nan, dtype=np.float32)
+        flat[seen] = (self._flat[hit.triangle] * hit.weights[..., None]).sum(axis=1)
+        return Rendered(
+            depth_m=_image(seen, hit.depth_m),
+            rgb=self._shaded(caster.cast(camera, _SUBPIXELS), camera_from_points),
+            panel=_image(seen, self._panel[hit.triangle]),
+            outer=_image(seen, hit.outer),
+            flat_uv_m=flat,
         )
-        result.rgb[:] = np.rint(_BACKGROUND * 255).astype(np.uint8)
-        if rows.stop <= rows.start or cols.stop <= cols.start:
-            return result
-        seen = hit.depth_m > 0
-        result.depth_m[rows, cols] = hit.depth_m
-        result.outer[rows, cols] = hit.outer
-        result.panel[rows, cols][seen] = self._panel[hit.triangle[seen]]
-        flat = (self._flat[hit.triangle[seen]] * hit.weights[seen][..., None]).sum(axis=1)
-        result.flat_uv_m[rows, cols][seen] = flat
-        result.rgb[rows, cols] = self._shaded(caster.cast(camera, rows, cols, _SUBPIXELS), camera_from_points)
-        return result
 
     def infrared(
         self,
@@ -159,13 +168,9 @@ class Scene:
         """Return the light (H, W) that an infrared imager receives, 0 off the item; see :meth:`view`."""
         points = camera_from_points.apply(self._points if points_m is None else points_m)
         caster = _Caster(points, self._mesh.triangles)
-        rows, cols = _window(points, camera)
-        image = np.zeros((camera.height, camera.width), dtype=np.float32)
-        if rows.stop <= rows.start or cols.stop <= cols.start:
-            return image
-        hit = caster.cast(camera, rows, cols, _SUBPIXELS)
-        seen = hit.depth_m > 0
-        triangle, weights = hit.triangle[seen], hit.weights[seen]
+        hit = caster.cast(camera, _SUBPIXELS)
+        seen = hit.seen
+        triangle, weights = hit.triangle, hit.weights
         at_m = (points[self._mesh.triangles[triangle]] * weights[..., None]).sum(axis=1)
         ray = at_m - projector.at_m
         distance = np.linalg.norm(ray, axis=1)
@@ -177,8 +182,8 @@ class Scene:
         bright *= self._weave(triangle, weights)
         fine = np.zeros(seen.shape)
         fine[seen] = bright * (_DIFFUSE * facing + _DOTS * lit)
-        image[rows, cols] = _averaged(fine[..., None])[..., 0]
-        return image
+        averaged = cv2.resize(fine, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+        return averaged.astype(np.float32)
 
     def _weave(self, triangle: Int32, weights: Float64) -> Float64:
         """Return the brightness (N,) that yarns and their shadows give to hits, 1 in the mean."""
@@ -197,15 +202,17 @@ class Scene:
 
     def _shaded(self, hit: _Hit, camera_from_points: Rigid3) -> Uint8:
         """Average the colors of the subpixels."""
-        seen = hit.depth_m > 0
-        triangle, weights = hit.triangle[seen], hit.weights[seen]
+        seen = hit.seen
+        triangle, weights = hit.triangle, hit.weights
         normal = self._normal(triangle, weights, camera_from_points)
-        facing = normal @ _LIGHT * np.where(hit.outer[seen], 1.0, -1.0)
+        facing = normal @ _LIGHT * np.where(hit.outer, 1.0, -1.0)
         rgb = self._colors(triangle, weights) * (_AMBIENT + (1 - _AMBIENT) * np.clip(facing, 0, 1))[:, None]
-        rgb *= np.where(hit.outer[seen], 1.0, 0.85)[:, None]
+        rgb *= np.where(hit.outer, 1.0, 0.85)[:, None]
         fine = np.tile(_BACKGROUND, (*seen.shape, 1))
         fine[seen] = rgb
-        rgb8: Uint8 = np.clip(np.rint(_averaged(fine) * 255), 0, 255).astype(np.uint8)
+        size = (seen.shape[1] // _SUBPIXELS, seen.shape[0] // _SUBPIXELS)
+        averaged = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+        rgb8: Uint8 = np.clip(np.rint(averaged * 255), 0, 255).astype(np.uint8)
         return rgb8
 
     def _colors(self, triangle: Int32, weights: Float64) -> Float64:
@@ -224,8 +231,9 @@ class Scene:
 
 @dataclass(frozen=True)
 class _Hit:
-    """Ray hits: ``depth_m`` (h, w), 0 for none; ``triangle``, corner ``weights``, ``outer`` face."""
+    """Which rays hit, ``seen`` (h, w), and where: depth, triangle, weights of its corners, outer face."""
 
+    seen: Bool
     depth_m: Float32
     triangle: Int32
     weights: Float64
@@ -238,6 +246,8 @@ class _Caster:
     def __init__(self, points_m: Float64, triangles: Int32) -> None:
         self._o3d: Any = load_open3d()
         self._scene = self._o3d.t.geometry.RaycastingScene()
+        tangents = points_m[:, :2] / np.maximum(points_m[:, 2:], 0.02)
+        self._least, self._most = tangents.min(axis=0), tangents.max(axis=0)
         self._scene.add_triangles(
             np.ascontiguousarray(points_m, dtype=np.float32), triangles.astype(np.uint32)
         )
@@ -248,49 +258,36 @@ class _Caster:
         found = self._scene.test_occlusions(self._o3d.core.Tensor(each), 0.0, _NOT_ITSELF)
         return np.asarray(found.numpy(), dtype=bool)
 
-    def cast(self, camera: Intrinsics, rows: slice, cols: slice, subpixels: int) -> _Hit:
-        """Cast ``subpixels`` squared rays through each pixel of a window."""
+    def cast(self, camera: Intrinsics, subpixels: int) -> _Hit:
+        """Cast ``subpixels`` squared rays through each pixel."""
         # Subpixel centres lie around the pixel centre, which has integer coordinates.
-        y, x = (
-            (np.arange((s.stop - s.start) * subpixels) + 0.5) / subpixels - 0.5 + s.start
-            for s in (rows, cols)
-        )
-        rays = np.zeros((len(y), len(x), 6), dtype=np.float32)
-        rays[..., 3] = (x - camera.cx) / camera.fx
-        rays[..., 4] = ((y - camera.cy) / camera.fy)[:, None]
-        rays[..., 5] = 1.0
+        y, x = ((np.arange(n * subpixels) + 0.5) / subpixels - 0.5 for n in (camera.height, camera.width))
+        x, y = (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
+        # Rays beside the item hit nothing.
+        across, down = ((t >= self._least[k]) & (t <= self._most[k]) for k, t in enumerate((x, y)))
+        rays = np.zeros((down.sum(), across.sum(), 6), dtype=np.float32)
+        rays[..., 3], rays[..., 4], rays[..., 5] = x[across], y[down][:, None], 1.0
         answer = self._scene.cast_rays(self._o3d.core.Tensor(rays))
         depth = answer["t_hit"].numpy()
         seen = np.isfinite(depth)
-        uv = answer["primitive_uvs"].numpy().astype(np.float64)
-        outer = (answer["primitive_normals"].numpy() * rays[..., 3:]).sum(axis=-1) < 0
+        every = np.zeros((len(y), len(x)), dtype=bool)
+        every[np.ix_(down, across)] = seen
+        uv = answer["primitive_uvs"].numpy()[seen].astype(np.float64)
+        outer = (answer["primitive_normals"].numpy()[seen] * rays[seen, 3:]).sum(axis=-1) < 0
         return _Hit(
-            np.where(seen, depth, 0).astype(np.float32),
-            np.where(seen, answer["primitive_ids"].numpy(), 0).astype(np.int32),
+            every,
+            depth[seen],
+            answer["primitive_ids"].numpy()[seen].astype(np.int32),
             np.concatenate([1 - uv.sum(axis=-1, keepdims=True), uv], axis=-1),
-            outer & seen,
+            outer,
         )
 
 
-def _averaged(fine: Float64) -> Float64:
-    """Return the means (h, w, C) over the subpixels of each pixel."""
-    h, w = fine.shape[0] // _SUBPIXELS, fine.shape[1] // _SUBPIXELS
-    mean: Float64 = fine.reshape(h, _SUBPIXELS, w, _SUBPIXELS, -1).mean(axis=(1, 3))
-    return mean
-
-
-def _window(points_m: Float64, camera: Intrinsics, margin_px: int = 2) -> tuple[slice, slice]:
-    """Rows and columns in which the points can appear."""
-    depth = np.maximum(points_m[:, 2], 0.02)
-    spans = []
-    for axis, focal, center, size in (
-        (1, camera.fy, camera.cy, camera.height),
-        (0, camera.fx, camera.cx, camera.width),
-    ):
-        at = focal * points_m[:, axis] / depth + center
-        low, high = np.floor(at.min()) - margin_px, np.ceil(at.max()) + margin_px + 1
-        spans.append(slice(int(np.clip(low, 0, size)), int(np.clip(high, 0, size))))
-    return spans[0], spans[1]
+def _image(seen: Bool, values: NDArray[Any]) -> NDArray[Any]:
+    """Return an image with the values where something is seen, 0 elsewhere."""
+    image = np.zeros(seen.shape, dtype=values.dtype)
+    image[seen] = values
+    return image
 
 
 def _vertex_normals(points_m: Float64, triangles: Int32) -> Float64:
@@ -298,7 +295,6 @@ def _vertex_normals(points_m: Float64, triangles: Int32) -> Float64:
     a, b, c = (points_m[triangles[:, k]] for k in range(3))
     face = np.cross(b - a, c - a)
     normals = np.zeros_like(points_m)
-    for k in range(3):
-        np.add.at(normals, triangles[:, k], face)
+    np.add.at(normals, triangles, face[:, None])
     length: Float64 = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
     return normals / length[:, None]

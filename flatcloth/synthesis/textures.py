@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import colorsys
 
-import cv2
 import numpy as np
+from scipy import ndimage
 
 from flatcloth.core.types import Float64, Int32, Int64, Uint8
 from flatcloth.synthesis.meshes import GarmentMesh
@@ -54,18 +54,12 @@ def mesh_rgb(mesh: GarmentMesh, triangle: Int32, weights: Float64) -> Float64 | 
 
 def _looked_up(image: Uint8, uv: Float64) -> Float64:
     """Colors (N, 3) of a repeating image, v up."""
-    if len(uv) == 0:
-        return np.zeros((0, 3))
     rows, cols = image.shape[:2]
-    at = np.mod(uv, 1.0) * (cols, rows)
-    x = (at[:, 0] - 0.5).astype(np.float32)
-    y = (rows - at[:, 1] - 0.5).astype(np.float32)
-    width = 16384  # remap takes images of at most 32767
-    padded = -len(x) % width
-    x, y = (np.pad(v, (0, padded)).reshape(-1, width) for v in (x, y))
-    found = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    rgb: Float64 = found.reshape(-1, 3)[: len(uv)].astype(np.float64) / 255.0
-    return rgb
+    at = np.stack([rows * (1 - uv[:, 1]) - 0.5, cols * uv[:, 0] - 0.5])
+    channels = [
+        ndimage.map_coordinates(image[..., k], at, np.float64, order=1, mode="grid-wrap") for k in range(3)
+    ]
+    return np.stack(channels, axis=-1) / 255.0
 
 
 def _color(hue: float, saturation: float, value: float) -> Float64:

@@ -1,16 +1,22 @@
-"""What all HTTP routes share: answers made on a thread, errors, and bodies of limited size."""
+"""What all HTTP routes share: answers made on a thread, errors, and bodies of limited size.
+
+A route raises what is wrong; :data:`REFUSALS` makes the answer of it.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, HTTPConnection, Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 
+from flatcloth.cameras.base import CameraError
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
 from flatcloth.viewer.protocol.sent import encoded
@@ -30,22 +36,16 @@ async def made(
 ) -> Response:
     """Answer with what ``make`` returns on a thread: bytes, or values that are sent as JSON.
 
-    None is answered by ``gone`` (410; without such a text by 204, which no browser takes for an error), a
-    ``FlatclothError`` by its text (409).
+    None is answered by ``gone`` (410; without such a text by 204, which no browser takes for an error).
     """
-    try:
-        data = await run_in_threadpool(make)
-    except FlatclothError as error:
-        return PlainTextResponse(str(error), status_code=409)
+    data = await run_in_threadpool(make)
     if data is None and gone is None:
         return Response(status_code=204, headers={"Cache-Control": "no-store"})
     if data is None:
         return PlainTextResponse(gone, status_code=410)
-    return (
-        as_json(data)
-        if not isinstance(data, bytes)
-        else Response(data, media_type=media_type, headers={"Cache-Control": kept})
-    )
+    if isinstance(data, bytes):
+        return Response(data, media_type=media_type, headers={"Cache-Control": kept})
+    return as_json(data)
 
 
 def as_json(values: Any) -> Response:
@@ -53,9 +53,38 @@ def as_json(values: Any) -> Response:
     return Response(encoded(values), media_type="application/json", headers={"Cache-Control": "no-store"})
 
 
-def refused(text: str, status: int) -> Response:
-    """Return the reason why a program's request is refused, as JSON."""
-    return JSONResponse({"error": text}, status_code=status)
+def page_of(request: Request, file: Path) -> Response:
+    """Return a page; its relative addresses begin at the public address, if that has a path."""
+    text, root = file.read_text("utf-8"), request.scope.get("root_path")
+    if root:
+        text = text.replace("<head>", f'<head>\n  <base href="{quote(root)}/">', 1)
+    # The page's files have no version in their names, so browsers must check them each time.
+    return HTMLResponse(text, headers={"Cache-Control": "no-cache"})
+
+
+class RefusedError(FlatclothError):
+    """A request that is refused with a status of its own, such as 400 (malformed) or 404."""
+
+    def __init__(self, text: str, status: int) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+async def _refusal(request: Request, error: Exception) -> Response:
+    """Answer with the reason: as JSON to programs, in words to the page."""
+    status = (
+        error.status if isinstance(error, RefusedError) else 503 if isinstance(error, CameraError) else 409
+    )
+    path = request.scope["path"].removeprefix(request.scope.get("root_path", ""))
+    if path.startswith(_OF_PROGRAMS):
+        return JSONResponse({"error": str(error)}, status_code=status)
+    return PlainTextResponse(str(error), status_code=status)
+
+
+_OF_PROGRAMS = ("/robot/", "/capture", "/start/", "/hand-eye")
+"""Addresses whose answers are JSON, also the refusals."""
+REFUSALS = {FlatclothError: _refusal}
+"""The exception handlers of an application."""
 
 
 def rotation_of(request: HTTPConnection) -> float | None:
@@ -63,7 +92,7 @@ def rotation_of(request: HTTPConnection) -> float | None:
 
     Raises
     ------
-    FlatclothError
+    RefusedError
         If it is no number, or more than ten turns.
     """
     text = request.query_params.get("rotation")
@@ -72,7 +101,7 @@ def rotation_of(request: HTTPConnection) -> float | None:
     except ValueError:
         rotation_deg = math.nan
     if rotation_deg is not None and not abs(rotation_deg) <= MAX_ANGLE_DEG:
-        raise FlatclothError(f"rotation must be a number of degrees, up to {MAX_ANGLE_DEG:g} either way.")
+        raise RefusedError(f"rotation must be a number of degrees, up to {MAX_ANGLE_DEG:g} either way.", 400)
     return rotation_deg
 
 

@@ -50,15 +50,10 @@ class Tab:
     def take(self) -> list[str | bytes]:
         """Remove and return the queued messages."""
         self.news.clear()
-        waiting: list[str | bytes] = list(self._messages)
+        waiting = [*self._messages, self._state, self._frame]
         self._messages.clear()
-        if self._state is not None:
-            waiting.append(self._state)
-            self._state = None
-        if self._frame is not None:
-            waiting.append(self._frame)
-            self._frame = None
-        return waiting
+        self._state = self._frame = None
+        return [one for one in waiting if one is not None]
 
 
 class Hub:
@@ -82,32 +77,24 @@ class Hub:
     def show(self, state: PageState) -> None:
         """Send the whole state to every tab."""
         text = encoded(state).decode()
-
-        def give() -> None:
-            for tab in self._tabs.values():
-                tab.put_state(text)
-
-        self._call(give)
+        self._each(None, lambda tab: tab.put_state(text))
 
     def tell(self, client: int | None, message: ServerMessage) -> None:
         """Send one message to one tab, or to all of them."""
         text = encoded(message).decode()
-
-        def give() -> None:
-            for key, tab in self._tabs.items():
-                if client in (None, key):
-                    tab.put(text)
-
-        self._call(give)
+        self._each(client, lambda tab: tab.put(text))
 
     def send_frame(self, client: int, data: bytes) -> None:
         """Send a frame to one tab."""
+        self._each(client, lambda tab: tab.put_frame(data))
 
-        def give() -> None:
-            if client in self._tabs:
-                self._tabs[client].put_frame(data)
+    def _each(self, client: int | None, give: Callable[[Tab], None]) -> None:
+        def give_each() -> None:
+            for key, tab in self._tabs.items():
+                if client in (None, key):
+                    give(tab)
 
-        self._call(give)
+        self._call(give_each)
 
     def close(self) -> None:
         """Send what waits, close the sockets, and wait until the tabs have left; not on the event loop."""

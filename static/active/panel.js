@@ -1,8 +1,8 @@
 // The active loop: what is to be known, the next angle with what is expected of it, and what the last turns brought.
 
-import { PagePart } from "/static/page/page.js";
-import { button, byId, heading, make, rebuild, setAllowed } from "/static/page/dom.js";
-import { count, degrees } from "/static/page/format.js";
+import { PagePart } from "../page/page.js";
+import { button, byId, heading, make, rebuild, setAllowed } from "../page/dom.js";
+import { count, degrees } from "../page/format.js";
 
 export class ActivePanel extends PagePart {
   name = "active";

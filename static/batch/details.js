@@ -1,6 +1,6 @@
 // The chosen result, with all columns of the table.
 
-import { make } from "/static/page/dom.js";
+import { make } from "../page/dom.js";
 
 const STAGES = {
   opening: "#5b8def",

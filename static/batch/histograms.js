@@ -1,6 +1,6 @@
 // Histograms that filter: a click on a bar keeps the results in it; a second bar extends the range.
 
-import { make } from "/static/page/dom.js";
+import { make } from "../page/dom.js";
 
 const BINS = 16;
 

@@ -1,10 +1,10 @@
 // The page of a batch: what is chosen, sorted, filtered and decided; served, verdicts are kept.
 
-import { showDetails } from "/static/batch/details.js";
-import { makeHistograms } from "/static/batch/histograms.js";
-import { Table } from "/static/batch/table.js";
-import { post } from "/static/page/connection.js";
-import { byId, make, optionsOf, setText } from "/static/page/dom.js";
+import { showDetails } from "./details.js";
+import { makeHistograms } from "./histograms.js";
+import { Table } from "./table.js";
+import { post } from "../page/connection.js";
+import { byId, make, optionsOf, setText } from "../page/dom.js";
 
 /**
  * @type {{

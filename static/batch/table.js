@@ -1,6 +1,6 @@
 // The table of results: only the rows in sight are in the document, so that thousands scroll fast.
 
-import { find, isPlain, make, targetOf, within } from "/static/page/dom.js";
+import { find, isPlain, make, targetOf, within } from "../page/dom.js";
 
 const ROW_PX = 57;
 const SPARE = 6;

@@ -1,7 +1,7 @@
 // Both sides beside one another: where the other one lies on the canvas, and which side a place belongs to.
 
-import { applied, movedBox, unapplied } from "/static/canvas/geometry.js";
-import { Picture } from "/static/canvas/picture.js";
+import { applied, movedBox, unapplied } from "../canvas/geometry.js";
+import { Picture } from "../canvas/picture.js";
 
 const GAP_M = 0.06;
 
@@ -15,7 +15,7 @@ export class Beside {
   /** Show the other side beside this one, or not. */
   update(/** @type {State} */ { other }, /** @type {string} */ layer, /** @type {string} */ look) {
     const layers = this.wanted && this.canvas.side === "this" ? other?.layers : null;
-    if (layers) this.picture.show(`/other/${layers.revision}/${layer}.png?${look}`, layers.revision, layers, false);
+    if (layers) this.picture.show(`other/${layers.revision}/${layer}.png?${look}`, layers.revision, layers, false);
     else this.picture.clear();
   }
 

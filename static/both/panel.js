@@ -1,20 +1,20 @@
 // Both sides of the item: the garment turned over, both beside one another, and the seams that join them.
 
-import { PagePart } from "/static/page/page.js";
-import { mirrored } from "/static/both/seen.js";
-import { nearest } from "/static/canvas/geometry.js";
-import { drawSeamInScene, drawSeams, strokeLoop } from "/static/canvas/marks.js";
-import { askJson, Fetched } from "/static/page/connection.js";
-import { closeButton, byId, heading, make, rebuild, smallButton, swatch, values } from "/static/page/dom.js";
-import { cm2, count, floatingOf, mm, number, percent } from "/static/page/format.js";
+import { PagePart } from "../page/page.js";
+import { mirrored } from "./seen.js";
+import { nearest } from "../canvas/geometry.js";
+import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
+import { askJson, Fetched } from "../page/connection.js";
+import { closeButton, byId, heading, make, rebuild, smallButton, swatch, values } from "../page/dom.js";
+import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
 
 const HIT_PX = 8;
 /** @type {SideName[]} */
 const SHEETS = ["this", "other"];
 const MOST_VIEWS = 6; // that are named for each rim of a seam
 
-/** @typedef {import("/static/page/messages").SeamInfo} SeamInfo */
-/** @typedef {import("/static/page/messages").SidePlaces} SidePlaces */
+/** @typedef {import("../page/messages").SeamInfo} SeamInfo */
+/** @typedef {import("../page/messages").SidePlaces} SidePlaces */
 
 export class BothSides extends PagePart {
   name = "bothSides";
@@ -44,7 +44,7 @@ export class BothSides extends PagePart {
     this.other = state.other ?? null;
     this.section.hidden = !this.other || !state.layers;
     const revision = this.other?.layers && this.other.revision;
-    if (this.fetched.want(revision ? `/other/${revision}/places.json` : null)) this.chosen = null;
+    if (this.fetched.want(revision ? `other/${revision}/places.json` : null)) this.chosen = null;
     if (!this.other?.layers && this.canvas.side === "other") this.turn("this");
     if (this.other?.layers && this.turnsOnceKnown) {
       this.turnsOnceKnown = false;

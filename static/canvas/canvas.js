@@ -1,11 +1,11 @@
 // The flattened view: what is drawn where; pan, zoom, turn, pick and drag of the proposal.
 
-import { Beside } from "/static/both/beside.js";
-import { drawMark, drawPick, drawScale } from "/static/canvas/marks.js";
-import { byId, contextOf, onWheel, sized } from "/static/page/dom.js";
-import { addTo, contains, cornersOf, grown, Transform, union } from "/static/canvas/geometry.js";
-import { Picture } from "/static/canvas/picture.js";
-import { Pyramid } from "/static/canvas/pyramid.js";
+import { Beside } from "../both/beside.js";
+import { drawMark, drawPick, drawScale } from "./marks.js";
+import { byId, contextOf, onWheel, sized } from "../page/dom.js";
+import { addTo, contains, cornersOf, grown, Transform, union } from "./geometry.js";
+import { Picture } from "./picture.js";
+import { Pyramid } from "./pyramid.js";
 
 const CLICK_PX = 4;
 const MARGIN_PX = 34;
@@ -94,7 +94,7 @@ export class FlatCanvas {
       if (overlay && overlay.view_index === state.pending?.view_index) {
         this.center = overlay.center_uv_m;
         // In the colours of the shape, which span another range when the shape changes.
-        const address = `/overlay/${overlay.revision}.png?layer=${layerName}&shape=${layers.revision}&${look}`;
+        const address = `overlay/${overlay.revision}.png?layer=${layerName}&shape=${layers.revision}&${look}`;
         this.overlay.show(address, overlay.revision, overlay, true);
       } else {
         this.overlay.clear();
@@ -109,7 +109,7 @@ export class FlatCanvas {
 
   /** The folder of the pictures of the shown side. */
   get folder() {
-    return this.side === "other" ? "/other" : "/layers";
+    return this.side === "other" ? "other" : "layers";
   }
 
   /** Which side of the item a place of the canvas belongs to, and where it is there. */

@@ -1,9 +1,9 @@
 // A, the shape, and B, the proposal on it: both, each alone, wiped, blinking, or their difference.
 
-import { PagePart } from "/static/page/page.js";
-import { byId, make, rebuild, setText, swatch, taken, within } from "/static/page/dom.js";
-import { degrees, hex, mm, number, vector } from "/static/page/format.js";
-import { Picture } from "/static/canvas/picture.js";
+import { PagePart } from "../page/page.js";
+import { byId, make, rebuild, showWords, swatch, taken, within } from "../page/dom.js";
+import { degrees, hex, mm, number, vector } from "../page/format.js";
+import { Picture } from "./picture.js";
 
 const BLINK_MS = 450;
 const WIPE_STEP = 0.02;
@@ -86,7 +86,7 @@ export class Comparison extends PagePart {
     const overlay = state.pending ? state.layers?.overlay : null;
     this.legends = overlay?.differences ?? null;
     if (overlay && this.mode === "difference") {
-      const address = `/difference/${state.layers?.revision}-${overlay.revision}/${this.kind}.png?${look}`;
+      const address = `difference/${state.layers?.revision}-${overlay.revision}/${this.kind}.png?${look}`;
       this.heat.show(address, overlay.revision, overlay, false);
     } else {
       this.heat.clear();
@@ -95,8 +95,7 @@ export class Comparison extends PagePart {
     this.placeHandle();
     const view = state.pending?.view_index;
     const label = { shape: "A: the shape alone", proposal: `B: view ${view} alone` }[this.mode];
-    this.chip.hidden = !overlay || !label;
-    setText(this.chip, label ?? "");
+    showWords(this.chip, (overlay && label) ?? "");
     this.canvas.redraw();
   }
 

@@ -1,9 +1,9 @@
 // Handles of the proposal: a ring turns it, its middle moves it; near a ghost, where the piece may belong, it snaps.
 
-import { applied, boxOf, unapplied } from "/static/canvas/geometry.js";
-import { drawLabel, drawRing, strokeLine, strokeRimmed, traceCross } from "/static/canvas/marks.js";
-import { byId, rebuild, smallButton } from "/static/page/dom.js";
-import { mm } from "/static/page/format.js";
+import { applied, boxOf, unapplied } from "./geometry.js";
+import { drawLabel, drawRing, strokeLine, strokeRimmed, traceCross } from "./marks.js";
+import { byId, rebuild, smallButton } from "../page/dom.js";
+import { mm } from "../page/format.js";
 
 const REACH_PX = 13;
 const ABOVE_PX = 26; // of the ring over the proposal

@@ -1,7 +1,7 @@
 // A pointer for use without a mouse: arrow keys move it over the flattened view, Enter clicks, Space presses
 // and lets go.
 
-import { byId, isPlain, WAYS, within } from "/static/page/dom.js";
+import { byId, isPlain, WAYS, within } from "../page/dom.js";
 
 const STEP_PX = 4;
 const FAST = 10;

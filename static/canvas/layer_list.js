@@ -1,9 +1,9 @@
 // The layers as a list: which are shown, how opaque, how they mix, and their colour bars. The chosen layer lies at the
 // bottom and colours the 3D scene as well; others that are shown lie over it, in the order of the list.
 
-import { choice, make, slider, tickBox } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
-import { Picture } from "/static/canvas/picture.js";
+import { choice, make, slider, tickBox } from "../page/dom.js";
+import { number } from "../page/format.js";
+import { Picture } from "./picture.js";
 
 /** All of them; the table of actions has their titles, keys and descriptions. */
 export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place"];
@@ -59,8 +59,8 @@ export class LayerList {
   tellScene(/** @type {State} */ state) {
     if (state.mode !== "session") return;
     const { map, low, high } = this.looking.of(this.page.layer);
-    const layer = /** @type {import("/static/page/messages").Look["layer"]} */ (this.page.layer);
-    /** @type {import("/static/page/messages").Look} */
+    const layer = /** @type {import("../page/messages").Look["layer"]} */ (this.page.layer);
+    /** @type {import("../page/messages").Look} */
     const message = { type: "look", layer, map: map || null, low, high };
     const text = JSON.stringify(message);
     if (this.sentLook === text) return;

@@ -1,13 +1,13 @@
 // Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as
 // they are.
 
-import { PagePart } from "/static/page/page.js";
-import { askJson } from "/static/page/connection.js";
-import { LayerList } from "/static/canvas/layer_list.js";
-import { drawLabel, strokeLine } from "/static/canvas/marks.js";
-import { onPinch } from "/static/canvas/pinch.js";
-import { button, byId, choice, find, make, rebuild, setText, slider } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
+import { PagePart } from "../page/page.js";
+import { askJson } from "../page/connection.js";
+import { LayerList } from "./layer_list.js";
+import { drawLabel, strokeLine } from "./marks.js";
+import { onPinch } from "./pinch.js";
+import { button, byId, choice, find, make, rebuild, setText, slider } from "../page/dom.js";
+import { number } from "../page/format.js";
 
 const STEP_DEG = 15;
 const GRID_GAP_PX = 44;
@@ -62,7 +62,7 @@ export class Looking extends PagePart {
   }
 
   async loadMaps() {
-    this.maps = (await askJson("/colormaps.json")) ?? {};
+    this.maps = (await askJson("colormaps.json")) ?? {};
   }
 
   // --- turn and flip ---------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 // What is marked on the flattened view: picks, the gripper of the current one, the scale bar.
 
-import { length, niceLength } from "/static/page/format.js";
+import { length, niceLength } from "../page/format.js";
 
 /** @param {FlatCanvas} canvas @param {{ uv_m: UV }} mark @param {Style} style */
 export function drawMark(canvas, mark, style) {

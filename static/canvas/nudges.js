@@ -1,6 +1,6 @@
 // Keys that move the proposal: shown at once, and one gesture of many presses is one item to undo.
 
-import { addTo } from "/static/canvas/geometry.js";
+import { addTo } from "./geometry.js";
 
 /** @type {Record<string, [turn: number, right: number, down: number]>} */
 const MOVES = {

@@ -1,9 +1,9 @@
 // The pictures of the flattened view: fetched by revision, the last one kept until the next is there.
 
-import { boxOf, pixelAt } from "/static/canvas/geometry.js";
-import { askPicture } from "/static/page/connection.js";
-import { contextOf, WAYS } from "/static/page/dom.js";
-import { Pyramid } from "/static/canvas/pyramid.js";
+import { boxOf, pixelAt } from "./geometry.js";
+import { askPicture } from "../page/connection.js";
+import { contextOf, WAYS } from "../page/dom.js";
+import { Pyramid } from "./pyramid.js";
 
 const OUTLINE = "#e67e00";
 

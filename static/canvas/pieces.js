@@ -1,8 +1,8 @@
 // The floating pieces on the flattened view: a rectangle in its colour, and its letter with the area.
 
-import { boxOf, cornersOf } from "/static/canvas/geometry.js";
-import { drawLabel, strokeLine } from "/static/canvas/marks.js";
-import { number } from "/static/page/format.js";
+import { boxOf, cornersOf } from "./geometry.js";
+import { drawLabel, strokeLine } from "./marks.js";
+import { number } from "../page/format.js";
 
 const HIGH_PX = 19;
 const FONT = "600 13px system-ui, sans-serif";

@@ -1,9 +1,9 @@
 // The ruler: drag on the flattened view; the length straight on it, along the cloth, and through the air.
 
-import { PagePart } from "/static/page/page.js";
-import { drawDot, strokeLine } from "/static/canvas/marks.js";
-import { byId, make } from "/static/page/dom.js";
-import { mm } from "/static/page/format.js";
+import { PagePart } from "../page/page.js";
+import { drawDot, strokeLine } from "./marks.js";
+import { byId, make } from "../page/dom.js";
+import { mm } from "../page/format.js";
 
 const LEAST_PX = 3;
 

@@ -1,8 +1,8 @@
 // The fitted outline and the named points over the flattened view: drawn, dragged, shown in the scene.
 
-import { nearest } from "/static/canvas/geometry.js";
-import { drawDot, strokeLoop } from "/static/canvas/marks.js";
-import { drawGarment, drawName } from "/static/garment/marks.js";
+import { nearest } from "../canvas/geometry.js";
+import { drawDot, strokeLoop } from "../canvas/marks.js";
+import { drawGarment, drawName } from "./marks.js";
 
 const GRAB_PX = 10;
 const CLICK_PX = 4;

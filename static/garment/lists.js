@@ -1,8 +1,8 @@
 // Kinds with their probabilities, and dimensions, as lists.
 
-import { words } from "/static/garment/marks.js";
-import { make, values } from "/static/page/dom.js";
-import { mm as inMm, number } from "/static/page/format.js";
+import { words } from "./marks.js";
+import { make, values } from "../page/dom.js";
+import { mm as inMm, number } from "../page/format.js";
 
 const LEAST_SHOWN = 0.005; // of a probability
 

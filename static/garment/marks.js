@@ -1,6 +1,6 @@
 // The outline of a garment and its named points on a flattened view.
 
-import { drawDot, drawLabel, drawRing, strokeLoop } from "/static/canvas/marks.js";
+import { drawDot, drawLabel, drawRing, strokeLoop } from "../canvas/marks.js";
 
 /** A name of the files as words. */
 export const words = (/** @type {string} */ name) => name.replaceAll("_", " ");

@@ -1,10 +1,10 @@
 // The Garment panel: kinds with their probabilities, dimensions, named points; what is decided about them by hand.
 
-import { PagePart } from "/static/page/page.js";
-import { boxOfPoints } from "/static/canvas/geometry.js";
-import { GarmentDrawing } from "/static/garment/drawing.js";
-import { dimensions, percent, pointButton, shares } from "/static/garment/lists.js";
-import { words } from "/static/garment/marks.js";
+import { PagePart } from "../page/page.js";
+import { boxOfPoints } from "../canvas/geometry.js";
+import { GarmentDrawing } from "./drawing.js";
+import { dimensions, percent, pointButton, shares } from "./lists.js";
+import { words } from "./marks.js";
 import {
   byId,
   choice,
@@ -17,8 +17,8 @@ import {
   smallButton,
   taken,
   WAYS,
-} from "/static/page/dom.js";
-import { cm2 } from "/static/page/format.js";
+} from "../page/dom.js";
+import { cm2 } from "../page/format.js";
 
 const NONE = "none of these";
 

@@ -1,17 +1,17 @@
 // Why the parts of the shape are joined: where the least evidence joins them, the views that saw it; cut or keep.
 
-import { PagePart } from "/static/page/page.js";
-import { nearest } from "/static/canvas/geometry.js";
-import { drawSeamInScene, drawSeams, strokeLoop } from "/static/canvas/marks.js";
-import { askJson, Fetched } from "/static/page/connection.js";
-import { byId, closeButton, heading, make, rebuild, smallButton, swatch } from "/static/page/dom.js";
-import { cm2, count, number, percent } from "/static/page/format.js";
+import { PagePart } from "../page/page.js";
+import { nearest } from "../canvas/geometry.js";
+import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
+import { askJson, Fetched } from "../page/connection.js";
+import { byId, closeButton, heading, make, rebuild, smallButton, swatch } from "../page/dom.js";
+import { cm2, count, number, percent } from "../page/format.js";
 
 const HIT_PX = 10;
 const MOST_ROWS = 8;
 
-/** @typedef {import("/static/page/messages").JointInfo} JointInfo */
-/** @typedef {import("/static/page/messages").JointsInfo} JointsInfo */
+/** @typedef {import("../page/messages").JointInfo} JointInfo */
+/** @typedef {import("../page/messages").JointsInfo} JointsInfo */
 
 export class JointsPanel extends PagePart {
   name = "joints";
@@ -50,7 +50,7 @@ export class JointsPanel extends PagePart {
     this.section.hidden = !this.shown || !state.layers || state.mode === "live";
     if (this.section.hidden) return;
     const revision = this.page.thisSide.layers?.revision;
-    if (this.fetched.want(revision ? `/joints/${revision}.json` : null)) this.chosen = null;
+    if (this.fetched.want(revision ? `joints/${revision}.json` : null)) this.chosen = null;
     rebuild(this.section, [this.found, this.chosen, this.notice, state.drawing], () => this.build(state.drawing));
   }
 

@@ -1,9 +1,9 @@
 // The right column: the part that the moment needs, the others one press away, the selection always in sight.
 
-import { PagePart } from "/static/page/page.js";
-import { byId, make, rebuild, smallButton, values } from "/static/page/dom.js";
-import { degrees, keyName, mm, vector } from "/static/page/format.js";
-import { stdMm } from "/static/panels/pick_text.js";
+import { PagePart } from "../page/page.js";
+import { byId, make, rebuild, smallButton, values } from "../page/dom.js";
+import { degrees, keyName, mm, vector } from "../page/format.js";
+import { stdMm } from "../panels/pick_text.js";
 
 const STROKES = [
   "brush_this",

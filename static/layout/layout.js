@@ -1,8 +1,8 @@
 // How the panes share the window: beside one another, stacked, or one at a time.
 
-import { PagePart } from "/static/page/page.js";
-import { byId, rebuild, smallButton, taken, targetOf, within } from "/static/page/dom.js";
-import { keyName } from "/static/page/format.js";
+import { PagePart } from "../page/page.js";
+import { byId, rebuild, smallButton, taken, targetOf, within } from "../page/dom.js";
+import { keyName } from "../page/format.js";
 
 const WIDE_PX = 1200; // from here on all panes are beside one another
 const BESIDE_PX = 800; // from here on the details are beside the others

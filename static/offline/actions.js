@@ -1,7 +1,7 @@
 // What the exported page can do: one table for buttons, keys and the sheet of keys.
 
-import { copyPick } from "/static/offline/details.js";
-import { actionSection, keySection, showKeys } from "/static/page/keys.js";
+import { copyPick } from "./details.js";
+import { actionSection, keySection, showKeys } from "../page/keys.js";
 
 /**
  * Name, group, keys, title, what it does, how; and a label where the title is a sign.

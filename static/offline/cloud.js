@@ -1,8 +1,8 @@
 // A small 3D view of points: orbit, zoom, pan and pick, on plain WebGL; marks are drawn over it in 2D.
 
-import { cross, dot, unit } from "/static/canvas/geometry.js";
-import { drawDot } from "/static/canvas/marks.js";
-import { onWheel, sized, taken, WAYS, within } from "/static/page/dom.js";
+import { cross, dot, unit } from "../canvas/geometry.js";
+import { drawDot } from "../canvas/marks.js";
+import { graphicsOf, onWheel, sized, taken, WAYS, within } from "../page/dom.js";
 
 const CLICK_PX = 4;
 const TURN_MS = 450;
@@ -48,7 +48,7 @@ export class CloudView {
     this.dirty = false;
     this.mark = /** @type {CloudMark} */ (null);
     this.eye = this.lookFrom(scene.start);
-    const gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+    const gl = graphicsOf(canvas, { antialias: true, preserveDrawingBuffer: true });
     this.points = gl && new Points(gl, scene);
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => {

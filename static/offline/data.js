@@ -1,8 +1,8 @@
 // The data of the exported page, unpacked from the page itself; nothing is loaded.
 
-import { boxOf, dot, pixelAt, unit } from "/static/canvas/geometry.js";
-import { contextOf } from "/static/page/dom.js";
-import { opened } from "/static/offline/parcel.js";
+import { boxOf, dot, pixelAt, unit } from "../canvas/geometry.js";
+import { contextOf } from "../page/dom.js";
+import { opened } from "./parcel.js";
 
 const OTHER = "other "; // before the names of the other side's data
 

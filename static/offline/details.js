@@ -1,9 +1,9 @@
 // Beside the pictures of the exported page: the current pick, all picks, the decisions, the values under the pointer.
 
-import { byId, heading, make, rebuild, setText, values } from "/static/page/dom.js";
-import { degrees, mm, number, vector } from "/static/page/format.js";
-import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "/static/panels/pick_text.js";
-import { showReadout } from "/static/panels/readout.js";
+import { byId, heading, make, rebuild, setText, values } from "../page/dom.js";
+import { degrees, mm, number, vector } from "../page/format.js";
+import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "../panels/pick_text.js";
+import { showReadout } from "../panels/readout.js";
 
 export function showPick(/** @type {OfflinePage} */ page) {
   const pick = page.current;

@@ -1,8 +1,8 @@
 // The garment beside the pictures of the exported page: kinds, named points, dimensions.
 
-import { dimensions, percent, pointButton, shares } from "/static/garment/lists.js";
-import { words } from "/static/garment/marks.js";
-import { byId, make, rebuild } from "/static/page/dom.js";
+import { dimensions, percent, pointButton, shares } from "../garment/lists.js";
+import { words } from "../garment/marks.js";
+import { byId, make, rebuild } from "../page/dom.js";
 
 export function showGarment(/** @type {OfflinePage} */ page) {
   const { text, found } = page.garment;

@@ -1,7 +1,7 @@
 // The exported page: steps through the growth of a shape, in 3D and flattened, with its picks. It has no server.
 
-import { FlatCanvas } from "/static/canvas/canvas.js";
-import { drawPieces } from "/static/canvas/pieces.js";
+import { FlatCanvas } from "../canvas/canvas.js";
+import { drawPieces } from "../canvas/pieces.js";
 import {
   buttonOf,
   byId,
@@ -9,23 +9,26 @@ import {
   findAll,
   isPlain,
   make,
+  NO_GRAPHICS,
+  sayWhenLost,
   setCurrent,
   setPressed,
   setText,
+  showWords,
   targetOf,
   within,
-} from "/static/page/dom.js";
-import { cm2, count, floatingOf, keyName, number, tipOf } from "/static/page/format.js";
-import { keyOf } from "/static/page/keys.js";
-import { startTips } from "/static/page/notices.js";
-import { actionTable } from "/static/offline/actions.js";
-import { CloudView } from "/static/offline/cloud.js";
-import { showDecisions, showPick, showPicks, showValues } from "/static/offline/details.js";
-import { turned } from "/static/both/seen.js";
-import { drawGarment } from "/static/garment/marks.js";
-import { showGarment } from "/static/offline/garment.js";
-import { unpack } from "/static/offline/data.js";
-import { showLegend } from "/static/panels/readout.js";
+} from "../page/dom.js";
+import { cm2, count, floatingOf, keyName, number, tipOf } from "../page/format.js";
+import { keyOf } from "../page/keys.js";
+import { startTips } from "../page/notices.js";
+import { actionTable } from "./actions.js";
+import { CloudView } from "./cloud.js";
+import { showDecisions, showPick, showPicks, showValues } from "./details.js";
+import { turned } from "../both/seen.js";
+import { drawGarment } from "../garment/marks.js";
+import { showGarment } from "./garment.js";
+import { unpack } from "./data.js";
+import { showLegend } from "../panels/readout.js";
 
 const canvasOf = (/** @type {string} */ id) => /** @type {HTMLCanvasElement} */ (byId(id));
 const PLAY_MS = 1300;
@@ -79,12 +82,9 @@ export class Page {
       this.turn("this"); // the points of the scene are those of this side
       this.pick(n, 0);
     });
-    byId("cloud-empty").hidden = this.cloud.points !== null;
+    showWords(byId("cloud-empty"), this.cloud.points ? "" : NO_GRAPHICS);
+    sayWhenLost(canvasOf("cloud"), byId("cloud-empty"));
     this.cloud.setStep(this.step, false);
-    setText(
-      byId("cloud-empty"),
-      "This browser shows no 3D here (WebGL 2 is off). The flattened view works without it.",
-    );
     this.actions = actionTable(this);
     this.fixed();
     this.show();
@@ -380,8 +380,7 @@ try {
   showValues(made, null, 0);
   Object.assign(window, { flatcloth: page });
 } catch (error) {
-  byId("broken").hidden = false;
-  setText(
+  showWords(
     byId("broken"),
     `This page cannot be shown here: ${/** @type {Error} */ (error).message}. Open it with a browser of 2023 or newer.`,
   );

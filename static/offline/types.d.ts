@@ -1,7 +1,7 @@
 // The types of the exported page, known to its modules without an import.
 
-import type { Cloth } from "/static/offline/data.js";
-import type { Page } from "/static/offline/offline.js";
+import type { Cloth } from "./data.js";
+import type { Page } from "./offline.js";
 
 declare global {
   type OfflinePage = Page;

@@ -2,8 +2,8 @@
 //
 // It is the part after "#": KIND/NAME, then view and pick as in a query; the server never sees it.
 
-import { PagePart } from "/static/page/page.js";
-import { askJson, post } from "/static/page/connection.js";
+import { PagePart } from "./page.js";
+import { askJson, post } from "./connection.js";
 
 /**
  * @typedef {{ kind: string; name: string }} Place
@@ -53,13 +53,13 @@ export class PageAddress extends PagePart {
 
   /** Learn what is open; an address of another place opens that. */
   async begin() {
-    const here = /** @type {{ place: Place | null } | null} */ (await askJson("/start/here.json"));
+    const here = /** @type {{ place: Place | null } | null} */ (await askJson("start/here.json"));
     this.place = here?.place ?? null;
     if (!this.asked.place || same(this.asked.place, this.place)) {
       this.known = true;
       return this.page.changed();
     }
-    const answer = await post("/start/open", this.asked.place);
+    const answer = await post("start/open", this.asked.place);
     if (answer?.ok) return location.reload();
     const body = /** @type {{ error?: string } | null} */ ((await answer?.json().catch(() => null)) ?? null);
     this.page.notify("warning", `This address cannot be opened here. ${body?.error ?? ""}`);

@@ -33,7 +33,8 @@ export const post = (/** @type {string} */ address, /** @type {object} */ messag
  * @property {(message: ServerMessage) => void} message
  * @property {(buffer: ArrayBuffer) => void} frame
  * @property {(again: boolean) => void} opened
- * @property {(seconds: number) => void} lost with the time until the next attempt
+ * @property {(seconds: number, refusal: string | null) => void} lost with the time until the next attempt; again
+ *   with why the socket is refused, if something answers
  */
 
 export class Connection {
@@ -45,7 +46,7 @@ export class Connection {
   }
 
   open() {
-    const address = new URL("/ws", location.href);
+    const address = new URL("ws", document.baseURI);
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
     socket.binaryType = "arraybuffer";
@@ -59,11 +60,22 @@ export class Connection {
       else this.handlers.frame(data);
     };
     socket.onclose = () => {
-      this.handlers.lost(this.wait / 1000);
+      this.handlers.lost(this.wait / 1000, null);
+      void this.explain(this.wait / 1000);
       setTimeout(() => (this.socket = this.open()), this.wait);
       this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
     };
     return socket;
+  }
+
+  /** Browsers do not tell why a socket is refused: a request to its address is answered in words. */
+  async explain(/** @type {number} */ seconds) {
+    const answer = await ask("ws", { method: "POST" });
+    const isOurs = answer?.headers.get("Content-Type")?.startsWith("text/plain");
+    // A program that has just come back answers too; it lets the next attempt in.
+    if (!answer || (isOurs ? answer.status !== 403 && this.openedBefore : answer.status >= 500)) return;
+    const refusal = isOurs ? await answer.text() : `A proxy answers ${answer.status} for ${answer.url}.`;
+    if (this.socket.readyState !== WebSocket.OPEN) this.handlers.lost(seconds, refusal);
   }
 
   /** Send a message; returns false if there is no connection. */

@@ -149,14 +149,38 @@ export const heading = (title, ...more) => make("div.heading", make("h2", title)
 /** A square that shows a colour. */
 export const swatch = (/** @type {string} */ color) => make("i.swatch", { style: { background: color } });
 
+const LOST =
+  "The browser has taken its graphics from the 3D view (WebGL context lost). If it does not come back, load this " +
+  "page again.";
+export const NO_GRAPHICS =
+  "The 3D view needs WebGL 2, which this browser does not give it. The flattened view works without it.";
+
+/** How a canvas is drawn on in 3D; null where the browser has no WebGL, or refuses it. */
+export function graphicsOf(/** @type {HTMLCanvasElement} */ canvas, settings = {}) {
+  try {
+    return /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", settings));
+  } catch {
+    return null;
+  }
+}
+
+/**
+ * Say it over a 3D view when it loses its graphics, until they are back.
+ * @param {EventTarget} view @param {HTMLElement} words
+ */
+export function sayWhenLost(view, words) {
+  view.addEventListener("webglcontextlost", () => showWords(words, LOST), true);
+  view.addEventListener("webglcontextrestored", () => showWords(words, ""), true);
+}
+
 let withoutCard = /** @type {boolean | undefined} */ (undefined);
 
 /**
  * Whether WebGL is drawn without a graphics card. Then pictures are painted by the processor directly: else the
  * browser compiles what draws them as for a card, for seconds in which the page stands still.
  */
-function isWithoutCard() {
-  const gl = document.createElement("canvas").getContext("webgl");
+export function isWithoutCard() {
+  const gl = graphicsOf(document.createElement("canvas"));
   const named = gl?.getExtension("WEBGL_debug_renderer_info");
   return /swiftshader|llvmpipe|software|basic render/i.test(
     named ? gl?.getParameter(named.UNMASKED_RENDERER_WEBGL) : "",
@@ -207,6 +231,12 @@ export function placeBeside(/** @type {HTMLElement} */ element, /** @type {DOMRe
 /** Set text only if it has changed, so that screen readers do not repeat it. */
 export function setText(/** @type {Element} */ element, /** @type {string} */ text) {
   if (element.textContent !== text) element.textContent = text;
+}
+
+/** Show words in an element, which is hidden without any. */
+export function showWords(/** @type {HTMLElement} */ element, /** @type {string} */ text) {
+  element.hidden = !text;
+  setText(element, text);
 }
 
 /** Say of an element that it is the present one of its list, or that it is not. */

@@ -1,8 +1,8 @@
 // The sheet of exports: each is made by the server on request, and then saved.
 
-import { ask } from "/static/page/connection.js";
-import { button, byId, findAll, make, rebuild, setText } from "/static/page/dom.js";
-import { cm2, number } from "/static/page/format.js";
+import { ask } from "./connection.js";
+import { button, byId, findAll, make, rebuild, setText } from "./dom.js";
+import { cm2, number } from "./format.js";
 
 /** Open the sheet of exports; `notify` reports what became of each. A piece that floats has a file of its own. */
 export function showExports(/** @type {Notify} */ notify, /** @type {State} */ { layers, recording }) {
@@ -28,7 +28,7 @@ export function showExports(/** @type {Notify} */ notify, /** @type {State} */ {
 async function takeHandEye(/** @type {Notify} */ notify) {
   const chosen = byId("hand-eye").files?.[0];
   if (!chosen) return;
-  const answer = await ask("/hand-eye", { method: "POST", body: await chosen.text() });
+  const answer = await ask("hand-eye", { method: "POST", body: await chosen.text() });
   const { error } = answer ? await answer.json() : { error: "there is no connection" };
   const notice = error ? `${chosen.name}: ${error}` : `${chosen.name} is used: grasps.json has robot poses now.`;
   setText(byId("hand-eye-notice"), notice);
@@ -61,7 +61,7 @@ async function save(button, file, title, notify, name) {
   setText(button, "Preparing …");
   const ticks = setInterval(() => setText(button, `Preparing … ${number(seconds(), 0)} s`), 1000);
   try {
-    const response = await fetch(`/export/${file}`);
+    const response = await fetch(`export/${file}`);
     if (!response.ok) throw new Error(await response.text());
     const address = URL.createObjectURL(await response.blob());
     make("a", { href: address, download: `${name.replace(/[^\w.-]+/g, "-")}-${file}` }).click();

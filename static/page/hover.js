@@ -1,6 +1,6 @@
 // What is under the pointer on the flattened view: one question at a time, always about the latest place.
 
-import { PagePart } from "/static/page/page.js";
+import { PagePart } from "./page.js";
 
 export class Hover extends PagePart {
   name = "hover";

@@ -1,8 +1,8 @@
 // The action of a key in the current mode, from the table of actions; and the sheet of keys.
 
-import { byId, make, taken, targetOf } from "/static/page/dom.js";
-import { keyName } from "/static/page/format.js";
-import { isMove } from "/static/canvas/nudges.js";
+import { byId, make, taken, targetOf } from "./dom.js";
+import { keyName } from "./format.js";
+import { isMove } from "../canvas/nudges.js";
 
 const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
 

@@ -1,6 +1,6 @@
 // Notifications: toasts that can be dismissed, and the log of all of them.
 
-import { byId, closeButton, make, placeBeside, staysIn, targetOf } from "/static/page/dom.js";
+import { byId, closeButton, make, placeBeside, staysIn, targetOf } from "./dom.js";
 
 const STAYS_MS = { info: 7000, warning: 10000, error: 20000 }; // longer under the pointer; the log has all
 const MOST_SHOWN = 3;

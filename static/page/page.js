@@ -1,8 +1,8 @@
 // What the parts of the page share: the state, messages to the server, the buttons of actions, the registry of panels.
 
-import { Question } from "/static/page/connection.js";
-import { make } from "/static/page/dom.js";
-import { keyName, tipOf } from "/static/page/format.js";
+import { Question } from "./connection.js";
+import { make } from "./dom.js";
+import { keyName, tipOf } from "./format.js";
 
 export class Page {
   constructor(/** @type {PageHandlers} */ handlers) {

@@ -1,7 +1,7 @@
 // The command palette: every action of the table that the present mode has, found by a few letters.
 
-import { byId, make } from "/static/page/dom.js";
-import { keyName } from "/static/page/format.js";
+import { byId, make } from "./dom.js";
+import { keyName } from "./format.js";
 
 /** @type {Record<string, number>} */
 const STEPS = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 };

@@ -1,10 +1,10 @@
-// viser's page in its frame: theme, reload after a lost connection, keys, and what it warns of.
+// viser's page in its frame: theme, reload after a lost connection, keys, and what it cannot show.
 
-import { byId, find, findAll } from "/static/page/dom.js";
-import { notify } from "/static/page/notices.js";
-import { isDark, onTheme } from "/static/page/theme.js";
+import { byId, graphicsOf, isWithoutCard, NO_GRAPHICS, sayWhenLost, showWords } from "./dom.js";
+import { notify } from "./notices.js";
+import { isDark, onTheme } from "./theme.js";
 
-const SEEN = "flatcloth-scene-told"; // the warnings of viser's page that this browser has shown
+const SEEN = "flatcloth-scene-told"; // whether this browser has shown it
 const SOFTWARE =
   "The 3D scene is drawn without a graphics card, so it moves slowly. If this computer has one, turn on hardware " +
   "acceleration in the browser's settings.";
@@ -17,7 +17,10 @@ export function startScene(/** @type {(event: KeyboardEvent) => void} */ onKeyDo
     // Same origin: keys pressed in the scene mean the same as in the page. On the capture phase,
     // so that viser does not also fly its camera with the letters that are ours.
     frame.contentWindow?.addEventListener("keydown", onKeyDown, true);
-    if (frame.contentDocument) foldWarnings(frame.contentDocument);
+    if (frame.contentWindow) sayWhenLost(frame.contentWindow, byId("scene-empty"));
+    if (!frame.contentDocument?.getElementById("root") || localStorage.getItem(SEEN)) return; // no scene, or known
+    if (isWithoutCard()) notify("info", SOFTWARE);
+    localStorage.setItem(SEEN, "yes");
   });
   onTheme(() => loadScene(false));
   loadScene(true);
@@ -27,28 +30,12 @@ export function startScene(/** @type {(event: KeyboardEvent) => void} */ onKeyDo
 export function loadScene(/** @type {boolean} */ force) {
   if (!force && shownDark === isDark()) return;
   shownDark = isDark();
-  const address = shownDark ? "/viser/?darkMode" : "/viser/";
+  const gl = graphicsOf(document.createElement("canvas"));
+  showWords(byId("scene-empty"), gl ? "" : NO_GRAPHICS);
+  if (!gl) return;
+  gl.getExtension("WEBGL_lose_context")?.loseContext(); // browsers allow a page few of them
+  const address = new URL(shownDark ? "viser/?darkMode" : "viser/", document.baseURI).href;
   if (frame.contentWindow && frame.dataset.loaded) frame.contentWindow.location.replace(address);
   else frame.src = address;
   frame.dataset.loaded = "yes";
-}
-
-/** Warnings about the browser that viser's page lays over the scene become notices of this page, each once. */
-function foldWarnings(/** @type {Document} */ inside) {
-  const fold = () => {
-    for (const warning of findAll(".mantine-Notification-root:not([data-folded])", inside)) {
-      const title = find(".mantine-Notification-title", warning)?.textContent ?? "";
-      if (!/webgl|browser/i.test(title)) continue;
-      warning.dataset.folded = "";
-      warning.style.display = "none";
-      find("button", warning)?.click();
-      const seen = JSON.parse(localStorage.getItem(SEEN) ?? "[]");
-      if (seen.includes(title)) continue;
-      localStorage.setItem(SEEN, JSON.stringify([...seen, title]));
-      const description = find(".mantine-Notification-description", warning)?.textContent ?? "";
-      notify("info", /software/i.test(title) ? SOFTWARE : `3D scene: ${title}. ${description}`);
-    }
-  };
-  new MutationObserver(fold).observe(inside.body, { childList: true, subtree: true });
-  fold();
 }

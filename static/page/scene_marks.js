@@ -4,9 +4,9 @@
 // They are drawn by this page on a canvas over viser's, with the camera that viser has at that moment: so a mark
 // is never hidden, and follows the pointer without waiting for the scene.
 
-import { PagePart } from "/static/page/page.js";
-import { drawDot, drawLabel, drawRing, strokeRimmed } from "/static/canvas/marks.js";
-import { byId, sized } from "/static/page/dom.js";
+import { PagePart } from "./page.js";
+import { drawDot, drawLabel, drawRing, strokeRimmed } from "../canvas/marks.js";
+import { byId, sized } from "./dom.js";
 
 const EDGE = 14;
 const NORMAL_M = 0.06; // length of the arrow
@@ -69,7 +69,7 @@ export class SceneMarks extends PagePart {
   }
 
   /** A new pick is shown at once, here and on the plane; its name and its numbers come with the next state. */
-  highlight(/** @type {import("/static/page/messages").Picked} */ pick) {
+  highlight(/** @type {import("./messages").Picked} */ pick) {
     const { canvas } = this.page;
     const at = canvas.shownAt(pick.side, pick.uv_m);
     if (at) canvas.marks = [...canvas.marks.filter(({ id }) => id !== pick.id), { id: pick.id, uv_m: at }];

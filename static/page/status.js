@@ -1,8 +1,8 @@
 // The lines above the canvas: the shown view, the next step, the progress, and notes about the session.
 
-import { PagePart } from "/static/page/page.js";
-import { byId, closeButton, make, rebuild, setText } from "/static/page/dom.js";
-import { count, endOf, floatingOf, number } from "/static/page/format.js";
+import { PagePart } from "./page.js";
+import { byId, closeButton, make, rebuild, setText } from "./dom.js";
+import { count, endOf, floatingOf, number } from "./format.js";
 
 const BUSY_AFTER_MS = 250;
 

@@ -14,11 +14,11 @@ import {
   slider,
   staysIn,
   taken,
-} from "/static/page/dom.js";
-import { tipOf } from "/static/page/format.js";
-import { LAYERS, layerAction } from "/static/canvas/layer_list.js";
-import { PagePart } from "/static/page/page.js";
-import { actionSection, keySection, showKeys } from "/static/page/keys.js";
+} from "./dom.js";
+import { tipOf } from "./format.js";
+import { LAYERS, layerAction } from "../canvas/layer_list.js";
+import { PagePart } from "./page.js";
+import { actionSection, keySection, showKeys } from "./keys.js";
 
 const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
 const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];

@@ -1,21 +1,21 @@
 // The types that the modules of the page share, known to all of them without an import.
 
-import type * as M from "/static/page/messages";
-import type * as E from "/static/page/elements";
-import type { FlatCanvas as FlatCanvasClass } from "/static/canvas/canvas.js";
-import type { LayerList as LayerListClass } from "/static/canvas/layer_list.js";
-import type { Looking as LookingClass } from "/static/canvas/look.js";
-import type { Comparison as ComparisonClass } from "/static/canvas/compare.js";
-import type { Picture as PictureClass } from "/static/canvas/picture.js";
-import type { Pyramid as PyramidClass } from "/static/canvas/pyramid.js";
-import type { KeyNudges as KeyNudgesClass } from "/static/canvas/nudges.js";
-import type { Ruler as RulerClass } from "/static/canvas/ruler.js";
-import type { Page as PageClass } from "/static/page/page.js";
-import type { SceneMarks as SceneMarksClass } from "/static/page/scene_marks.js";
-import type { SidesPanel as SidesPanelClass } from "/static/panels/sides.js";
-import type { Verdicts as VerdictsClass } from "/static/review/verdicts.js";
-import type { GarmentPanel as GarmentPanelClass } from "/static/garment/panel.js";
-import type { Layout as LayoutClass } from "/static/layout/layout.js";
+import type * as M from "./messages";
+import type * as E from "./elements";
+import type { FlatCanvas as FlatCanvasClass } from "../canvas/canvas.js";
+import type { LayerList as LayerListClass } from "../canvas/layer_list.js";
+import type { Looking as LookingClass } from "../canvas/look.js";
+import type { Comparison as ComparisonClass } from "../canvas/compare.js";
+import type { Picture as PictureClass } from "../canvas/picture.js";
+import type { Pyramid as PyramidClass } from "../canvas/pyramid.js";
+import type { KeyNudges as KeyNudgesClass } from "../canvas/nudges.js";
+import type { Ruler as RulerClass } from "../canvas/ruler.js";
+import type { Page as PageClass } from "./page.js";
+import type { SceneMarks as SceneMarksClass } from "./scene_marks.js";
+import type { SidesPanel as SidesPanelClass } from "../panels/sides.js";
+import type { Verdicts as VerdictsClass } from "../review/verdicts.js";
+import type { GarmentPanel as GarmentPanelClass } from "../garment/panel.js";
+import type { Layout as LayoutClass } from "../layout/layout.js";
 
 declare global {
   type State = M.PageState;

@@ -1,8 +1,8 @@
 // A camera's page: what it sees wrong, and the guided capture: turn, hold still, keep or repeat.
 
-import { PagePart } from "/static/page/page.js";
-import { button, buttonOf, byId, field, make, numberBox, rebuild, setAllowed, setText } from "/static/page/dom.js";
-import { count, degrees, number } from "/static/page/format.js";
+import { PagePart } from "../page/page.js";
+import { button, buttonOf, byId, field, make, numberBox, rebuild, setAllowed, setText } from "../page/dom.js";
+import { count, degrees, number } from "../page/format.js";
 
 /** @type {Record<string, "keep" | "repeat" | "turned">} */
 const ACTIONS = { capture_keep: "keep", capture_repeat: "repeat", capture_turned: "turned" };
@@ -64,7 +64,7 @@ export class CapturePanel extends PagePart {
     if (!view) return;
     rebuild(byId("capture-view"), [view.number, view.angle_deg], () => [
       make("img.capture-picture", {
-        src: `/capture/view.png?number=${view.number}`,
+        src: `capture/view.png?number=${view.number}`,
         alt: `Color and depth of the view at ${number(view.angle_deg, 1)} degrees`,
       }),
       make("p.quiet-text", `${view.frames} frames, which agree to ${number(view.noise_mm, 1)} mm`),
@@ -102,7 +102,7 @@ export class CapturePanel extends PagePart {
     if (names.includes("capture_keep")) buttonOf("capture_keep").classList.add("primary");
   }
 
-  /** @param {import("/static/page/messages").Capture["action"]} action @param {number} [angle_deg] */
+  /** @param {import("../page/messages").Capture["action"]} action @param {number} [angle_deg] */
   send(action, angle_deg) {
     this.page.send({ type: "capture", action, angle_deg });
   }

@@ -1,10 +1,10 @@
 // The pairs of cloth that fixed a proposal's place: histograms, and lines on the canvas and in 3D.
 
-import { nearest } from "/static/canvas/geometry.js";
-import { drawDot, strokeLine } from "/static/canvas/marks.js";
-import { count, number } from "/static/page/format.js";
-import { columns, rows } from "/static/teaching/draw.js";
-import { Plot } from "/static/teaching/plot.js";
+import { nearest } from "../canvas/geometry.js";
+import { drawDot, strokeLine } from "../canvas/marks.js";
+import { count, number } from "../page/format.js";
+import { columns, rows } from "../teaching/draw.js";
+import { Plot } from "../teaching/plot.js";
 
 const STRETCH = 10; // lines on the canvas are drawn so many times as long: a millimetre would not be seen
 const NEAR_PX = 14;

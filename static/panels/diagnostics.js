@@ -1,14 +1,14 @@
 // What placed a proposal: pairs of cloth; the paper's curves, linked to the canvas, and lines; strained edges.
 
-import { PagePart } from "/static/page/page.js";
-import { ask } from "/static/page/connection.js";
-import { applied, unapplied } from "/static/canvas/geometry.js";
-import { drawDot, strokeLine } from "/static/canvas/marks.js";
-import { byId, make, rebuild, setText, taken, tickBox, within } from "/static/page/dom.js";
-import { degrees, number } from "/static/page/format.js";
-import { ClothPairs } from "/static/panels/cloth_pairs.js";
-import { columns, inside, rows, Sheet } from "/static/teaching/draw.js";
-import { Plot } from "/static/teaching/plot.js";
+import { PagePart } from "../page/page.js";
+import { ask } from "../page/connection.js";
+import { applied, unapplied } from "../canvas/geometry.js";
+import { drawDot, strokeLine } from "../canvas/marks.js";
+import { byId, make, rebuild, setText, taken, tickBox, within } from "../page/dom.js";
+import { degrees, number } from "../page/format.js";
+import { ClothPairs } from "./cloth_pairs.js";
+import { columns, inside, rows, Sheet } from "../teaching/draw.js";
+import { Plot } from "../teaching/plot.js";
 
 /** @typedef {"current" | "new"} Side */
 
@@ -98,7 +98,7 @@ export class Diagnostics extends PagePart {
   async ask(/** @type {string} */ key, /** @type {number} */ view) {
     this.asked = key;
     setText(this.title, `What placed view ${view}`);
-    const answer = await ask(`/diagnostics/${key}.json`);
+    const answer = await ask(`diagnostics/${key}.json`);
     if (this.asked !== key) return;
     this.known = answer?.ok ? /** @type {Known} */ (await answer.json()) : null;
     if (this.known) {

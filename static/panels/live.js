@@ -1,9 +1,9 @@
 // Live mode: frames as they come, the bar that steers them, and the rate at which they are really drawn.
 
-import { byId, optionsOf, setText } from "/static/page/dom.js";
-import { boxOf } from "/static/canvas/geometry.js";
-import { number } from "/static/page/format.js";
-import { opened } from "/static/offline/parcel.js";
+import { byId, optionsOf, setText } from "../page/dom.js";
+import { boxOf } from "../canvas/geometry.js";
+import { number } from "../page/format.js";
+import { opened } from "../offline/parcel.js";
 
 const RATES = [1, 2, 5, 10, 15, 30, 60];
 const RATE_WINDOW_MS = 1000;

@@ -1,7 +1,7 @@
 // A pick in words and numbers, on the page and on the exported one.
 
-import { make } from "/static/page/dom.js";
-import { mm, number } from "/static/page/format.js";
+import { make } from "../page/dom.js";
+import { mm, number } from "../page/format.js";
 
 /** @type {Record<string, string>} */
 export const AXIS_FROM = { outline: "along the outline", hand: "by hand", level: "level: no outline nearby" };

@@ -1,19 +1,9 @@
 // The current pick with its grip, and the list of all picks.
 
-import { PagePart } from "/static/page/page.js";
-import {
-  byId,
-  closeButton,
-  field,
-  heading,
-  make,
-  numberBox,
-  rebuild,
-  smallButton,
-  values,
-} from "/static/page/dom.js";
-import { degrees, mm, number, vector } from "/static/page/format.js";
-import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "/static/panels/pick_text.js";
+import { PagePart } from "../page/page.js";
+import { byId, closeButton, field, heading, make, numberBox, rebuild, smallButton, values } from "../page/dom.js";
+import { degrees, mm, number, vector } from "../page/format.js";
+import { AXIS_FROM, copyText, pickText, sourceRow, stdMm } from "./pick_text.js";
 
 export class PicksPanel extends PagePart {
   name = "picks";
@@ -116,7 +106,7 @@ export class PicksPanel extends PagePart {
   list(/** @type {ListedPick[]} */ picks, /** @type {number | null} */ current) {
     const n = picks.length;
     const save = make("a.button.small", {
-      href: "/export/grasps.json",
+      href: "export/grasps.json",
       download: "grasps.json",
       key: "export",
       tip: "Download all picks as grasps.json",

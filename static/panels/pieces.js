@@ -1,12 +1,12 @@
 // The pieces that float: listed with area and reason, marked on the canvas, placed by hand or by the garment.
 
-import { PagePart } from "/static/page/page.js";
-import { strokeLoop } from "/static/canvas/marks.js";
-import { applied, boxOf, cornersOf } from "/static/canvas/geometry.js";
-import { drawPieces } from "/static/canvas/pieces.js";
-import { percent } from "/static/garment/lists.js";
-import { byId, make, rebuild, smallButton, swatch } from "/static/page/dom.js";
-import { cm2, count, floatingOf, mm } from "/static/page/format.js";
+import { PagePart } from "../page/page.js";
+import { strokeLoop } from "../canvas/marks.js";
+import { applied, boxOf, cornersOf } from "../canvas/geometry.js";
+import { drawPieces } from "../canvas/pieces.js";
+import { percent } from "../garment/lists.js";
+import { byId, make, rebuild, smallButton, swatch } from "../page/dom.js";
+import { cm2, count, floatingOf, mm } from "../page/format.js";
 
 export class PiecesPanel extends PagePart {
   name = "pieces";

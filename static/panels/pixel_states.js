@@ -1,9 +1,9 @@
 // Why pixels of a view are not in the shape: a layer over its source image, and the legend with their shares.
 
-import { askJson, Fetched } from "/static/page/connection.js";
-import { make, rebuild, swatch } from "/static/page/dom.js";
-import { number, percent } from "/static/page/format.js";
-import { KeptSwitch } from "/static/page/theme.js";
+import { askJson, Fetched } from "../page/connection.js";
+import { make, rebuild, swatch } from "../page/dom.js";
+import { number, percent } from "../page/format.js";
+import { KeptSwitch } from "../page/theme.js";
 
 /** @typedef {{ state: string; text: string; color: string | null; share: number; missing: number }} Share */
 
@@ -17,7 +17,7 @@ export class PixelStates {
 
   /** The address of the layer of a view for a revision of the shape; null if it is not shown. */
   addressOf(/** @type {number} */ view, /** @type {number} */ revision) {
-    return this.shown.on && revision ? `/source/${view}/states-${revision}.png` : null;
+    return this.shown.on && revision ? `source/${view}/states-${revision}.png` : null;
   }
 
   /**

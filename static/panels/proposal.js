@@ -1,11 +1,11 @@
 // The proposal that waits for a decision: score, parts of it, other places.
 
-import { PagePart } from "/static/page/page.js";
-import { drawDot } from "/static/canvas/marks.js";
-import { drawName } from "/static/garment/marks.js";
-import { button, buttonOf, byId, make, rebuild, valueRows, values } from "/static/page/dom.js";
-import { cm2, degrees, floatingOf, number, vector } from "/static/page/format.js";
-import { KeptSwitch } from "/static/page/theme.js";
+import { PagePart } from "../page/page.js";
+import { drawDot } from "../canvas/marks.js";
+import { drawName } from "../garment/marks.js";
+import { button, buttonOf, byId, make, rebuild, valueRows, values } from "../page/dom.js";
+import { cm2, degrees, floatingOf, number, vector } from "../page/format.js";
+import { KeptSwitch } from "../page/theme.js";
 
 const partsOpen = new KeptSwitch("parts-open");
 

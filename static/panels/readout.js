@@ -1,7 +1,7 @@
 // The values under the pointer, and the legend of the layer that is shown.
 
-import { byId, make, rebuild, setText, swatch } from "/static/page/dom.js";
-import { degrees, hex, number, vector } from "/static/page/format.js";
+import { byId, make, rebuild, setText, swatch } from "../page/dom.js";
+import { degrees, hex, number, vector } from "../page/format.js";
 
 /** @type {[string, string, (values: PixelValues) => string][]} */
 const READOUT = [

@@ -1,9 +1,9 @@
 // Repair of a proposal: how it fits while it is moved, refinement from there, and pairs of points to fit.
 
-import { applied, unapplied } from "/static/canvas/geometry.js";
-import { drawDot, strokeRimmed } from "/static/canvas/marks.js";
-import { buttonOf, byId, closeButton, make, numberBox, rebuild, setPressed, setText } from "/static/page/dom.js";
-import { cm2, number } from "/static/page/format.js";
+import { applied, unapplied } from "../canvas/geometry.js";
+import { drawDot, strokeRimmed } from "../canvas/marks.js";
+import { buttonOf, byId, closeButton, make, numberBox, rebuild, setPressed, setText } from "../page/dom.js";
+import { cm2, number } from "../page/format.js";
 
 const REACH_PX = 11;
 const SEEN_EVERY_MS = 60;

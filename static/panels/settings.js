@@ -1,12 +1,12 @@
 // The settings: one door, made from the server's table, each with a reset; and the numbers of the method, to read.
 
-import { PagePart } from "/static/page/page.js";
-import { askJson } from "/static/page/connection.js";
-import { byId, choice, make, numberBox, rebuild, smallButton, tickBox } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
-import { chosenTheme, setTheme } from "/static/page/theme.js";
+import { PagePart } from "../page/page.js";
+import { askJson } from "../page/connection.js";
+import { byId, choice, make, numberBox, rebuild, smallButton, tickBox } from "../page/dom.js";
+import { number } from "../page/format.js";
+import { chosenTheme, setTheme } from "../page/theme.js";
 
-/** @type {import("/static/page/messages").Choice} a setting that this browser keeps */
+/** @type {import("../page/messages").Choice} a setting that this browser keeps */
 const THEME = {
   name: "theme",
   title: "Theme",
@@ -49,7 +49,7 @@ export class SettingsSheet extends PagePart {
     const rows = Object.values(this.settings);
     const theme = chosenTheme();
     byId("settings-reset").setAttribute("aria-disabled", String(!theme && rows.every((s) => s.value === s.default)));
-    /** @type {import("/static/page/messages").Choice} */
+    /** @type {import("../page/messages").Choice} */
     const themes = { ...THEME, value: theme };
     rebuild(byId("settings-body"), [rows, theme], () => [
       ...rows.map((s) => this.row(s, (next) => this.page.send({ type: "set", [s.name]: next }))),
@@ -101,7 +101,7 @@ export class SettingsSheet extends PagePart {
     const box = byId("settings-numbers");
     if (box.childElementCount) return;
     /** @type {{ section: string; values: { name: string; about: string; value: unknown; default: unknown }[] }[]} */
-    const sections = (await askJson("/settings/numbers.json")) ?? [];
+    const sections = (await askJson("settings/numbers.json")) ?? [];
     box.replaceChildren(
       ...sections.map(({ section, values }) =>
         make(

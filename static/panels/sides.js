@@ -1,10 +1,10 @@
 // The side of interest: brushes on the source image and the shape, a cut, what is uncertain, where to stroke next.
 
-import { PagePart } from "/static/page/page.js";
-import { askPicture, Fetched } from "/static/page/connection.js";
-import { strokeLine } from "/static/canvas/marks.js";
-import { byId, make, rebuild, setText, within } from "/static/page/dom.js";
-import { mm } from "/static/page/format.js";
+import { PagePart } from "../page/page.js";
+import { askPicture, Fetched } from "../page/connection.js";
+import { strokeLine } from "../canvas/marks.js";
+import { byId, make, rebuild, setText, within } from "../page/dom.js";
+import { mm } from "../page/format.js";
 
 const RADII_MM = [4, 6, 8, 10, 15, 20, 30];
 const FIRST_MM = 10;
@@ -228,13 +228,13 @@ export class SidesPanel extends PagePart {
   /** The address of the labels of a view, null if they are not shown or not known. */
   addressOf(/** @type {number} */ view) {
     if (!this.known?.certainty || !(this.shown || this.certain)) return null;
-    return `/sides/${view}.png?layer=${this.certain ? "certainty" : "side"}&revision=${this.known.revision}`;
+    return `sides/${view}.png?layer=${this.certain ? "certainty" : "side"}&revision=${this.known.revision}`;
   }
 
   /** The addresses of a small image of a view and of its labels, null if they are not shown or not known. */
   thumbsOf(/** @type {number} */ view) {
     const labels = this.addressOf(view)?.replace(".png", "/small.png");
-    return labels ? [`/sides/${view}/color.jpg?v=${this.known?.token}`, labels] : null;
+    return labels ? [`sides/${view}/color.jpg?v=${this.known?.token}`, labels] : null;
   }
 
   /** Go to the next place, or to that before; after a stroke the best one is the first again. */
@@ -245,7 +245,7 @@ export class SidesPanel extends PagePart {
     this.page.send({ type: "where_to_stroke", number });
   }
 
-  goTo(/** @type {import("/static/page/messages").StrokeAdvice} */ answer) {
+  goTo(/** @type {import("../page/messages").StrokeAdvice} */ answer) {
     if (this.place) this.place.number = answer.number;
     this.page.notify("info", answer.text);
     if (answer.view_index !== null && answer.rc) this.page.each("lookAt", answer.view_index, answer.rc);
@@ -257,7 +257,7 @@ export class SidesPanel extends PagePart {
     const layers = state.layers?.revision;
     const known = this.certain && layers && this.canvas.side === "this" ? this.known : null;
     const key = known && known.certainty !== null ? `${layers}-${known.revision}` : null;
-    this.image.want(key && `/sides/shape.png?revision=${key}`);
+    this.image.want(key && `sides/shape.png?revision=${key}`);
   }
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {

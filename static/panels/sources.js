@@ -1,10 +1,10 @@
 // The source image of a view with its mask, beside the flattened view, and every view that saw the current pick.
 
-import { PagePart } from "/static/page/page.js";
-import { zoomedBox } from "/static/canvas/geometry.js";
-import { askJson, askPicture, Fetched } from "/static/page/connection.js";
-import { strokeLine, strokeRimmed, traceCross } from "/static/canvas/marks.js";
-import { onPinch } from "/static/canvas/pinch.js";
+import { PagePart } from "../page/page.js";
+import { zoomedBox } from "../canvas/geometry.js";
+import { askJson, askPicture, Fetched } from "../page/connection.js";
+import { strokeLine, strokeRimmed, traceCross } from "../canvas/marks.js";
+import { onPinch } from "../canvas/pinch.js";
 import {
   buttonOf,
   byId,
@@ -20,10 +20,10 @@ import {
   taken,
   WAYS,
   within,
-} from "/static/page/dom.js";
-import { count, number } from "/static/page/format.js";
-import { KeptSwitch } from "/static/page/theme.js";
-import { PixelStates } from "/static/panels/pixel_states.js";
+} from "../page/dom.js";
+import { count, number } from "../page/format.js";
+import { KeptSwitch } from "../page/theme.js";
+import { PixelStates } from "./pixel_states.js";
 
 const LEAST_PX = 200; // of the image's longer side; it grows with the scene
 const MOST_SHARE = 0.42; // of the scene's width and height
@@ -242,7 +242,7 @@ export class SourcePanel extends PagePart {
   takePick(/** @type {CurrentPick | null} */ pick) {
     this.pick = pick;
     // A pick that was laid elsewhere has its number still.
-    this.seenIn.want(pick && `/source/seen/${pick.id}.json?at=${pick.position_held_m}`);
+    this.seenIn.want(pick && `source/seen/${pick.id}.json?at=${pick.position_held_m}`);
   }
 
   // --- what is shown ---------------------------------------------------------------------------
@@ -336,7 +336,7 @@ export class SourcePanel extends PagePart {
   itemBox(/** @type {number} */ view) {
     const { sides } = this.page.state;
     if (!sides || sides.certainty === null) return null;
-    const address = `/sides/${view}/box.json?v=${sides.token}`;
+    const address = `sides/${view}/box.json?v=${sides.token}`;
     if (this.itemBoxes.has(address)) return this.itemBoxes.get(address);
     this.itemBoxes.set(address, undefined);
     askJson(address).then((found) => {
@@ -350,10 +350,10 @@ export class SourcePanel extends PagePart {
     const { view } = this;
     if (this.panel.hidden || this.folded.on || view === null) return;
     const masked = this.masked.on;
-    const color = this.image(`/source/${view}/color.jpg`);
+    const color = this.image(`source/${view}/color.jpg`);
     const shaded = masked ? ", what is not the item shaded" : "";
     this.imageCanvas.setAttribute("aria-label", `Source image of view ${view}${shaded}`);
-    const mask = this.image(`/source/${view}/mask.png`);
+    const mask = this.image(`source/${view}/mask.png`);
     const sides = this.page.brush?.addressOf(view);
     const lost = this.states.addressOf(view, this.revision);
     const labels = lost ? this.image(lost) : sides && masked ? this.image(sides) : null;

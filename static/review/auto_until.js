@@ -1,7 +1,7 @@
 // How far Auto runs, as one choice: all views, until a view adds little, or this many; under the button of Auto.
 
-import { PagePart } from "/static/page/page.js";
-import { buttonOf, byId, find, make, numberBox, placeBeside, rebuild, staysIn, taken } from "/static/page/dom.js";
+import { PagePart } from "../page/page.js";
+import { buttonOf, byId, find, make, numberBox, placeBeside, rebuild, staysIn, taken } from "../page/dom.js";
 
 export class AutoUntil extends PagePart {
   name = "autoUntil";

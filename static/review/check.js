@@ -1,8 +1,8 @@
 // What is wrong with the recording: a card a finding, with the picture that shows why and a button that mends it.
 
-import { PagePart } from "/static/page/page.js";
-import { askJson, post } from "/static/page/connection.js";
-import { byId, closeButton, make } from "/static/page/dom.js";
+import { PagePart } from "../page/page.js";
+import { askJson, post } from "../page/connection.js";
+import { byId, closeButton, make } from "../page/dom.js";
 
 const LEAST_VIEWS = 4;
 const AGAIN = "Opens the recording again with this setting";
@@ -39,7 +39,7 @@ export class CheckPanel extends PagePart {
 
   async ask() {
     /** @type {{ as_recorded: boolean; findings: Finding[] } | null} */
-    const checked = await askJson("/check.json");
+    const checked = await askJson("check.json");
     if (!checked?.findings.length || checked.as_recorded) return;
     // What is certain is shown; doubts wait, as one line, until somebody wants to know.
     const certain = checked.findings.some((finding) => finding.certain);
@@ -65,13 +65,13 @@ export class CheckPanel extends PagePart {
       "article",
       make("p", `${finding.text} (${sure}).`),
       buttons.length ? make("div.group", ...buttons) : make("p.soft", "No setting mends this; record it again."),
-      finding.views && make("img", { src: `/check/${n}.png`, alt: SHOWN }),
+      finding.views && make("img", { src: `check/${n}.png`, alt: SHOWN }),
     );
   }
 
   async mend(/** @type {Record<string, unknown>} */ mends) {
     this.panel.setAttribute("aria-busy", "true");
-    const answer = await post("/start/mend", { mends });
+    const answer = await post("start/mend", { mends });
     const body = await answer?.json().catch(() => null);
     this.panel.removeAttribute("aria-busy");
     if (!answer?.ok) this.page.notify("error", body?.error ?? "There is no connection to flatcloth.");

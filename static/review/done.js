@@ -1,7 +1,7 @@
 // What was done, the last first; a press goes back there, or forward again.
 
-import { PagePart } from "/static/page/page.js";
-import { byId, closeButton, heading, make, rebuild, setCurrent } from "/static/page/dom.js";
+import { PagePart } from "../page/page.js";
+import { byId, closeButton, heading, make, rebuild, setCurrent } from "../page/dom.js";
 
 export class DonePanel extends PagePart {
   name = "done";

@@ -1,21 +1,9 @@
 // All views as a list: sorted by a column, filtered by what was decided, with the reasons.
 
-import { PagePart } from "/static/page/page.js";
-import {
-  byId,
-  closeButton,
-  find,
-  findAll,
-  focusOn,
-  make,
-  rebuild,
-  smallButton,
-  taken,
-  targetOf,
-  within,
-} from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
-import { added, doubtsOf, flagsOf, isFlattened, scoreBar, STATES, thumbsOf } from "/static/review/timeline.js";
+import { PagePart } from "../page/page.js";
+import { byId, closeButton, find, findAll, focusOn, make, rebuild, smallButton, taken, within } from "../page/dom.js";
+import { number } from "../page/format.js";
+import { added, doubtsOf, flagsOf, isFlattened, scoreBar, STATES, thumbsOf } from "./timeline.js";
 
 const UNDECIDED = ["unused", "pending", "skipped", "later"];
 const LEFT_OUT = ["rejected", "skipped"];
@@ -173,7 +161,7 @@ export class ReviewList extends PagePart {
       this.toggle();
     } else if (["ArrowDown", "ArrowUp"].includes(event.key)) {
       const rows = findAll("tbody tr", this.section);
-      const at = rows.findIndex((row) => row.contains(targetOf(event)));
+      const at = rows.findIndex((row) => row.contains(document.activeElement));
       const next = rows[within(at + (event.key === "ArrowDown" ? 1 : -1), 0, rows.length - 1)];
       const button = next && find("button", next);
       if (!button) return;

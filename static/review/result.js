@@ -1,11 +1,11 @@
 // The result: how much cloth, how reliable, what is missing and why, what to review, and the data to take away.
 
-import { PagePart } from "/static/page/page.js";
-import { askJson } from "/static/page/connection.js";
-import { button, byId, closeButton, heading, make, rebuild, values } from "/static/page/dom.js";
-import { exportButton, showExports } from "/static/page/exports.js";
-import { cm2, count, endOf, floatingOf, mm, number, percent } from "/static/page/format.js";
-import { doubtsOf, flagsOf } from "/static/review/timeline.js";
+import { PagePart } from "../page/page.js";
+import { askJson } from "../page/connection.js";
+import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
+import { exportButton, showExports } from "../page/exports.js";
+import { cm2, count, endOf, floatingOf, mm, number, percent } from "../page/format.js";
+import { doubtsOf, flagsOf } from "./timeline.js";
 
 const MOST = 4; // of each list
 
@@ -53,7 +53,7 @@ export class ResultPanel extends PagePart {
 
   async load(/** @type {number} */ revision) {
     this.loading = revision;
-    const found = /** @type {Found | null} */ (await askJson("/review/result.json"));
+    const found = /** @type {Found | null} */ (await askJson("review/result.json"));
     const trouble = "The result cannot be had now; the next decision asks again.";
     this.found = found ?? {
       revision,

@@ -1,8 +1,8 @@
 // The views of the recording in a row: what was decided, in which order, with which score; dragging along it
 // turns the item.
 
-import { byId, focusOn, make, rebuild, setCurrent, taken, within } from "/static/page/dom.js";
-import { number } from "/static/page/format.js";
+import { byId, focusOn, make, rebuild, setCurrent, taken, within } from "../page/dom.js";
+import { number } from "../page/format.js";
 
 export const STATES = {
   start: ["●", "start view"],
@@ -146,7 +146,7 @@ export const picture = (/** @type {string} */ src) =>
 
 /** The color image and the flattened view. @param {ViewRow} view @param {State} state */
 export const thumbsOf = (view, state) =>
-  ["color.jpg", "flat.png"].map((file) => picture(`/review/${view.index}/${file}?v=${state.review?.token}`));
+  ["color.jpg", "flat.png"].map((file) => picture(`review/${view.index}/${file}?v=${state.review?.token}`));
 
 export const scoreBar = (/** @type {number | null} */ score, /** @type {boolean} */ low) =>
   make(

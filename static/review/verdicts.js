@@ -1,8 +1,8 @@
 // Deciding on the timeline: a card about each decided view, from which it is reopened, and jumps between views.
 
-import { button, byId, find, focusOn, make, placeBeside, staysIn, taken } from "/static/page/dom.js";
-import { cm2, count, keyName, number } from "/static/page/format.js";
-import { ACCEPTED, DECIDED, doubtsInWords } from "/static/review/timeline.js";
+import { button, byId, find, focusOn, make, placeBeside, staysIn, taken } from "../page/dom.js";
+import { cm2, count, keyName, number } from "../page/format.js";
+import { ACCEPTED, DECIDED, doubtsInWords } from "./timeline.js";
 
 const WAITING = ["pending", "later", "skipped"];
 

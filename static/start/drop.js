@@ -1,6 +1,6 @@
 // A file that is dropped on the page is not sent anywhere: a notice says how to import it.
 
-import { make } from "/static/page/dom.js";
+import { make } from "../page/dom.js";
 
 /** @type {Record<string, string>} */
 const KNOWN = { bag: "a camera's or ROS recording", db3: "a camera's or ROS 2 recording", mcap: "a ROS 2 recording" };

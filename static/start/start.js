@@ -1,10 +1,10 @@
 // The start screen: examples, the last sessions, folders below the root, a camera. What is chosen opens for all tabs.
 
-import { ask, post } from "/static/page/connection.js";
-import { button, byId, find, make, rebuild } from "/static/page/dom.js";
-import { cm2, count, number } from "/static/page/format.js";
-import { applyTheme } from "/static/page/theme.js";
-import { answerDrops } from "/static/start/drop.js";
+import { ask, post } from "../page/connection.js";
+import { button, byId, find, make, rebuild, showWords } from "../page/dom.js";
+import { cm2, count, number } from "../page/format.js";
+import { applyTheme } from "../page/theme.js";
+import { answerDrops } from "./drop.js";
 
 /** @type {Record<string, string>} */
 const WORDS = { recording: "recording", session: "session", file: "file", folder: "folder ›" };
@@ -35,7 +35,7 @@ const NO_CONNECTION = "There is no connection to flatcloth. Start it again: this
 
 /** Once the program answers again, the page is loaded anew: it may be another program, with other places. */
 async function comeBack() {
-  if ((await ask("/start/places.json"))?.ok) location.reload();
+  if ((await ask("start/places.json"))?.ok) location.reload();
   else setTimeout(comeBack, AGAIN_MS);
 }
 
@@ -64,19 +64,16 @@ async function open(kind, name, title) {
   show("opening", `Opening ${title} …`);
   const longer = "The first start after an installation takes longer, because code is compiled.";
   const slow = setTimeout(() => show("opening", `Opening ${title} … ${longer}`), SLOW_MS);
-  const opened = await answerTo(post("/start/open", { kind, name }));
+  const opened = await answerTo(post("start/open", { kind, name }));
   clearTimeout(slow);
   show("opening", "");
   main.removeAttribute("aria-busy");
-  if (!opened.error) return location.assign("/");
+  if (!opened.error) return location.assign("./");
   show("trouble", opened.error);
   if (kind === "camera") showCamera(true);
 }
 
-function show(/** @type {string} */ id, /** @type {string} */ text) {
-  byId(id).hidden = !text;
-  byId(id).textContent = text;
-}
+const show = (/** @type {string} */ id, /** @type {string} */ text) => showWords(byId(id), text);
 
 /** @param {string} kind @param {string} name @param {string} title @param {...string} lines */
 function card(kind, name, title, ...lines) {
@@ -84,7 +81,7 @@ function card(kind, name, title, ...lines) {
     "button.card",
     { data: { kind, name }, click: () => open(kind, name, title) },
     make("img", {
-      src: `/start/picture/${kind}/${name.split("/").map(encodeURIComponent).join("/")}`,
+      src: `start/picture/${kind}/${name.split("/").map(encodeURIComponent).join("/")}`,
       alt: "",
       width: 72,
       height: 92,
@@ -117,15 +114,13 @@ function aboutSession(summary, of = null) {
 const dated = (text) => new Date(text).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
 
 function showPlaces(/** @type {Places} */ { examples, sessions, root, current }) {
-  const back = byId("back");
-  back.hidden = current === null;
-  back.textContent = `Back to ${current}`;
+  show("back", current === null ? "" : `Back to ${current}`);
   byId("examples").replaceChildren(...examples.map(({ name }) => card("example", name, name, aboutExample(name))));
   byId("examples").append(
     make(
       "button.card",
       { id: "open-cell", data: { kind: "cell" }, click: () => open("cell", "", "the simulated robot cell") },
-      make("img", { src: "/static/start/cell.svg", alt: "", width: 72, height: 92 }),
+      make("img", { src: "static/start/cell.svg", alt: "", width: 72, height: 92 }),
       make("strong", "robot cell"),
       make("span", "simulated: a T-shirt on a turntable, turned to where it helps"),
     ),
@@ -148,7 +143,7 @@ function showPlaces(/** @type {Places} */ { examples, sessions, root, current })
 
 async function showFolder(/** @type {string} */ path, /** @type {string} */ root) {
   /** @type {{ path: string; entries: Entry[]; error?: string }} */
-  const folder = await answerTo(ask(`/start/folder.json?path=${encodeURIComponent(path)}`));
+  const folder = await answerTo(ask(`start/folder.json?path=${encodeURIComponent(path)}`));
   if (folder.error) return show("trouble", folder.error);
   show("trouble", "");
   const here = folder.path;
@@ -215,11 +210,12 @@ function showCamera(/** @type {boolean} */ failed) {
   );
 }
 
+byId("unloaded").remove();
 applyTheme();
 answerDrops();
 showCamera(false);
 /** @type {Places & { error?: string }} */
-const places = await answerTo(ask("/start/places.json"));
+const places = await answerTo(ask("start/places.json"));
 if (places.error) show("trouble", places.error);
 else showPlaces(places);
 Object.assign(window, { started: true });

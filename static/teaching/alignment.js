@@ -1,14 +1,14 @@
 // What stages 12 to 16 draw: the new view, the lines, the overlay, the search, the renewed view.
 
-import { cm2, degrees, mm, number } from "/static/page/format.js";
-import { applied, boxOf, movedBox, union } from "/static/canvas/geometry.js";
-import { outlineOf } from "/static/canvas/picture.js";
-import { within } from "/static/page/dom.js";
-import { between, lastOf } from "/static/teaching/lesson.js";
-import { columns, painted, rgbOf, rows } from "/static/teaching/draw.js";
-import { imageBox } from "/static/teaching/detail.js";
-import { Plot, ticks } from "/static/teaching/plot.js";
-import { viewName } from "/static/teaching/rotation.js";
+import { cm2, degrees, mm, number } from "../page/format.js";
+import { applied, boxOf, movedBox, union } from "../canvas/geometry.js";
+import { outlineOf } from "../canvas/picture.js";
+import { within } from "../page/dom.js";
+import { between, lastOf } from "./lesson.js";
+import { columns, painted, rgbOf, rows } from "./draw.js";
+import { imageBox } from "./detail.js";
+import { Plot, ticks } from "./plot.js";
+import { viewName } from "./rotation.js";
 
 const POOR = 0.5; // of the score: more likely wrong than right
 const [KEPT, NEW, OLD_OF_BOTH, NEW_OF_BOTH] = [1, 2, 3, 4]; // as flatcloth/engine/teaching.py numbers them

@@ -1,7 +1,7 @@
 // A pane with all of a picture, and one with a part of it larger.
 
-import { number } from "/static/page/format.js";
-import { columns } from "/static/teaching/draw.js";
+import { number } from "../page/format.js";
+import { columns } from "./draw.js";
 
 const DETAIL = 3.2; // how much larger the detail is drawn, at least
 

@@ -1,8 +1,8 @@
 // The drawing sheet of the teaching mode: panes that can be zoomed, and what is drawn in them.
 
-import { strokeLine, strokeRimmed, strokeScale, traceCross } from "/static/canvas/marks.js";
-import { contextOf, onWheel, sized, within } from "/static/page/dom.js";
-import { length, niceLength } from "/static/page/format.js";
+import { strokeLine, strokeRimmed, strokeScale, traceCross } from "../canvas/marks.js";
+import { contextOf, onWheel, sized, within } from "../page/dom.js";
+import { length, niceLength } from "../page/format.js";
 
 const COLORS =
   "panel raised line text soft accent sample pair unused point short even long count mean before limit mark band " +

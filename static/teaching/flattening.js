@@ -1,10 +1,10 @@
 // The stages of Fig. 2: one view, from samples to the flattened view.
 
-import { cm2, mm, number } from "/static/page/format.js";
-import { boxOf, pixelAt, boxOfPoints } from "/static/canvas/geometry.js";
-import { imageBox, middleOf, onImage, shareOf, withDetail } from "/static/teaching/detail.js";
-import { columns } from "/static/teaching/draw.js";
-import { lastOf, strains } from "/static/teaching/lesson.js";
+import { cm2, mm, number } from "../page/format.js";
+import { boxOf, pixelAt, boxOfPoints } from "../canvas/geometry.js";
+import { imageBox, middleOf, onImage, shareOf, withDetail } from "./detail.js";
+import { columns } from "./draw.js";
+import { lastOf, strains } from "./lesson.js";
 import {
   drawMinimisation,
   fillTriangles,
@@ -16,7 +16,7 @@ import {
   statePane,
   threeDigits,
   trianglePairs,
-} from "/static/teaching/states.js";
+} from "./states.js";
 
 // --- samples and pairs on the image ----------------------------------------------------------------
 

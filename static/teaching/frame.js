@@ -10,15 +10,15 @@ import {
   setPressed,
   setText,
   swatch,
-} from "/static/page/dom.js";
-import { keyName, tipOf } from "/static/page/format.js";
-import { ALIGNMENT_STAGES } from "/static/teaching/alignment.js";
-import { FLATTENING_STAGES } from "/static/teaching/flattening.js";
-import { GARMENT_STAGES } from "/static/teaching/garment.js";
-import { PLANNING_STAGES } from "/static/teaching/rotation.js";
-import { SIDE_STAGES } from "/static/teaching/sides.js";
-import { RECORDING_STAGES } from "/static/teaching/recording.js";
-import { SEAM_STAGES } from "/static/teaching/seams.js";
+} from "../page/dom.js";
+import { keyName, tipOf } from "../page/format.js";
+import { ALIGNMENT_STAGES } from "./alignment.js";
+import { FLATTENING_STAGES } from "./flattening.js";
+import { GARMENT_STAGES } from "./garment.js";
+import { PLANNING_STAGES } from "./rotation.js";
+import { SIDE_STAGES } from "./sides.js";
+import { RECORDING_STAGES } from "./recording.js";
+import { SEAM_STAGES } from "./seams.js";
 
 /** @type {Record<string, StageCode>} by the names of the pages, which have their order */
 const CODE = {
@@ -32,7 +32,7 @@ const CODE = {
 };
 const [frame, ...said] = await Promise.all(
   ["teaching", "paper", "beyond"].map(async (name) => {
-    const html = await (await fetch(`/static/teaching/${name}.html`)).text();
+    const html = await (await fetch(`static/teaching/${name}.html`)).text();
     return new DOMParser().parseFromString(html, "text/html");
   }),
 );

@@ -1,11 +1,11 @@
 // The stages of the garment: true edges, starts and fits, and the evidence of each kind.
 
-import { boxOf, boxOfPoints } from "/static/canvas/geometry.js";
-import { words as asWords } from "/static/garment/marks.js";
-import { cm2, number, percent } from "/static/page/format.js";
-import { columns } from "/static/teaching/draw.js";
-import { between, lastOf, statesOf } from "/static/teaching/lesson.js";
-import { Plot } from "/static/teaching/plot.js";
+import { boxOf, boxOfPoints } from "../canvas/geometry.js";
+import { words as asWords } from "../garment/marks.js";
+import { cm2, number, percent } from "../page/format.js";
+import { columns } from "./draw.js";
+import { between, lastOf, statesOf } from "./lesson.js";
+import { Plot } from "./plot.js";
 
 const TRUSTED = 0.6; // an edge that counts this much is drawn as well seen
 const SHOWN_KINDS = 3;

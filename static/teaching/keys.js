@@ -1,7 +1,7 @@
 // The arrow keys of the teaching mode: they move the pointer of a stage, or go on from stage to stage.
 
-import { findAll, isPlain, taken, targetOf, WAYS, within } from "/static/page/dom.js";
-import { STAGES } from "/static/teaching/frame.js";
+import { findAll, isPlain, taken, targetOf, WAYS, within } from "../page/dom.js";
+import { STAGES } from "./frame.js";
 
 const PROBE_STEP = 0.02; // of the shorter side of a pane, per arrow key
 

@@ -1,6 +1,6 @@
 // The lessons: asked for, taken as they arrive, and prepared for drawing.
 
-import { lengthsOf, partsOf, valuesOf } from "/static/offline/parcel.js";
+import { lengthsOf, partsOf, valuesOf } from "../offline/parcel.js";
 
 /** The reason why a lesson cannot be made; its message is for the learner. */
 export class LessonError extends Error {}
@@ -15,7 +15,7 @@ export async function fetchLesson(part, query, signal, progress) {
   let response;
   try {
     const asked = new URLSearchParams(/** @type {Record<string, any>} */ (query));
-    response = await fetch(`/teaching/${part}?${asked}`, { signal });
+    response = await fetch(`teaching/${part}?${asked}`, { signal });
   } catch (error) {
     if (signal.aborted) throw error;
     throw new LessonError("There is no connection to flatcloth; start it again and try once more.");

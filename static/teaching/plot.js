@@ -1,7 +1,7 @@
 // Plots of the teaching mode: curves over columns or iterations, bars, and a map of costs.
 
-import { number } from "/static/page/format.js";
-import { inset } from "/static/teaching/draw.js";
+import { number } from "../page/format.js";
+import { inset } from "./draw.js";
 
 /** Round numbers that divide a range into about `count` steps. */
 export function ticks(/** @type {number} */ low, /** @type {number} */ high, count = 5) {

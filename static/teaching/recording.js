@@ -1,11 +1,11 @@
 // The stages of the recording as a whole: which view is the start, and whether it is recorded as it says.
 
-import { boxOf } from "/static/canvas/geometry.js";
-import { cm2, degrees, number } from "/static/page/format.js";
-import { imageBox } from "/static/teaching/detail.js";
-import { columns, rows } from "/static/teaching/draw.js";
-import { Plot } from "/static/teaching/plot.js";
-import { viewName } from "/static/teaching/rotation.js";
+import { boxOf } from "../canvas/geometry.js";
+import { cm2, degrees, number } from "../page/format.js";
+import { imageBox } from "./detail.js";
+import { columns, rows } from "./draw.js";
+import { Plot } from "./plot.js";
+import { viewName } from "./rotation.js";
 
 /** @type {Record<string, StageCode>} */
 export const RECORDING_STAGES = {

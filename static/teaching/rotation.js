@@ -1,10 +1,10 @@
 // What stages 9 to 11 draw: Z-angles, the curves over the columns, and the rotation.
 
-import { cm2, degrees, mm, number } from "/static/page/format.js";
-import { boxOf, pixelAt } from "/static/canvas/geometry.js";
-import { columns, inset, painted, rgbOf, rows } from "/static/teaching/draw.js";
-import { middleOf, shareOf } from "/static/teaching/detail.js";
-import { Plot, ticks } from "/static/teaching/plot.js";
+import { cm2, degrees, mm, number } from "../page/format.js";
+import { boxOf, pixelAt } from "../canvas/geometry.js";
+import { columns, inset, painted, rgbOf, rows } from "./draw.js";
+import { middleOf, shareOf } from "./detail.js";
+import { Plot, ticks } from "./plot.js";
 
 const UNKNOWN_ANGLE = -128;
 

@@ -1,8 +1,8 @@
 // The stages of the seams: where the rims of both sides meet, and what the seams hold together.
 
-import { boxOf, boxOfPoints } from "/static/canvas/geometry.js";
-import { cm2, count, number } from "/static/page/format.js";
-import { columns } from "/static/teaching/draw.js";
+import { boxOf, boxOfPoints } from "../canvas/geometry.js";
+import { cm2, count, number } from "../page/format.js";
+import { columns } from "./draw.js";
 
 const EXAGGERATED = 5; // as often are residuals drawn as long as they are
 

@@ -1,9 +1,9 @@
 // The stages of the side of interest: the item, the evidence of two layers, the sides, and a stroke.
 
-import { boxOfPoints } from "/static/canvas/geometry.js";
-import { cm2, number, percent } from "/static/page/format.js";
-import { imageBox, shareOf } from "/static/teaching/detail.js";
-import { columns, painted, rgbOf } from "/static/teaching/draw.js";
+import { boxOfPoints } from "../canvas/geometry.js";
+import { cm2, number, percent } from "../page/format.js";
+import { imageBox, shareOf } from "./detail.js";
+import { columns, painted, rgbOf } from "./draw.js";
 
 const UNDECIDED = 0;
 const NO_ITEM = 2;

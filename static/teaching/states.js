@@ -1,11 +1,11 @@
 // States of the minimisation: pairs colored by their error of length, energy, and shares of errors.
 
-import { count, hex, mm, number } from "/static/page/format.js";
-import { within } from "/static/page/dom.js";
-import { union, boxOfPoints } from "/static/canvas/geometry.js";
-import { columns, rgbOf, rows } from "/static/teaching/draw.js";
-import { between, energy, iterationAt, lastOf, strains } from "/static/teaching/lesson.js";
-import { Plot } from "/static/teaching/plot.js";
+import { count, hex, mm, number } from "../page/format.js";
+import { within } from "../page/dom.js";
+import { union, boxOfPoints } from "../canvas/geometry.js";
+import { columns, rgbOf, rows } from "./draw.js";
+import { between, energy, iterationAt, lastOf, strains } from "./lesson.js";
+import { Plot } from "./plot.js";
 
 const STRAIN_SPAN = 0.2; // relative errors beyond have the last color
 const CLASSES = 9;

@@ -1,12 +1,12 @@
 // The teaching mode: the stages of the method on the current recording. It only asks; it decides nothing.
 
-import { byId, find, findAll, make, rebuild, setAllowed, setCurrent, setText } from "/static/page/dom.js";
-import { keyName, number, tipOf } from "/static/page/format.js";
-import { Sheet, inset } from "/static/teaching/draw.js";
-import { action, connectFrame, fitMath, FRAME, showLayers, STAGES, symbols } from "/static/teaching/frame.js";
-import { onKey } from "/static/teaching/keys.js";
-import { fetchLesson, LessonError } from "/static/teaching/lesson.js";
-import { onTheme } from "/static/page/theme.js";
+import { byId, find, findAll, make, rebuild, setAllowed, setCurrent, setText } from "../page/dom.js";
+import { keyName, number, tipOf } from "../page/format.js";
+import { Sheet, inset } from "./draw.js";
+import { action, connectFrame, fitMath, FRAME, showLayers, STAGES, symbols } from "./frame.js";
+import { onKey } from "./keys.js";
+import { fetchLesson, LessonError } from "./lesson.js";
+import { onTheme } from "../page/theme.js";
 
 const AHEAD = /** @type {PartName[]} */ (["flattening", "planning", "alignment"]); // asked for before they are wanted
 const PARTS = /** @type {PartName[]} */ ([...AHEAD, "start", "sides", "garment", "seams", "check"]);

@@ -1,8 +1,8 @@
 // The types of the teaching mode, known to its modules without an import: lessons as the server sends them, stages.
 
-import type { PaneMap as PaneMapClass, Sheet as SheetClass } from "/static/teaching/draw.js";
-import type { Plot as PlotClass } from "/static/teaching/plot.js";
-import type { Teaching as TeachingClass } from "/static/teaching/teaching.js";
+import type { PaneMap as PaneMapClass, Sheet as SheetClass } from "./draw.js";
+import type { Plot as PlotClass } from "./plot.js";
+import type { Teaching as TeachingClass } from "./teaching.js";
 
 declare global {
   type Sheet = SheetClass;

@@ -13,7 +13,7 @@ from exported_sessions import write_cylinder
 from scenes import Cylinder
 
 import flatcloth
-from flatcloth.core.errors import ConfigError, JournalError, SegmentationError, SurfaceError
+from flatcloth.core.errors import ConfigError, JournalError
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.hand_eye import HandEyeError
 from flatcloth.session.summary import read_summary
@@ -39,11 +39,6 @@ def test_a_view_is_flattened_as_in_the_integration() -> None:
     assert np.array_equal(view.xyz_m, used.xyz_m, equal_nan=True)
     with pytest.raises(IndexError, match="view 3 of 3"):
         flatcloth.flatten(cylinder(), 3)
-
-
-def test_a_view_without_cloth_is_refused() -> None:
-    with pytest.raises(SurfaceError):
-        flatcloth.flatten(Cylinder(span_deg=(170.0, 175.0)), 0)
 
 
 def test_the_arrays_of_a_shape_fit_together(shape: flatcloth.Shape) -> None:
@@ -117,11 +112,6 @@ def test_both_methods_are_offered_and_others_refused() -> None:
         flatcloth.integrate(cylinder(), method="best")
 
 
-def test_settings_are_used() -> None:
-    config = flatcloth.Config.from_dict({"flattening": {"pixel_size_m": 0.004}})
-    assert flatcloth.integrate(cylinder(), config=config).pixel_size_m == 0.004
-
-
 def test_each_view_is_reported_with_the_shape_so_far() -> None:
     seen = []
     flatcloth.integrate(cylinder(), on_view=lambda decision, so_far: seen.append((decision, so_far.views)))
@@ -176,12 +166,6 @@ def test_a_session_is_continued_with_its_own_settings(tmp_path: Path) -> None:
     config = flatcloth.Config.from_dict({"flattening": {"pixel_size_m": 0.004}})
     flatcloth.integrate(cylinder(), config=config, session=tmp_path)
     assert flatcloth.integrate(cylinder(), session=tmp_path).pixel_size_m == 0.004
-
-
-def test_strokes_need_a_recording_without_masks() -> None:
-    stroke = flatcloth.ImageStroke(side="other", view_index=1, points_rc=((119.0, 119.0),))
-    with pytest.raises(SegmentationError, match="contradicts the mask of view 1"):
-        flatcloth.integrate(cylinder(), strokes=[stroke])
 
 
 def test_the_files_are_those_of_run_and_can_be_read(shape: flatcloth.Shape, tmp_path: Path) -> None:

@@ -317,7 +317,7 @@ def test_served_it_needs_the_token_of_the_printed_address(
     assert client.post("/verdict", json={"name": "sure", "verdict": "accepted"}).status_code == 403
     assert read_verdicts(out).decided == {}
     entered = client.get(found[1])
-    assert (entered.status_code, entered.headers["location"]) == (303, "/")
+    assert (entered.status_code, entered.headers["location"]) == (303, "./")
     cookie = entered.headers["set-cookie"].split(";")[0]
     for header in ({"Cookie": cookie}, {"Authorization": f"Bearer {found[2]}"}):
         assert client.get("/", headers=header).status_code == 200

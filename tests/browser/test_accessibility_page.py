@@ -92,7 +92,7 @@ def test_no_finding_in_eight_states(open_tab, program_of, tmp_path, scheme):
     tab.page.locator('[data-id="part-result"]').click()
     found["result"] = tab.findings()
     keys.press("m")
-    tab.until("flatcloth.bothSides.side === 'other' && flatcloth.layerShown?.startsWith('/other/')")
+    tab.until("flatcloth.bothSides.side === 'other' && flatcloth.layerShown?.startsWith('other/')")
     found["other side"] = tab.findings()
     keys.press("Shift+J")
     tab.until("flatcloth.bothSides.beside")

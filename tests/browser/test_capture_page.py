@@ -75,19 +75,3 @@ def test_views_are_captured_turn_by_turn(tab: Tab, camera: SceneCamera, tmp_path
     tab.until("flatcloth.capture.phase === 'done'")
     assert open_recording(tmp_path / "coat").angles_deg == (0.0, 12.0)
     tab.shoot("capture-done")
-
-
-def test_warnings_and_the_end_of_the_camera_are_shown(tab: Tab, camera: SceneCamera) -> None:
-    tab.until("flatcloth.frame !== null && flatcloth.frame.grid !== null")
-    camera.empty = True
-    tab.until("flatcloth.capture.warnings.length === 1")
-    tab.page.locator("#capture-warnings li", has_text="No depth is measured").wait_for()
-    camera.empty = False
-    tab.until("flatcloth.capture.warnings.length === 0")
-    camera.unplug()
-    toast = tab.page.locator(".toast.error")
-    toast.wait_for()
-    assert "delivers no images any more" in toast.inner_text()
-    assert "The camera has ended." in tab.page.locator("#capture-task").inner_text()
-    assert not tab.page.get_by_role("button", name="Begin capture").is_visible()
-    tab.shoot("capture-ended")

@@ -169,10 +169,3 @@ def test_both_values_and_their_difference_are_told_under_the_pointer(cloth):
     expect(table).to_be_visible()
     tab.accept()
     expect(table).not_to_be_visible()
-
-
-def test_without_a_proposal_there_is_nothing_to_compare(open_tab):
-    tab = open_tab().ready()
-    tab.page.keyboard.press("w")
-    tab.page.locator(".toast.warning", has_text="no proposal").wait_for()
-    expect(tab.page.locator(".wipe")).to_be_hidden()

@@ -136,15 +136,3 @@ def test_the_panel_goes_with_the_proposal_and_comes_back_with_the_next(open_tab)
     tab.step()
     tab.until(f"flatcloth.diagnostics.known.view_index !== {first}")
     expect(tab.page.locator("#diagnostics h2")).to_have_text(re.compile(r"What placed view \d+"))
-
-
-@pytest.mark.parametrize("program", ["recordings/trousers-waist-d435 --method paper"], indirect=True)
-def test_the_papers_method_shows_its_own_curves(open_tab):
-    tab = asked_why(open_tab, width=2560, height=1440, scheme="dark")
-    known = tab.page.evaluate("flatcloth.diagnostics.known")
-    assert known["side"] in tab.page.evaluate("flatcloth.state.pending.reason")
-    assert known["lines"] is not None
-    expect(tab.page.locator(".diagnostics-facts")).to_contain_text("the paper would turn by")
-    tab.page.get_by_label(re.compile("Strained edges")).check()
-    tab.until("flatcloth.state.edges")
-    tab.shoot("diagnostics-paper")

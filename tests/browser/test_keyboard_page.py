@@ -123,32 +123,3 @@ def test_tab_reaches_everything_in_order_and_the_focus_is_seen(open_tab, width, 
     assert places == sorted(places), visited
     tab.page.keyboard.press("Enter")  # an unused view is proposed, or the card of a decided one opens
     tab.until("flatcloth.state.undo || !document.getElementById('view-card').hidden || flatcloth.phase")
-
-
-@pytest.mark.parametrize(
-    ("width", "height", "scheme"),
-    [(1280, 720, "light"), pytest.param(2560, 1440, "dark", marks=pytest.mark.thorough)],
-)
-def test_repair_and_dialogs_fit_their_window(open_tab, width, height, scheme):
-    tab = open_tab(width, height, scheme).ready()
-    tab.step()
-    tab.page.keyboard.press("p")
-    tab.shoot(f"repair-{width}-{scheme}")
-    for dialog in ("settings", "palette", "help"):
-        tab.page.locator(f"[data-action={dialog}]").click()
-        tab.page.locator(f"#{dialog}").wait_for()
-        box = tab.page.locator(f"#{dialog}").bounding_box()
-        assert box["x"] >= 0
-        assert box["y"] >= 0
-        assert box["x"] + box["width"] <= width
-        assert box["y"] + box["height"] <= height
-        tab.shoot(f"{dialog}-{width}-{scheme}")
-        tab.page.keyboard.press("Escape")
-        tab.page.locator(f"#{dialog}").wait_for(state="hidden")
-    assert tab.overflow() == [0, 0]
-    cut = tab.page.evaluate(
-        "[...document.querySelectorAll('.bar .button, .repair .button, .status p')]"
-        ".filter(e => e.offsetParent && e.getBoundingClientRect().right > innerWidth + 1)"
-        ".map(e => e.textContent)"
-    )
-    assert cut == []

@@ -106,21 +106,3 @@ def test_quality_is_shown_with_its_legend_and_its_numbers(open_tab, width, heigh
     bars = tab.page.evaluate("['layers', 'quality-layers'].map(i => document.getElementById(i).offsetTop)")
     assert bars[0] == bars[1]  # one row
     tab.shoot(f"quality-{width}")
-
-
-@LIVE
-def test_nothing_is_decided_in_live_mode(open_tab):
-    tab = live_tab(open_tab)
-    tab.page.keyboard.press("s")
-    toast = tab.page.locator(".toast.warning")
-    toast.wait_for()
-    assert "live mode" in toast.inner_text()
-    tab.page.keyboard.press("Shift+L")
-    tab.page.locator('[data-id="layer-row-height"]').click()
-    tab.page.locator(".layer-list .chosen .color-bar").wait_for()  # of the frame that has the layer now
-    assert tab.page.locator(".layer-list .chosen button").inner_text() == "Height z"
-    tab.page.locator('[data-id="layer-opacity-height"]').fill("0.5")
-    tab.page.keyboard.press("Shift+L")
-    tab.page.keyboard.press("?")
-    assert "Live mode" in tab.page.locator("#help-body").inner_text()
-    tab.shoot("live-keys")

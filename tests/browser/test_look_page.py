@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 
@@ -234,36 +233,6 @@ def test_the_grid_has_its_centimetres(open_tab):
     assert tab.page.evaluate(drawn, off_cloth) > 0
     tab.page.keyboard.press("#")
     assert tab.page.evaluate(drawn, off_cloth) == 0
-
-
-@pytest.mark.parametrize("width", [1280, pytest.param(2560, marks=pytest.mark.thorough)])
-def test_the_panel_fits(open_tab, width):
-    tab = open_tab(width, 720 if width == 1280 else 1440, "dark").ready()
-    tab.page.keyboard.press("2")
-    tab.page.keyboard.press("Shift+L")
-    tab.page.wait_for_selector("#look-map, #look select")
-    outside = tab.page.evaluate(
-        "[...document.querySelectorAll('.tools *, .look-panel *')].filter(e => e.offsetParent &&"
-        " e.getBoundingClientRect().right > e.closest('.flat, .inspector').getBoundingClientRect().right - 4)"
-        ".map(e => e.textContent)"
-    )
-    assert outside == []
-    tab.shoot(f"look-panel-{width}")
-
-
-def test_the_outline_is_saved_from_the_page(open_tab, tmp_path):
-    tab = open_tab().ready()
-    tab.page.keyboard.press("x")
-    for name in ("svg", "dxf", "json"):
-        with tab.page.expect_download() as saved:
-            tab.page.get_by_role("button", name=f"Outline, {name.upper()}").click()
-        assert saved.value.suggested_filename == f"shirt-sleeve-clean-outline.{name}"
-        saved.value.save_as(tmp_path / f"outline.{name}")
-    outline = json.loads((tmp_path / "outline.json").read_text())
-    assert outline["area_cm2"] == pytest.approx(tab.state()["layers"]["area_cm2"], rel=0.03)
-    width = float(re.search(r'width="([\d.]+)mm"', (tmp_path / "outline.svg").read_text())[1])
-    assert width == pytest.approx(outline["size"][0] + 20, abs=0.02)
-    assert (tmp_path / "outline.dxf").read_text().endswith("EOF\n")
 
 
 # --- without a mouse --------------------------------------------------------------------------------

@@ -80,23 +80,6 @@ def test_a_reload_loses_nothing(open_tab, tmp_path):
     assert all(json.loads(line) for line in lines)
 
 
-def test_two_tabs_show_the_same(open_tab):
-    one, two = open_tab().ready(), open_tab(scheme="dark").ready()
-    one.step()
-    two.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
-    two.accept()
-    one.until("flatcloth.step === 2")
-    pick = one.click_shape()
-    two.until("flatcloth.pick !== null")
-    assert two.pick() == pick
-    # Each has the whole state, which still grows: the garment is found, and what views added.
-    while (mine := one.state()) != (theirs := two.state()):
-        revision, other = mine["revision"], theirs["revision"]
-        assert revision != other
-        (one if revision < other else two).until(f"flatcloth.revision >= {max(revision, other)}")
-    two.shoot("two-tabs-dark")
-
-
 def test_an_error_is_told_and_can_be_dismissed(open_tab):
     tab = open_tab().ready()
     tab.page.keyboard.press("a")
@@ -182,27 +165,3 @@ def test_the_page_comes_back_by_itself_after_a_lost_connection(open_tab, program
         assert all(math.isfinite(x) for x in tab.mark())
     finally:
         again.stop()
-
-
-@pytest.mark.parametrize(
-    ("width", "height", "scheme"),
-    [
-        (1280, 720, "light"),
-        pytest.param(2560, 1440, "dark", marks=pytest.mark.thorough),
-        pytest.param(1280, 720, "dark", marks=pytest.mark.thorough),
-        pytest.param(2560, 1440, "light", marks=pytest.mark.thorough),
-    ],
-)
-def test_the_page_fits_its_window(open_tab, width, height, scheme):
-    tab = open_tab(width, height, scheme).ready()
-    tab.step()
-    tab.click_shape()
-    assert tab.overflow() == [0, 0]
-    cut = tab.page.evaluate(
-        "[...document.querySelectorAll('.values dd, .readout dd, .button, .status p')]"
-        ".filter(e => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map(e => e.textContent)"
-    )
-    assert cut == []
-    tab.page.keyboard.press("4" if scheme == "dark" else "1")
-    tab.page.locator("#scene-shield").wait_for(state="hidden")
-    tab.shoot(f"page-{width}-{scheme}")

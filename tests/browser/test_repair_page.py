@@ -90,24 +90,6 @@ def test_a_picture_that_comes_while_somebody_drags_leaves_the_view_as_it_is(open
     tab.until(f"Math.abs(flatcloth.toScreen(1, 0).x - {before[1]['x']}) > 1")
 
 
-def test_refine_from_here_brings_a_moved_proposal_back(open_tab):
-    tab = open_tab().ready()
-    tab.step()
-    score = tab.state()["pending"]["score"]
-    moved_off(tab)
-    tab.page.keyboard.press("Control+i")
-    tab.until("flatcloth.state.undo?.startsWith('refine view')")
-    tab.until(f"flatcloth.state.pending.score > {score} - 0.02")
-    assert abs(tab.state()["pending"]["nudge"]["u_mm"]) < 4
-    tab.page.locator(".toast", has_text="Refined: moved by").wait_for()
-    nudge = tab.state()["pending"]["nudge"]
-    back = max(abs(nudge["u_mm"]), abs(nudge["v_mm"]), abs(nudge["theta_deg"])) < 0.03
-    tab.accept()
-    # Exactly where it was proposed, it counts as placed by the method.
-    state = "accepted" if back else "fixed"
-    assert [v["state"] for v in tab.state()["views"]].count(state) == 1
-
-
 def test_pairs_of_points_are_picked_dragged_weighed_removed_and_fitted(open_tab):
     tab = open_tab(1600, 900).ready()
     tab.step()

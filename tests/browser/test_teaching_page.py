@@ -244,55 +244,6 @@ def test_a_pane_is_zoomed_and_fitted_again(open_lesson):
         assert (lesson.page.evaluate(image) == whole) is same
 
 
-def test_a_long_computation_is_shown_and_can_be_cancelled(open_lesson):
-    lesson = open_lesson()
-    page = lesson.page
-    page.route("**/teaching/flattening*", lambda route: None)  # an answer that never comes
-    page.keyboard.press("h")
-    page.locator("#teaching-progress").wait_for()
-    told = page.locator("#teaching-progress-text").inner_text()
-    assert "Waiting" in told or "%" in told  # how far it is, if a first word came through
-    page.keyboard.press("Escape")
-    page.locator("#teaching-trouble").wait_for()
-    assert "Cancelled" in page.locator("#teaching-trouble-text").inner_text()
-    assert lesson.status()["open"]
-    lesson.tab.shoot("teaching-cancelled")
-    page.unroute("**/teaching/flattening*")
-    page.get_by_role("button", name="Try again").click()
-    lesson.drawn(1)
-    assert not page.locator("#teaching-trouble").is_visible()
-
-
-def test_cancelling_a_change_returns_to_the_values_that_are_shown(open_lesson):
-    lesson = open_lesson().open()
-    page = lesson.page
-    page.route("**/teaching/*", lambda route: None)
-    slider = page.locator('[data-slider="sampling_interval_px"] input')
-    slider.press("ArrowRight")
-    assert slider.input_value() == "14"
-    page.get_by_role("button", name="Cancel").click()
-    lesson.drawn(1)
-    assert slider.input_value() == "12"
-    assert lesson.status()["parameters"]["sampling_interval_px"] == 12
-
-
-def test_what_cannot_be_shown_says_why(open_lesson):
-    lesson = open_lesson().open()
-    page = lesson.page
-    page.route("**/teaching/planning*", lambda route: route.fulfill(status=400, body="A_w: no."))
-    page.locator(".teaching-stage").nth(CURVES - 1).click()
-    page.locator('[data-slider="z_angle_limit_deg"] input').press("ArrowRight")
-    page.locator("#teaching-trouble").wait_for()
-    assert page.locator("#teaching-trouble-text").inner_text() == "A_w: no."
-    page.unroute("**/teaching/planning*")
-    page.route("**/teaching/planning*", lambda route: route.abort())
-    page.get_by_role("button", name="Try again").click()
-    page.wait_for_function("() => /no connection/.test(flatcloth.teaching.error ?? '')")
-    page.unroute("**/teaching/planning*")
-    page.locator("#teaching-defaults").click()
-    lesson.drawn(CURVES)
-
-
 def test_the_search_is_followed(open_lesson):
     lesson = open_lesson().open()
     lesson.go(SEARCH)

@@ -43,22 +43,3 @@ def test_a_session_of_a_camera_goes_on_with_the_axis_that_was_set_by_hand(
     assert main(command) == 0
     np.testing.assert_allclose(served[1].axis.point_m, [0.01, 0.0, 0.83])
     assert served[1].axis.estimated is False
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--camera", "--live"], "give only one of them"),
-        (["shirt-sleeve-clean", "--camera"], "shirt-sleeve-clean: --camera shows a camera"),
-        (["--frames", "9"], "--frames needs --camera"),
-        (["--out", "coat"], "--out needs --camera"),
-        (["--camera", "--step", "0"], "step"),
-    ],
-)
-def test_options_that_contradict_each_other_are_refused(
-    options: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["view", *options]) == 2
-    error = capsys.readouterr().err
-    assert said in error
-    assert error.count("\n") == 1

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from realsense_files import HEIGHT, WALL_M, WIDTH, shot, turning, write_realsense
+from realsense_files import HEIGHT, WALL_M, WIDTH, turning, write_realsense
 from scenes import CAMERA, Cylinder, frame
 
 from flatcloth.cameras import CameraEndedError, CameraError, open_camera, realsense
@@ -18,7 +18,7 @@ from flatcloth.cameras.playback import PlaybackCamera
 from flatcloth.cameras.realsense import RealsenseCamera
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Bool, RgbdFrame
-from flatcloth.recordings.realsense.library import load_realsense
+from flatcloth.recordings.files.libraries import load_realsense
 from flatcloth.recordings.realsense.player import stop_playing
 
 
@@ -201,9 +201,3 @@ def test_what_is_wrong_with_a_view_is_said(seen: RgbdFrame, warnings: tuple[str,
     for said, expected in zip(checked.warnings, warnings, strict=True):
         assert said.startswith(expected)
     assert checked.item.any() == (not warnings or "No depth" not in warnings[0])
-
-
-def test_the_scene_of_these_tests_is_seen_well() -> None:
-    s = shot(0.0, 0.0, np.random.default_rng(0))
-    assert s.depth_mm is not None
-    assert check_frame(frame(s.depth_mm / 1000, None)).warnings == ()

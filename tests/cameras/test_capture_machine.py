@@ -246,19 +246,6 @@ def test_kept_views_are_on_disk_before_the_next(tmp_path: Path) -> None:
     assert rig.camera.measured == [True, False] * 3
 
 
-def test_a_capture_is_resumed(tmp_path: Path) -> None:
-    rig = Rig(tmp_path)
-    rig.see(30)
-    rig.guided.keep()
-    rig.guided.close()
-    again = Rig(tmp_path, resume=True)
-    assert again.guided.state.target_deg == 10.0
-    again.guided.do(capture.turned)
-    again.see(30)
-    again.guided.keep()
-    assert open_recording(tmp_path).angles_deg == (0.0, 10.0)
-
-
 def test_a_view_that_cannot_be_written_still_waits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(tmp_path)
     rig.see(30)
@@ -275,14 +262,6 @@ def test_a_view_that_cannot_be_written_still_waits(tmp_path: Path, monkeypatch: 
     assert len(open_recording(tmp_path)) == 1
 
 
-def test_an_announced_view_may_keep_itself(tmp_path: Path) -> None:
-    rig = Rig(tmp_path)
-    rig.guided.do(lambda state: capture.announce(state, 7.0, True))
-    rig.see(30)
-    assert open_recording(tmp_path).angles_deg == (7.0,)
-    assert rig.guided.taken is None
-
-
 def test_a_repeated_view_has_its_own_frames_only(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
     rig.see(30)
@@ -296,9 +275,3 @@ def test_a_repeated_view_has_its_own_frames_only(tmp_path: Path) -> None:
     cloth = np.isfinite(true) & (taken.depth_m < 1.2)
     expected = Cylinder(angles_deg=(20.0,))[0].color.astype(int)
     assert np.median(np.abs(taken.color.astype(int) - expected)[cloth]) < 3
-
-
-def test_a_senseless_step_makes_no_folder(tmp_path: Path) -> None:
-    with pytest.raises(IllegalDecisionError):
-        GuidedCapture(StillCamera(), lambda: writer_for(StillCamera(), str(tmp_path / "x"), "x", False), 0.0)
-    assert not (tmp_path / "x").exists()

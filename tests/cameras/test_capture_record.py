@@ -89,18 +89,8 @@ def test_a_capture_is_gone_on_with_only_when_asked(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "coat"
-    arguments = [
-        "record",
-        "--out",
-        str(out),
-        "--camera",
-        str(file),
-        "--yes",
-        "--step",
-        "-20",
-        "--frames",
-        "8",
-    ]
+    given = ["--camera", str(file), "--yes", "--step", "-20", "--frames", "8"]
+    arguments = ["record", "--out", str(out), *given]
     assert main(arguments) == 0
     assert main(arguments) == 2
     assert "--resume" in capsys.readouterr().err
@@ -139,21 +129,6 @@ def test_the_operator_keeps_repeats_corrects_and_ends(
     assert "'360x'? Enter" in said
     assert "view at 0 degrees already" in said
     assert open_recording(tmp_path / "out").angles_deg == (0.0, 12.5)
-
-
-def test_a_view_is_repeated(file: Path, tmp_path: Path) -> None:
-    asked: list[float] = []
-
-    def answer(guided: GuidedCapture) -> str | None:
-        if guided.state.phase is not Phase.REVIEW:
-            return "q" if guided.state.phase is Phase.TURN else None
-        asked.append(guided.state.time_s)
-        return "r\n" if len(asked) == 1 else "\n"
-
-    led(file, tmp_path / "out", answer)
-    assert len(asked) == 2
-    assert asked[1] > asked[0] + 1.0  # still anew, and its own ten frames
-    assert len(open_recording(tmp_path / "out")) == 1
 
 
 def test_a_turn_that_was_not_seen_is_told_with_enter(file: Path, tmp_path: Path) -> None:

@@ -1,15 +1,12 @@
 """Mistakes that are made on the bundled recordings, which are right."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
-from flatcloth.checking import slips
 from flatcloth.checking.check import check_recording
-from flatcloth.checking.order import _exchanged, _single_in_time
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import ViewImages, altered
@@ -104,28 +101,6 @@ def test_views_in_a_random_order_are_put_in_order_again(right, seed):
     assert np.allclose((turned - turned[0] + 180) % 360 - 180, 0.0)
 
 
-class _Tube:
-    """Six views of a tube, of which one is recorded 35 degrees off; by angle its neighbours agree."""
-
-    def __init__(self, off, at_deg):
-        self.order, self.off, self.at_deg = list(range(6)), off, at_deg
-        self.recorded_deg = {n: 10.0 * n + (35.0 if n == off else 0.0) for n in range(6)}
-
-    def agrees(self, one, other):
-        return self.off not in (one, other)
-
-    def place_of(self, view, among):
-        return self.at_deg if view == self.off and view not in among else None
-
-
-def test_a_view_elsewhere_is_told_by_its_neighbours_in_time():
-    found = _single_in_time(_Tube(3, 30.0), [2, 3], 0.8)
-    assert found.text == "View 3 stands at another angle than recorded"
-    assert found.mends[0].view_angles == ((3, 30.0),)
-    assert _single_in_time(_Tube(3, 63.0), [2, 3], 0.8) is None  # where it is recorded
-    assert _single_in_time(_Tube(3, None), [2, 3], 0.8) is None
-
-
 def test_a_slipped_turntable_is_told_from_a_single_view(right):
     slipped = tuple((n, right.angles_deg[n] - 16.0) for n in range(20, 36))
     (found,) = check_recording(mended(right, Mends(view_angles=slipped))).findings
@@ -191,26 +166,6 @@ def test_a_single_view_is_no_mistake(right):
     assert check_recording(one).findings == ()
 
 
-def _smooth_shares(slip_after):
-    """Shares of 36 views of a smooth tube: neighbours fit as recorded, and nearly as well further on."""
-
-    def shares(pairs, axis, further_deg):
-        found = np.full((len(pairs), len(further_deg)), 0.7)
-        found[:, 1:] -= 0.15
-        if slip_after is not None:
-            found[slip_after, 1:] = 0.72
-        return found
-
-    return shares
-
-
-@pytest.mark.parametrize(("after", "found"), [(18, 18), (None, None)])
-def test_a_slip_is_where_its_neighbours_tell_and_nowhere_if_all_steps_are_longer(monkeypatch, after, found):
-    monkeypatch.setattr(slips, "_shares", _smooth_shares(after))
-    views = [SimpleNamespace(view_index=n, angle_deg=10.0 * n) for n in range(36)]
-    assert slips.slipped_after(views, None, 1.0, 16.0) == found
-
-
 @pytest.mark.parametrize("by_deg", [-16.0, 16.0])
 def test_the_end_of_a_full_turn_tells_how_far_the_turntable_slipped(right, by_deg):
     slipped = tuple((n, right.angles_deg[n] + by_deg) for n in range(20, 36))
@@ -223,9 +178,3 @@ def test_the_end_of_a_full_turn_tells_how_far_the_turntable_slipped(right, by_de
 @pytest.mark.parametrize("factor", [0.96, 1.04])
 def test_steps_that_are_a_little_longer_are_no_slip(right, factor):
     assert check_recording(mended(right, Mends(angle_factor=factor))).findings == ()
-
-
-def test_two_exchanged_views_take_each_others_angle_though_it_is_seen_badly():
-    recorded = {5: 180.0, 18: 50.0}
-    assert _exchanged({5: 50.4, 18: 172.3}, recorded, 5.0) == {5: 50.0, 18: 180.0}
-    assert _exchanged({5: 50.4, 18: 160.0}, recorded, 5.0) == {5: 50.0}

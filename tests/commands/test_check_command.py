@@ -1,14 +1,7 @@
-import json
-
 from flatcloth.cli import main
 from flatcloth.session.header import read_header
 
 NAME = "shirt-corner-d435"
-
-
-def test_a_right_recording_is_told_so(capsys):
-    assert main(["check", NAME]) == 0
-    assert "Nothing is wrong with 36 views" in capsys.readouterr().out
 
 
 def test_a_finding_is_one_line_with_its_mend_and_a_picture(capsys, tmp_path):
@@ -16,14 +9,6 @@ def test_a_finding_is_one_line_with_its_mend_and_a_picture(capsys, tmp_path):
     said = capsys.readouterr().out.splitlines()
     assert said[0].endswith("Mended by --angle-factor 2.")
     assert (tmp_path / "why" / "factor.png").stat().st_size > 1000
-
-
-def test_a_check_is_a_document(capsys):
-    assert main(["check", NAME, "--depth-factor", "0.1", "--json"]) == 1
-    document = json.loads(capsys.readouterr().out)
-    (found,) = document["findings"]
-    assert found["name"] == "unit"
-    assert found["mends"] == [{"options": "--depth-factor 10", "depth_factor": 10.0}]
 
 
 def test_run_stops_at_what_is_certain_and_names_the_option(capsys, tmp_path):

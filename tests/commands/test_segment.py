@@ -26,11 +26,6 @@ BACK = (ImageStroke(side="this", view_index=6, points_rc=((119.0, 119.0),)),)
 @pytest.fixture
 def recording(tmp_path):
     folder = tmp_path / "plate"
-    _write(folder, masked=False)
-    return folder
-
-
-def _write(folder, masked):
     with RecordingWriter(
         folder,
         name="plate",
@@ -41,9 +36,8 @@ def _write(folder, masked):
     ) as writer:
         for view in VIEWS:
             frame = view.frame
-            writer.add(
-                frame.angle_deg, frame.color, depth_units(frame.depth_m), view.front if masked else None
-            )
+            writer.add(frame.angle_deg, frame.color, depth_units(frame.depth_m))
+    return folder
 
 
 def _strokes(tmp_path, decisions=BACK):
@@ -171,27 +165,6 @@ def test_a_missing_strokes_file_is_told(recording, tmp_path, capsys):
     file = tmp_path / "none.json"
     assert main(["segment", str(recording), "--out", str(tmp_path / "out"), "--strokes", str(file)]) == 2
     assert "none.json: cannot be read" in capsys.readouterr().err
-
-
-def test_strokes_that_contradict_the_masks_are_refused(tmp_path, capsys):
-    folder = tmp_path / "masked"
-    _write(folder, masked=True)
-    out = tmp_path / "result"
-    assert main(["run", str(folder), "--out", str(out), "--strokes", str(_strokes(tmp_path))]) == 2
-    assert "decision 1 contradicts the mask of view 6" in capsys.readouterr().err
-
-
-def test_half_the_masks_are_refused(tmp_path, capsys):
-    folder = tmp_path / "masked"
-    _write(folder, masked=True)
-    header = json.loads((folder / "recording.json").read_text())
-    for view in header["views"][6:]:
-        del view["mask"]
-    (folder / "recording.json").write_text(json.dumps(header))
-    assert main(["segment", str(folder), "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err.strip()
-    assert "mask" in error
-    assert "\n" not in error
 
 
 def test_masks_are_not_written_over_something_else(recording, tmp_path, capsys):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import Cylinder
+from sheet_runs import STEPS, done, integration
 from viewer_fakes import cylinder_view
 
 from flatcloth.core.errors import AlignmentError
@@ -21,7 +21,6 @@ from flatcloth.methods.registry import method_names
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import (
     Accept,
-    Command,
     Document,
     MemorySession,
     Nudge,
@@ -36,22 +35,6 @@ from flatcloth.session.machine import (
     TakePart,
     apply,
 )
-
-STEPS = tuple(float(a) for a in range(0, 360, 20))
-SHEET = {"angles_deg": STEPS, "span_deg": (-100.0, 100.0)}
-
-
-def integration(method: str, **options: object) -> Integration:
-    return Integration(Cylinder(**{**SHEET, **options}), method=method)  # type: ignore[arg-type]
-
-
-def done(made: Integration, state: SessionState, *commands: Command) -> SessionState:
-    """Give commands, and do all the work that they ask for."""
-    for command in commands:
-        state = apply(state, command)
-        while state.request is not None:
-            state = apply(state, made.answer(state.document, state.request))
-    return state
 
 
 def three_accepted(made: Integration) -> SessionState:

@@ -1,15 +1,18 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from scenes import AXIS, Cylinder
+from sheet_runs import SHEET, STEPS, done, errors_m
+from sheet_runs import integration as sheet_integration
 
 from flatcloth.core.config import Config, FlatteningConfig, PlanningConfig
-from flatcloth.core.errors import CancelledError, ConfigError, FlatclothError, FlatteningError
+from flatcloth.core.errors import CancelledError, FlatclothError, FlatteningError
 from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
@@ -35,23 +38,11 @@ from flatcloth.session.machine import (
     apply,
 )
 
-STEPS = tuple(float(a) for a in range(0, 360, 20))
-# A sheet around the front half and more: both sides of the first view have an occluding edge.
-SHEET = {"angles_deg": STEPS, "span_deg": (-100.0, 100.0)}
-
-
-def integration(**options: object) -> Integration:
-    return Integration(Cylinder(**{**SHEET, **options}), method="paper")  # type: ignore[arg-type]
-
-
-def stepped(made: Integration, state: SessionState, command: Start | Propose) -> SessionState:
-    state = apply(state, command)
-    assert state.request is not None
-    return apply(state, made.answer(state.document, state.request))
+integration = partial(sheet_integration, "paper")
 
 
 def started(made: Integration, view: int | None = None) -> SessionState:
-    return stepped(made, SessionState(len(made.recording)), Start(view))
+    return done(made, SessionState(len(made.recording)), Start(view))
 
 
 def test_the_start_view_is_the_one_with_the_largest_observed_area() -> None:
@@ -108,17 +99,12 @@ def test_the_whole_sheet_is_integrated_and_the_loop_ends() -> None:
     view = made.canonical(state.document).view
     exact = np.radians(200) * 0.12 * 0.2
     assert view.area_m2 == pytest.approx(exact, rel=0.08)
-    flat = Cylinder().flat_uv_m(view.xyz_m[view.valid].astype(float))
-    uv = view.uv_from_rc(np.argwhere(view.valid))
-    pair = np.random.default_rng(0).integers(0, len(uv), (2, 4000))
-    error = np.linalg.norm(uv[pair[0]] - uv[pair[1]], axis=1)
-    error -= np.linalg.norm(flat[pair[0]] - flat[pair[1]], axis=1)
-    assert np.percentile(np.abs(error), 95) < 0.004
+    assert np.percentile(errors_m(view), 95) < 0.004
 
 
 def test_undo_is_exact_and_costs_nothing() -> None:
     made = integration()
-    state = stepped(made, started(made, 0), Propose())
+    state = done(made, started(made, 0), Propose())
     before = made.canonical(state.document)
     pending = state.document.pending
     assert pending is not None
@@ -131,7 +117,7 @@ def test_undo_is_exact_and_costs_nothing() -> None:
 
 def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
     made = integration()
-    state = stepped(made, started(made, 0), Propose())
+    state = done(made, started(made, 0), Propose())
     document = state.document
     proposal = made.proposal(document)
     assert proposal.plan is not None
@@ -147,7 +133,7 @@ def test_a_proposal_can_be_looked_at_before_it_is_accepted() -> None:
 
 def test_the_overlay_is_made_once_for_each_placement() -> None:
     made = integration()
-    state = stepped(made, started(made, 0), Propose())
+    state = done(made, started(made, 0), Propose())
     before = made.overlay(state.document)
     beyond(before, made.canonical(state.document).view)
     assert made.overlay(state.document) is before
@@ -159,7 +145,7 @@ def test_the_overlay_is_made_once_for_each_placement() -> None:
 
 def test_a_nudge_moves_the_overlay_and_lowers_the_score_of_a_good_proposal() -> None:
     made = integration()
-    state = stepped(made, started(made, 0), Propose())
+    state = done(made, started(made, 0), Propose())
     before, score = made.overlay(state.document), made.score(state.document).total
     view = state.document.pending.view_index  # type: ignore[union-attr]
     state = apply(state, Nudge(view, Rigid2(0.0, 0.02, 0.03)))
@@ -173,25 +159,25 @@ def test_a_nudge_moves_the_overlay_and_lowers_the_score_of_a_good_proposal() -> 
 
 def test_the_proposal_of_a_resumed_session_is_the_same() -> None:
     made = integration()
-    state = stepped(made, started(made, 0), Propose())
+    state = done(made, started(made, 0), Propose())
     again = integration().proposal(state.document)
     assert again.alignment.current_from_new == made.proposal(state.document).alignment.current_from_new
 
 
 def test_any_view_can_be_asked_for_by_hand() -> None:
     made = integration()
-    state = stepped(made, started(made, 0), Propose(2))
+    state = done(made, started(made, 0), Propose(2))
     pending = state.document.pending
     assert pending is not None
     assert (pending.view_index, pending.side) == (2, Side.LEFT)
-    state = stepped(made, started(made, 0), Propose(17))
+    state = done(made, started(made, 0), Propose(17))
     assert state.document.pending.side is Side.RIGHT  # type: ignore[union-attr]
     assert made.proposal(state.document).plan is None
 
 
 def test_a_view_of_the_other_side_is_passed_over_with_its_reason() -> None:
     made = integration(span_deg=(-60.0, 60.0), angles_deg=(0.0, 160.0, 200.0))
-    state = stepped(made, started(made, 0), Propose())
+    state = done(made, started(made, 0), Propose())
     assert state.phase is Phase.FINISHED
     state = apply(started(made, 0), Propose(1))
     with pytest.raises(FlatclothError, match="View 1"):
@@ -213,7 +199,7 @@ def test_unsure_refusals_lead_to_another_view_and_an_end() -> None:
 
 def test_the_policy_goes_by_the_score() -> None:
     made = integration()
-    state = stepped(made, started(made, 0), Propose())
+    state = done(made, started(made, 0), Propose())
     assert isinstance(accept_by_score(made, state), Accept)
     proposed = Proposed(99, 3, Rigid2(), Side.LEFT, 0.1)
     low = apply(apply(started(made, 0), Propose()), proposed)
@@ -227,7 +213,7 @@ def test_the_policy_goes_by_the_score() -> None:
 def test_a_longer_overlap_asked_for_means_smaller_rotations() -> None:
     def rotation(overlap_area_m2: float) -> float:
         config = Config(planning=PlanningConfig(overlap_area_m2=overlap_area_m2))
-        made = Integration(Cylinder(**SHEET), config, "paper")  # type: ignore[arg-type]
+        made = integration(config)
         return max(side.rotation_deg for side in made.plan(started(made, 0).document).sides)
 
     assert rotation(0.005) > rotation(0.03)
@@ -272,7 +258,7 @@ def test_flattening_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> 
         made.views._flattening_ahead.wait()
         results.append((state.document, made.canonical(state.document).view, made.views.unusable()))
         threads.append(own)
-    assert threads == [{"MainThread"}, {"MainThread", "flatcloth-ahead"}]
+    assert threads == [{"MainThread"}, {"MainThread", "flatcloth-ahead_0"}]
     (document, view, unusable), (other, same, also) = results
     assert document == other
     assert unusable == also
@@ -281,8 +267,8 @@ def test_flattening_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_again() -> None:
-    made = Integration(Cylinder(**SHEET))  # type: ignore[arg-type]
-    state = stepped(made, started(made, 0), Propose())
+    made = sheet_integration("robust")
+    state = done(made, started(made, 0), Propose())
     assert state.document.pending is not None
     state = apply(state, Accept(state.document.pending.view_index))
     whole, cloth = made.canonical(state.document), made.cloth(state.document)
@@ -311,8 +297,8 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
 
 
 def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
-    made = Integration(Cylinder(**SHEET))  # type: ignore[arg-type]
-    state = stepped(made, started(made, 0), Propose())
+    made = sheet_integration("robust")
+    state = done(made, started(made, 0), Propose())
     assert state.document.pending is not None
     state = apply(state, Accept(state.document.pending.view_index))
     whole, cloth = made.canonical(state.document).view, made.cloth(state.document)
@@ -350,11 +336,6 @@ def test_samples_are_as_far_apart_for_a_camera_that_is_near() -> None:
         assert Integration(made.recording, chosen).config is chosen  # a session keeps what it began with
 
 
-def test_an_unknown_method_names_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match="paper"):
-        Integration(Cylinder(), method="magic")
-
-
 def test_a_recording_of_which_nothing_can_be_flattened_says_so() -> None:
     made = Integration(Cylinder(span_deg=(-1.0, 1.0), half_height_m=0.004))
     with pytest.raises(FlatteningError, match=r"no view .*masks"):
@@ -363,7 +344,7 @@ def test_a_recording_of_which_nothing_can_be_flattened_says_so() -> None:
 
 def test_a_folded_view_is_neither_begun_with_nor_proposed() -> None:
     strict = Config(flattening=FlatteningConfig(max_folded_share=-1.0))  # everything counts as folded
-    made = Integration(Cylinder(**SHEET), strict, "paper")  # type: ignore[arg-type]
+    made = integration(strict)
     with pytest.raises(FlatteningError, match="without folds"):
         started(made)
     state = apply(started(made, 0), Propose(1))

@@ -88,6 +88,7 @@ def test_run_takes_a_hand_eye_transform(
     [
         ([], "give one or more of --data, --html, --report, --figures, --animation, --grasps, --outline"),
         (["--outline", "{tmp}/shape.pdf"], "written as .svg, .dxf, .json, not as .pdf"),
+        (["--data", "{tmp}/file"], "choose another folder"),
         (["--outline", "{tmp}/file/shape.svg"], "cannot be written"),
         (["--html", "{tmp}/file/page.html"], "cannot be written"),
         (["--report", "{tmp}/file/report.html"], "cannot be written"),
@@ -162,12 +163,6 @@ def test_a_session_without_a_start_view_is_one_line_that_names_it(
     assert capsys.readouterr().err == (
         f"flatcloth: {empty}: the session has no start view, so there is nothing to export.\n"
     )
-
-
-def test_a_folder_that_is_no_session_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["export", str(tmp_path), "--html", str(tmp_path / "page.html")]) == 2
-    assert "not a session folder" in capsys.readouterr().err
-    assert not (tmp_path / "page.html").exists()
 
 
 def test_a_rotation_is_a_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -114,17 +114,6 @@ def test_a_pose_is_given_in_held_camera_and_robot_frame(tmp_path: Path) -> None:
         assert pose["position_m"] == [row[3] for row in pose["matrix"][:3]]
 
 
-def test_a_pick_on_a_floating_piece_has_its_pixel_there() -> None:
-    shape, piece = sheet(1, 0, 40, 12.0), sheet(2, 0, 40, 12.0)
-    away = replace(piece, xyz_m=piece.xyz_m + np.array([1.0, 0.0, 0.0], np.float32))
-    on_piece = replace(PICK, position_held_m=tuple((away.xyz_m[5, 12]).tolist()))
-    first, second = grasps_document(shape, [PICK, on_piece], FRAMES, floating=[away])["grasps"]
-    assert first["flattened"]["file"] == "flattened.npz"
-    found = second["flattened"]
-    assert (found["file"], found["row"], found["col"]) == ("floating-1.npz", 5, 12)
-    assert found["distance_m"] < 1e-6
-
-
 def test_a_smaller_export_removes_the_pieces_of_a_larger_one(tmp_path: Path) -> None:
     view = sheet(1, 0, 40, 12.0)
     write_files(shape_files(view, [], FRAMES, [view, view]), tmp_path)
@@ -149,13 +138,6 @@ def test_what_is_not_known_is_null_and_the_file_stays_json(tmp_path: Path) -> No
     assert lost["uncertainty"] == dict.fromkeys(("position_m", "normal_deg", "axis_deg", "placement_m"))
     assert lost["grip"]["axis_from"] == "level"
     assert (unseen["poses"], unseen["grip"], unseen["normal"]) == (None, None, [None, None, None])
-
-
-def test_a_folder_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    with pytest.raises(FlatclothError, match="Choose another folder"):
-        write_files(shape_files(sheet(1, 0, 4, 0.0), [], FRAMES), blocked / "out")
 
 
 @pytest.mark.parametrize("content", [b"", b"not an archive", b"PK\x03\x04truncated"])

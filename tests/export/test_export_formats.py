@@ -9,7 +9,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from exported_sessions import cylinder_session
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from pycocotools.coco import COCO
@@ -21,11 +20,6 @@ from flatcloth.export.formats.coco import HIDDEN, VISIBLE, write_coco
 from flatcloth.export.formats.mcap import write_mcap
 from flatcloth.export.formats.rerun import write_rrd
 from flatcloth.export.session import OpenedSession
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
-    return cylinder_session(tmp_path_factory.mktemp("formats"))
 
 
 def cloth(session: OpenedSession) -> FlattenedView:

@@ -68,8 +68,3 @@ def test_a_file_of_another_kind_is_one_clear_line(tmp_path: Path, text: str) -> 
     path.write_text(text)
     with pytest.raises(HandEyeError, match=r"camera\.json: .*flatcloth-hand-eye/1"):
         read_hand_eye(path)
-
-
-def test_a_missing_file_is_one_clear_line(tmp_path: Path) -> None:
-    with pytest.raises(HandEyeError, match="cannot be read"):
-        read_hand_eye(tmp_path / "camera.json")

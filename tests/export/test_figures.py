@@ -5,14 +5,12 @@ from __future__ import annotations
 import io
 import math
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from exported_sessions import cylinder_session
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -31,11 +29,6 @@ from flatcloth.rendering.pictures import NEW_RGB, OUTLINE_RGB, PlanePicture, cro
 from flatcloth.session.machine import Document
 
 SVG = "{http://www.w3.org/2000/svg}"
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
-    return cylinder_session(tmp_path_factory.mktemp("figures"))
 
 
 def pixels(drawing: Drawing, scale: float = 1.0) -> np.ndarray:
@@ -113,12 +106,6 @@ def test_drawings_can_be_parts_of_one_page() -> None:
         assert set(re.findall(r"url\(#([^)]*)\)", text)) <= set(found)
         ids += found
     assert len(set(ids)) == len(ids)
-
-
-def test_without_matplotlib_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(FlatclothError, match=r"^Figures need matplotlib: pip install 'flatcloth\[export\]'$"):
-        Drawing(10, 10)
 
 
 @pytest.mark.parametrize(
@@ -315,9 +302,3 @@ def test_a_shape_from_which_nothing_can_be_planned_any_more_has_no_plan(session:
     stuck = OpenedSession(session.history, Stuck())  # type: ignore[arg-type]
     assert plan_of(stuck, session.history.decisions[2]) is None
     assert side_of(None, session.history.decisions[2]) is None
-
-
-def test_a_folder_that_cannot_be_written_is_one_clear_line(session: OpenedSession, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(FlatclothError, match=r"file/in: figures cannot be written .*another folder"):
-        write_figures(session, tmp_path / "file" / "in")

@@ -13,7 +13,7 @@ import pytest
 from exported_sessions import cylinder_session, write_cylinder
 from scenes import Cylinder, sheet
 
-from flatcloth.core.errors import ConfigError, FlatclothError, JournalError, RecordingError
+from flatcloth.core.errors import ConfigError, JournalError, RecordingError
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.result import at_step
@@ -22,17 +22,12 @@ from flatcloth.export.figures import picture_before
 from flatcloth.export.growth import grow
 from flatcloth.export.kept import Kept, key_of
 from flatcloth.export.report import _floating
-from flatcloth.export.session import OpenedSession, of_page, open_session
+from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.garments.deciding import placed_piece
 from flatcloth.methods.answers import Canonical
 from flatcloth.session.axis_file import write_axis
 from flatcloth.session.garment import GarmentDecisions, PlacedPiece
 from flatcloth.session.machine import Accepted, Document
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
-    return cylinder_session(tmp_path_factory.mktemp("growth"))
 
 
 def test_each_step_shows_what_the_shape_was(session: OpenedSession) -> None:
@@ -139,11 +134,6 @@ def test_a_piece_placed_by_the_garment_counts_as_shape(session: OpenedSession) -
     assert told.startswith("part of the shape")
 
 
-def test_a_session_without_a_start_view_has_nothing_to_export(session: OpenedSession) -> None:
-    with pytest.raises(FlatclothError, match="no start view, so there is nothing to export"):
-        grow(session.integration, replace(session.history, document=Document()))
-
-
 # --- opening --------------------------------------------------------------------------------------
 
 
@@ -178,11 +168,6 @@ def test_the_axis_that_the_session_keeps_is_used_and_left_alone(tmp_path: Path) 
     np.testing.assert_allclose(opened.data().frames.axis.point_m, own.point_m + np.array([0.004, 0.0, 0.0]))
     assert opened.growth.view.valid.any()
     assert {p.name: p.read_bytes() for p in made.history.folder.iterdir()} == before
-
-
-def test_a_session_in_memory_cannot_be_exported(session: OpenedSession) -> None:
-    with pytest.raises(FlatclothError, match="not saved on disk"):
-        of_page(session.integration, object())
 
 
 def test_poses_are_given_where_the_item_stands_unless_a_rotation_is_named(session: OpenedSession) -> None:

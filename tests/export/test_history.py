@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
@@ -35,11 +34,6 @@ from flatcloth.session.machine import (
 from flatcloth.session.store import SessionFolder
 
 RECORDING = MemoryRecording(name="a <b>")
-
-
-@pytest.fixture
-def place(tmp_path: Path) -> Path:
-    return tmp_path / "session"
 
 
 def opened(place: Path) -> SessionFolder:
@@ -172,54 +166,12 @@ def test_a_session_without_a_journal_has_not_begun(place: Path) -> None:
     assert history.decisions == ()
 
 
-def test_a_damaged_journal_names_its_line(place: Path) -> None:
-    folder = opened(place)
-    Play(folder).start()
-    folder.close()
-    journal = place / "journal.jsonl"
-    for bad in (
-        b"nonsense\n",
-        b'{"line": 9, "kind": "undo", "time": ""}\n',
-        b'{"line": 3, "kind": "redo"}\n',
-    ):
-        text = journal.read_bytes()
-        journal.write_bytes(text + bad)
-        with pytest.raises(JournalError, match=r"journal\.jsonl: line 3 is damaged") as caught:
-            read_history(place)
-        assert "\n" not in str(caught.value)
-        journal.write_bytes(text)
-
-
 def test_a_folder_that_is_no_session_is_one_clear_line(tmp_path: Path) -> None:
     with pytest.raises(JournalError, match=r"not a session folder.*--out or --session"):
         read_history(tmp_path / "nowhere")
     (tmp_path / "session.json").mkdir()
     with pytest.raises(JournalError, match="cannot be read"):
         read_history(tmp_path)
-
-
-@pytest.mark.parametrize(
-    "text", ["", "[]", "[" * 99999, '{"format": "flatcloth-session/1"}', '{"format": "flatcloth-session/2"}']
-)
-def test_a_header_that_cannot_be_understood_is_one_clear_line(place: Path, text: str) -> None:
-    opened(place).close()
-    (place / "session.json").write_text(text)
-    with pytest.raises(JournalError, match=r"session\.json") as caught:
-        read_history(place)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("recording", {}), ("recording", 3), ("config", {"planning": {"magic": 1}}), ("versions", None)],
-)
-def test_a_header_with_wrong_parts_is_one_clear_line(place: Path, key: str, value: object) -> None:
-    opened(place).close()
-    header = json.loads((place / "session.json").read_text())
-    header[key] = value
-    (place / "session.json").write_text(json.dumps(header))
-    with pytest.raises(JournalError, match="not valid"):
-        read_history(place)
 
 
 def test_damaged_grips_are_told(place: Path) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exported_sessions import NAME, PICKS, cylinder_session
+from exported_sessions import NAME, PICKS
 from PIL import Image
 
 from flatcloth.core.errors import FlatclothError
@@ -49,11 +49,6 @@ class Parts(HTMLParser):
         wanted = {k.replace("_", "-"): v for k, v in attributes.items()}
         (found,) = [(a, t) for name, a, t in self.found if name == tag and wanted.items() <= a.items()]
         return found
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
-    return cylinder_session(tmp_path_factory.mktemp("page"))
 
 
 @pytest.fixture(scope="module")
@@ -203,21 +198,20 @@ def test_every_element_that_a_script_asks_for_is_in_the_page(parts: Parts) -> No
 
 def test_the_map_holds_all_modules_that_are_needed_and_no_other(tmp_path: Path) -> None:
     sources = {
-        "a.js": 'import { b } from "/static/b.js";\nexport const a = 1;\n',
-        "b.js": 'import {\n  a as c,\n} from "/static/a.js";\nexport default 3;\n',
-        "main.js": 'export * from "/static/a.js";\n',
+        "a.js": 'import { b } from "./b.js";\nexport const a = 1;\n',
+        "b.js": 'import {\n  a as c,\n} from "./a.js";\nexport default 3;\n',
+        "main.js": 'export * from "./a.js";\n',
         "other.js": "",
     }
     for name, source in sources.items():
         (tmp_path / name).write_text(source)
     assert modules(import_map(tmp_path, "main.js")) == {
-        f"flatcloth/{name}": sources[name].replace("/static/", "flatcloth/")
-        for name in ("main.js", "a.js", "b.js")
+        f"flatcloth/{name}": sources[name].replace("./", "flatcloth/") for name in ("main.js", "a.js", "b.js")
     }
 
 
 def test_a_missing_module_is_named(tmp_path: Path) -> None:
-    (tmp_path / "main.js").write_text('import { a } from "/static/missing.js";\n')
+    (tmp_path / "main.js").write_text('import { a } from "./missing.js";\n')
     with pytest.raises(FlatclothError, match=r"missing.js: cannot be read .* Reinstall flatcloth"):
         import_map(tmp_path, "main.js")
 

@@ -177,8 +177,3 @@ def test_the_json_leads_back_to_the_plane():
     assert len(piece["holes"]) == 1
     assert document["area_cm2"] == pytest.approx(drawn.area_cm2, abs=0.01)
     assert document["size"] == pytest.approx(drawn.size_mm, abs=1e-3)
-
-
-def test_other_formats_are_refused_in_one_line():
-    with pytest.raises(FlatclothError, match=r"written as .svg, .dxf, .json, not as .png"):
-        outline_text(cloth(disc(10)), "x", ".png")

@@ -11,7 +11,7 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from exported_sessions import NAME, PICKS, cylinder_session
+from exported_sessions import NAME, PICKS
 from PIL import Image, ImageSequence
 from scenes import AXIS
 
@@ -24,11 +24,6 @@ from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.points import Camera, camera_around, paint_points
 from flatcloth.session.header import Header
 from flatcloth.session.machine import Document
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> OpenedSession:
-    return cylinder_session(tmp_path_factory.mktemp("report"))
 
 
 @pytest.fixture(scope="module")
@@ -186,11 +181,6 @@ def test_an_mp4_plays_as_long_as_the_gif(session: OpenedSession, tmp_path: Path)
     seconds = count / video.get(cv2.CAP_PROP_FPS)
     video.release()
     assert seconds == pytest.approx(sum(f.duration_ms for f in frames(session)) / 1000, rel=0.15)
-
-
-def test_another_kind_of_animation_is_refused_before_the_work(session: OpenedSession, tmp_path: Path) -> None:
-    with pytest.raises(FlatclothError, match=r"growth\.avi: the name of an animation ends in \.gif or \.mp4"):
-        write_animation(session, tmp_path / "growth.avi")
 
 
 @pytest.mark.parametrize("name", ["growth.gif", "growth.mp4"])

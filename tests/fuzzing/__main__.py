@@ -19,7 +19,8 @@ from fuzzing.cases import Outcome, observed, run_case
 from fuzzing.samples import SAMPLES, Sample
 
 _IMPORTED = (
-    "cv2", "numba", "scipy.sparse.linalg", "OpenEXR", "rosbags.highlevel", "flatcloth.cli",
+    "cv2", "numba", "scipy.sparse.linalg", "OpenEXR", "rosbags.rosbag1", "rosbags.rosbag2", "trimesh",
+    "flatcloth.cli", "flatcloth.recordings.ros.mcap_file", "flatcloth.recordings.ros.rvl",
     "flatcloth.engine.integration", "flatcloth.recordings.ros.recording",
     "flatcloth.recordings.realsense.turned",
     "flatcloth.recordings.registry", "flatcloth.recordings.folder", "flatcloth.recordings.copying",
@@ -141,8 +142,8 @@ def _replayed(kept: Path) -> Outcome:
 
 
 def _import_everything() -> None:
-    from flatcloth.recordings.realsense.library import load_realsense
-    from flatcloth.synthesis.native import load_open3d
+    from flatcloth.recordings.files.libraries import load_realsense
+    from flatcloth.synthesis.rendering import load_open3d
 
     for name in _IMPORTED:
         importlib.import_module(name)

@@ -13,8 +13,9 @@ import cv2
 import foreign_folders
 import numpy as np
 import ros_bags
+import trimesh
 from exported_sessions import write_cylinder, write_session
-from garment_meshes import arc, write_glb, write_obj, write_ply
+from garment_meshes import arc, binary_ply_of, write_glb, write_obj, write_ply
 from pcd_files import cloud_points, write_pcd
 from realsense_files import stop_and_go, turning, write_realsense
 from tiny_recordings import write_recording
@@ -83,6 +84,13 @@ def _multimodal(place: Path) -> None:
         assert cv2.imwrite(str(place / f"in/x_{n:02d}_rgb.png"), colors)
 
 
+def _yaml_camera(place: Path) -> None:
+    foreign_folders.write_open3d(place / "in")
+    matrix = f"{{rows: 3, cols: 3, data: {[20, 0, 7.5, 0, 20, 5.5, 0, 0, 1]}}}"
+    text = f"camera_matrix: {matrix}\ndistortion_model: plumb_bob\nd: [-0.1, 0, 0, 0]\n"
+    (place / "in/camera.yaml").write_text(text)
+
+
 def _with_table(place: Path) -> None:
     foreign_folders.write_open3d(place / "in")
     (place / "in/angles.csv").write_text("file,angle_deg\n00000,0\n00001,20\n00002,-40.5\n")
@@ -123,6 +131,9 @@ def _realsense(place: Path) -> None:
 def _mesh(suffix: str) -> Callable[[Path], object]:
     def build(place: Path) -> None:
         vertices, triangles, uv = arc(columns=6, rows=4)
+        if suffix in (".stl", ".off"):
+            trimesh.Trimesh(vertices, triangles, process=False).export(place / f"in{suffix}")
+            return
         if suffix == ".ply":
             write_ply(place / "in.ply", vertices, triangles, np.tile([200, 40, 90], (len(vertices), 1)))
             return
@@ -139,14 +150,7 @@ def _mesh(suffix: str) -> Callable[[Path], object]:
 
 def _binary_ply(place: Path) -> None:
     vertices, triangles, _ = arc(columns=6, rows=4)
-    head = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    faces = np.zeros(len(triangles), dtype=[("n", "u1"), ("v", "<i4", 3)])
-    faces["n"], faces["v"] = 3, triangles
-    (place / "in.ply").write_bytes(head.encode() + vertices.astype("<f4").tobytes() + faces.tobytes())
+    (place / "in.ply").write_bytes(binary_ply_of(vertices, triangles))
 
 
 def _session(place: Path) -> None:
@@ -197,6 +201,12 @@ SAMPLES = (
     Sample("npy", _open3d(".npy", np.float32), _STEPPED, ("in/depth/*",)),
     Sample("pcd", _multimodal, _import("in", "--turning", "20"), ("in/*.pcd",)),
     Sample("camera-file", _open3d(".png", np.uint16), _GIVEN_CAMERA, ("in/intrinsic.json",)),
+    Sample(
+        "yaml",
+        _yaml_camera,
+        _import("in", "--step", "10", "--camera-file", "{}/in/camera.yaml"),
+        ("in/*.yaml",),
+    ),
     Sample("angles", _with_table, _import("in"), ("in/angles.csv",)),
     Sample("ros1-bag", _ros(".bag"), _import("in.bag", "--step", "10")),
     Sample("ros1-bag-packed", _ros_packed("in.bag", 20_000), _import("in.bag", "--step", "10")),
@@ -212,6 +222,8 @@ SAMPLES = (
     Sample("obj", _mesh(".obj"), ("synthesize", "{}/in.obj", *_SYNTHESIZE)),
     Sample("ply", _mesh(".ply"), ("synthesize", "{}/in.ply", *_SYNTHESIZE)),
     Sample("ply-binary", _binary_ply, ("synthesize", "{}/in.ply", *_SYNTHESIZE)),
+    Sample("stl", _mesh(".stl"), ("synthesize", "{}/in.stl", *_SYNTHESIZE)),
+    Sample("off", _mesh(".off"), ("synthesize", "{}/in.off", *_SYNTHESIZE)),
     Sample("glb", _mesh(".glb"), ("synthesize", "{}/in.glb", *_SYNTHESIZE)),
     Sample("journal", _session, _EXPORT, ("session/journal.jsonl",)),
     Sample("session", _session, _EXPORT, ("session/*.json",)),

@@ -96,14 +96,6 @@ def test_a_registered_method_runs_from_the_command_line(
     assert "side-by-side" not in capsys.readouterr().err
 
 
-def test_a_session_of_another_method_is_not_continued(
-    toy: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["run", "shirt-sleeve-clean", "--method", toy, "--out", str(tmp_path / "s")]) == 0
-    assert main(["run", "shirt-sleeve-clean", "--method", "paper", "--out", str(tmp_path / "s")]) == 2
-    assert f"method '{toy}', not 'paper'" in capsys.readouterr().err
-
-
 def test_the_default_is_the_method_registered_first() -> None:
     assert method_name() == method_names()[0] == "robust"
 

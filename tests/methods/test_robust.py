@@ -1,12 +1,16 @@
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scenes import Cylinder
+from sheet_runs import STEPS, done, errors_m
+from sheet_runs import integration as sheet_integration
 
 from flatcloth.core.config import Config, RobustConfig
 from flatcloth.core.errors import SurfaceError
-from flatcloth.core.types import FlattenedView, Rigid2
+from flatcloth.core.types import Rigid2
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import CONTRADICTS, Integration
 from flatcloth.registration.registered import describe
@@ -21,31 +25,10 @@ from flatcloth.session.machine import (
     Reject,
     SessionState,
     Start,
-    Undo,
     apply,
 )
 
-STEPS = tuple(float(a) for a in range(0, 360, 20))
-SHEET = {"angles_deg": STEPS, "span_deg": (-100.0, 100.0)}
-
-
-def integration(**options: object) -> Integration:
-    return Integration(Cylinder(**{**SHEET, **options}))  # type: ignore[arg-type]
-
-
-def stepped(made: Integration, state: SessionState, command: Start | Propose) -> SessionState:
-    state = apply(state, command)
-    assert state.request is not None
-    return apply(state, made.answer(state.document, state.request))
-
-
-def errors_m(view: FlattenedView) -> np.ndarray:
-    """Errors of the distances between random pixels of the result, against the cylinder unrolled."""
-    flat = Cylinder().flat_uv_m(view.xyz_m[view.valid].astype(float))
-    uv = view.uv_from_rc(np.argwhere(view.valid))
-    pair = np.random.default_rng(0).integers(0, len(uv), (2, 4000))
-    error = np.linalg.norm(uv[pair[0]] - uv[pair[1]], axis=1)
-    return np.abs(error - np.linalg.norm(flat[pair[0]] - flat[pair[1]], axis=1))
+integration = partial(sheet_integration, "robust")
 
 
 @pytest.fixture(scope="module")
@@ -87,29 +70,18 @@ def test_every_decision_of_the_run_is_told(finished: tuple[Integration, SessionS
     assert decided | {state.document.start_view} == set(range(len(STEPS)))
 
 
-def test_undo_is_exact() -> None:
-    made = integration()
-    state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose())
-    before = made.canonical(state.document)
-    pending = state.document.pending
-    assert pending is not None
-    after = apply(state, Accept(pending.view_index))
-    assert made.canonical(after.document).view.area_m2 > before.view.area_m2
-    assert made.canonical(apply(after, Undo()).document) is before
-
-
 def test_the_shape_depends_on_the_decisions_alone() -> None:
     shapes = []
     for _ in range(2):
         made = integration()
-        state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+        state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))
         shapes.append(made.canonical(apply(state, Accept(2)).document).view)
     np.testing.assert_array_equal(shapes[0].xyz_m, shapes[1].xyz_m)
 
 
 def test_a_proposal_tells_its_hypotheses_margin_and_score() -> None:
     made = integration()
-    state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+    state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))
     pending = state.document.pending
     assert pending is not None
     placement = made.proposal(state.document).placement
@@ -126,7 +98,7 @@ def test_a_proposal_tells_its_hypotheses_margin_and_score() -> None:
 @pytest.mark.parametrize("by", [Rigid2(0, 0.03, 0), Rigid2(0, 0, 0.03), Rigid2(0.3, 0, 0)])
 def test_a_wrong_placement_scores_low_and_is_refused(by: Rigid2) -> None:
     made = integration()
-    state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+    state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))
     moved = apply(state, Nudge(2, by))
     assert made.score(moved.document).total < 0.5 < made.score(state.document).total
     assert accept_by_score(made, moved) == Reject(2, UNSURE)
@@ -144,7 +116,7 @@ def test_a_view_that_contradicts_the_others_is_left_out_of_a_run(monkeypatch: py
 
 def test_a_view_of_other_cloth_is_told_apart() -> None:
     made = integration(span_deg=(-60.0, 60.0))
-    state = stepped(made, SessionState(len(STEPS)), Start(0))
+    state = done(made, SessionState(len(STEPS)), Start(0))
     state = apply(state, Propose(9))  # the back: nothing of the side of interest
     assert state.request is not None
     with pytest.raises(SurfaceError, match="View 9: no pixel of it shows the side of interest"):
@@ -153,7 +125,7 @@ def test_a_view_of_other_cloth_is_told_apart() -> None:
 
 def test_a_placement_by_hand_is_kept_against_what_space_says() -> None:
     made = integration()
-    state = stepped(made, stepped(made, SessionState(len(STEPS)), Start(0)), Propose(2))
+    state = done(made, done(made, SessionState(len(STEPS)), Start(0)), Propose(2))
     moved = apply(apply(state, Nudge(2, Rigid2(0, 0.05, 0))), Accept(2))
     right = apply(state, Accept(2))
     shifted, straight = made.canonical(moved.document).view, made.canonical(right.document).view
@@ -162,7 +134,7 @@ def test_a_placement_by_hand_is_kept_against_what_space_says() -> None:
 
 def test_the_plan_promises_new_cloth_and_says_so() -> None:
     made = integration()
-    state = stepped(made, SessionState(len(STEPS)), Start(0))
+    state = done(made, SessionState(len(STEPS)), Start(0))
     plan = made.plan(state.document)
     assert plan.view_index is not None
     assert plan.candidates[0].view_index == plan.view_index
@@ -171,13 +143,13 @@ def test_the_plan_promises_new_cloth_and_says_so() -> None:
 
 
 def test_what_a_further_view_promises_decides_and_the_number_of_views_of_a_limited_run() -> None:
-    made = Integration(Cylinder(**SHEET), Config(robust=RobustConfig(most_views=2)))  # type: ignore[arg-type]
+    made = integration(Config(robust=RobustConfig(most_views=2)))
     state = Run(made, MemorySession(SessionState(len(STEPS)))).finish()
     assert len(state.document.used_views) > 2
     assert state.document.finished is not None
     assert state.document.finished.startswith(("No other view", "No view is left"))
-    short = Integration(Cylinder(**SHEET), Config(robust=RobustConfig(most_views=1)))  # type: ignore[arg-type]
-    document = stepped(short, SessionState(len(STEPS)), Start(0)).document
+    short = integration(Config(robust=RobustConfig(most_views=1)))
+    document = done(short, SessionState(len(STEPS)), Start(0)).document
     assert short.plan(document).view_index is not None
     short.algorithm.is_limited = True
     plan = short.plan(document)
@@ -187,7 +159,7 @@ def test_what_a_further_view_promises_decides_and_the_number_of_views_of_a_limit
 
 def test_a_proposal_event_carries_the_confidence() -> None:
     made = integration()
-    state = apply(stepped(made, SessionState(len(STEPS)), Start(0)), Propose())
+    state = apply(done(made, SessionState(len(STEPS)), Start(0)), Propose())
     assert state.request is not None
     event = made.answer(state.document, state.request)
     assert isinstance(event, Proposed)

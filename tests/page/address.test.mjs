@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { readAddress, writeAddress } from "/static/page/address.js";
+import { readAddress, writeAddress } from "../../static/page/address.js";
 
 test("an address names place, view and pick, and is read as it was written", () => {
   const address = { place: { kind: "folder", name: "deep/a b?#é" }, view: 3, pick: 12 };

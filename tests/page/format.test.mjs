@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { count, degrees, hex, keyName, length, niceLength, number, vector } from "/static/page/format.js";
+import { count, degrees, hex, keyName, length, niceLength, number, vector } from "../../static/page/format.js";
 
 test("numbers have fixed decimals and a true minus sign, never minus zero", () => {
   assert.equal(number(-1.25, 2), "\u22121.25");

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { boxOf, contains, grown, Transform, union } from "/static/canvas/geometry.js";
+import { boxOf, contains, grown, Transform, union } from "../../static/canvas/geometry.js";
 
 const near = (a, b, within = 1e-9) => assert.ok(Math.abs(a - b) < within, `${a} is not ${b}`);
 const same = (a, b) => Object.keys(b).forEach((key) => near(a[key], b[key]));

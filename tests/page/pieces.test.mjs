@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import test from "node:test";
-import { drawPieces } from "/static/canvas/pieces.js";
+import { drawPieces } from "../../static/canvas/pieces.js";
 
 function drawn(pieces) {
   const plates = [];

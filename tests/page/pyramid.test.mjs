@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { Pyramid } from "/static/canvas/pyramid.js";
+import { Pyramid } from "../../static/canvas/pyramid.js";
 
 globalThis.createImageBitmap = async (_, { resizeWidth, resizeHeight }) => ({
   width: resizeWidth,

@@ -1,13 +1,8 @@
-// Lets Node find the page's modules where the browser does: below /static/.
+// Lets Node read the page's modules as modules, as the browser does.
 
 import { registerHooks } from "node:module";
-import { pathToFileURL } from "node:url";
-
-const ROOT = pathToFileURL(`${process.cwd()}/`).href;
 
 registerHooks({
-  resolve: (specifier, context, next) =>
-    next(specifier.startsWith("/static/") ? ROOT + specifier.slice(1) : specifier, context),
   load: (url, context, next) =>
     next(url, url.includes("/static/") && url.endsWith(".js") ? { ...context, format: "module" } : context),
 });

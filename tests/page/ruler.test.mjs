@@ -9,8 +9,8 @@ const element = () => ({
   replaceChildren: () => {},
 });
 globalThis.document = { createElement: element, getElementById: element };
-const { Ruler } = await import("/static/canvas/ruler.js");
-const { Question } = await import("/static/page/connection.js");
+const { Ruler } = await import("../../static/canvas/ruler.js");
+const { Question } = await import("../../static/page/connection.js");
 
 function rulerOn() {
   const sent = [];

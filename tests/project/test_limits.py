@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import free_numbers
 from benchmarks.constants import identity
 from benchmarks.free_numbers import all_constants, package_of
 
@@ -112,31 +111,6 @@ def test_what_constants_change_is_measured() -> None:
     measured = {identity(row) for row in rows}
     unknown = [constant.identity for constant in all_constants() if constant.identity not in measured]
     assert not unknown, f"{unknown}: python -m benchmarks constants --recordings ... --keep DIR"
-
-
-def test_inline_numbers_and_defaults_are_constants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(free_numbers, "ROOT", tmp_path)
-    module = tmp_path / "module.py"
-    module.write_text(
-        "class Settings:\n"
-        "    share: float = 0.3\n"
-        '    """Chosen."""\n'
-        "class Kind(IntEnum):\n"
-        "    ROUND = 7\n"
-        "CODE = 3\n"
-        '"""By\ndefinition."""\n'
-        "NEAR_M, FAR_M = 0.01, 0.02\n"
-        "def area(x):\n"
-        "    progress(0.4, 'half')\n"
-        "    return 0.5 * x + 1e-12 + 0.7 * x  # learned\n"
-    )
-    found = [(c.name, c.values, c.text) for c in free_numbers.constants_of(module)]
-    assert found == [
-        ("NEAR_M", (0.01,), ""),
-        ("FAR_M", (0.02,), ""),
-        ("Settings.share", (0.3,), "Chosen."),
-        ("area()", (0.7,), "learned"),
-    ]
 
 
 def test_the_reader_of_constants_sees_what_it_must() -> None:

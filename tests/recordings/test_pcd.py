@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,6 @@ from pcd_files import CAMERA, cloud_points, write_pcd
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.files.lzf import unpack_lzf
 from flatcloth.recordings.files.pcd import camera_of, read_pcd
 
 
@@ -27,14 +27,6 @@ def test_points_and_colors_come_out_as_written(tmp_path: Path, layout: str, rgb_
     assert (cloud.depth_m[np.isnan(points[..., 2])] == 0).all()
 
 
-def test_runs_are_unpacked_also_where_they_overlap_themselves() -> None:
-    out = np.zeros(10, dtype=np.uint8)
-    assert unpack_lzf(np.array([0, 97, 0xE0, 0, 0], dtype=np.uint8), out)
-    assert bytes(out) == b"a" * 10
-    for packed in ([0, 97], [0, 97, 0xE0], [0, 97, 0xE0, 0, 9], [0, 97, 0xE0, 9, 0], [31, 97]):
-        assert not unpack_lzf(np.array(packed, dtype=np.uint8), np.zeros(10, dtype=np.uint8))
-
-
 @pytest.mark.parametrize("lens", [(0.0, 0.0, 0.0, 0.0, 0.0), (0.1, -0.05, 0.002, -0.001, 0.0)])
 def test_the_points_tell_their_camera_and_its_lens(tmp_path: Path, lens: tuple[float, ...]) -> None:
     points, colors = cloud_points(lens=lens)
@@ -47,6 +39,13 @@ def test_the_points_tell_their_camera_and_its_lens(tmp_path: Path, lens: tuple[f
     truth = cloud_points()[0][..., 2]
     inner = (slice(10, -10), slice(10, -10))
     assert np.median(np.abs(straight[inner] - truth[inner])[straight[inner] > 0]) < 1e-3
+
+
+def test_without_open3d_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write_pcd(tmp_path / "a.pcd", *cloud_points())
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(RecordingError, match=r"open3d, .*missing. Run: pip install 'flatcloth\[synthesis\]'"):
+        read_pcd(file)
 
 
 def test_points_of_no_camera_are_refused(tmp_path: Path) -> None:

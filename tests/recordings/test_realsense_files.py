@@ -21,7 +21,7 @@ from scenes import CAMERA, Cylinder
 from flatcloth.cli import main
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import Recording, open_recording
-from flatcloth.recordings.realsense import library as realsense_library
+from flatcloth.recordings.files import libraries as realsense_library
 from flatcloth.recordings.realsense.player import RealsensePlayer, is_realsense
 from flatcloth.recordings.realsense.turned import TurnOptions, open_realsense
 

@@ -7,11 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from realsense_files import Shot, shot, stop_and_go, turning
+from realsense_files import Shot, stop_and_go, turning
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Intrinsics
-from flatcloth.recordings.files.camera import InverseLens, brown_conrady
 from flatcloth.recordings.film.averaging import average_color, average_depth
 from flatcloth.recordings.film.stillness import STILL_PX_S, MotionMeter, Stop, StopFinder, glance
 from flatcloth.recordings.film.turning import constant_turning, read_turning
@@ -140,29 +138,12 @@ def test_black_does_not_darken_the_average_color() -> None:
     assert (average_color(frames) == 101).all()
 
 
-def test_the_inverse_lens_puts_pixels_where_their_rays_are() -> None:
-    camera = Intrinsics(width=320, height=240, fx=300.0, fy=301.0, cx=158.0, cy=121.0)
-    coefficients = (-0.055, 0.066, -0.0009, 0.0005, -0.021)  # a D455's color camera, about
-    rows, cols = np.mgrid[0:240, 0:320].astype(float)
-    seen = np.stack([(cols - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy])
-    ideal = brown_conrady(seen, coefficients)
-    # An image whose value is the column at which a pinhole camera would see that ray.
-    image = (ideal[0] * camera.fx + camera.cx).astype(np.float32)
-    straight = InverseLens(camera, coefficients).undistort(image, blend=True)
-    inside = straight > 0
-    assert inside.mean() > 0.9
-    assert np.abs(image - cols).max() > 1.0  # there was something to undo
-    np.testing.assert_allclose(straight[20:-20, 20:-20], cols[20:-20, 20:-20], atol=0.05)
-
-
 @pytest.mark.parametrize(
     "text",
     [
         "time_s,angle_deg\n0,0\n2,20\n",
         "0 0\n2 20\n",
-        "# turntable\n\n0;0\n2;20",
-        '"time"\t"angle"\n0\t0\n2\t20\n',
-        "\ufefftime_s, angle_deg\r\n0, 0\r\n2, 20\r\n",
+        "# turntable\n\n0;0\n2;20,0",
         "1000,0\n1002,20\n",
     ],
 )
@@ -178,7 +159,7 @@ def test_a_table_of_times_and_angles_is_read(tmp_path: Path, text: str) -> None:
     [
         ("", "has no angles"),
         ("time,angle\n", "has no angles"),
-        ("0,0\nx,1\n", r"line 2 is 'x,1'"),
+        ("0,0\nx,1\n", "line 2 is x 1"),
         ("0,0,0\n1,1,1\n", "line 2"),
         ("0,0\n1\n", "line 2"),
         ("0,0\n0,1\n", "line 2 is not later"),
@@ -200,8 +181,3 @@ def test_a_table_that_is_none_is_refused(tmp_path: Path, text: str, message: str
 def test_a_turning_speed_that_is_none_is_refused(speed: float) -> None:
     with pytest.raises(RecordingError, match="--turning-speed"):
         constant_turning(speed, 10.0)
-
-
-def test_the_scene_of_these_tests_turns() -> None:
-    a, b = shot(0, 0.0), shot(0, 10.0)
-    assert np.mean(a.color != b.color) > 0.05

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import subprocess
@@ -16,7 +15,7 @@ from tiny_recordings import HEIGHT, WIDTH, header, write_header, write_image, wr
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.geometry import camera_from_object
-from flatcloth.core.resources import sample_recordings, static_folder
+from flatcloth.core.resources import sample_recordings
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import fingerprint
 from flatcloth.recordings.files import images
@@ -152,28 +151,6 @@ def test_a_transparent_color_image_loses_its_alpha(folder: Path) -> None:
     assert open_recording(folder)[0].color[0, 0].tolist() == [3, 2, 1]
 
 
-def test_the_orientation_tag_of_a_photograph_does_not_turn_the_pixels(folder: Path) -> None:
-    square = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
-    square[: HEIGHT // 2] = 255
-    jpeg = cv2.imencode(".jpg", square)[1].tobytes()
-    # An APP1 segment that says "turned upside down" (orientation 3).
-    tiff = b"II*\0\x08\0\0\0" + b"\x01\0" + b"\x12\x01\x03\0\x01\0\0\0\x03\0\0\0" + b"\0\0\0\0"
-    payload = b"Exif\0\0" + tiff
-    segment = b"\xff\xe1" + (len(payload) + 2).to_bytes(2, "big") + payload
-    path = folder / "color" / "0.png"
-    path.write_bytes(jpeg[:2] + segment + jpeg[2:])
-    assert cv2.imread(str(path))[0, 0, 0] < 50  # OpenCV's default would turn it
-    assert open_recording(folder)[0].color[0, 0, 0] > 200
-
-
-def test_hundreds_of_views_open(folder: Path) -> None:
-    content = header()
-    view = content["views"][0]
-    content["views"] = [{**view, "angle_deg": 0.5 * i} for i in range(720)]
-    write_header(folder, content)
-    assert len(open_recording(folder)) == 720
-
-
 def test_headers_agree_with_opencv(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     pixels = rng.integers(0, 255, (9, 13, 3), dtype=np.uint8)
@@ -202,26 +179,23 @@ def test_the_bundled_recordings_open_and_their_views_are_whole() -> None:
         recording = open_recording(name)
         assert (recording.name, Path(recording.location)) == (name, folder)
         assert len(recording) == 36
+        assert not getattr(recording, "notes", ())
         frame = recording[35]
         assert frame.mask is not None
         # The side of interest was measured nearly everywhere it is seen.
         assert (frame.depth_m[frame.mask] > 0).mean() > 0.9
 
 
-def test_opening_imports_no_image_library_and_no_sensor_library() -> None:
+def test_opening_imports_no_image_library_and_no_reader_of_other_kinds() -> None:
     code = (
         "import sys; from flatcloth.recordings import open_recording; open_recording('shirt-sleeve-clean');"
-        "print([m for m in ('cv2', 'open3d', 'pyrealsense2', 'viser') if m in sys.modules])"
+        "print({'cv2', 'open3d', 'pyrealsense2', 'viser', 'rosbags', 'OpenEXR', 'sqlite3'} & {*sys.modules})"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
     )
-    assert done.stdout.strip() == "[]"
-
-
-def test_the_operator_page_is_found() -> None:
-    assert static_folder().is_dir()
+    assert done.stdout.strip() == "set()"
 
 
 def test_a_source_of_no_known_kind_is_told_what_can_be_read(folder: Path, tmp_path: Path) -> None:
@@ -244,7 +218,7 @@ def test_a_source_of_no_known_kind_is_told_what_can_be_read(folder: Path, tmp_pa
         open_recording(tmp_path)
 
 
-def test_a_kind_is_told_by_its_content_and_its_reader_imported_only_then(tmp_path: Path) -> None:
+def test_a_kind_is_told_by_its_content(tmp_path: Path) -> None:
     (tmp_path / "camera.mcap").write_text("text")
     with pytest.raises(RecordingError, match="not a recording"):
         open_recording(tmp_path / "camera.mcap")
@@ -252,13 +226,6 @@ def test_a_kind_is_told_by_its_content_and_its_reader_imported_only_then(tmp_pat
     (folder / "rgb.txt").touch()
     (folder / "depth.txt").touch()  # what recording.json says counts
     assert len(open_recording(folder)) == 3
-    code = (
-        "import sys; from flatcloth.recordings import open_recording\n"
-        f"open_recording({str(folder)!r})[0]\n"
-        "print([m for m in ('rosbags', 'OpenEXR', 'pyrealsense2', 'sqlite3') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def test_a_fingerprint_survives_a_move_and_notices_another_recording(folder: Path, tmp_path: Path) -> None:
@@ -273,9 +240,7 @@ def test_a_fingerprint_survives_a_move_and_notices_another_recording(folder: Pat
 
 def test_a_jpeg_header_is_found_behind_fill_bytes_and_comments(tmp_path: Path) -> None:
     jpeg = cv2.imencode(".jpg", np.zeros((8, 9, 3), dtype=np.uint8))[1].tobytes()
-    out = io.BytesIO()
-    out.write(jpeg[:2] + b"\xff\xff\xfe\x00\x06note" + jpeg[2:])
-    (tmp_path / "a.jpg").write_bytes(out.getvalue())
+    (tmp_path / "a.jpg").write_bytes(jpeg[:2] + b"\xff\xff\xfe\x00\x06note" + jpeg[2:])
     found = images.read_header(tmp_path / "a.jpg")
     assert (found.width, found.height) == (9, 8)
 

@@ -30,12 +30,10 @@ def of_table(tmp_path: Path, text: str) -> list[tuple[int, float]]:
         ("0\n10\n20.5\n-30\n", [(0, 0), (1, 10), (2, 20.5), (3, -30)]),
         ("# turned by hand\n\nangle_deg\n5\n15\n25\n35\n", [(0, 0), (1, 10), (2, 20), (3, 30)]),
         ("view,angle_deg\n3,90\n0,0\n", [(3, 0), (0, -90)]),
-        ("angle_deg;view\n0;1\n30;2\n", [(1, 0), (2, 30)]),
         ("file, angle_deg\na.png, 0\n10, 40\ncolor/b.png, 80", [(0, 0), (2, 40), (1, 80)]),
         ("a.png 0\nmore/b.png\t45", [(0, 0), (3, 45)]),
         ("time_s,angle_deg\n1001.2,0\n1003,30\n", [(1, 0), (3, 30)]),
         ("time_s,angle_deg\n", None),
-        ('"view","angle_deg","note"\n"2","1","x"\n', [(2, 0)]),
         ("\ufeffview,angle_deg\n0,0\n", [(0, 0)]),
     ],
 )

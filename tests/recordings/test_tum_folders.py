@@ -7,23 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from foreign_folders import HEIGHT, WIDTH, depth_m, rgb, write, write_tum
+from foreign_folders import HEIGHT, WIDTH, depth_m, refused, rgb, write, write_tum
 
-from flatcloth.core.errors import RecordingError
 from flatcloth.recordings import open_recording
-
-
-def read(folder: Path, step_deg: float | None) -> None:
-    recording = open_recording(folder, step_deg=step_deg)
-    for n in range(len(recording)):
-        recording[n]
-
-
-def refused(folder: Path, cause: str, step_deg: float | None = 10.0) -> str:
-    with pytest.raises(RecordingError, match=cause) as caught:
-        read(folder, step_deg)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
 
 
 @pytest.mark.parametrize("associations", [True, False])
@@ -71,15 +57,6 @@ def test_a_kinect_sized_folder_without_a_camera_says_what_it_assumes(tmp_path: P
     recording = open_recording(folder, step_deg=10)
     assert recording.intrinsics.fx == 525.0
     assert "Kinect" in recording.notes[0]  # type: ignore[attr-defined]
-
-
-def test_the_lens_in_the_calibration_is_undone(tmp_path: Path) -> None:
-    folder = write_tum(tmp_path / "tum")
-    straight = open_recording(folder, step_deg=10)[0]
-    (folder / "calibration.txt").write_text("20 20 7.5 5.5 -0.8 0.05 0.001 0 0")
-    bent = open_recording(folder, step_deg=10)[0]
-    assert not np.array_equal(bent.color, straight.color)
-    assert bent.depth_m[0, 0] != straight.depth_m[0, 0]
 
 
 def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:

@@ -215,7 +215,7 @@ def test_a_view_that_no_reader_would_take_is_refused(tmp_path: Path) -> None:
     with writing(tmp_path) as made:
         made.add(0, color(0), depth(0))
         bad: list[tuple[str, tuple[Any, ...]]] = [
-            ("repeats an angle", (360.005, color(1), depth(1))),
+            ("view 1 has the angle of view 0", (360.005, color(1), depth(1))),
             ("has the angle nan", (float("nan"), color(1), depth(1))),
             ("has the angle 4000", (4000.0, color(1), depth(1))),
             ("no depth, every pixel is 0", (10, color(1), depth(1) * 0)),

@@ -12,11 +12,6 @@ from flatcloth.session.store import SessionFolder
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Path:
-    return tmp_path / "session"
-
-
-@pytest.fixture
 def played(place: Path) -> Iterator[SessionFolder]:
     folder = played_in(place)
     yield folder

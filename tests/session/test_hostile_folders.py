@@ -34,12 +34,6 @@ from flatcloth.session.machine import (
 )
 from flatcloth.session.store import SessionFolder
 
-
-@pytest.fixture
-def place(tmp_path: Path) -> Path:
-    return tmp_path / "session"
-
-
 # --- while it is open -----------------------------------------------------------------------------
 
 

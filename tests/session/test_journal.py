@@ -130,15 +130,6 @@ def test_a_name_that_is_no_unicode_is_refused_and_one_of_an_earlier_version_is_m
     folder.close()
 
 
-def test_resuming_restores_the_same_state_with_its_history(played: SessionFolder, place: Path) -> None:
-    played.close()
-    with_history = opened(place)
-    assert with_history.state == states()[-1]
-    assert with_history.state.redo != ()
-    assert with_history.state.undo != ()
-    with_history.close()
-
-
 def test_every_line_is_json_with_number_time_and_kind(played: SessionFolder, place: Path) -> None:
     lines = [json.loads(line) for line in (place / "journal.jsonl").read_text().splitlines()]
     assert [line["line"] for line in lines] == list(range(1, len(SCRIPT) + 1))

@@ -62,12 +62,15 @@ def test_a_header_that_cannot_be_understood_is_refused(place: Path, text: str) -
     assert "\n" not in str(caught.value)
 
 
-def test_a_header_with_unknown_settings_is_refused(place: Path) -> None:
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("recording", {}), ("recording", 3), ("config", {"planning": {"magic": 1}}), ("versions", None)],
+)
+def test_a_header_with_wrong_parts_is_refused(place: Path, key: str, value: object) -> None:
     opened(place).close()
     header = json.loads((place / "session.json").read_text())
-    header["config"]["planning"]["magic"] = 1
-    (place / "session.json").write_text(json.dumps(header))
-    with pytest.raises(JournalError, match="magic"):
+    (place / "session.json").write_text(json.dumps({**header, key: value}))
+    with pytest.raises(JournalError, match="not valid.*magic" if key == "config" else "not valid"):
         opened(place)
 
 

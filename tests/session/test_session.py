@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from journal_script import after
 
 from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.core.types import Rigid2
@@ -31,7 +32,6 @@ from flatcloth.session.machine import (
     Reject,
     Reopen,
     Restart,
-    SessionState,
     Side,
     Start,
     Started,
@@ -40,14 +40,6 @@ from flatcloth.session.machine import (
     apply,
     why_illegal,
 )
-
-
-def after(*steps: Command | Event, n_views: int = 6) -> SessionState:
-    state = SessionState(n_views)
-    for step in steps:
-        state = apply(state, step)
-    return state
-
 
 STARTED = (Start(), Started(1, 2))
 PENDING = (*STARTED, Propose(), Proposed(2, 3, Rigid2(0.1, 0.2, 0.3), Side.LEFT, 0.8))

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 import pytest
-from journal_script import RECORDING, opened
+from journal_script import after, opened
 
 from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.core.types import Rigid2
@@ -34,13 +34,6 @@ from flatcloth.session.machine import (
     apply,
     why_illegal,
 )
-
-
-def after(*steps: Command | Event) -> SessionState:
-    state = SessionState(len(RECORDING))
-    for step in steps:
-        state = apply(state, step)
-    return state
 
 
 def at(x_m: float) -> Rigid2:

@@ -12,7 +12,7 @@ from garment_meshes import HEIGHT_M, RADIUS_M, arc, tube, write_glb, write_obj, 
 
 from flatcloth.cli import main
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
-from flatcloth.core.errors import FlatclothError, RecordingError, SynthesisError
+from flatcloth.core.errors import RecordingError, SynthesisError
 from flatcloth.core.geometry import back_project, object_from_camera
 from flatcloth.core.types import Intrinsics
 from flatcloth.engine.evaluation import compare
@@ -404,7 +404,3 @@ def test_the_command_makes_a_recording(tmp_path: Path, capsys: pytest.CaptureFix
     assert cv2.imread(str(out / "color" / "000.png")).shape == (128, 96, 3)
     assert main(["synthesize", mesh, "--out", str(out), *options]) == 2
     assert "contains a recording" in capsys.readouterr().err
-
-
-def test_every_error_is_a_flatcloth_error() -> None:
-    assert issubclass(SynthesisError, FlatclothError)

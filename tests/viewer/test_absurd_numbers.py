@@ -159,11 +159,3 @@ def test_an_axis_that_no_turntable_has_is_not_kept(tmp_path, bad):
     with pytest.raises(JournalError, match="finite numbers"):
         write_axis(tmp_path, axis)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_deeply_nested_message_is_a_notification(server):
-    with Tab(server) as tab:
-        tab.ready()
-        for text in ("[" * 90_000, json.dumps({"type": "hover"})[:-1] + ',"id":' + "[" * 90_000):
-            tab.say_raw(text)
-            assert "not JSON" in tab.note()["text"]

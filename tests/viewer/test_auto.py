@@ -62,4 +62,5 @@ def test_an_end_with_much_floating_cloth_is_no_success():
     ended = replace(BEGUN, finished="No view is left.")
     good, bad = next_step(ended), next_step(ended, floating_m2=0.1)
     assert (good.level, bad.level) == ("info", "warning")
+    assert good.text == "Auto has finished. No view is left."
     assert "50 % of the cloth floats" in bad.text

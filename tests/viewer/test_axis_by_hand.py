@@ -51,15 +51,6 @@ def test_an_axis_is_shifted_and_leaned_as_the_camera_sees_it() -> None:
     assert moved.estimated
 
 
-@pytest.fixture
-def viser_server() -> Any:
-    import viser
-
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-    yield server
-    server.stop()
-
-
 def wait_until(found: Callable[[], bool]) -> None:
     end = time.monotonic() + 20
     while not found():

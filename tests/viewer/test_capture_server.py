@@ -14,17 +14,14 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from page_tabs import decoded, get, open_socket, post
+from page_tabs import WAIT_S, Tab, get, post
 from scene_camera import SceneCamera, opened
 
 from flatcloth.cli import main
-from flatcloth.core.parcel import unpack
 from flatcloth.recordings import open_recording
 from flatcloth.viewer.modes.capture import CaptureApplication, CaptureSettings
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
-
-WAIT_S = 60
 
 
 def with_camera(integration, session, feed, settings) -> Opened:
@@ -170,62 +167,27 @@ def test_beyond_this_computer_a_program_needs_the_token(camera: SceneCamera, tmp
 # --- tabs ------------------------------------------------------------------------------------------
 
 
-class Tab:
-    def __init__(self, server: PageServer) -> None:
-        self._socket = open_socket(server)
-        self.notes: list[str] = []
-
-    def __enter__(self) -> Tab:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._socket.close()
-
-    def say(self, **message: Any) -> None:
-        self._socket.send(json.dumps(message))
-
-    def until(self, found: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
-        """Read until what was told fits; frames of the flattened view count as messages too."""
-        end = time.monotonic() + WAIT_S
-        while True:
-            data = self._socket.recv(timeout=end - time.monotonic())
-            if isinstance(data, str):
-                message = decoded(data)
-            else:
-                info, pictures = unpack(io.BytesIO(data).read)
-                message = info | {"png": pictures.get("frame")}
-            if message["type"] == "state":
-                self.notes = [note["text"] for note in message["log"]]
-            if message["type"] == "note":
-                self.notes.append(message["text"])
-            if found(message):
-                return message
-
-    def state(self, found: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
-        return self.until(lambda m: m["type"] == "state" and found(m))
-
-
 def test_a_tab_sees_the_camera_and_leads_a_capture(
     server: PageServer, camera: SceneCamera, tmp_path: Path
 ) -> None:
     with Tab(server) as tab:
-        state = tab.state(lambda s: True)
+        state = tab.state_where(lambda s: True)
         assert (state["mode"], state["recording"]["name"]) == ("live", camera.name)
         assert state["notes"] == list(camera.notes)
         assert state["capture"]["phase"] == "idle"
         tab.say(type="ready", layer="color")
         frame = tab.until(lambda m: m["type"] == "frame" and m["grid"])
-        assert frame["png"].tobytes().startswith(b"\x89PNG")
+        assert frame["image"].shape[2] == 4
         assert frame["view_index"] == -1
         tab.say(type="capture", action="begin")
         tab.until(lambda m: m["type"] == "capture" and m["phase"] == "take")
-        state = tab.state(lambda s: s["capture"]["phase"] == "review")
+        state = tab.state_where(lambda s: s["capture"]["phase"] == "review")
         why_not = {a["name"]: a["why_not"] for a in state["actions"] if a["mode"] == "capture"}
         assert why_not["capture_keep"] is why_not["capture_repeat"] is None
         assert why_not["capture_turned"]
         tab.say(type="capture", action="aim", angle_deg=2.0)
         tab.say(type="capture", action="keep")
-        state = tab.state(lambda s: s["views"])
+        state = tab.state_where(lambda s: s["views"])
         groups = ("page", "live", "view")
         refused = {a["name"] for a in state["actions"] if a["why_not"] and a["group"] in groups}
         frames, whole = {"live_back", "live_forward", "live_turn"}, {"teach", "export"}
@@ -233,23 +195,9 @@ def test_a_tab_sees_the_camera_and_leads_a_capture(
         assert [(v["angle_deg"], v["why_not"]) for v in state["views"]] == [(2.0, "It is on disk.")]
         assert open_recording(tmp_path / "coat").angles_deg == (2.0,)
         tab.say(type="capture", action="turned")
-        tab.state(lambda s: s["capture"]["phase"] == "settle")
+        tab.state_where(lambda s: s["capture"]["phase"] == "settle")
         tab.say(type="capture", action="finish")
-        tab.state(lambda s: s["capture"]["phase"] == "done")
-
-
-def test_picks_are_made_on_the_frame_that_was_clicked(server: PageServer) -> None:
-    with Tab(server) as tab:
-        tab.say(type="ready", layer="color")
-        frame = tab.until(lambda m: m["type"] == "frame" and m["grid"])
-        grid = frame["grid"]
-        u = grid["origin_uv_m"][0] + grid["pixel_size_m"] * grid["cols"] / 2
-        v = grid["origin_uv_m"][1] + grid["pixel_size_m"] * grid["rows"] / 2
-        tab.say(type="pick", u_m=u, v_m=v, revision=frame["sequence"])
-        state = tab.state(lambda s: s["pick"])
-        assert state["live"]["playing"] is False
-        # The cylinder's front is 0.73 m away.
-        assert state["pick"]["position_camera_m"][2] == pytest.approx(0.73, abs=0.03)
+        tab.state_where(lambda s: s["capture"]["phase"] == "done")
 
 
 @pytest.mark.parametrize(
@@ -290,23 +238,11 @@ def test_a_camera_that_is_unplugged_is_told_and_keeps_what_is_on_disk(
         robot.until(lambda s: s["kept_deg"])
         camera.unplug()
         robot.until(lambda s: s["ended"])
-        tab.state(lambda s: any("delivers no images any more" in n["text"] for n in s["log"]))
+        tab.state_where(lambda s: any("delivers no images any more" in n["text"] for n in s["log"]))
         refused = robot.post("angle", {"angle_deg": 10})
         assert (refused.status_code, "no images" in refused.json()["error"]) == (503, True)
         assert robot.post("finish").status_code == 200
     assert len(open_recording(tmp_path / "coat")) == 1
-
-
-def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: Path) -> None:
-    (tmp_path / "coat").mkdir()
-    (tmp_path / "coat" / "mine.txt").write_text("mine")
-    feed, integration, session = opened(camera, tmp_path / "session")
-    shown = with_camera(integration, session, feed, CaptureSettings(folder=tmp_path / "coat"))
-    with PageServer(shown, port=0) as server:
-        refused = Robot(server).post("begin")
-        assert (refused.status_code, "not empty" in refused.json()["error"]) == (409, True)
-        assert Robot(server).status()["phase"] == "idle"
-    session.close()
 
 
 # --- the command line ------------------------------------------------------------------------------
@@ -318,6 +254,7 @@ def test_a_folder_that_cannot_be_written_is_told(camera: SceneCamera, tmp_path: 
         (["--camera"], "No RealSense camera is connected"),
         (["--camera", "none.db3"], "no such file"),
         (["--camera", "--live"], "give only one of them"),
+        (["shirt-sleeve-clean", "--camera"], "shirt-sleeve-clean: --camera shows a camera"),
         (["--camera", "--step", "0"], "step of 0"),
         (["--camera", "--frames", "2"], "2 frames per view"),
         (["--out", "x"], "--out needs --camera"),

@@ -19,7 +19,7 @@ import httpx
 import numpy as np
 import pytest
 from exported_sessions import write_cylinder, write_session
-from page_tabs import get, open_socket, post
+from page_tabs import WAIT_S, Tab, get, post
 from viewer_fakes import MemoryFolder
 
 from flatcloth.cli import main
@@ -32,8 +32,6 @@ from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.routes import exports
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
-
-WAIT_S = 30
 
 
 @pytest.fixture(scope="module")
@@ -72,38 +70,16 @@ def unchanged(written: Path) -> Iterator[PageServer]:
         yield running
 
 
-class Tab:
-    """A tab that says something and waits for what comes of it."""
-
-    def __init__(self, server: PageServer) -> None:
-        self._socket = open_socket(server)
-
-    def __enter__(self) -> Tab:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._socket.close()
-
-    def say(self, **message: object) -> None:
-        self._socket.send(json.dumps(message))
-
-    def until(self, kind: str, found=lambda _: True) -> dict:
-        end = time.monotonic() + WAIT_S
-        while True:
-            message = json.loads(self._socket.recv(timeout=end - time.monotonic()))
-            if message["type"] == kind and found(message):
-                return message
-
-    def shown(self) -> dict:
-        """Wait for the shape, then show the first pick and return its numbers."""
-        self.until("state", lambda s: s["layers"])
-        self.say(type="show_pick", id=1)
-        return self.until("state", lambda s: s["pick"])["pick"]
+def shown(tab: Tab) -> dict:
+    """Wait for the shape, then show the first pick and return its numbers."""
+    tab.state_where(lambda s: s["layers"])
+    tab.say(type="show_pick", id=1)
+    return tab.state_where(lambda s: s["pick"])["pick"]
 
 
 def test_a_pick_tells_its_grip_and_how_it_is_drawn(unchanged: PageServer) -> None:
     with Tab(unchanged) as tab:
-        grip = tab.shown()["grip"]
+        grip = shown(tab)["grip"]
         assert grip["axis_from"] == "outline"
         assert grip["opening_m"] == 0.06
         assert -90 <= grip["axis_deg"] <= 90
@@ -113,13 +89,13 @@ def test_a_pick_tells_its_grip_and_how_it_is_drawn(unchanged: PageServer) -> Non
 
 def test_the_axis_is_turned_by_hand_and_laid_along_the_outline_again(server: PageServer, place: Path) -> None:
     with Tab(server) as tab:
-        before = tab.shown()["grip"]
+        before = shown(tab)["grip"]
         tab.say(type="grip", id=1, axis_deg=30.0)
-        by_hand = tab.until("state", lambda s: s["pick"]["grip"]["axis_from"] == "hand")["pick"]["grip"]
+        by_hand = tab.state_where(lambda s: s["pick"]["grip"]["axis_from"] == "hand")["pick"]["grip"]
         assert by_hand["axis_deg"] == pytest.approx(30.0, abs=0.5)
         assert by_hand["opening_m"] == before["opening_m"]
         tab.say(type="grip", id=1, opening_m=0.025)
-        both = tab.until("state", lambda s: s["pick"]["grip"]["opening_m"] == 0.025)["pick"]["grip"]
+        both = tab.state_where(lambda s: s["pick"]["grip"]["opening_m"] == 0.025)["pick"]["grip"]
         assert both["axis_held"] == by_hand["axis_held"]
         kept = json.loads((place / "grips.json").read_text())["grips"]["1"]
         # Kept as it was meant; the pose has the part of it that lies across the approach.
@@ -127,14 +103,14 @@ def test_the_axis_is_turned_by_hand_and_laid_along_the_outline_again(server: Pag
         exported = get(server, "/export/grasps.json", timeout=120).json()["grasps"][0]["grip"]
         assert (exported["axis_from"], exported["opening_m"]) == ("hand", 0.025)
         tab.say(type="grip", id=1, outline=True)
-        again = tab.until("state", lambda s: s["pick"]["grip"]["axis_from"] == "outline")["pick"]["grip"]
+        again = tab.state_where(lambda s: s["pick"]["grip"]["axis_from"] == "outline")["pick"]["grip"]
         assert again["axis_held"] == before["axis_held"]
 
 
 def test_a_grip_that_is_none_is_told_and_changes_nothing(server: PageServer, place: Path) -> None:
     before = (place / "grips.json").read_bytes()
     with Tab(server) as tab:
-        tab.shown()
+        shown(tab)
         for wrong, cause in (
             ({"id": 1, "opening_m": 2.0}, "A gripper opens 5 to 300 mm"),
             ({"id": 3, "axis_deg": 10.0}, "too little cloth"),  # the pick that is not on the shape
@@ -142,15 +118,15 @@ def test_a_grip_that_is_none_is_told_and_changes_nothing(server: PageServer, pla
             ({"id": 1, "axis_deg": "steep"}, "axis_deg is text; expected a number"),
         ):
             tab.say(type="grip", **wrong)
-            assert cause in tab.until("note")["text"]
+            assert cause in tab.note()["text"]
     assert (place / "grips.json").read_bytes() == before
 
 
 def test_a_deleted_pick_takes_its_grip_along(server: PageServer, place: Path) -> None:
     with Tab(server) as tab:
-        tab.shown()
+        shown(tab)
         tab.say(type="delete_pick", id=1)
-        tab.until("state", lambda s: len(s["picks"]) == 2)
+        tab.state_where(lambda s: len(s["picks"]) == 2)
     assert json.loads((place / "grips.json").read_text())["grips"] == {}
 
 
@@ -290,6 +266,6 @@ def test_a_hand_eye_file_that_the_page_sends_gives_poses_in_the_robots_frame(ser
         assert (refused.status_code, said in refused.json()["error"]) == (400, True)
     file = {"format": "flatcloth-hand-eye/1", "base_from_camera": matrix}
     with Tab(server) as tab:
-        tab.until("state", lambda s: s["layers"])  # the session that was opened is drawn
+        tab.state_where(lambda s: s["layers"])  # the session that was opened is drawn
     assert post(server, "/hand-eye", content=json.dumps(file).encode()).status_code == 200
     assert get(server, "/export/grasps.json").json()["base_from_camera"] == matrix

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from page_tabs import Tab, get
+from page_tabs import Tab
 from viewer_fakes import CylinderIntegration, MemoryFolder
 
 from flatcloth.core.config import Config, PlanningConfig
@@ -131,8 +131,3 @@ def test_with_go_on_each_verdict_is_followed_by_the_next_proposal(server):
         tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 1)
         tab.say(type="do", action="reject", view_index=1)
         tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 2)
-
-
-def test_the_page_gets_the_numbers_of_the_method(server):
-    answer = get(server, "/settings/numbers.json")
-    assert answer.json() == json.loads(json.dumps(method_numbers(Config())))

@@ -16,13 +16,15 @@ import numpy as np
 import pytest
 from plates import EVERY_20, THICKNESS_M, TOP_M, plate
 from scenes import AXIS, CAMERA, Cylinder
-from starlette.requests import Request
+from starlette.applications import Starlette
+from starlette.routing import Route
 
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.types import RgbdFrame
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import Teaching, paper_config
 from flatcloth.session.machine import Document
+from flatcloth.viewer.http import REFUSALS
 from flatcloth.viewer.modes.teaching import PARTS, TeachingRoutes
 
 CLOTH = {"angles_deg": tuple(10.0 * n for n in range(36)), "span_deg": (-150.0, 60.0)}
@@ -54,27 +56,23 @@ class Page:
     """Asks the routes as a page does, and keeps what it is sent."""
 
     def __init__(self, routes):
-        self.routes = routes
+        self.app = Starlette(routes=[Route("/teaching/{part}", routes.serve)], exception_handlers=REFUSALS)
 
     def get(self, address, **query):
         path, _, text = address.partition("?")
         text = "&".join([text, *(f"{name}={value}" for name, value in query.items())]).strip("&")
         self.sent: list[Any] = []
-        run_apart(asyncio.wait_for(self._ask(path.rsplit("/", 1)[1], text), WAIT_S))
+        run_apart(asyncio.wait_for(self._ask(path, text), WAIT_S))
         body = b"".join(message.get("body", b"") for message in self.sent)
         return self.sent[0]["status"], body
 
-    async def _ask(self, part, query):
-        scope = {
-            "type": "http", "method": "GET", "path": f"/teaching/{part}", "query_string": query.encode(),
-            "headers": [], "path_params": {"part": part},
-        }  # fmt: skip
+    async def _ask(self, path, query):
+        scope = {"type": "http", "method": "GET", "path": path, "query_string": query.encode(), "headers": []}
 
         async def send(message):
             self.sent.append(message)
 
-        response = await self.routes.serve(Request(scope, self.receive))
-        await response(scope, self.receive, send)
+        await self.app(scope, self.receive, send)
 
     async def receive(self):
         await asyncio.Event().wait()  # a page that listens says nothing

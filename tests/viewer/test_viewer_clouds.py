@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -96,11 +95,10 @@ def test_every_layer_colors_the_cloud(picture: Picture, color: str) -> None:
 
 
 def test_a_chosen_layer_has_the_colours_of_the_page_in_space_too(
-    integration: Integration, picture: Picture
+    viser_server: viser.ViserServer, integration: Integration, picture: Picture
 ) -> None:
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     shown: list[str] = []
-    panel = CloudPanel(server, integration, lambda: shown.append("again"))
+    panel = CloudPanel(viser_server, integration, lambda: shown.append("again"))
     try:
         gray = Appearance("gray", 0.2, 0.8)
         panel.choose_color("height", gray)
@@ -117,7 +115,6 @@ def test_a_chosen_layer_has_the_colours_of_the_page_in_space_too(
         assert len(shown) == told + 1
     finally:
         panel.stop()
-        server.stop()
 
 
 def test_only_conflicts_are_where_proposal_and_shape_are_apart(picture: Picture) -> None:
@@ -158,13 +155,6 @@ def test_a_view_that_cannot_be_read_is_left_out() -> None:
 
     cloud = all_views(Integration(Torn(angles_deg=ANGLES_DEG), method="paper"), "source")
     assert {tuple(c) for c in cloud.colors} == {tuple(c) for c in view_colors(N)[[0, 1, 3]]}
-
-
-@pytest.fixture
-def viser_server() -> Iterator[viser.ViserServer]:
-    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
-    yield server
-    server.stop()
 
 
 def test_the_panel_reads_all_views_beside_and_says_why_nothing_is_shown(

@@ -7,6 +7,7 @@ import gc
 import io
 import logging
 import os
+import re
 import signal
 import socket
 import stat
@@ -14,6 +15,7 @@ import subprocess
 import tempfile
 import time
 from types import SimpleNamespace
+from urllib.parse import urljoin
 
 import httpx
 import msgspec
@@ -30,7 +32,7 @@ from flatcloth.core.errors import ServerError
 from flatcloth.viewer import http
 from flatcloth.viewer.server import limits
 from flatcloth.viewer.server.app import PageServer, serve
-from flatcloth.viewer.server.guard import Guard, is_loopback, kept_token
+from flatcloth.viewer.server.guard import is_loopback, kept_token
 from flatcloth.viewer.server.workspace import Opened
 
 
@@ -93,12 +95,6 @@ def test_a_socket_without_an_origin_needs_the_token_as_a_header_and_is_told_so(s
             greet(server, "/ws", origin=None, additional_headers=headers)
         assert refused.value.response.status_code == 403
         assert "token" in refused.value.response.body.decode().lower()
-
-
-def test_a_foreign_host_name_is_refused(server):
-    assert get(server, "/", Host="evil.example").status_code == 403
-    assert get(server, "/", Origin="http://evil.example").status_code == 403
-    assert get(server, "/", Host=f"localhost:{server.port}").status_code == 200
 
 
 def test_visers_socket_goes_through_the_relay_only(server):
@@ -214,6 +210,7 @@ def test_the_token_is_asked_for(host):
             "/static/main.js",
             "/viser/",
             "/layers/1/color.png",
+            "/robot/grasps",
             "/?token=%C3%A9",
         ):
             assert status(ask(server, request(server, path, token=False))) == 403
@@ -254,7 +251,8 @@ def test_the_token_stays_the_user_s_own_over_a_restart(state_home):
 def test_the_token_leads_to_the_page_and_nowhere_else(server, path):
     answer = ask(server, request(server, f"{path}?token={server.token}", token=False))
     assert status(answer) == 303
-    assert b"location: /\r\n" in answer.lower()
+    where = re.search(rb"location: (\S+)", answer.lower())[1].decode()
+    assert urljoin(f"http://page{path}?x", where).partition("?")[0] == "http://page/"
 
 
 def test_pages_of_other_sites_cannot_ask_for_anything(server):
@@ -438,9 +436,3 @@ def test_a_host_that_cannot_be_bound_is_one_clear_line(host):
 )
 def test_loopback_is_known(host, expected):
     assert is_loopback(host) is expected
-
-
-def test_a_broken_cookie_is_no_token():
-    guard = Guard(None, frozenset({"localhost"}), "secret", 80)  # type: ignore[arg-type]
-    assert not guard._is_token("")
-    assert guard._is_token("secret")

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import functools
-import io
 import threading
-import time
 from types import SimpleNamespace
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from page_tabs import WAIT_S, Tab, decoded
+from page_tabs import WAIT_S, Tab
 from viewer_fakes import CylinderIntegration, CylinderPlayer, MemoryFolder, point_on_cylinder
 
 from flatcloth.cli import main
 from flatcloth.core.errors import FlatteningError
-from flatcloth.core.parcel import unpack
 from flatcloth.viewer.modes.live import LiveApplication
 from flatcloth.viewer.modes.player import Playhead, RateMeter, ticks_due
 from flatcloth.viewer.server.app import PageServer
@@ -113,17 +109,11 @@ class LiveTab(Tab):
         self.say(type="ready", layer=self.layer)
 
     def next(self):
-        """Return the next message; frames are kept in ``frames``, with their picture as ``image``."""
-        data = self._socket.recv(timeout=WAIT_S)
-        if isinstance(data, str):
-            message = decoded(data)
-            if message["type"] == "state":
-                self.state = message
-            return message
-        frame, pictures = unpack(io.BytesIO(data).read)
-        picture = cv2.imdecode(pictures["frame"], cv2.IMREAD_UNCHANGED) if pictures else None
-        self.frames.append({**frame, "image": picture})
-        return self.frames[-1]
+        """Return the next message; frames are kept in ``frames``."""
+        message = super().next()
+        if message["type"] == "frame":
+            self.frames.append(message)
+        return message
 
     def until_told(self, text):
         """Read until the log has a text, which may have come before the last message."""
@@ -133,14 +123,6 @@ class LiveTab(Tab):
 
         if not is_told():
             self.until(is_told)
-
-    def until(self, found):
-        end = time.monotonic() + WAIT_S
-        while True:
-            message = self.next()
-            if found(message):
-                return message
-            assert time.monotonic() < end
 
     def frame(self):
         return self.until(lambda m: m["type"] == "frame")
@@ -189,13 +171,6 @@ def test_without_masks_the_side_is_looked_for_and_the_frame_is_flattened_again(s
         tab.until_told("7 cm2")
     assert player.shown[before:] == [player.shown[before - 1]]  # paused: the same frame, with its mask
     assert strokes == [()]
-
-
-def test_playing_goes_on_by_itself(serve):
-    with LiveTab(serve(FAST)) as tab:
-        tab.frame_where(lambda f: f["sequence"] >= 12)
-    assert all(b["sequence"] > a["sequence"] for a, b in zip(tab.frames, tab.frames[1:], strict=False))
-    assert len({f["view_index"] for f in tab.frames}) > 2
 
 
 def test_a_slow_tab_skips_frames_and_nothing_is_queued(serve, player):
@@ -312,38 +287,6 @@ def test_every_tab_gets_its_own_layer(serve):
         assert legends == ["Stretch (%)", "Density (px/cm²)"]
         one.layer = "color"
         assert one.frame_where(lambda _: True)["legend"]["kind"] == "none"
-
-
-@pytest.mark.parametrize("action", ["step", "accept", "undo", "restart"])
-def test_nothing_is_decided_in_live_mode(serve, action):
-    with LiveTab(serve(STILL)) as tab:
-        tab.say(type="do", action=action)
-        note = tab.until(lambda m: m["type"] == "note")
-    assert note["level"] == "warning"
-    assert "live mode" in note["text"]
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "[" * 90_000,
-        "\x00",
-        '{"type": "nothing"}',
-        '{"type": "set", "fps": 1e308}',
-        '{"type": "set", "fps": -1}',
-        '{"type": "ready", "layer": "../../etc/passwd"}',
-        '{"type": "pick", "u_m": 1e300, "v_m": 0}',
-        '{"type": "do", "action": "view", "view_index": 1000000}',
-    ],
-)
-def test_what_is_not_understood_is_told_and_frames_go_on(serve, text):
-    server = serve(STILL)
-    with LiveTab(server) as tab:
-        tab.frame_where(lambda _: True)
-        tab.say_raw(text)
-        assert tab.until(lambda m: m["type"] == "note")["text"]
-        tab.say(type="play", frame=1)
-        tab.frame_where(lambda frame: frame["view_index"] == 1)
 
 
 def test_nobody_looking_means_no_work_and_the_next_tab_goes_on(serve, player):

@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from page_tabs import WAIT_S, Tab, get
-from viewer_fakes import CylinderIntegration, point_on_cylinder
+from viewer_fakes import point_on_cylinder
 
 from flatcloth.core.errors import FlatteningError
-from flatcloth.viewer.server.app import PageServer
-from flatcloth.viewer.server.workspace import Opened
 
 
 def test_a_proposal_comes_with_its_picture(server):
@@ -92,16 +90,6 @@ def test_a_nudge_is_one_undo_item_and_the_score_follows(server):
     assert state["undo"] is None
 
 
-def test_a_nudge_turns_about_the_proposals_centre(server, folder):
-    with Tab(server) as tab:
-        state = tab.proposed()
-        center = np.array(state["layers"]["overlay"]["center_uv_m"])
-        tab.say(type="move", view_index=1, theta_rad=0.3)
-        tab.state_where(lambda s: s["pending"]["nudge"]["theta_deg"] > 1)
-    moved = folder.state.document.pending.nudge.apply(center)
-    np.testing.assert_allclose(moved, center, atol=1e-9)
-
-
 def test_an_illegal_decision_is_told_to_who_made_it_only(server):
     with Tab(server) as one, Tab(server) as two:
         one.ready()
@@ -112,15 +100,6 @@ def test_an_illegal_decision_is_told_to_who_made_it_only(server):
     assert note["level"] == "warning"
     assert note["text"] == "There is no proposal to decide about; step first."
     assert two.notes == []
-
-
-def test_a_double_click_decides_once(server):
-    with Tab(server) as tab:
-        tab.proposed()
-        tab.say(type="do", action="accept", view_index=1)
-        tab.say(type="do", action="accept", view_index=1)
-        note = tab.note()
-    assert note["level"] == "warning"
 
 
 def test_two_tabs_show_the_same_state(server):
@@ -153,24 +132,6 @@ def test_a_pick_goes_round(server):
         np.testing.assert_allclose(pick["uv_m"], (u, v), atol=1e-9)
         assert pick["in_shape"]
         assert pick["miss_m"] == 0
-
-
-def test_a_click_off_the_cloth_tells_by_how_much(server):
-    with Tab(server) as tab:
-        layers = tab.ready()["layers"]
-        u, v = layers["origin_uv_m"]
-        tab.say(type="pick", u_m=u - 0.05, v_m=v + 0.1)
-        pick = tab.state_where(lambda s: s["pick"])["pick"]
-    assert pick["miss_m"] == pytest.approx(0.05, abs=0.006)
-
-
-def test_a_click_in_3d_marks_the_flattened_pixel(server):
-    with Tab(server) as tab:
-        tab.ready()
-        target, _ = point_on_cylinder(0.05, 0.15)
-        server.application.click_ray((0.0, 0.0, 0.0), tuple(target))
-        pick = tab.state_where(lambda s: s["pick"])["pick"]
-    np.testing.assert_allclose(pick["uv_m"], (0.05, 0.15), atol=0.006)
 
 
 def test_a_click_in_3d_on_the_background_picks_nothing(server):
@@ -332,15 +293,6 @@ def test_cancel_gives_the_work_up_and_its_late_answer_is_dropped(server, integra
     assert state["pending"]["view_index"] == 5
 
 
-def test_auto_runs_until_finished(server):
-    with Tab(server) as tab:
-        tab.ready()
-        tab.say(type="auto", running=True)
-        state = tab.state_where(lambda s: s["phase"] == "finished" and not s["auto"]["running"])
-    assert [v["state"] for v in state["views"][:4]] == ["start", "accepted", "accepted", "accepted"]
-    assert "Auto has finished" in state["log"][-1]["text"]
-
-
 def test_auto_waits_where_it_is_unsure_and_goes_on_after_the_verdict(server, integration):
     integration.scores = 0.1
     with Tab(server) as tab:
@@ -381,38 +333,6 @@ def test_a_decision_by_hand_stops_auto(server, integration):
         state = tab.state_where(lambda s: s["phase"] == "ready")
         integration.gate.set()
     assert not state["auto"]["running"]
-
-
-def test_layers_are_pictures_of_the_revision_shown(server):
-    import cv2
-
-    with Tab(server) as tab:
-        layers = tab.ready()["layers"]
-        for name in layers["names"]:
-            answer = get(server, f"/layers/{layers['revision']}/{name}.png")
-            image = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
-            assert image.shape == (layers["rows"], layers["cols"], 4)
-        assert get(server, "/layers/99/color.png").status_code == 204
-        assert get(server, "/layers/1/secret.png").status_code == 204
-
-
-def test_the_overlay_is_a_picture_of_its_revision(server):
-    with Tab(server) as tab:
-        overlay = tab.proposed()["layers"]["overlay"]
-        assert get(server, f"/overlay/{overlay['revision']}.png").headers["content-type"] == "image/png"
-        assert get(server, f"/overlay/{overlay['revision'] + 1}.png").status_code == 204
-
-
-def test_a_session_is_resumed_where_it_was_left(folder):
-    with PageServer(Opened(CylinderIntegration(), folder), port=0) as server, Tab(server) as tab:
-        tab.proposed()
-        tab.say(type="do", action="accept", view_index=1)
-        tab.state_where(lambda s: s["step"] == 2)
-    integration = CylinderIntegration()
-    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
-        state = tab.ready()
-    assert state["step"] == 2
-    assert integration.answers == 0
 
 
 def test_the_list_of_what_was_done_leads_back_and_forward(server):

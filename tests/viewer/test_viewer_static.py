@@ -28,8 +28,8 @@ def test_nothing_is_loaded_from_elsewhere(path):
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda p: p.name)
 def test_every_imported_module_and_name_exists(path):
-    for names, module in re.findall(r'import \{([^}]+)\} from "/static/([\w./-]+)"', path.read_text()):
-        exported = (static_folder() / module).read_text()
+    for names, module in re.findall(r'import \{([^}]+)\} from "(\.[\w./-]+)"', path.read_text()):
+        exported = (path.parent / module).read_text()
         for name in (listed.split(" as ")[0].strip() for listed in names.split(",")):
             assert re.search(rf"export (?:async )?(?:function|const|class) {name}\b", exported), (
                 module,

@@ -46,12 +46,12 @@ class Kernel:
 
     @property
     def is_kept(self) -> bool:
-        """Whether it is on disk, compiled since its source has changed."""
+        """Whether it is on disk, compiled since its source has changed, or nothing can be kept there."""
         function, stats = self.dispatcher.py_func, self.dispatcher.stats
         source = Path(function.__code__.co_filename)
+        kept = Path(str(stats.cache_path)).glob(f"{source.stem}.{function.__qualname__}-*.nbi")
         changed_s = source.stat().st_mtime
-        kept = Path(stats.cache_path).glob(f"{source.stem}.{function.__qualname__}-*.nbi")
-        return any(index.stat().st_mtime >= changed_s for index in kept)
+        return stats.cache_path is None or any(index.stat().st_mtime >= changed_s for index in kept)
 
 
 @cache

@@ -22,11 +22,10 @@ def _document(kind: type, title: str) -> dict[str, Any]:
 
 
 def recording_schema() -> dict[str, Any]:
-    """Return the schema of ``recording.json``; further fields are ignored."""
+    """Return the schema of ``recording.json``; further fields are not used."""
     schema = _document(RecordingHeader, RECORDING_FORMAT)
     header = schema["$defs"][RecordingHeader.__name__]
     header["properties"]["format"] = {"const": RECORDING_FORMAT}
-    header["required"] = ["format", *header["required"]]
     return schema
 
 

@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from flatcloth.core.compiled import njit
 from flatcloth.core.geometry import rotations_by, wrapped_deg
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M

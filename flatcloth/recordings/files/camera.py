@@ -3,20 +3,93 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+import tomllib
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Float64, Intrinsics
-from flatcloth.recordings.files.text import Fail
+from flatcloth.recordings.files.text import Fail, shortened
 
-COEFFICIENTS = {"brown_conrady": 5, "rational": 8, "fisheye": 4}
-"""The models of lens distortion and their numbers of coefficients, as OpenCV orders them."""
 MOST_PIXELS = 25_000_000
 """Twice the pixels of the largest depth camera; reading such a view takes half a gigabyte."""
+_UNIT_TOLERANCE = 1e-3
+"""A direction may differ from length 1 by this; it is normalised. Chosen."""
+_GRID = 64
+"""Rows and columns in which a lens is searched for folds. Chosen: cells of a few pixels."""
+_Maps = tuple[NDArray[Any], NDArray[Any]]
+"""The columns and rows (H, W) of the recorded image from which the pixels of a pinhole camera are taken."""
+
+
+def _opencv(matrix: Float64, coefficients: Float64, size: tuple[int, int]) -> _Maps:
+    import cv2
+
+    return cv2.initUndistortRectifyMap(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
+
+
+def _fisheye(matrix: Float64, coefficients: Float64, size: tuple[int, int]) -> _Maps:
+    import cv2
+
+    return cv2.fisheye.initUndistortRectifyMap(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
+
+
+def _bent(bend: Callable[[Float64, Float64], Float64]) -> Callable[..., _Maps]:
+    """Return the maps of a model by what moves positions (2, ...) x/z, y/z of rays to those in the image."""
+
+    def maps(matrix: Float64, coefficients: Float64, size: tuple[int, int]) -> _Maps:
+        scale, center = matrix[[0, 1], [0, 1], None, None], matrix[[0, 1], 2, None, None]
+        pixels = np.stack(np.meshgrid(*map(np.arange, size)))
+        with np.errstate(all="ignore"):  # numbers of no lens are refused by their maps
+            x, y = bend((pixels - center) / scale, np.resize([*coefficients, *[0.0] * 5], 5)) * scale + center
+            return x.astype(np.float32), y.astype(np.float32)
+
+    return maps
+
+
+def _inverse(ideal: Float64, coefficients: Float64) -> Float64:
+    """Invert the polynomial, which here maps the image to the true ray."""
+    seen = ideal.copy()
+    for _ in range(20):  # the distortion is small, so the iteration converges quickly
+        seen += ideal - brown_conrady(seen, coefficients)
+    return seen
+
+
+def _ftheta(xy: Float64, coefficients: Float64) -> Float64:
+    radius, angle = np.maximum(np.hypot(*xy), 1e-12), coefficients[0] or 1e-9
+    bent: Float64 = xy * np.arctan(2 * radius * math.tan(angle / 2)) / (angle * radius)
+    return bent
+
+
+LENSES: dict[str, tuple[tuple[int, ...], Callable[..., _Maps]]] = {
+    "none": ((0,), _opencv),
+    "brown_conrady": ((4, 5, 8, 12, 14), _opencv),
+    "fisheye": ((4,), _fisheye),
+    "inverse_brown_conrady": ((4, 5), _bent(_inverse)),
+    "modified_brown_conrady": ((4, 5), _bent(lambda xy, c: brown_conrady(xy, c, tangent_of_bent=True))),
+    "ftheta": ((1,), _bent(_ftheta)),
+}
+"""The models of lens distortion: their numbers of coefficients, and their maps.
+
+OpenCV's have the order ``k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty``; librealsense's are those of its
+``rsutil.h``.
+"""
+WORDS: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_name("camera_words.toml").read_text())
+"""What programs call the models, and the keys of camera files."""
+
+
+def lens_model(name: Any) -> str | None:
+    """Return the key of ``LENSES`` for the name of a model as some program writes it; None if unknown."""
+    if type(name) is int and 0 <= name < len(WORDS["lens"]["librealsense"]):
+        name = WORDS["lens"]["librealsense"][name]
+    plain = re.sub("[^a-z0-9]", "", name.lower()) if isinstance(name, str) else ""
+    plain = re.sub("^(rs2|calibrationlens)?distortion(model)?", "", plain)
+    models = WORDS["models"].items()
+    return next((model for model, also in models if plain in (model.replace("_", ""), *also)), None)
 
 
 class Lens:
@@ -26,53 +99,42 @@ class Lens:
     ----------
     intrinsics : Intrinsics
         Camera of the distorted images and of the undistorted ones, which have the same size.
-    coefficients : tuple of float
-        ``k1 k2 p1 p2 k3`` (Brown-Conrady), with ``k4 k5 k6`` after them (rational), or
-        ``k1 k2 k3 k4`` of an equidistant ``fisheye``.
-    fisheye : bool
-        Whether the model is the fisheye one; it distorts the image also without coefficients.
+    coefficients : sequence of float
+        As many as the model has, or fewer.
+    model : str
+        A key of ``LENSES``. All but ``fisheye`` are the identity without coefficients.
+    skew_px : float
+        Columns by which the pixels of the distorted images lie farther right for each focal length
+        below the principal point: the entry of the camera matrix behind ``fx``.
     """
 
     def __init__(
-        self, intrinsics: Intrinsics, coefficients: tuple[float, ...], *, fisheye: bool = False
+        self,
+        intrinsics: Intrinsics,
+        coefficients: Sequence[float] = (),
+        model: str = "none",
+        skew_px: float = 0.0,
     ) -> None:
-        self._intrinsics = intrinsics
+        self._intrinsics, self.model, self._skew_px = intrinsics, model, skew_px
         self._coefficients = np.array(coefficients, dtype=np.float64)
-        self._fisheye = fisheye
 
     @property
     def is_identity(self) -> bool:
         """Whether the images need no correction."""
-        return not self._fisheye and not self._coefficients.any()
+        return self.model != "fisheye" and not self._coefficients.any() and not self._skew_px
 
     def folds(self) -> bool:
         """Return whether two places of the scene fall on the same pixel, which no real lens does.
 
-        The radial part must grow with the radius up to the farthest corner of the image.
+        From cell to cell of a grid on the image, columns and rows must grow, and keep their orientation.
         """
-        if self.is_identity:
-            return False
         k = self._intrinsics
-        x = max(k.cx, k.width - 1 - k.cx) / k.fx
-        y = max(k.cy, k.height - 1 - k.cy) / k.fy
-        radius: Float64 = np.linspace(0.0, np.hypot(x, y), 256)
-        return bool(np.any(np.diff(self._distorted(radius)) <= 0))
-
-    def _distorted(self, radius: Float64) -> Float64:
-        """Radius on the distorted image plane for a radius on the undistorted one."""
-        if self._fisheye:
-            angle = np.arctan(radius)
-            bent: Float64 = angle * (1 + np.polyval([*self._coefficients[::-1], 0.0], angle**2))
-            return bent
-        k1, k2, _, _, k3, *below = self._coefficients
-        r2 = radius**2
-        factor = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        if below:
-            k4, k5, k6 = below
-            divisor = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-            factor = np.where(divisor > 0, factor / np.where(divisor > 0, divisor, 1.0), -np.inf)
-        distorted: Float64 = radius * factor
-        return distorted
+        x, y = self._maps_of((_GRID - 1) / (k.width - 1), (_GRID - 1) / (k.height - 1), (_GRID, _GRID))
+        with np.errstate(all="ignore"):
+            x_right, y_right = np.diff([x, y])[:, 1:]
+            x_down, y_down = np.diff([x, y], axis=1)[..., 1:]
+            grows = (x_right > 0) & (y_down > 0) & (x_right * y_down > x_down * y_right)
+        return not grows.all()
 
     def undistort(self, image: NDArray[Any], *, blend: bool) -> NDArray[Any]:
         """Return the image (H, W, ...) of an ideal pinhole camera; 0 where no pixel is known.
@@ -84,48 +146,35 @@ class Lens:
             return image
         import cv2
 
-        map_x, map_y = self._maps
         how = cv2.INTER_LINEAR if blend else cv2.INTER_NEAREST
-        return cv2.remap(image, map_x, map_y, how, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+        return cv2.remap(image, *self._maps, how, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
 
     @cached_property
-    def _maps(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The columns and rows (H, W) from which the pixels are taken."""
-        import cv2
+    def _maps(self) -> _Maps:
+        return self._maps_of(1.0, 1.0, (self._intrinsics.width, self._intrinsics.height))
 
+    def _maps_of(self, right: float, down: float, size: tuple[int, int]) -> _Maps:
+        """Return the maps of the camera with its images scaled to a size by factors."""
         k = self._intrinsics
-        matrix = np.array([[k.fx, 0.0, k.cx], [0.0, k.fy, k.cy], [0.0, 0.0, 1.0]])
-        rectify = cv2.fisheye.initUndistortRectifyMap if self._fisheye else cv2.initUndistortRectifyMap
-        size = (k.width, k.height)
-        return rectify(matrix, self._coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
+        matrix = np.array([[k.fx * right, 0.0, k.cx * right], [0.0, k.fy * down, k.cy * down], [0, 0, 1]])
+        x, y = LENSES[self.model][1](matrix, self._coefficients, size)
+        slope = self._skew_px * right / matrix[1, 1]
+        return (x + slope * (y - matrix[1, 2])).astype(np.float32) if slope else x, y
 
 
-class InverseLens(Lens):
-    """librealsense's inverse Brown-Conrady model: its polynomial maps the image to the true ray."""
+def brown_conrady(
+    xy: Float64, coefficients: Float64 | Sequence[float], *, tangent_of_bent: bool = False
+) -> Float64:
+    """Return where the Brown-Conrady model moves positions (2, ...) x/z, y/z; ``k1 k2 p1 p2 k3``.
 
-    @cached_property
-    def _maps(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        k = self._intrinsics
-        rows, cols = np.mgrid[0 : k.height, 0 : k.width].astype(np.float64)
-        ideal = np.stack([(cols - k.cx) / k.fx, (rows - k.cy) / k.fy])
-        seen = ideal.copy()
-        for _ in range(20):  # the distortion is small, so the iteration converges quickly
-            seen += ideal - brown_conrady(seen, self._coefficients)
-        return (seen[0] * k.fx + k.cx).astype(np.float32), (seen[1] * k.fy + k.cy).astype(np.float32)
-
-
-def brown_conrady(xy: Float64, coefficients: Float64 | Sequence[float]) -> Float64:
-    """Return where the Brown-Conrady model moves positions (2, ...) x/z, y/z; ``k1 k2 p1 p2 k3``."""
-    x, y = xy
+    ``tangent_of_bent`` moves sideways what the radial part has moved, as librealsense's modified model does.
+    """
     k1, k2, p1, p2, k3 = coefficients
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + 2 * p2 * x * y + p1 * (r2 + 2 * y * y),
-        ]
-    )
+    r2 = xy[0] * xy[0] + xy[1] * xy[1]
+    bent: Float64 = xy * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
+    x, y = bent.copy() if tangent_of_bent else xy
+    bent += np.stack([2 * p1 * x * y + p2 * (r2 + 2 * x * x), 2 * p2 * x * y + p1 * (r2 + 2 * y * y)])
+    return bent
 
 
 def checked_intrinsics(
@@ -167,12 +216,23 @@ def checked_intrinsics(
     return Intrinsics(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
 
 
+def checked_direction(direction: Float64, fail: Fail, where: str = "") -> Float64:
+    """Return the direction (3,) of a turning axis if it is a unit vector across the line of sight."""
+    length = float(np.linalg.norm(direction))
+    if not abs(length - 1.0) <= _UNIT_TOLERANCE:
+        fail(f"{where}has length {length:g}", "Give a unit vector.")
+    if abs(direction[2]) > 0.9 * length:
+        fail(f"{where}is that in which the camera looks", "It must see the item from the side.")
+    return direction / length
+
+
 def checked_lens(
     intrinsics: Intrinsics,
     coefficients: Sequence[float],
     fail: Fail,
     where: str = "",
-    model: str = "brown_conrady",
+    model: Any = "brown_conrady",
+    skew_px: float = 0.0,
 ) -> Lens:
     """Return the lens if its distortion is invertible on the image.
 
@@ -181,22 +241,34 @@ def checked_lens(
     intrinsics : Intrinsics
         Camera of the distorted and the undistorted images.
     coefficients : sequence of float
-        At most the number of the model; missing ones are 0.
+        As many as the model has; more that are zero do no harm.
     fail, where
         As in :func:`checked_intrinsics`.
-    model : str
-        One of ``lens.COEFFICIENTS``.
+    model : object
+        The name of the model as the source gives it; see :func:`lens_model`.
+    skew_px : float
+        As in :class:`Lens`.
     """
     if not all(map(math.isfinite, coefficients)):
         fail(f"{where}distortion contains a number that is not finite", "Calibrate the camera again.")
-    most = COEFFICIENTS[model]
-    if any(coefficients[most:]):
+    known = lens_model(model)
+    if known is None:
+        text = f"{where}distortion_model {shortened(model)} is unknown"
+        fail(text, f"Known are {', '.join(LENSES)}; or undistort the images.")
+    counts = LENSES[known][0]
+    if known == "none" and any(coefficients):
+        fail(
+            f"{where}distortion has numbers, but distortion_model is none",
+            "Set brown_conrady, or empty the list.",
+        )
+    numbers = [float(number) for number in coefficients[: counts[-1]]]
+    if any(coefficients[counts[-1] :]) or len(numbers) not in counts:
+        *fewer, last = map(str, counts)
         fail(
             f"{where}distortion has {len(coefficients)} numbers",
-            f"This model has at most {most}.",
+            f"The model {known} has {' or '.join(filter(None, [', '.join(fewer), last]))}.",
         )
-    padded = (*coefficients, *[0.0] * most)[:most]
-    lens = Lens(intrinsics, padded, fisheye=model == "fisheye")
-    if lens.folds():
+    lens = Lens(intrinsics, numbers, known, skew_px)
+    if not lens.is_identity and lens.folds():
         fail(f"{where}distortion folds the image over itself", "Calibrate the camera again.")
     return lens

@@ -6,8 +6,8 @@ with the camera's.
 
 from __future__ import annotations
 
+import io
 import struct
-import tokenize
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -46,24 +46,21 @@ def read_depth_header(path: Path) -> ImageHeader:
             if start[:4] in _TIFF:
                 header = _tiff_header(file, _TIFF[start[:4]])
             elif start.startswith(_NPY):
-                header = _npy_header(file)
+                header = _npy_header(path)
             elif start.startswith(_EXR):
                 header = read_exr_header(path)
             elif start.startswith(pcd.START):
-                header = _pcd_header(file)
+                header = pcd.read_pcd_header(path)
             else:
                 header = read_header(path)
-    except (FileNotFoundError, IsADirectoryError):
+    except OSError:
         header = read_header(path)  # raises the error
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
-    except (ValueError, struct.error, IndexError, SyntaxError, tokenize.TokenError, TypeError):
+    except (ValueError, struct.error, IndexError, OverflowError, EOFError):
         header = None
     if header is None:
         raise RecordingError(f"{path}: truncated, damaged or not supported. Export it as 16-bit PNG.")
     if header.channels != 1 or header.bits < 16 or header.kind == "jpeg":
-        what = f"a {header.bits}-bit {header.kind.upper()} with {header.channels} channels"
-        raise RecordingError(f"{path}: is {what}. Depth images must be {KINDS}.")
+        raise RecordingError(f"{path}: is {header.words}. Depth images must be {KINDS}.")
     return header
 
 
@@ -98,7 +95,8 @@ def decode_depth_m(path: Path, header: ImageHeader, metres_per_unit: float) -> F
 def _decode(path: Path, header: ImageHeader) -> NDArray[Any]:
     if header.kind == "npy":
         data = read_bytes(path)
-        return np.frombuffer(data[header.data_start :], header.dtype).reshape(header.height, header.width)
+        values: NDArray[Any] = np.load(io.BytesIO(data), allow_pickle=False)
+        return values.reshape(header.height, header.width)
     if header.kind == "exr":
         return read_exr_pixels(path)
     if header.kind == "pcd":
@@ -106,29 +104,14 @@ def _decode(path: Path, header: ImageHeader) -> NDArray[Any]:
     return decode_raw(path, np.dtype(header.dtype or "u2").newbyteorder("="))
 
 
-def _npy_header(file: BinaryIO) -> ImageHeader | None:
-    file.seek(0)
-    version = np.lib.format.read_magic(file)
-    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    if version not in read:
-        return None
-    shape, by_columns, dtype = read[version](file)
-    start = file.tell()
-    shape = shape[:2] if len(shape) == 3 and shape[2] == 1 else shape
-    if len(shape) != 2 or by_columns or dtype.kind not in "uif" or dtype.itemsize > 8:
-        return None
-    if file.seek(0, 2) != start + shape[0] * shape[1] * dtype.itemsize:
-        return None
-    return ImageHeader(
-        kind="npy", width=shape[1], height=shape[0], channels=1, bits=8 * dtype.itemsize,
-        dtype=dtype.str, data_start=start,
-    )  # fmt: skip
-
-
-def _pcd_header(file: BinaryIO) -> ImageHeader | None:
-    size = file.seek(0, 2)
-    file.seek(0)
-    return pcd.image_header(file.read(4096), size)
+def _npy_header(path: Path) -> ImageHeader:
+    stored = np.load(path, mmap_mode="r", allow_pickle=False)  # looks at the length of the file, too
+    shape = tuple(n for n in stored.shape if n != 1)  # also one image of a list, or of one channel
+    if len(shape) != 2 or stored.dtype.kind not in "uif" or stored.dtype.itemsize > 8:
+        cause = f"has the type {stored.dtype} and the shape {stored.shape}"
+        raise RecordingError(f"{path}: {cause}. Save numbers (H, W).")
+    bits = 8 * stored.dtype.itemsize
+    return ImageHeader(kind="npy", width=shape[1], height=shape[0], channels=1, bits=bits)
 
 
 def _tiff_header(file: BinaryIO, order: str) -> ImageHeader | None:

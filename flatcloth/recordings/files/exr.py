@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.subprocess_worker import Message, Worker, WorkerLostError, reader_errors_as, serve
+from flatcloth.core.subprocess_worker import Message, serve
 from flatcloth.core.types import Progress
 from flatcloth.recordings.files.images import ImageHeader
+from flatcloth.recordings.files.libraries import KeptWorker
 
 MAX_CHANNELS = 32
 """Renderers write color, depth, normals and a few masks."""
 MAX_PIXELS = 2**24
 """Largest number of decoded values of all channels: that of the largest supported camera."""
 
-_lock = threading.Lock()
-_kept: list[Worker] = []
+_worker = KeptWorker(__name__, "OpenEXR", "OpenEXR")
 
 
 def read_exr_header(path: Path) -> ImageHeader:
@@ -33,10 +31,7 @@ def read_exr_header(path: Path) -> ImageHeader:
     RecordingError
         If the file is damaged, of more than one part, or announces more than is decoded.
     """
-    found = _asked({"path": str(path), "pixels": False}, path).table
-    return ImageHeader(
-        kind="exr", width=found["width"], height=found["height"], channels=found["channels"], bits=32
-    )
+    return ImageHeader(kind="exr", bits=32, **_worker.ask({"pixels": False}, path).table)
 
 
 def read_exr_pixels(path: Path) -> NDArray[Any]:
@@ -47,50 +42,26 @@ def read_exr_pixels(path: Path) -> NDArray[Any]:
     RecordingError
         If the file is damaged, or announces more than is decoded.
     """
-    return _asked({"path": str(path), "pixels": True}, path).arrays["depth"]
-
-
-def _asked(question: Mapping[str, Any], path: Path) -> Message:
-    """Ask the worker, which is started for the first file and kept for the next ones."""
-    try:
-        known = importlib.util.find_spec("OpenEXR") is not None
-    except ValueError:
-        known = False
-    if not known:
-        raise RecordingError(
-            f"{path}: the library that reads OpenEXR files is missing. Run: pip install OpenEXR"
-        )
-    with (
-        _lock,
-        reader_errors_as(RecordingError, path, "truncated or damaged", "Copy or export the image again."),
-    ):
-        if not _kept:
-            _kept.append(Worker(__name__, path))
-        try:
-            return _kept[0].ask(question)
-        except WorkerLostError:
-            _kept.clear()
-            raise
+    return _worker.ask({"pixels": True}, path).arrays["depth"]
 
 
 # --- the worker ------------------------------------------------------------------------------
 
 
 def _answer(question: Mapping[str, Any], _progress: Progress) -> Message:
+    import OpenEXR
+
     path = question["path"]
-    with _opened(path, header_only=True) as file:
-        about = _header(path, file)
+    with OpenEXR.File(path, separate_channels=True, header_only=True) as file:
+        name, about = _header(path, file)
     if not question["pixels"]:
         return Message(about)
-    with _opened(path, header_only=False) as file:
-        try:
-            channels = file.channels()
-        except ValueError as error:  # the library printed an error and continued
-            raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.") from error
-        return Message({}, {"depth": np.array(channels[about["name"]].pixels)})
+    with OpenEXR.File(path, separate_channels=True, header_only=False) as file:
+        return Message({}, {"depth": np.array(file.channels()[name].pixels)})
 
 
-def _header(path: str, file: Any) -> dict[str, Any]:
+def _header(path: str, file: Any) -> tuple[str | None, dict[str, int]]:
+    """Return the channel of depth, and the fields of the header."""
     header = file.header()
     if len(file.parts) != 1 or "dataWindow" not in header:  # the library printed an error and continued
         raise RecordingError(f"{path}: truncated, damaged or not supported. Export it as 16-bit PNG.")
@@ -107,32 +78,15 @@ def _header(path: str, file: Any) -> dict[str, Any]:
             f" {MAX_PIXELS // 10**6} million values. Export the depth alone."
         )
     name = _depth_channel(names)
-    return {
-        "width": width,
-        "height": height,
-        "channels": 1 if name is not None else len(names),
-        "name": name,
-    }
-
-
-def _opened(path: str, *, header_only: bool) -> Any:
-    import OpenEXR
-
-    try:
-        return OpenEXR.File(path, separate_channels=True, header_only=header_only)
-    except (RuntimeError, ValueError, TypeError) as error:
-        raise RecordingError(f"{path}: truncated or damaged. Copy or export the image again.") from error
+    return name, {"width": width, "height": height, "channels": len(names) if name is None else 1}
 
 
 def _depth_channel(names: list[str]) -> str | None:
     """Return the channel that holds depth: the only one, one called Z or depth, or gray stored as color."""
     if len(names) == 1:
         return names[0]
-    for wanted in ("z", "depth", "y", "r"):
-        for name in names:
-            if name.lower().rsplit(".", 1)[-1] == wanted:
-                return name
-    return None
+    known = {name.lower().rsplit(".", 1)[-1]: name for name in reversed(names)}
+    return next((known[wanted] for wanted in ("z", "depth", "y", "r") if wanted in known), None)
 
 
 def main() -> None:

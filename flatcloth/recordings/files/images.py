@@ -7,7 +7,7 @@ announce a picture that fills the memory.
 
 from __future__ import annotations
 
-import errno
+import contextlib
 import struct
 import zlib
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ _MOST_SCANS = 200
 class ImageHeader:
     """The header of an image file: size in pixels, channels, bits per channel, and kind.
 
-    ``dtype`` of the pixels and ``data_start``, the position of the first, are set for some kinds only.
+    ``dtype`` of the pixels is set for some kinds only.
     """
 
     kind: str
@@ -53,7 +53,13 @@ class ImageHeader:
     channels: int
     bits: int
     dtype: str = ""
-    data_start: int = 0
+
+    @property
+    def words(self) -> str:
+        """What it is, for messages."""
+        return (
+            f"a {self.bits}-bit {self.kind.upper()} with {self.channels} channel{'s'[: self.channels != 1]}"
+        )
 
 
 def read_header(path: Path) -> ImageHeader:
@@ -115,6 +121,18 @@ def _jpeg_header(file: BinaryIO) -> ImageHeader | None:
     return None
 
 
+def turned_by_exif(path: Path) -> list[str]:
+    """Return a note if a color image says that it is to be turned for viewing, which its pixels are not."""
+    from PIL import Image
+
+    # What is wrong with the image is told when it is read.
+    wrong = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
+    with contextlib.suppress(*wrong), Image.open(path) as image:
+        if image.getexif().get(0x0112, 1) != 1:
+            return [f"{path}: not turned as its EXIF orientation says; its pixels stay those of the depth."]
+    return []
+
+
 def read_checked(path: Path, kind: str, camera: Intrinsics) -> ImageHeader:
     """Read the header of an image file of a kind: ``color``, ``depth``, ``mask`` or ``truth``.
 
@@ -131,7 +149,7 @@ def read_checked(path: Path, kind: str, camera: Intrinsics) -> ImageHeader:
         bits, channels, wanted = _PNG_KINDS[kind]
         fits = (header.kind, header.bits, header.channels) == ("png", bits, channels)
     if not fits:
-        raise RecordingError(f"{path}: {_kind(header)}. {wanted}.")
+        raise RecordingError(f"{path}: is {header.words}. {wanted}.")
     check_size(path, header, camera)
     return header
 
@@ -143,11 +161,6 @@ def check_size(path: Path, header: ImageHeader, camera: Intrinsics) -> None:
             f"{path}: {header.width}x{header.height} px, but the intrinsics are for "
             f"{camera.width}x{camera.height}. All images must be registered and have the camera's size."
         )
-
-
-def _kind(header: ImageHeader) -> str:
-    plural = "" if header.channels == 1 else "s"
-    return f"is a {header.bits}-bit {header.kind.upper()} with {header.channels} channel{plural}"
 
 
 def decode_color(path: Path) -> Uint8:
@@ -174,14 +187,10 @@ def read_bytes(path: Path) -> bytes:
     RecordingError
         If the file cannot be read, or is larger than any image.
     """
-    try:
+    with os_errors_as(
+        RecordingError, f"{path}: cannot be read", "Check that it exists, and its permissions."
+    ):
         return read_plain(path, MAX_FILE_BYTES)
-    except OSError as error:
-        if error.errno == errno.EFBIG:
-            raise RecordingError(f"{path}: {error.strerror}. Export it again.") from error
-        raise RecordingError(
-            f"{path}: cannot be read ({error.strerror}). Check that it exists, and its permissions."
-        ) from error
 
 
 def _decode(path: Path, flags: int, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) -> NDArray[Any]:
@@ -195,15 +204,17 @@ def _decode(path: Path, flags: int, dtype: np.dtype[Any] | type[np.uint8 | np.ui
     return pixels
 
 
-def pixels_of(data: bytes, flags: int, dtype: np.dtype[Any] | type[Any]) -> NDArray[Any] | None:
-    """Return the pixels of an image's data as OpenCV decodes them; None if they are not of this type."""
+def pixels_of(
+    data: bytes | Uint8, flags: int, dtype: np.dtype[Any] | type[Any] | None = None
+) -> NDArray[Any] | None:
+    """Return the pixels of an image's data as OpenCV decodes them; None if not, or of another type."""
     import cv2
 
     try:
         pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
     except cv2.error:
         return None
-    return None if pixels is None or pixels.dtype != dtype else pixels
+    return None if pixels is None or (dtype is not None and pixels.dtype != dtype) else pixels
 
 
 def is_whole(data: bytes) -> bool:

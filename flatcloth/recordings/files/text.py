@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-import errno
+import csv
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, NoReturn
+from xml.etree import ElementTree
 
 from flatcloth.core.decoding import parse_json
-from flatcloth.core.errors import RecordingError
-from flatcloth.core.plain_files import read_plain
+from flatcloth.core.errors import RecordingError, os_errors_as
+from flatcloth.core.plain_files import MOST_TEXT_BYTES, read_plain
 
+MOST_TABLE_BYTES = 1_000_000
+"""Largest file of YAML or XML that is read. Chosen: a description of a camera is a hundredth of it."""
+_MOST_NAMED = 8
+"""Things that a note names. Chosen: a line."""
 Fail = Callable[[str, str], NoReturn]
 """Raises ``RecordingError`` with the given cause and remedy, and the name of the file."""
 
@@ -26,7 +31,7 @@ def failing(where: object) -> Fail:
     return fail
 
 
-def read_text(path: Path) -> str:
+def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
     """Return the text of a list or description in a recording.
 
     Raises
@@ -34,45 +39,89 @@ def read_text(path: Path) -> str:
     RecordingError
         If it is missing, unreadable, not UTF-8, or too large.
     """
-    try:
-        if not path.is_file():
-            raise RecordingError(f"{path}: missing, or not a file. Restore it.")
-        data = read_plain(path)
-    except OSError as error:
-        remedy = "Split the recording." if error.errno == errno.EFBIG else "Check its permissions."
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}). {remedy}") from error
+    if not path.is_file():
+        raise RecordingError(f"{path}: missing, or not a file. Restore it.")
+    with os_errors_as(
+        RecordingError, f"{path}: cannot be read", "Check its permissions, and split long lists."
+    ):
+        data = read_plain(path, most_bytes)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path}: not UTF-8 text. Save it as UTF-8.") from error
 
 
-def read_lines(path: Path) -> list[tuple[int, str]]:
-    """Return the lines of a table with their numbers from 1, without empty lines and comments (#).
+def read_rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Return the cells of a table's lines, and their numbers from 1, without empty lines and comments (#).
+
+    Cells are separated by commas, tabs or blanks; or, if all lines have one, by semicolons or tabs only. A
+    comma that does not separate is a decimal comma.
 
     Raises
     ------
     RecordingError
-        As :func:`read_text`.
+        As :func:`read_text`, and if a line is not one of a table.
     """
-    lines = enumerate(map(str.strip, read_text(path).splitlines()), start=1)
-    return [(n, line) for n, line in lines if line and not line.startswith("#")]
+    every = enumerate(map(str.strip, read_text(path).splitlines()), start=1)
+    aside = re.compile("#|sep=.$", re.IGNORECASE)  # comments, and Excel's first line
+    lines = [(n, line) for n, line in every if line and not aside.match(line)]
+    shared = next((mark for mark in ";\t" if all(mark in line for _, line in lines)), "")
+    marks = shared or (",\t;" if lines and "," in lines[0][1] else "\t;")
+    rows = []
+    for n, line in lines:
+        mark = next((mark for mark in marks if mark in line), "")
+        try:
+            cells = next(csv.reader([line], delimiter=mark, skipinitialspace=True)) if mark else line.split()
+        except csv.Error as error:
+            raise RecordingError(f"{path}: line {n} is not of a table ({error}). Correct it.") from error
+        cells = [cell.strip().strip('"') for cell in cells]
+        rows.append((n, [re.sub(r"^([+-]?[0-9]*),([0-9]+)$", r"\1.\2", cell) for cell in cells]))
+    return rows
 
 
-def load_json(path: Path) -> Any:
-    """Return the content of a JSON file.
+def load_table(path: Path) -> Any:
+    """Return the content of a file in JSON, or in YAML or XML as ROS and OpenCV write them, as plain objects.
+
+    Numbers may be text: YAML 1.1 takes ``1e-05`` for it, and XML has nothing else.
 
     Raises
     ------
     RecordingError
-        If it cannot be read or is not JSON.
+        If it cannot be read, or is not valid.
     """
+    kind, fail = path.suffix.lower().removeprefix("."), failing(path)
+    parsers = {"json": parse_json, "yaml": _of_yaml, "yml": _of_yaml, "xml": _of_xml}
+    if kind not in parsers:
+        fail(f".{kind} is not a table's file name ending", "Give .json, .yaml or .xml.")
+    text = read_text(path, MOST_TEXT_BYTES if kind == "json" else MOST_TABLE_BYTES)
     try:
-        return parse_json(read_text(path))
-    except ValueError as error:  # includes numbers with thousands of digits
-        raise RecordingError(
-            f"{path}: not valid JSON ({shortened(str(error), 120)}). Correct it at this place."
-        ) from error
+        return parsers[kind](text)
+    except Exception as error:  # noqa: BLE001 - constructors of YAML's dates raise what they want
+        cause = shortened(" ".join(str(error).split()), 120)
+    fail(f"not valid {kind.upper()} ({cause})", "Correct it at this place.")
+
+
+def _of_yaml(text: str) -> Any:
+    import yaml
+
+    text = re.sub(r"\A%YAML:.*", "", text)  # OpenCV's own first line, which YAML does not know
+    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.CSafeLoader)):
+        raise ValueError("it refers to itself by *")  # a few lines can stand for gigabytes
+
+    loader: Any = type("Loader", (yaml.CSafeLoader,), {})
+
+    def untagged(loading: Any, _tag: str, node: Any) -> Any:
+        return getattr(loading, f"construct_{node.id}")(node)
+
+    loader.add_multi_constructor("", untagged)  # tags that YAML does not know, as of OpenCV's matrices
+    return next(yaml.load_all(text, loader), None)  # messages of ROS's echo follow each other
+
+
+def _of_xml(text: str) -> Any:
+    def plain(element: ElementTree.Element) -> Any:
+        return {child.tag: plain(child) for child in element} or (element.text or "").split()
+
+    return plain(ElementTree.fromstring(text))
 
 
 def inside(folder: Path, name: Any, listed_in: Path, where: str) -> Path:
@@ -94,7 +143,7 @@ def inside(folder: Path, name: Any, listed_in: Path, where: str) -> Path:
     fail = failing(listed_in)
     if not isinstance(name, str) or not name:
         fail(f"{where} is {text}", "Give the name of an image file in the folder.")
-    if not name.isprintable() or len(name) > 1024:  # excludes lone surrogates and NUL
+    if len(name) > 1024 or re.search("[\x00-\x1f\x7f-\x9f\ud800-\udfff]", name):
         fail(f"{where} is {text}", "Use printable characters only.")
     relative = PurePosixPath(name)
     outside = relative.is_absolute() or ".." in relative.parts or re.match(r"[A-Za-z]:", name)
@@ -115,6 +164,13 @@ def shortened(value: Any, limit: int = 60) -> str:
     text = value if isinstance(value, str) else json.dumps(value, default=str)
     text = json.dumps(text)[1:-1] if not text.isprintable() else text
     return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def unused(path: object, places: Sequence[str]) -> list[str]:
+    """Return a note that names what a file says and nothing understands; an empty list if that is nothing."""
+    more = f" and {len(places) - _MOST_NAMED} more" if len(places) > _MOST_NAMED else ""
+    named = ", ".join(shortened(place) for place in places[:_MOST_NAMED])
+    return [f"{path}: not understood, and not used: {named}{more}."] if places else []
 
 
 def one_line(text: str) -> str:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import TypeVar
@@ -12,15 +11,19 @@ from typing import TypeVar
 import numpy as np
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings.files.text import read_lines, shortened
+from flatcloth.recordings.files.text import read_rows, shortened, unused
 
 ANGLES_FILE = "angles.csv"
 TOLERANCE_DEG = 0.01
 """Angles nearer than this are the same. Chosen: below the rounding of a table."""
 SAME_VIEW_DEG = 0.5
 """Views nearer than this show the same; the later one is left out. Chosen: less shows little new."""
+_MOSTLY = 1 / 3
+"""If more color images than this share lack depth, depth has another rate, and steps are of shots. Chosen."""
 MAX_VIEWS = 10_000
 """Limit of a recording's views. Chosen: it bounds memory."""
+_MOST_DEG, _MOST_OF_USUAL = 3600.0, 10.0
+"""Larger angles are slips of the pen, unless all are, as steps of an encoder, whose unit is found. Chosen."""
 T = TypeVar("T")
 _KEYS = ("view", "file", "time_s")
 _HELP = (
@@ -33,21 +36,41 @@ class Shots:
     """The images of a source: pairs of color and depth in order of capture.
 
     ``source`` is the name for messages; ``names`` of the color files and ``times_s`` are given if the
-    source has them.
+    source has them. ``every`` are the names of all color files, also of those that are no shots; ``slots``
+    are the places of the shots in an even sequence, if names show that some of it are missing.
     """
 
     source: str
     count: int
     names: Sequence[str] | None = None
     times_s: Sequence[float] | None = None
+    every: Sequence[str] = ()
+    slots: Sequence[int] | None = None
+
+    @property
+    def places(self) -> Sequence[int]:
+        """The place (N,) of each shot among all that were taken, as far as names tell."""
+        if self.slots is not None:
+            return self.slots
+        is_lost = 0 < len(self.every) - self.count <= max(1, _MOSTLY * self.count)
+        return self.of_files if is_lost else range(self.count)
+
+    @property
+    def of_files(self) -> Sequence[int]:
+        """The place (N,) of each shot among all color files; empty if they are not known."""
+        return [self.every.index(name) for name in self.names or () if self.every]
 
 
 @dataclass(frozen=True, kw_only=True)
 class GivenAngles:
-    """The user's information about the angles: a table, a step in degrees, or neither."""
+    """The user's information about the angles: a table, a step in degrees, or neither.
+
+    The angles of a table are multiplied by ``factor`` later; angles are the same if they are so then.
+    """
 
     table: Path | None = None
     step_deg: float | None = None
+    factor: float = 1.0
 
     def film_step_deg(self, shots: Shots) -> float | None:
         """Return the step between the stops of a film; None if the shots are views.
@@ -76,22 +99,28 @@ class GivenAngles:
         """
         if self.table is not None and self.step_deg is not None:
             raise RecordingError(f"{self.table}: given together with --step. Give only one of them.")
-        table = self.table
-        if (
-            table is None
-            and self.step_deg is None
-            and folder is not None
-            and (folder / ANGLES_FILE).is_file()
-        ):
-            table = folder / ANGLES_FILE
+        table = self._table(folder)
         if table is not None:
-            return _from_table(table.expanduser(), shots)
+            return _from_table(table, shots, self.factor)
         if self.step_deg is None:
             raise RecordingError(
                 f"{shots.source}: the angles of its {shots.count} views are not known. "
                 "Give --step DEG, or --angles FILE.csv."
             )
         return _from_step(self.step_deg, shots)
+
+    def notes(self, folder: Path | None = None) -> list[str]:
+        """Return a note on the columns of the table that are not understood, if there are any."""
+        table = self._table(folder)
+        if table is None or len(names := read_rows(table)[0][1]) < 2 or _is_number(names[-1]):
+            return []
+        return unused(table, [name for name in names if name.lower() not in (*_KEYS, "angle_deg")])
+
+    def _table(self, folder: Path | None) -> Path | None:
+        if self.table is not None:
+            return self.table.expanduser()
+        own = None if folder is None or self.step_deg is not None else folder / ANGLES_FILE
+        return own if own is not None and own.is_file() else None
 
 
 def pair_by_time(
@@ -127,11 +156,12 @@ def pair_by_time(
 
 def left_out(shots: Shots, views: Sequence[tuple[int, float]]) -> tuple[str, ...]:
     """Return a note on the shots that are not views, if there are any."""
-    spare = shots.count - len(views)
-    if not spare:
-        return ()
+    spare, gaps = shots.count - len(views), shots.places[-1] + 1 - shots.places[0] - shots.count
     what = "1 image is" if spare == 1 else f"{spare} images are"
-    return (f"{what} left out: they have no angle, or repeat another view's angle.",)
+    notes = [f"{what} left out: they have no angle, or repeat another view's angle."] if spare else []
+    if gaps > 0:
+        notes.append(f"{gaps} of the numbers in the names are missing between the views: steps count them.")
+    return tuple(notes)
 
 
 def _from_step(step_deg: float, shots: Shots) -> list[tuple[int, float]]:
@@ -144,12 +174,15 @@ def _from_step(step_deg: float, shots: Shots) -> list[tuple[int, float]]:
             "If it is a film with stops, name one view for each stop: --angles FILE.csv."
         )
     angles: list[float] = []
-    for n in range(min(shots.count, MAX_VIEWS)):
+    for place in list(shots.places)[:MAX_VIEWS]:
+        angle = (place - shots.places[0]) * step_deg
         # Images after a full turn repeat earlier angles.
-        if n and apart_deg(n * step_deg, 0.0) < TOLERANCE_DEG:
+        if abs(angle) > 360.0 - TOLERANCE_DEG:
             break
-        angles.append(n * step_deg)
-    _check(angles, f"{shots.source}: with --step {step_deg:g},", [f"view {n}" for n in range(len(angles))])
+        angles.append(angle)
+    check_distinct(
+        angles, f"{shots.source}: with --step {step_deg:g},", [f"view {n}" for n in range(len(angles))]
+    )
     return list(enumerate(angles))
 
 
@@ -157,33 +190,55 @@ def _is_film(shots: Shots, step_deg: float) -> bool:
     return (shots.count - 2) * abs(step_deg) > 360.0
 
 
-def _from_table(table: Path, shots: Shots) -> list[tuple[int, float]]:
+def _from_table(table: Path, shots: Shots, factor: float) -> list[tuple[int, float]]:
     keyed, rows = _read(table)
-    if not keyed and len(rows) != shots.count:
+    least = max((float(key) + 1 for _, key, _ in rows if _is_number(key)), default=0) if keyed else len(rows)
+    numbered = _numbered(shots, lambda count: least <= count if keyed else least == count)
+    if not numbered and not keyed:
         raise RecordingError(
             f"{table}: has {len(rows)} angles, but {shots.source} has {shots.count} views. "
             "Add a column view, file or time_s, or give one angle per view."
         )
-    views = [
-        (n if not keyed else _find(table, line, keyed, key, shots), angle)
-        for n, (line, key, angle) in enumerate(rows)
-    ]
+    kept = []
+    for n, (line, key, angle) in enumerate(rows):
+        shot = _find(table, line, keyed, key, shots, numbered) if keyed else numbered[n]
+        if shot is not None:
+            kept.append((shot, angle, f"line {line}"))
+    if not kept:
+        raise RecordingError(f"{table}: names no view. {_HELP}")
+    views, lines = [(n, angle) for n, angle, _ in kept], [line for _, _, line in kept]
     if len(views) > MAX_VIEWS:
         raise RecordingError(f"{table}: {len(views)} views. The limit is {MAX_VIEWS}: leave some out.")
-    lines = [f"line {line}" for line, _, _ in rows]
     taken: dict[int, str] = {}
-    for (shot, _), line in zip(views, lines, strict=True):
-        if shot in taken:
-            raise RecordingError(f"{table}: {line} and {taken[shot]} name the same view. Remove one.")
-        taken[shot] = line
-    _check([angle for _, angle in views], f"{table}:", lines)
-    first = views[0][1]
+    for (n, _), name in zip(views, lines, strict=True):
+        if n in taken:
+            raise RecordingError(f"{table}: {name} and {taken[n]} name the same view. Remove one.")
+        taken[n] = name
+    angles, first = [factor * angle for _, angle in views], views[0][1]
+    if np.ptp(angles) > 360.0 + TOLERANCE_DEG:  # more turns than one, or another unit
+        seen = [view for _, view in distinct(list(zip(angles, views, strict=True)), TOLERANCE_DEG)]
+        return [(shot, angle - first) for shot, angle in (seen if 2 * len(seen) >= len(views) else views)]
+    check_distinct(angles, f"{table}:", lines)
     return [(shot, angle - first) for shot, angle in views]
+
+
+def _numbered(shots: Shots, fits: Callable[[int], bool]) -> dict[float, int | None]:
+    """Return the shots by their numbers, None of an image that was lost or has no partner.
+
+    The shots are counted, or what was taken, or the color files, whichever has a count that fits; empty if
+    none has.
+    """
+    ways = (range(shots.count), shots.places, shots.of_files)
+    for places, count in zip(ways, (shots.count, shots.places[-1] + 1, len(shots.every)), strict=True):
+        if places and fits(count):
+            of_place = {place: shot for shot, place in enumerate(places)}
+            return {float(n): of_place.get(n) for n in range(count)}
+    return {}
 
 
 def _read(table: Path) -> tuple[str, list[tuple[int, str, float]]]:
     """Return the name of the key column (or ""), and for each row: line number, key, angle."""
-    cells = [(n, split_row(line)) for n, line in read_lines(table)]
+    cells = read_rows(table)
     if not cells:
         raise RecordingError(f"{table}: has no angles. {_HELP}")
     names = [name.lower() for name in cells[0][1]]
@@ -196,27 +251,28 @@ def _read(table: Path) -> tuple[str, list[tuple[int, str, float]]]:
     elif len(names) == 1:
         names, angle_column = ["angle_deg"], 0
     else:
-        raise RecordingError(f"{table}: line {cells[0][0]} does not show which number is the angle. {_HELP}")
+        raise RecordingError(
+            f"{table}: line {cells[0][0]} does not show which number is the angle. {_HELP} "
+            "Decimals have a point; with a comma, separate the columns by semicolons."
+        )
     keyed = next((key for key in _KEYS if key in names), "")
     key_column = names.index(keyed) if keyed else angle_column
     rows = []
     for n, row in cells:
         if len(row) != len(names):
             raise RecordingError(f"{table}: line {n} has {len(row)} columns, not {len(names)}. {_HELP}")
-        if not _is_number(row[angle_column]) or abs(float(row[angle_column])) > 3600:
+        if not _is_number(row[angle_column]):
             raise RecordingError(
                 f"{table}: line {n} has the angle {shortened(row[angle_column])}. Give degrees."
             )
         rows.append((n, row[key_column], float(row[angle_column])))
     if not rows:
         raise RecordingError(f"{table}: has no angles. {_HELP}")
+    usual = float(np.median([abs(angle) for _, _, angle in rows]))
+    for n, _, angle in rows:
+        if abs(angle) > max(_MOST_DEG, _MOST_OF_USUAL * usual):
+            raise RecordingError(f"{table}: line {n} has the angle {angle:g}. Give degrees.")
     return keyed, rows
-
-
-def split_row(line: str) -> list[str]:
-    """Return the cells of a line of a table: separated by commas, semicolons, tabs or spaces."""
-    cells = re.split(r"[,;\t]", line) if re.search(r"[,;\t]", line) else line.split()
-    return [cell.strip().strip('"') for cell in cells]
 
 
 def _is_number(text: str) -> bool:
@@ -226,29 +282,29 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _find(table: Path, line: int, keyed: str, key: str, shots: Shots) -> int:
+def _find(
+    table: Path, line: int, keyed: str, key: str, shots: Shots, numbered: Mapping[float, int | None]
+) -> int | None:
     def refused(cause: str) -> RecordingError:
         return RecordingError(f"{table}: line {line}: {cause}. {_HELP}")
 
     if keyed == "file":
         if shots.names is None:
             raise refused(f"{shots.source} has no image files")
-        wanted = PurePath(key)
         found = [
-            n
-            for n, name in enumerate(shots.names)
-            if name == key or PurePath(name).name == key or PurePath(name).stem == wanted.name
+            name
+            for name in shots.every or shots.names
+            if key in (name, PurePath(name).name) or PurePath(name).stem == PurePath(key).name
         ]
         if len(found) != 1:
             raise refused(f"{len(found) or 'no'} color images are named {shortened(key)}")
-        return found[0]
+        return shots.names.index(found[0]) if found[0] in shots.names else None
     if not _is_number(key):
         raise refused(f"{keyed} is {shortened(key)}, not a number")
     if keyed == "view":
-        number = float(key)
-        if not number.is_integer() or not 0 <= number < shots.count:
+        if float(key) not in (numbered or range(shots.count)):
             raise refused(f"there is no view {shortened(key)}, they are 0 to {shots.count - 1}")
-        return int(number)
+        return numbered.get(float(key), int(float(key)))
     if shots.times_s is None:
         raise refused(f"{shots.source} has no times")
     times = np.asarray(shots.times_s, dtype=np.float64)
@@ -277,25 +333,21 @@ def stops_found(count: int) -> str:
     return "1 stop was found" if count == 1 else f"{count} stops were found"
 
 
-def repeated(angles_deg: Sequence[float]) -> tuple[int, int] | None:
-    """Return the first two views with the same angle, also modulo a full turn; None if all differ."""
-    order = sorted(range(len(angles_deg)), key=lambda i: angles_deg[i] % 360)
-    for a, b in zip(order, order[1:] + order[:1], strict=True):
-        if a != b and apart_deg(angles_deg[a], angles_deg[b]) < TOLERANCE_DEG:
-            return min(a, b), max(a, b)
-    return None
-
-
 def apart_deg(a_deg: float, b_deg: float) -> float:
     """Return the difference of two angles, modulo a full turn: 0 to 180."""
     return abs(math.remainder(a_deg - b_deg, 360.0))
 
 
-def _check(angles_deg: Sequence[float], where: str, names: Sequence[str]) -> None:
-    found = repeated(angles_deg)
-    if found is not None:
-        first, second = found
-        raise RecordingError(
-            f"{where} {names[second]} has the angle of {names[first]} ({angles_deg[first]:g} degrees). "
-            "Every view needs its own angle, also modulo 360: correct or remove one."
-        )
+def check_distinct(angles_deg: Sequence[float], where: str, names: Sequence[str]) -> None:
+    """Raise ``RecordingError`` if two views, which have ``names``, have the same angle, or are too many."""
+    if len(angles_deg) > MAX_VIEWS:
+        raise RecordingError(f"{where} {len(angles_deg)} views. The limit is {MAX_VIEWS}: leave some out.")
+    order = sorted(range(len(angles_deg)), key=lambda n: angles_deg[n] % 360)
+    for pair in zip(order, order[1:] + order[:1], strict=True):
+        first, second = sorted(pair)
+        if first != second and apart_deg(angles_deg[first], angles_deg[second]) < TOLERANCE_DEG:
+            same = f"has the angle of {names[first]} ({abs(angles_deg[first]):g} degrees)"
+            raise RecordingError(
+                f"{where} {names[second]} {same}. "
+                "Every view needs its own angle, also modulo 360: correct or remove one."
+            )

@@ -9,7 +9,7 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Progress, no_progress
-from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
+from flatcloth.recordings.base import LazyRecording, Recording, ViewImages, altered
 from flatcloth.recordings.film.angles import SAME_VIEW_DEG, GivenAngles, Shots, distinct, stops_found
 from flatcloth.recordings.film.averaging import average_color, average_depth
 from flatcloth.recordings.film.stillness import StopFinder, glance
@@ -59,16 +59,13 @@ def film_recording(
         depth_m = average_depth(units) / np.float32(_UNITS_PER_M)
         return ViewImages(average_color([f.color for f in found]), depth_m)
 
-    return LazyRecording(
-        name=frames.name,
-        description=frames.description,
-        location=frames.location,
-        intrinsics=frames.intrinsics,
+    note = f"A film: {stops_found(len(stops))} in {len(frames)} images, assumed {step_deg:g} degrees apart."
+    return altered(
+        frames,
         angles_deg=tuple(angle for angle, _ in stops),
         read=read,
-        notes=(
-            f"A film: {stops_found(len(stops))} in {len(frames)} images, assumed {step_deg:g} degrees apart.",
-        ),
+        notes=(*getattr(frames, "notes", ()), note),
+        has_masks=False,
     )
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64
-from flatcloth.recordings.files.text import read_lines
-from flatcloth.recordings.film.angles import split_row
+from flatcloth.recordings.files.text import read_rows, shortened
 
 _HELP = "Expected lines of two numbers: seconds since the first frame, and the angle in degrees."
 
@@ -72,13 +71,15 @@ def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
         If it cannot be read, is not such a table, or covers another time.
     """
     rows: list[tuple[float, float]] = []
-    for place, (number, line) in enumerate(read_lines(table)):
+    for place, (number, cells) in enumerate(read_rows(table)):
         try:
-            time_s, angle_deg = (float(cell) for cell in split_row(line) if cell)
+            time_s, angle_deg = (float(cell) for cell in cells if cell)
         except ValueError as error:
             if place == 0:
                 continue  # the names of the columns
-            raise RecordingError(f"{table}: line {number} is {line[:60]!r}. {_HELP}") from error
+            raise RecordingError(
+                f"{table}: line {number} is {shortened(' '.join(cells))}. {_HELP}"
+            ) from error
         if not math.isfinite(time_s) or not abs(angle_deg) <= 100_000:
             raise RecordingError(f"{table}: line {number} has a number out of range. {_HELP}")
         if rows and time_s <= rows[-1][0]:
@@ -88,15 +89,14 @@ def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
         rows.append((time_s, angle_deg))
     if not rows:
         raise RecordingError(f"{table}: has no angles. {_HELP}")
-    data = np.array(rows)
-    times_s = data[:, 0]
+    times_s, angles_deg = np.array(rows).T
     common_s = {
         origin_s: min(times_s[-1] - origin_s, seconds) - max(times_s[0] - origin_s, 0.0)
         for origin_s in (0.0, first_clock_s)
     }
     origin_s = max(common_s, key=lambda origin: common_s[origin])
     if common_s[origin_s] >= 0:
-        return Turning(times_s=times_s - origin_s, angles_deg=data[:, 1])
+        return Turning(times_s=times_s - origin_s, angles_deg=angles_deg)
     raise RecordingError(
         f"{table}: its times ({times_s[0]:g} to {times_s[-1]:g} s) do not match the recording "
         f"(0 to {seconds:.1f} s). Count seconds from its first frame, or use the camera's clock."

@@ -1,37 +1,34 @@
-"""The camera of a folder of images: from the user, ``intrinsic.json`` (Open3D) or ``calibration.txt``."""
+"""The camera of a folder of images: from the user, or a file in it, as any of several programs writes it."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
-from dataclasses import asdict, dataclass
+import re
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import msgspec
+import numpy as np
 
-from flatcloth.core.decoding import MisfitError, fitted, found_at
 from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_new
 from flatcloth.core.types import Intrinsics
-from flatcloth.recordings.files.camera import Lens, checked_intrinsics, checked_lens
+from flatcloth.recordings.files.camera import WORDS, Lens, checked_intrinsics, checked_lens, lens_model
 from flatcloth.recordings.files.depth_files import read_depth_header
 from flatcloth.recordings.files.images import read_header
 from flatcloth.recordings.files.pcd import camera_of, read_pcd
-from flatcloth.recordings.files.text import Fail, failing, load_json, read_text, shortened
+from flatcloth.recordings.files.text import failing, load_table, read_text, shortened, unused
 from flatcloth.recordings.source import SourceOptions
 
-JSON_NAMES = ("intrinsic.json", "intrinsics.json", "camera_intrinsic.json", "camera.json")
-TEXT_NAME = "calibration.txt"
-_LENSES = {0: "brown_conrady", 4: "brown_conrady", 5: "brown_conrady", 8: "rational"}
+_STEMS = ("intrinsic", "intrinsics", "camera_intrinsic", "camera", "camera_info", "calibration", "ost")
+_ENDINGS = (".json", ".yaml", ".yml", ".xml", ".txt")
 _KINECT = ((640, 480), (525.0, 525.0), (319.5, 239.5))
 """Image size, focal lengths and centre of the Kinect's driver default, as the TUM RGB-D data sets give
 them."""
-
-
-_DISTORTION_REMEDY = "Write [k1, k2, p1, p2, k3], or leave it out."
-_Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,9 +44,9 @@ class Camera:
     notes: tuple[str, ...] = ()
 
 
-def camera_file(folder: Path) -> Path | None:
-    """Return the file of a folder that describes its camera; None if there is none."""
-    return next((f for name in (*JSON_NAMES, TEXT_NAME) if (f := folder / name).is_file()), None)
+def camera_files(folder: Path) -> list[Path]:
+    """Return the files of a folder that may describe its camera; the first is used."""
+    return [file for stem in _STEMS for ending in _ENDINGS if (file := folder / f"{stem}{ending}").is_file()]
 
 
 def read_camera(
@@ -60,9 +57,9 @@ def read_camera(
     Parameters
     ----------
     folder : Path
-        Folder with ``intrinsic.json`` or ``calibration.txt``, if the user gives no camera. Without
-        either, the camera is computed from depth in organised PCD files, and images of 640x480 px
-        are assumed to be those of a Kinect, as in the TUM RGB-D data set.
+        Folder with ``intrinsic.json`` or the like, if the user gives no camera. Without it, the camera is
+        computed from depth in organised PCD files, and images of 640x480 px are assumed to be those of a
+        Kinect, as in the TUM RGB-D data set.
     first_color, first_depth : Path
         The color image gives the size of the images if the file does not.
     options : SourceOptions, optional
@@ -78,9 +75,12 @@ def read_camera(
     given = given_camera(size, options or SourceOptions())
     if given is not None:
         return given
-    path = camera_file(folder)
-    if path is not None:
-        return camera_of_file(path, size)
+    described = camera_files(folder)
+    if described:
+        camera = _of_file(described[0], size)
+        others = ", ".join(file.name for file in described[1:])
+        note = f"{folder}: the camera is that of {described[0].name}; {others} is not used."
+        return replace(camera, notes=(*camera.notes, note)) if others else camera
     if first_depth.suffix.lower() == ".pcd" and read_depth_header(first_depth).kind == "pcd":
         intrinsics, lens = camera_of(read_pcd(first_depth), first_depth)
         return Camera(intrinsics=intrinsics, lens=lens)
@@ -95,7 +95,7 @@ def read_camera(
         "The camera of this recording is not described; a Kinect's is assumed, with a focal length of "
         f"{intrinsics.fx:g} px. Put an intrinsic.json into the folder."
     )
-    return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), notes=(note,))
+    return Camera(intrinsics=intrinsics, lens=Lens(intrinsics), notes=(note,))
 
 
 def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None:
@@ -118,35 +118,36 @@ def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None
     """
     path = None if options.camera_file is None else options.camera_file.expanduser()
     if options.fov_deg is None:
-        return None if path is None else camera_of_file(path, size)
-    intrinsics = camera_of_fov(size, options.fov_deg)
-    if path is not None and path.exists():
-        if not _same(camera_of_file(path, size).intrinsics, intrinsics):
-            raise RecordingError(f"{path}: describes another camera than --fov. Give only one of them.")
-    elif path is not None:
-        _write(path, intrinsics)
-    return Camera(intrinsics=intrinsics, lens=Lens(intrinsics, (0.0,) * 5), notes=(_rough(intrinsics),))
+        return None if path is None else _of_file(path, size)
+    table = {name: round(value, 6) for name, value in asdict(_of_fov(size, options.fov_deg)).items()}
+    camera = camera_of_table("--fov", {**table, "rough": True}, size)
+    if path is not None and not path.exists():
+        _write(path, {**table, "rough": True})
+    elif path is not None and _of_file(path, size).intrinsics != camera.intrinsics:
+        raise RecordingError(f"{path}: describes another camera than --fov. Give only one of them.")
+    return camera
 
 
-def camera_of_file(path: Path, size: tuple[int, int]) -> Camera:
-    """Read a camera file: a line of numbers in a ``.txt``, otherwise JSON.
-
-    Raises
-    ------
-    RecordingError
-        If it is missing or not valid, or describes images of another size.
-    """
-    return _from_text(path, size) if path.suffix.lower() == ".txt" else _from_json(path, size)
+def _of_file(path: Path, size: tuple[int, int]) -> Camera:
+    """Read a camera file: a line of numbers in a ``.txt``, otherwise JSON, YAML or XML."""
+    table = _of_text(path) if path.suffix.lower() == ".txt" else load_table(path)
+    return camera_of_table(str(path), table, size)
 
 
-def camera_of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrinsics:
-    """Return the camera with a field of view (horizontal, vertical) and its axis in the image centre.
+def camera_of_table(where: str, table: Any, size: tuple[int, int]) -> Camera:
+    """Return the camera of images of a size (width, height) that a table of its values describes.
 
     Raises
     ------
     RecordingError
-        If the field of view is out of range.
+        If a key that is understood has an impossible value, or two contradict each other; it begins with
+        ``where``. What is not understood is named in a note.
     """
+    return _Description(where, table).camera(size)
+
+
+def _of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrinsics:
+    """Return the camera with a field of view (horizontal, vertical) and its axis in the image centre."""
     fail = failing(f"--fov {fov_deg[0]:g} {fov_deg[1]:g}")
     if not all(5 <= angle <= 150 for angle in fov_deg):
         fail("not a field of view", "Give two angles in degrees, horizontal and vertical, from 5 to 150.")
@@ -155,118 +156,202 @@ def camera_of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrin
     return checked_intrinsics(size, (fx, fy), ((size[0] - 1) / 2, (size[1] - 1) / 2), fail)
 
 
-def _same(a: Intrinsics, b: Intrinsics) -> bool:
-    return all(math.isclose(getattr(a, n), getattr(b, n), abs_tol=1e-3) for n in ("fx", "fy", "cx", "cy"))
-
-
-def _write(path: Path, intrinsics: Intrinsics) -> None:
-    """Write a camera file (JSON) that says that the camera is approximate.
-
-    It is there whole or not at all, also if several processes of a batch write it.
-    """
-    table = {name: round(value, 4) for name, value in asdict(intrinsics).items()}
+def _write(path: Path, table: dict[str, Any]) -> None:
+    """Write a camera file (JSON): whole or not at all, also if several processes of a batch write it."""
     draft = path.with_name(f".{path.name}.{os.getpid()}.partial")
     with os_errors_as(RecordingError, f"{path}: cannot be written", "Choose another path."):
         with open_new(draft) as file:
-            file.write((json.dumps({**table, "rough": True}, indent=1) + "\n").encode())
+            file.write((json.dumps(table, indent=1) + "\n").encode())
         draft.replace(path)
 
 
-def _rough(intrinsics: Intrinsics) -> str:
-    return (
-        f"The camera is approximate, from a field of view only (focal length {intrinsics.fx:.0f} and "
-        f"{intrinsics.fy:.0f} px, axis in the middle, no distortion). Lengths may be wrong by some percent; "
-        "calibrate the camera before measuring."
-    )
+_ORDER: list[str] = WORDS["lens"]["brown_conrady"]
+_MEANS = {word: meaning for meaning, words in WORDS["words"].items() for word in (meaning, *words)}
+_MEANS |= {name: name for name in _ORDER}
 
 
-def _from_text(path: Path, size: tuple[int, int]) -> Camera:
-    fail = failing(path)
-    words = read_text(path).split()
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        numbers = []
-    if len(numbers) - 4 not in _LENSES or not all(map(math.isfinite, numbers)):
-        fail("is not a line of numbers", "Write fx fy cx cy, then k1 k2 p1 p2 k3 for a distortion.")
-    fx, fy, cx, cy, *distortion = numbers
-    intrinsics = checked_intrinsics(size, (fx, fy), (cx, cy), fail)
-    lens = checked_lens(intrinsics, distortion, fail, model=_LENSES[len(distortion)])
-    return Camera(intrinsics=intrinsics, lens=lens)
+def _of_text(path: Path) -> Any:
+    numbers = _numbers(read_text(path)) or []
+    if len(numbers) < 4:
+        failing(path)("is not a line of numbers", "Write fx fy cx cy, then k1 k2 p1 p2 k3 for a distortion.")
+    is_matrix = len(numbers) == 9 and numbers[8] == 1 and not any(numbers[i] for i in (3, 6, 7))
+    return {"matrix": numbers} if is_matrix else {"matrix": numbers[:4], "distortion": numbers[4:]}
 
 
-class _CameraFile(msgspec.Struct):
-    """What is read of a camera file; the lists are checked further, with their own remedies."""
+class _Description:
+    """What is said of a camera; each key is used, or named in a note."""
 
-    width: _Number | None = None
-    height: _Number | None = None
-    intrinsic_matrix: list[_Number] | None = None
-    fx: _Number | None = None
-    fy: _Number | None = None
-    cx: _Number | None = None
-    cy: _Number | None = None
-    distortion: list[_Number] = []
-    depth_scale: _Number | None = None
-    rough: Any = False
+    def __init__(self, where: str, table: Any) -> None:
+        self._where, self._fail = where, failing(where)
+        self._said: dict[str, tuple[str, Any]] = {}
+        """By meaning: the place in the file, and a number, or the list of all coefficients."""
+        self._models: dict[str, Any] = {}
+        self._spare: list[str] = []
+        if not isinstance(table, dict):
+            self._fail("is not a JSON object, or another with names", "Write intrinsic_matrix.")
+        for place, value in _leaves(table):
+            self._take(place, value)
 
+    def camera(self, size: tuple[int, int]) -> Camera:
+        """Return the camera of images of a size (width, height)."""
+        given = tuple(int(self._number(name, s)) for name, s in zip(("width", "height"), size, strict=True))
+        listed = self._said.get("size", ("", size))[1]
+        given = given if sorted(listed) == sorted(size) else tuple(map(int, listed))
+        if given != size:
+            swapped = " Width and height are exchanged, or the images are turned." * (given == size[::-1])
+            self._fail(
+                f"describes images of {given[0]}x{given[1]} px, but they have {size[0]}x{size[1]}",
+                f"Describe the camera of these images.{swapped}",
+            )
+        fx, fy, cx, cy = (self._number(name) for name in ("fx", "fy", "cx", "cy"))
+        skew_px = self._number("skew", 0.0)
+        intrinsics = checked_intrinsics(size, (fx, fy), (cx, cy), self._fail)
+        notes = []
+        if self._said.get("rough", ("", False))[1]:
+            notes.append(
+                f"The camera is approximate, from a field of view only (focal length {fx:.0f} and {fy:.0f} "
+                "px, axis in the middle, no distortion). Lengths may be wrong by some percent; calibrate "
+                "the camera before measuring."
+            )
+        if not {"width", "size"} & self._said.keys() and not all(
+            0.2 < c / n < 0.8 for c, n in zip((cx, cy), size, strict=True)
+        ):
+            notes.append(
+                f"{self._where}: its centre {cx:g}, {cy:g} is not near the middle of {size[0]}x{size[1]} px. "
+                "It may describe images of another size: add width and height."
+            )
+        place, projection = self._said.get("projection", ("", []))
+        if projection and not np.allclose(projection, [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0], atol=1e-3):
+            self._spare.append(f"{place} (of rectified images)")
+        numbers, model = self._distortion()
+        lens = checked_lens(intrinsics, numbers, self._fail, model=model, skew_px=skew_px)
+        if not lens.is_identity:
+            skewed = f" and a skew of {skew_px:g} px" if skew_px else ""
+            notes.append(
+                f"{self._where}: the images are corrected for a lens of the model {lens.model}{skewed}."
+            )
+        notes += unused(self._where, self._spare)
+        scale = self._said.get("scale", ("", None))[1]
+        return Camera(intrinsics=intrinsics, lens=lens, units_per_m=scale, notes=tuple(notes))
 
-def _from_json(path: Path, size: tuple[int, int]) -> Camera:
-    fail = failing(path)
-    table = load_json(path)
-    if not isinstance(table, dict):
-        fail("is not a JSON object", "Write width, height and intrinsic_matrix.")
-    if "intrinsic_matrix" in table:
-        table = {**table, "intrinsic_matrix": _flat(table["intrinsic_matrix"])}
-    if not isinstance(table.get("distortion", []), list):
-        fail("distortion is not a list of 4, 5 or 8 numbers", _DISTORTION_REMEDY)
-    try:
-        file = fitted(table, _CameraFile)
-    except MisfitError as error:
-        value = found_at(table, error.where)
-        fail(f"{error.where.partition('[')[0]} is {shortened(value)}", "Expected a number.")
-    given = tuple(s if v is None else int(v) for v, s in zip((file.width, file.height), size, strict=True))
-    if given != size:
-        fail(
-            f"describes images of {given[0]}x{given[1]} px, but they have {size[0]}x{size[1]}",
-            "Describe the camera of these images.",
+    def _take(self, place: str, value: Any) -> None:
+        word = re.sub("[^a-z0-9]", "", place.rpartition(".")[2].lower())
+        meaning, numbers = _MEANS.get(word), _numbers(value)
+        if value is None or meaning == "aside":
+            return
+        if meaning is None:
+            no_turn = numbers == np.eye(3).ravel().tolist()
+            if not no_turn and (any(numbers) if numbers is not None else value):
+                self._spare.append(place)
+        elif meaning == "model":
+            if str(value).lower().replace("_", "") not in WORDS["lens"]["projections"]:
+                self._models[place] = value
+        elif meaning == "rough":
+            self._keep(meaning, place, value is True)
+        elif meaning == "scale":
+            self._keep(meaning, place, self._units_per_m(place, value, numbers))
+        elif numbers is None:
+            self._fail(f"{shortened(place)} is {shortened(value)}", "Expected a number, or a list of them.")
+        elif meaning in ("distortion", "projection", "size"):
+            self._keep(meaning, place, numbers)
+        elif meaning == "matrix" and len(numbers) != 4:
+            for part, number in self._of_matrix(numbers).items():
+                self._keep(part, place, number)
+        else:
+            parts = WORDS["parts"].get(f"{meaning}{len(numbers)}", [meaning])
+            if len(numbers) not in (1, len(parts)):
+                self._fail(f"{shortened(place)} has {len(numbers)} numbers", f"Expected {len(parts)}.")
+            for part, number in zip(parts, itertools.cycle(numbers), strict=False):
+                self._keep(part, place, number)
+
+    def _keep(self, meaning: str, place: str, value: Any) -> None:
+        earlier, kept = self._said.setdefault(meaning, (place, value))
+        if np.shape(kept) != np.shape(value) or not np.allclose(kept, value, rtol=1e-4, atol=1e-6):
+            self._contradict(place, earlier)
+
+    def _contradict(self, place: str, earlier: str) -> None:
+        self._fail(
+            f"{shortened(place)} contradicts {shortened(earlier)}",
+            "Keep the one of the camera to whose pixels color and depth are registered.",
         )
-    fx, fy, cx, cy = _pinhole(file, fail)
-    intrinsics = checked_intrinsics(size, (fx, fy), (cx, cy), fail)
-    if len(file.distortion) not in _LENSES:
-        fail("distortion is not a list of 4, 5 or 8 numbers", _DISTORTION_REMEDY)
-    lens = checked_lens(intrinsics, file.distortion, fail, model=_LENSES[len(file.distortion)])
-    scale = file.depth_scale
-    if scale is not None and not 10 <= scale <= 1e6:
-        fail(f"depth_scale is {scale:g}", "Give the depth units per metre, 1000 for millimetres.")
-    notes = (_rough(intrinsics),) if file.rough is True else ()
-    return Camera(intrinsics=intrinsics, lens=lens, units_per_m=scale, notes=notes)
 
-
-def _pinhole(file: _CameraFile, fail: Fail) -> tuple[float, float, float, float]:
-    if file.intrinsic_matrix is not None:
-        return _of_matrix(file.intrinsic_matrix, fail)
-    values = {"fx": file.fx, "fy": file.fy, "cx": file.cx, "cy": file.cy}
-    for name, value in values.items():
+    def _number(self, name: str, default: float | None = None) -> float:
+        value = self._said.get(name, ("", default))[1]
         if value is None:
-            fail(f"{name} is null", "Expected a number.")
-    fx, fy, cx, cy = (float(value) for value in values.values() if value is not None)
-    return fx, fy, cx, cy
+            besides = "".join(note.partition(":")[2] for note in unused(self._where, self._spare))
+            self._fail(f"{name} is missing", f"Write it, or intrinsic_matrix.{besides}")
+        return float(value)
+
+    def _of_matrix(self, m: list[float]) -> dict[str, float]:
+        """Return the parts of a matrix by columns, as Open3D and Matlab write it, or by rows."""
+        if len(m) == 9 and m[6] == m[7] == 0 and m[2] != 0:
+            m = [m[3 * r + c] for c in range(3) for r in range(3)]
+        if len(m) != 9 or not math.isclose(m[8], 1.0) or any(m[i] for i in (1, 2, 5)):
+            self._fail("intrinsic_matrix is not a camera matrix", "Write [fx, 0, 0, 0, fy, 0, cx, cy, 1].")
+        return {"fx": m[0], "skew": m[3], "fy": m[4], "cx": m[6], "cy": m[7]}
+
+    def _units_per_m(self, place: str, value: Any, numbers: list[float] | None) -> float:
+        """Return the units of depth per metre: given so, as metres per unit, or by the unit's name."""
+        found = numbers[0] if numbers else WORDS["units_per_m"].get(str(value).lower(), 0.0)
+        if not numbers and found:
+            return found
+        if 1e-6 <= found <= 0.01:
+            return 1.0 / found
+        if not 10 <= found <= 1e6:
+            self._fail(
+                f"{shortened(place)} is {shortened(value)}",
+                "Give the depth units per metre, 1000 for millimetres, or metres per unit, 0.001.",
+            )
+        return found
+
+    def _distortion(self) -> tuple[list[float], Any]:
+        """Return the coefficients, and the model by name; without one it is OpenCV's for their number."""
+        model, where, devices = "", "", []
+        for place, name in self._models.items():
+            if lens_model(name) is None and place.rpartition(".")[2] in ("model", "type"):
+                devices.append((place, name))
+            elif where and lens_model(name) != lens_model(model):
+                self._contradict(place, where)
+            else:
+                model, where = name, place
+        order = WORDS["lens"].get(str(lens_model(model)), _ORDER)
+        named = [name for name in _ORDER if self._number(name, 0.0)]
+        if named:
+            self._spare += [self._said[name][0] for name in named if name not in order]
+            most = next(n for n in (4, 5, 8, 12) if not any(name in named for name in order[n:]))
+            bent = [self._number(name, 0.0) for name in order[:most]]
+            self._keep("distortion", self._said[named[0]][0], bent)
+        numbers = self._said.get("distortion", ("", []))[1]
+        if model == "" and any(numbers) and devices:  # not the device, but a model of its lens
+            return numbers, devices[0][1]
+        self._spare += [place for place, _ in devices]
+        given = {"distortion", *_ORDER} & self._said.keys()
+        if not any(numbers) and (model == "" or (given and lens_model(model) not in (None, "fisheye"))):
+            return [], "none"
+        return numbers, "brown_conrady" if model == "" else model
 
 
-def _flat(matrix: Any) -> list[Any]:
-    """Return the nine values by columns, as Open3D writes them; nested rows are transposed."""
-    if (
-        isinstance(matrix, list)
-        and len(matrix) == 3
-        and all(isinstance(r, list) and len(r) == 3 for r in matrix)
-    ):
-        return [matrix[r][c] for c in range(3) for r in range(3)]
-    return matrix if isinstance(matrix, list) else []
+def _leaves(table: Any, place: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the place and the value of all that an object says; a matrix with its data is one value."""
+    for key, value in table.items() if isinstance(table, dict) else enumerate(table):
+        here = f"{place}.{key}".removeprefix(".")
+        value = value["data"] if isinstance(value, dict) and "data" in value else value
+        inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        is_object = isinstance(value, dict) or any(isinstance(one, dict) for one in inner)
+        if is_object and here.count(".") < 20:  # above any description
+            yield from _leaves(value, here)
+        else:
+            yield here, value
 
 
-def _of_matrix(m: list[float], fail: Fail) -> tuple[float, float, float, float]:
-    if len(m) == 9 and m[6] == m[7] == 0 and m[2] != 0:
-        m = [m[3 * r + c] for c in range(3) for r in range(3)]  # written by rows
-    if len(m) != 9 or m[8] != 1 or any(m[i] for i in (1, 2, 5)):
-        fail("intrinsic_matrix is not a camera matrix", "Write [fx, 0, 0, 0, fy, 0, cx, cy, 1].")
-    return m[0], m[4], m[6], m[7]
+def _numbers(value: Any) -> list[float] | None:
+    """Return the numbers of a value: one, text, a list or a list of rows; None if it has anything else."""
+    words = value.replace(",", " ").split() if isinstance(value, str) else value
+    rows = [r if isinstance(r, list) else [r] for r in (words if isinstance(words, list) else [words])]
+    found = []
+    for one in itertools.chain(*rows):
+        try:
+            found.append(math.nan if isinstance(one, bool) else float(one))
+        except (TypeError, ValueError, OverflowError):
+            return None
+    return found if all(abs(number) <= 1e12 for number in found) else None

@@ -16,12 +16,12 @@ import re
 from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Intrinsics
 from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
-from flatcloth.recordings.files.images import read_header
+from flatcloth.recordings.files.depth_files import read_depth_header
+from flatcloth.recordings.files.images import check_size, read_header
 from flatcloth.recordings.files.pcd import camera_of, read_pcd, read_pcd_header
 from flatcloth.recordings.film.angles import ANGLES_FILE, Shots
-from flatcloth.recordings.formats.camera_file import Camera, camera_file, given_camera
+from flatcloth.recordings.formats.camera_file import Camera, camera_files, given_camera
 from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
 from flatcloth.recordings.source import OPTION_NAMES, Format, SourceOptions
 
@@ -41,7 +41,8 @@ def is_area(path: Path) -> bool:
     """Return whether a folder contains the images of one area."""
     try:
         return path.is_dir() and any(
-            _COLOR.fullmatch(file.name) and (_depth(file).exists() or _cloud(file).exists())
+            _COLOR.fullmatch(file.name)
+            and any(_beside(file, ending).exists() for ending in ("depth.png", "pc.pcd"))
             for file in path.glob("*_[0-9][0-9]_rgb.png")
         )
     except OSError:
@@ -71,9 +72,10 @@ def open_area(folder: Path, options: SourceOptions) -> Recording:
     """
     folder = folder.resolve()
     colors, angles_deg = _sweep(folder, options)
-    if all(_cloud(color).is_file() for color in colors) and read_pcd_header(_cloud(colors[0])).has_color:
-        return _of_clouds(folder, [_cloud(color) for color in colors], angles_deg, options)
-    return _of_images(folder, [(color, _depth(color)) for color in colors], angles_deg, options)
+    clouds = [_beside(color, "pc.pcd") for color in colors]
+    if all(map(Path.is_file, clouds)) and read_pcd(clouds[0]).rgb is not None:
+        return _of_clouds(folder, clouds, angles_deg, options)
+    return _of_images(folder, [(c, _beside(c, "depth.png")) for c in colors], angles_deg, options)
 
 
 FORMAT = Format(
@@ -85,12 +87,8 @@ FORMAT = Format(
 )
 
 
-def _depth(color: Path) -> Path:
-    return color.with_name(color.name.removesuffix("_rgb.png") + "_depth.png")
-
-
-def _cloud(color: Path) -> Path:
-    return color.with_name(color.name.removesuffix("_rgb.png") + "_pc.pcd")
+def _beside(color: Path, ending: str) -> Path:
+    return color.with_name(f"{color.name.removesuffix('_rgb.png')}_{ending}")
 
 
 def _name(folder: Path) -> str:
@@ -157,7 +155,7 @@ def _of_images(
             f"{folder}: color has {color.width}x{color.height} px, depth {depth.width}x{depth.height}: they "
             "are not registered. Put the organised clouds (..._pc.pcd, with colors) next to them."
         )
-    if options.camera_file is None and options.fov_deg is None and camera_file(folder) is None:
+    if options.camera_file is None and options.fov_deg is None and not camera_files(folder):
         raise RecordingError(
             f"{folder}: the data set does not describe its camera. Give --camera-file, or --fov."
         )
@@ -185,7 +183,7 @@ def _of_clouds(
         note = f"The camera was computed from the clouds: focal length {intrinsics.fx:.1f} px."
         camera = Camera(intrinsics=intrinsics, lens=lens, notes=(note,))
     for cloud in clouds:
-        _check_cloud(cloud, camera.intrinsics)
+        check_size(cloud, read_depth_header(cloud), camera.intrinsics)
     return LazyRecording(
         name=_name(folder),
         location=str(folder),
@@ -199,18 +197,9 @@ def _of_clouds(
 
 def _read_cloud(path: Path, camera: Camera) -> ViewImages:
     """Read a view: depth and color have the same pixels."""
-    _check_cloud(path, camera.intrinsics)
+    check_size(path, read_depth_header(path), camera.intrinsics)
     cloud = read_pcd(path)
     depth_m = camera.lens.undistort(cloud.depth_m, blend=False)
     if cloud.rgb is None or not depth_m.any():
         raise RecordingError(f"{path}: has no colors or no measured point. Record the view again.")
     return ViewImages(camera.lens.undistort(cloud.rgb, blend=True), depth_m)
-
-
-def _check_cloud(path: Path, camera: Intrinsics) -> None:
-    header = read_pcd_header(path)
-    if (header.width, header.height) != (camera.width, camera.height):
-        raise RecordingError(
-            f"{path}: {header.width}x{header.height} points, but the camera has "
-            f"{camera.width}x{camera.height} px. All clouds must come from the same camera."
-        )

@@ -5,11 +5,14 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
+
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.files.text import inside, read_text, shortened
+from flatcloth.recordings.files.text import inside, read_rows, shortened
 from flatcloth.recordings.film.angles import pair_by_time
 from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
+from flatcloth.recordings.formats.naming import unit_of_time
 from flatcloth.recordings.source import Format, SourceOptions
 
 UNITS_PER_M = 5000.0
@@ -17,6 +20,8 @@ UNITS_PER_M = 5000.0
 _ASSOCIATIONS = ("associations.txt", "associated.txt", "association.txt", "associate.txt")
 MOST_IMAGES = 10_000
 """Images in a list. Chosen: five minutes of film; where each leads is looked up, which takes 0.3 ms."""
+_SLOW_S = 5.0
+"""Whole numbers this far apart may be milliseconds. Chosen: a film has ten images a second."""
 _MOST_APART_S = 0.02  # as in TUM's own tool
 
 
@@ -44,6 +49,7 @@ def open_tum(folder: Path, options: SourceOptions) -> Recording:
         times_s=[time for time, _, _ in pairs],
         units_per_m=UNITS_PER_M,
         description="TUM RGB-D folder",
+        notes=_doubt(listed or folder / "rgb.txt", [time for time, _, _ in pairs]),
     )
     return recording_of(images, options)
 
@@ -52,8 +58,7 @@ FORMAT = Format(name="tum", what="a TUM RGB-D folder", recognises=is_tum, open=o
 
 
 def _rows(path: Path, columns: int) -> list[tuple[int, list[str]]]:
-    lines = [(n, line.strip()) for n, line in enumerate(read_text(path).splitlines(), start=1)]
-    rows = [(n, line.replace(",", " ").split()) for n, line in lines if line and not line.startswith("#")]
+    rows = read_rows(path)
     if len(rows) > MOST_IMAGES:
         raise RecordingError(
             f"{path}: lists {len(rows)} images; the limit is {MOST_IMAGES}. Keep a part of the list."
@@ -71,7 +76,15 @@ def _rows(path: Path, columns: int) -> list[tuple[int, list[str]]]:
 def _time(path: Path, line: int, text: str) -> float:
     if not re.fullmatch(r"[+-]?[0-9]+(\.[0-9]*)?([eE][+-]?[0-9]+)?", text):
         raise RecordingError(f"{path}: line {line} has the time {shortened(text)}. Expected seconds.")
-    return float(text)
+    return float(text) * float(unit_of_time(abs(float(text))))
+
+
+def _doubt(path: Path, times_s: list[float]) -> list[str]:
+    """Return a note if the times may be of another unit than seconds."""
+    gap_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
+    if abs(gap_s) < _SLOW_S or not all(time.is_integer() for time in times_s):
+        return []
+    return [f"{path}: its times are read as seconds, {gap_s:g} apart. Divide milliseconds by 1000."]
 
 
 def _associations(folder: Path, path: Path) -> list[tuple[float, Path, Path]]:
@@ -86,8 +99,7 @@ def _associations(folder: Path, path: Path) -> list[tuple[float, Path, Path]]:
 
 
 def _listed(folder: Path, path: Path) -> list[tuple[float, Path]]:
-    rows = _rows(path, 2)
-    return [(_time(path, n, row[0]), inside(folder, row[1], path, f"line {n}")) for n, row in rows]
+    return [(_time(path, n, row[0]), inside(folder, row[1], path, f"line {n}")) for n, row in _rows(path, 2)]
 
 
 def _paired_lists(folder: Path) -> list[tuple[float, Path, Path]]:
@@ -96,6 +108,6 @@ def _paired_lists(folder: Path) -> list[tuple[float, Path, Path]]:
     if not pairs:
         raise RecordingError(
             f"{folder}: no color image was taken within {_MOST_APART_S:g} s of a depth image. "
-            "List the pairs in associations.txt."
+            "Give both lists the same clock, in seconds, or list the pairs in associations.txt."
         )
     return [(colors[i][0], colors[i][1], depths[j][1]) for i, j in pairs]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Intrinsics, Uint8
-from flatcloth.recordings.files.camera import InverseLens, Lens
+from flatcloth.core.types import Uint8
+from flatcloth.recordings.formats.camera_file import camera_of_table
 
 Uint16 = NDArray[np.uint16]
 
@@ -67,11 +67,12 @@ class FrameFilter:
         kept = streams[getattr(library.stream, align)].as_video_stream_profile()
         self.fps = float(streams[library.stream.depth].fps())
         self.depth_scale_m = float(profile.get_device().first_depth_sensor().get_depth_scale())
-        camera = kept.get_intrinsics()
-        self.intrinsics = Intrinsics(
-            width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy, cx=camera.ppx, cy=camera.ppy
-        )
-        self._lens = _lens_of(camera, self.intrinsics, source)
+        given = kept.get_intrinsics()
+        said = {name: getattr(given, name) for name in ("width", "height", "fx", "fy", "ppx", "ppy")}
+        if any(given.coeffs) and "none" not in str(given.model):  # it also names models of nothing
+            said |= {"model": str(given.model), "coeffs": list(given.coeffs)}
+        camera = camera_of_table(source, said, (given.width, given.height))
+        self.intrinsics, self._lens = camera.intrinsics, camera.lens
         self._read_color = _color_reader(library, streams[library.stream.color].format(), align, source)
         self._align = library.align(getattr(library.stream, align))
         sensor, baseline = profile.get_device().first_depth_sensor(), library.option.stereo_baseline
@@ -100,10 +101,8 @@ class FrameFilter:
         depth, color = aligned.get_depth_frame(), aligned.get_color_frame()
         if not depth or not color:
             return None
-        rgb = self._read_color(np.asanyarray(color.get_data()))
+        rgb = np.array(self._read_color(np.asanyarray(color.get_data())), dtype=np.uint8)
         units = np.array(np.asanyarray(depth.get_data()), dtype=np.uint16)
-        if self._lens is None:
-            return np.array(rgb, dtype=np.uint8), units
         return self._lens.undistort(rgb, blend=True), self._lens.undistort(units, blend=False)
 
 
@@ -130,17 +129,3 @@ def _color_reader(library: Any, form: Any, align: str, source: str) -> Any:
     name = str(form).rpartition(".")[2].upper()
     remedy = "Use --align color, or record RGB8." if form == library.format.yuyv else "Record color as RGB8."
     raise RecordingError(f"{source}: color format {name} is not supported. {remedy}")
-
-
-def _lens_of(camera: Any, intrinsics: Intrinsics, source: str) -> Lens | None:
-    coefficients = tuple(float(c) for c in camera.coeffs)
-    model = str(camera.model).rpartition(".")[2].lower().replace("_", " ")
-    if not any(coefficients) or model == "none":
-        return None
-    if model in ("brown conrady", "modified brown conrady"):
-        return Lens(intrinsics, coefficients)
-    if model == "inverse brown conrady":
-        return InverseLens(intrinsics, coefficients)
-    raise RecordingError(
-        f"{source}: lens model {model} is not supported. Export undistorted images to a folder."
-    )

@@ -18,11 +18,15 @@ from typing import Any
 from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.types import Uint8
+from flatcloth.recordings.files.libraries import load_realsense
 from flatcloth.recordings.realsense.frames import ALIGNMENTS, FrameFilter, Uint16, apart_s
-from flatcloth.recordings.realsense.library import load_realsense
 
 _SQLITE, _ROSBAG = b"SQLite format 3\x00", b"#ROSBAG V2.0"
 _TOPIC = b"/device_0/"
+_COUNT_DEPTH = (
+    "SELECT count(*) FROM messages JOIN topics ON topics.id = topic_id"
+    " WHERE topics.name LIKE '%/Depth_%/image/data%'"
+)
 _SCANNED_BYTES = 4_000_000
 """Part of a file that is searched for its streams, at either end. Chosen; more cost time."""
 _WAIT_MS = 100
@@ -62,12 +66,19 @@ def is_realsense(path: Path) -> bool:
         return False
     if not start.startswith(_SQLITE):
         return path.suffix.lower() in (".db3", ".bag")
-    try:
-        with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
-            rows = base.execute("SELECT name FROM topics").fetchall()
-    except sqlite3.Error:
+    rows = _selected(path, "SELECT name FROM topics")
+    if rows is None:
         return _TOPIC in start  # damaged: the topic name may still be in the first bytes
     return any(str(name).startswith(_TOPIC.decode()) for (name,) in rows)
+
+
+def _selected(path: Path, query: str) -> list[tuple[Any, ...]] | None:
+    """Return the rows that a database has for a query; None if it is damaged, or another kind of file."""
+    try:
+        with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
+            return base.execute(query).fetchall()
+    except sqlite3.Error:
+        return None
 
 
 class RealsensePlayer:
@@ -107,7 +118,8 @@ class RealsensePlayer:
         self.duration_s: float = playback.get_duration().total_seconds()
         self.intrinsics, self.depth_scale_m = self.filter.intrinsics, self.filter.depth_scale_m
         self.fps: float = self.filter.fps
-        self._depth_frames = _depth_frames(path)
+        counted = _selected(path, _COUNT_DEPTH)
+        self._depth_frames = None if counted is None else int(counted[0][0])
 
     @property
     def expected_frames(self) -> int:
@@ -222,19 +234,6 @@ def stop_playing(pipeline: Any, playback: Any) -> None:
         pipeline.stop()
     with contextlib.suppress(RuntimeError):
         playback.pause()  # returns when all earlier requests are done
-
-
-def _depth_frames(path: Path) -> int | None:
-    """Return the number of depth images in a ``.db3`` file; None for other files, or if unknown."""
-    try:
-        with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
-            counted = base.execute(
-                "SELECT count(*) FROM messages JOIN topics ON topics.id = topic_id"
-                " WHERE topics.name LIKE '%/Depth_%/image/data%'"
-            ).fetchone()
-    except sqlite3.Error:
-        return None
-    return int(counted[0])
 
 
 def _check_file(path: Path) -> None:

@@ -6,7 +6,8 @@ filter and average the frames of each view.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -52,16 +53,8 @@ _View = tuple[float, ViewImages]
 """The angle of a view, and its images."""
 
 
-@dataclass(frozen=True)
-class _Phase:
-    """The frames of one view, as an interval of the camera's clock.
-
-    Frame numbers would not do, because librealsense drops frames under load.
-    """
-
-    angle_deg: float
-    start_clock_s: float
-    end_clock_s: float
+_Phase = tuple[float, list[float]]
+"""The angle of a view, and the times of its frames: librealsense drops other ones when it plays again."""
 
 
 @dataclass(kw_only=True)
@@ -75,11 +68,6 @@ class _Look:
     @property
     def seconds(self) -> float:
         return self.times_s[-1]
-
-    def phase(self, angle_deg: float, times_s: list[float]) -> _Phase:
-        """Return the phase that covers these frames."""
-        ends = (self.first_clock_s + t for t in (times_s[0], times_s[-1]))
-        return _Phase(angle_deg, *ends)
 
     def between(self, start_s: float, end_s: float) -> list[float]:
         """Return the times of the frames in an interval."""
@@ -122,16 +110,14 @@ def open_realsense(
     if chosen.angles is not None and chosen.turning_speed_deg_s is not None:
         raise RecordingError("--angles and --turning-speed were given together. Give only one of them.")
     player = RealsensePlayer(path, chosen.align)
-    apart_frames = 0.5
-    look = _look(player, progress, apart_frames)
     notes = []
-    if not look.times_s:
-        apart_frames = _LOOSE_PAIRING_FRAMES
+    for apart_frames in (0.5, _LOOSE_PAIRING_FRAMES):
         look = _look(player, progress, apart_frames)
-        if not look.times_s:
-            raise RecordingError(
-                f"{path}: no depth and color frames of the same time. Record both streams together."
-            )
+        if look.times_s:
+            break
+    else:
+        raise RecordingError(f"{path}: no depth and color frames of the same time. Record both together.")
+    if apart_frames == _LOOSE_PAIRING_FRAMES:
         notes.append("Color and depth were not taken at the same time; the item must have hung still.")
     if player.is_short:
         notes.append(
@@ -169,16 +155,16 @@ def _look(player: RealsensePlayer, progress: Progress, apart_frames: float) -> _
 
 def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase], str]:
     turning: Turning | None = None
-    if options.angles is not None:
-        turning = read_turning(options.angles.expanduser(), look.first_clock_s, look.seconds)
-    elif options.turning_speed_deg_s is not None:
+    if options.turning_speed_deg_s is not None:
         turning = constant_turning(options.turning_speed_deg_s, look.seconds)
         return _while_turning(path, look, turning, options.step_deg)
-    if turning is not None and (not look.stops or _turns_at_a_stop(look.stops, turning)):
-        return _while_turning(path, look, turning, options.step_deg)
+    if options.angles is not None:
+        turning = read_turning(options.angles.expanduser(), look.first_clock_s, look.seconds)
+        turned_deg = [turning.during(stop.start_s, stop.end_s)[1] for stop in look.stops]
+        if max(turned_deg, default=math.inf) > _TURNS_WHILE_STILL_DEG:
+            return _while_turning(path, look, turning, options.step_deg)
     if len(look.times_s) < FEW_FRAMES:
-        text = f"Only {len(look.times_s)} frames, used as one view."
-        return [look.phase(0.0, look.times_s)], text
+        return [(0.0, look.times_s)], f"Only {len(look.times_s)} frames, used as one view."
     if not look.stops:
         raise RecordingError(
             f"{path}: the item never stands still for half a second. Give its rotation: "
@@ -189,10 +175,10 @@ def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase]
         for n, stop in enumerate(look.stops)
     ]
     phases = [
-        look.phase(angle - angles[0], look.between(stop.start_s, stop.end_s)[-MOST_FRAMES:])
+        (angle - angles[0], look.between(stop.start_s, stop.end_s)[-MOST_FRAMES:])
         for angle, stop in zip(angles, look.stops, strict=True)
     ]
-    kept = _without_repeated(phases, SAME_VIEW_DEG)
+    kept = distinct(phases, SAME_VIEW_DEG)
     count = len(phases)
     text = f"{stops_found(count)} in {look.seconds:.1f} s"
     text += (
@@ -201,10 +187,6 @@ def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase]
     if len(kept) < count:
         text += f"; {count - len(kept)} that repeat an angle are left out"
     return kept, text + "."
-
-
-def _turns_at_a_stop(stops: tuple[Stop, ...], turning: Turning) -> bool:
-    return any(turning.during(s.start_s, s.end_s)[1] > _TURNS_WHILE_STILL_DEG for s in stops)
 
 
 def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -> tuple[list[_Phase], str]:
@@ -224,20 +206,15 @@ def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -
         good = numbers[off <= max(_NEAR_ANGLE_DEG, float(off.min()))]
         middle = good[len(good) // 2]
         around = good[np.abs(good - middle) <= MOST_FRAMES // 2]
-        phases.append(look.phase(float(turned[around].mean()), [look.times_s[n] for n in around]))
-    kept = _without_repeated(phases, abs(step_deg) / 2)
+        phases.append((float(turned[around].mean()), [look.times_s[n] for n in around]))
+    kept = distinct(phases, abs(step_deg) / 2)
     if not kept:
         raise RecordingError(
             f"{path}: no frame is near a multiple of {abs(step_deg):g} degrees. Use another --step."
         )
-    first = kept[0].angle_deg
-    kept = [replace(p, angle_deg=p.angle_deg - first) for p in kept]
+    kept = [(angle - kept[0][0], times_s) for angle, times_s in kept]
     turned_deg = float(turned.max() - turned.min())
     return kept, f"{len(kept)} views were taken while the item turned by {turned_deg:.0f} degrees."
-
-
-def _without_repeated(phases: list[_Phase], apart_deg: float) -> list[_Phase]:
-    return [phase for _, phase in distinct([(phase.angle_deg, phase) for phase in phases], apart_deg)]
 
 
 def _averaged(
@@ -245,30 +222,31 @@ def _averaged(
 ) -> list[_View]:
     """Play again, and average the frames of each phase; phases do not overlap."""
     views: list[_View] = []
-    waiting = sorted(phases, key=lambda p: p.start_clock_s)
+    # Start and end on the camera's clock, and the angle.
+    waiting = sorted((*(look.first_clock_s + t[n] for n in (0, -1)), angle) for angle, t in phases)
     pairs: list[Pair] = []
     early_s = 1.5 / player.fps
     for pair in player.play(apart_frames):
-        if waiting and pair.clock_s > waiting[0].end_clock_s + 1e-6:
-            views += _view(waiting.pop(0), pairs, player.depth_scale_m)
+        if waiting and pair.clock_s > waiting[0][1] + 1e-6:
+            views += _view(waiting.pop(0)[2], pairs, player.depth_scale_m)
             pairs, player.filter.active = [], False
         if not waiting:
             break
-        if pair.clock_s >= waiting[0].start_clock_s - 1e-6:
+        if pair.clock_s >= waiting[0][0] - 1e-6:
             pairs.append(pair)
-        if not player.filter.active and pair.clock_s + early_s >= waiting[0].start_clock_s:
+        if not player.filter.active and pair.clock_s + early_s >= waiting[0][0]:
             player.filter.fresh()  # earlier frames show another pose
             player.filter.active = True
         progress(0.4 + min(0.6, 0.6 * pair.time_s / max(look.seconds, 1e-3)), f"reading, {pair.time_s:.0f} s")
     if waiting:
-        views += _view(waiting[0], pairs, player.depth_scale_m)
+        views += _view(waiting[0][2], pairs, player.depth_scale_m)
     return views
 
 
-def _view(phase: _Phase, pairs: list[Pair], depth_scale_m: float) -> list[_View]:
-    """Return the view of a phase; an empty list if no depth was measured."""
+def _view(angle_deg: float, pairs: list[Pair], depth_scale_m: float) -> list[_View]:
+    """Return the view of the frames of a phase; an empty list if no depth was measured."""
     if not pairs:
         return []
     depth_m = average_depth([p.depth_units for p in pairs]) * np.float32(depth_scale_m)
     color = average_color([p.color for p in pairs])
-    return [(phase.angle_deg, ViewImages(color, depth_m))] if depth_m.any() else []
+    return [(angle_deg, ViewImages(color, depth_m))] if depth_m.any() else []

@@ -1,7 +1,7 @@
 """A ROS recording as a file: its image topics, the times of their messages, and single messages.
 
-``rosbags`` reads ROS 1 bags, and ROS 2 recordings as MCAP or SQLite, without ROS. It is imported
-only here, when such a file is opened.
+``rosbags`` reads ROS 1 bags, ROS 2 recordings in SQLite and in folders, and decodes messages, without ROS; it
+is imported only here, when such a file is opened. MCAP files are read by :mod:`.mcap_file`.
 """
 
 from __future__ import annotations
@@ -17,11 +17,16 @@ from pathlib import Path
 from typing import Any
 
 from flatcloth.core.errors import RecordingError
+from flatcloth.core.plain_files import open_plain
 from flatcloth.recordings.files.text import shortened
 
 RAW, COMPRESSED, CAMERA_INFO = (
     f"sensor_msgs/msg/{name}" for name in ("Image", "CompressedImage", "CameraInfo")
 )
+MCAP, ROS_1 = b"\x89MCAP0\r\n", b"#ROSBAG "
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""How files begin; the last one those that rosbag2 has packed as a whole."""
+_REPAIRS = {".mcap": "mcap recover", ".bag": "rosbag reindex", ".active": "rosbag reindex"}
 
 
 @dataclass(frozen=True)
@@ -49,18 +54,19 @@ class Bag:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._lock = threading.Lock()
-        try:
-            from rosbags.highlevel import AnyReader
-            from rosbags.typesys import Stores, get_typestore
-        except ImportError as error:
-            raise RecordingError(
-                f"{path}: reading ROS recordings needs the library rosbags, which is missing ({error}). "
-                "Run: pip install 'flatcloth[ros]'"
-            ) from error
         with self._read_errors():
-            # ROS 2 recordings made before 2023 contain no definitions; those of images have not changed.
-            self._reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-            self._reader.open()
+            try:
+                from rosbags.typesys import Stores, get_typestore
+
+                self._reader, is_ros2 = _opened(path)
+            except ImportError as error:
+                raise RecordingError(
+                    f"{path}: reading ROS recordings needs the library {error.name}, which is missing "
+                    f"({error}). Run: pip install 'flatcloth[ros]'"
+                ) from error
+        # The messages that are read here have not changed since: definitions in the file are not needed.
+        store = get_typestore(Stores.ROS2_HUMBLE if is_ros2 else Stores.ROS1_NOETIC)
+        self._is_ros2, self._decode = is_ros2, store.deserialize_cdr if is_ros2 else store.deserialize_ros1
         weakref.finalize(self, self._reader.close)
         self._topics: dict[str, tuple[str, list[Any]]] = {}
         for connection in self._reader.connections:
@@ -68,22 +74,15 @@ class Bag:
             if kind == connection.msgtype and connection.msgcount:
                 connections.append(connection)
 
-    def topics(self, *kinds: str) -> list[str]:
-        """Return the topics of these message types that have messages, in alphabetical order."""
-        return sorted(t for t, (kind, connections) in self._topics.items() if kind in kinds and connections)
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A note if the end of the file is missing."""
+        is_cut = getattr(self._reader, "is_cut", False)
+        return ("The file is cut off at its end: what comes before is read.",) if is_cut else ()
 
-    def first(self, topic: str) -> Any:
-        """Return the first message of a topic.
-
-        Raises
-        ------
-        RecordingError
-            If it is damaged.
-        """
-        kind, connections = self._topics[topic]
-        with self._read_errors(), self._lock:
-            _, _, raw = next(self._reader.messages(connections=connections))
-            return self._reader.deserialize(raw, kind)
+    def kinds(self) -> dict[str, str]:
+        """Return the type of the messages of each topic that has any, in alphabetical order."""
+        return {topic: kind for topic, (kind, connections) in sorted(self._topics.items()) if connections}
 
     def stamps(self, topic: str) -> list[tuple[Place, float]]:
         """Return the position of each message of a topic, and its time stamp in seconds (0 if it has none).
@@ -105,8 +104,8 @@ class Bag:
                 seen[written_ns] += 1
         return found
 
-    def message(self, topic: str, place: Place) -> Any:
-        """Return one message.
+    def message(self, topic: str, place: Place | None = None) -> Any:
+        """Return one message of a topic, without a place its first.
 
         Raises
         ------
@@ -114,17 +113,17 @@ class Bag:
             If it is damaged, or was removed since the recording was opened.
         """
         kind, connections = self._topics[topic]
-        start = place.written_ns
+        start, stop = (None, None) if place is None else (place.written_ns, place.written_ns + 1)
         with self._read_errors(), self._lock:
-            found = self._reader.messages(connections=connections, start=start, stop=start + 1)
+            found = self._reader.messages(connections=connections, start=start, stop=stop)
             for number, (_, _, raw) in enumerate(found):
-                if number == place.number:
-                    return self._reader.deserialize(raw, kind)
+                if place is None or number == place.number:
+                    return self._decode(raw, kind)
         raise RecordingError(f"{self._path}: has changed since it was opened. Open it again.")
 
     def _stamp_s(self, raw: bytes | memoryview) -> float:
         """Time stamp of a message that begins with a header; only the header is read."""
-        if self._reader.is2:  # CDR: the first four bytes give the byte order
+        if self._is_ros2:  # CDR: the first four bytes give the byte order
             order = "<" if raw[1] & 1 else ">"
             seconds, nanoseconds = struct.unpack_from(order + "iI", raw, 4)
         else:
@@ -141,5 +140,42 @@ class Bag:
             text = shortened(" ".join(str(error).split()), 160) or type(error).__name__
             raise RecordingError(
                 f"{self._path}: cannot be read as a ROS recording ({text}). "
-                "Copy it again, or repair it with ros2 bag reindex (rosbag reindex)."
+                f"Copy it again, or repair it with {_REPAIRS.get(self._path.suffix, 'ros2 bag reindex')}."
             ) from error
+
+
+def data_files(folder: Path) -> list[Path]:
+    """Return the files in a folder that may have the messages of a ROS 2 recording."""
+    return sorted(file for file in folder.iterdir() if file.suffix in (".mcap", ".db3"))
+
+
+def _opened(path: Path) -> tuple[Any, bool]:
+    """Return the reader of a file or folder, and whether its messages are of ROS 2; names may mislead."""
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        file, *others = data_files(path)
+        if others:
+            raise RecordingError(
+                f"{path}: has several files, but no metadata.yaml. Run: ros2 bag reindex {path}"
+            )
+        path = file
+    start = b""
+    if path.is_file():
+        with open_plain(path) as plain:
+            start = plain.read(len(MCAP))
+        if not start:
+            raise RecordingError(f"{path}: empty. Record it again.")
+        if start.startswith(ZSTD):
+            raise RecordingError(f"{path}: packed. Name the folder of its recording, or unpack it: zstd -d")
+    if start == MCAP:
+        from flatcloth.recordings.ros.mcap_file import McapFile
+
+        mcap_file = McapFile(path)
+        return mcap_file, mcap_file.is2
+    is_ros2 = start != ROS_1
+    kind = Reader2.STORAGE_PLUGINS["dir" if path.is_dir() else ".db3"] if is_ros2 else Reader1
+    reader = kind(path)
+    reader.open()
+    return reader, is_ros2

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.types import Float32, Uint8
+from flatcloth.recordings.files import images
+from flatcloth.recordings.files.camera import MOST_PIXELS
 from flatcloth.recordings.files.depth_files import FARTHEST_M
+from flatcloth.recordings.files.text import shortened
 
 _COLORS = {
     "rgb8": (3, "rgb"),
@@ -19,82 +21,43 @@ _COLORS = {
     "bgra8": (4, "bgr"),
     "8UC3": (3, "bgr"),
 }
-_DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+_DEPTHS = {"16UC1": "u2", "mono16": "u2", "16SC1": "i2", "32FC1": "f4", "64FC1": "f8"}
 _METRES_PER_UNIT = np.float32(0.001)  # REP 118: integers are millimetres, floating-point values metres
 _PREFIX = struct.Struct("<iff")
-"""Header of ``compressedDepth`` before the PNG: a format number and two quantisation parameters."""
+"""Header of ``compressedDepth``: a format number and two quantisation parameters; PNG or RVL follow."""
+_RVL_SIZE = struct.Struct("<II")
+"""Header of RVL data: columns and rows."""
 
 
 class UnreadableImageError(ValueError):
     """A message holds no supported image; the text says what it holds."""
 
 
-@dataclass(frozen=True)
-class Look:
-    """The first image of a topic: whether it is depth, and its size in pixels."""
-
-    is_depth: bool
-    width: int
-    height: int
-
-
-def look(message: Any) -> Look | None:
-    """Return the content of an image message; None if it is neither color nor depth."""
-    if hasattr(message, "encoding"):
-        if message.encoding in _COLORS or message.encoding in _DEPTHS:
-            return Look(message.encoding in _DEPTHS, int(message.width), int(message.height))
-        return None
-    try:
-        pixels = _decompressed(message)
-    except UnreadableImageError:
-        return None
-    height, width = pixels.shape[:2]
-    return (
-        Look(pixels.dtype != np.uint8, width, height)
-        if pixels.ndim == 3 or pixels.dtype != np.uint8
-        else None
-    )
-
-
-def color_of(message: Any) -> Uint8:
-    """Return the pixels (H, W, 3) RGB of a color message.
+def pixels_of(message: Any) -> Uint8 | Float32:
+    """Return color (H, W, 3) uint8 RGB or depth (H, W) in metres, 0 for none, of an image message.
 
     Raises
     ------
     UnreadableImageError
-        If it is not a color image.
+        If it is neither color nor depth that can be read.
     """
     if not hasattr(message, "encoding"):
-        pixels = _decompressed(message)
-        if pixels.dtype != np.uint8 or pixels.ndim != 3:
-            raise UnreadableImageError(f"is not a color image ({message.format})")
-        return np.ascontiguousarray(pixels[..., 2::-1])
-    if message.encoding not in _COLORS:
-        raise UnreadableImageError(f"has the encoding {message.encoding}, not color")
-    channels, order = _COLORS[message.encoding]
-    pixels = _rows(message, np.dtype("u1"), channels)
-    return np.ascontiguousarray(pixels[..., :3] if order == "rgb" else pixels[..., 2::-1])
-
-
-def depth_of(message: Any) -> Float32:
-    """Return the depth (H, W) in metres of a depth message, 0 where nothing was measured.
-
-    Raises
-    ------
-    UnreadableImageError
-        If it is not a depth image.
-    """
-    if hasattr(message, "encoding"):
-        if message.encoding not in _DEPTHS:
-            raise UnreadableImageError(f"has the encoding {message.encoding}, not depth")
-        order = ">" if message.is_bigendian else "<"
-        values = _rows(message, np.dtype(order + _DEPTHS[message.encoding]), 1)[..., 0]
+        values, order = _decompressed(message), "bgr"
+    elif message.encoding in _COLORS:
+        channels, order = _COLORS[message.encoding]
+        values = _rows(message, np.dtype("u1"), channels)
+    elif message.encoding in _DEPTHS:
+        kind, order = np.dtype((">" if message.is_bigendian else "<") + _DEPTHS[message.encoding]), ""
+        values = _rows(message, kind, 1)[..., 0]
     else:
-        values = _decompressed(message)
+        raise UnreadableImageError(f"has the encoding {message.encoding}")
+    if values.ndim == 3 and values.dtype == np.uint8:
+        return np.ascontiguousarray(values[..., :3] if order == "rgb" else values[..., 2::-1])
     if values.ndim != 2 or values.dtype == np.uint8:
-        raise UnreadableImageError("is not a depth image")
-    if values.dtype.kind == "u":
-        return values.astype(np.float32) * _METRES_PER_UNIT
+        raise UnreadableImageError(f"has {values.dtype.itemsize * 8} bits, neither color nor depth")
+    if values.dtype.kind in "iu":
+        metres: Float32 = np.maximum(values, 0).astype(np.float32) * _METRES_PER_UNIT
+        return metres
     depth = values.astype(np.float32)
     depth[~(np.isfinite(depth) & (depth > 0) & (depth < FARTHEST_M))] = 0.0
     return depth
@@ -113,23 +76,37 @@ def _rows(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
 
 def _decompressed(message: Any) -> NDArray[Any]:
     """Decode a compressed image: color as (H, W, 3) B G R, depth as (H, W) uint16 or float32 metres."""
+    form, data = shortened(str(message.format)), np.asarray(message.data, dtype=np.uint8)
+    if "compressedDepth" not in form:
+        return _picture(data, form)
+    if data.size <= _PREFIX.size + _RVL_SIZE.size:
+        raise UnreadableImageError(f"is cut off ({form})")
+    _, a, b = _PREFIX.unpack_from(data.data)
+    data = data[_PREFIX.size :]
+    pixels = _from_rvl(data) if "rvl" in form else _picture(data, form)
+    if not form.startswith("32FC1"):
+        return pixels
+    known = pixels > 0
+    return np.where(known, a / np.where(known, pixels - np.float32(b), 1.0), 0.0).astype(np.float32)
+
+
+def _picture(data: Uint8, form: str) -> NDArray[Any]:
+    """Decode a file of OpenCV's formats."""
     import cv2
 
-    form, data = str(message.format), np.asarray(message.data, dtype=np.uint8)
-    a = b = 0.0
-    if "compressedDepth" in form:
-        if data.size <= _PREFIX.size or "rvl" in form:
-            raise UnreadableImageError(f"has an unsupported compression ({form})")
-        _, a, b = _PREFIX.unpack(data[: _PREFIX.size].tobytes())
-        data = data[_PREFIX.size :]
-    try:
-        pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    except cv2.error:
-        pixels = None
+    is_whole = data.size > 0 and images.is_whole(data.tobytes())
+    pixels = images.pixels_of(data, cv2.IMREAD_UNCHANGED) if is_whole else None
     if pixels is None:
         raise UnreadableImageError(f"cannot be decoded ({form})")
-    if "compressedDepth" in form and form.startswith("32FC1"):
-        known = pixels > 0
-        depth = np.where(known, a / np.where(known, pixels - np.float32(b), 1.0), 0.0)
-        return depth.astype(np.float32)
     return pixels
+
+
+def _from_rvl(data: Uint8) -> NDArray[np.uint16]:
+    from flatcloth.recordings.ros.rvl import unpack_rvl  # compiled, so imported only when needed
+
+    width, height = _RVL_SIZE.unpack_from(data.data)
+    words = data[_RVL_SIZE.size :]
+    out = np.zeros(width * height if width * height <= MOST_PIXELS else 0, dtype=np.uint16)
+    if not out.size or not unpack_rvl(words[: words.size // 4 * 4].view("<u4"), out):
+        raise UnreadableImageError("is damaged (RVL)")
+    return out.reshape(height, width)

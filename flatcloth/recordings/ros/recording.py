@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import re
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -11,30 +11,30 @@ from typing import Any
 import numpy as np
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Float64, Intrinsics, Progress, no_progress
+from flatcloth.core.types import Float64, Progress, no_progress
 from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
-from flatcloth.recordings.files.camera import Lens, checked_intrinsics, checked_lens
-from flatcloth.recordings.files.text import failing, one_line
+from flatcloth.recordings.files.text import failing, one_line, shortened
 from flatcloth.recordings.film.angles import GivenAngles, Shots, left_out, pair_by_time
+from flatcloth.recordings.film.recording import views_or_film
+from flatcloth.recordings.formats.camera_file import Camera, camera_of_table
 from flatcloth.recordings.ros.bag import CAMERA_INFO, COMPRESSED, RAW, Bag, Place
-from flatcloth.recordings.ros.images import Look, UnreadableImageError, color_of, depth_of, look
+from flatcloth.recordings.ros.images import UnreadableImageError, pixels_of
 
 _TRANSPORTS = ("/compressed", "/compressedDepth")
 _REGISTERED = ("aligned", "registered")
 _MOST_APART_S = 0.1
 """Largest offset between color and depth of a frame. Chosen: three frames at 30 Hz."""
-_MODELS = {
-    "": "brown_conrady", "plumb_bob": "brown_conrady",
-    "rational_polynomial": "rational", "equidistant": "fisheye", "fisheye": "fisheye",
-}  # fmt: skip
+_IMAGELIKE = re.compile(r"image|video|packet|cloud|depth", re.IGNORECASE)
+"""Words in the types of messages that show pictures or points, among them those that are not read."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Topic:
-    """An image topic: its content, and the camera info published with it (None if there is none)."""
+    """An image topic: its size (width, height), and the camera info published with it (None without one)."""
 
     name: str
-    look: Look
+    is_depth: bool
+    size: tuple[int, int]
     info: Any
 
 
@@ -59,7 +59,7 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
     path = path.resolve()
     bag = Bag(path)
     color, depth = _choose(path, bag)
-    intrinsics, lens = _camera(path, color, depth)
+    camera = _camera(path, color, depth)
     times = {topic.name: _times(bag.stamps(topic.name)) for topic in (color, depth)}
     (color_places, color_s), (depth_places, depth_s) = times[color.name], times[depth.name]
     # Half the interval between frames; frames of a still item may be a little farther apart.
@@ -80,35 +80,31 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
             name=one_line(path.stem) or "recording",
             description=f"ROS recording, {color.name} and {depth.name}",
             location=str(path),
-            intrinsics=intrinsics,
-            notes=left_out(shots, chosen),
+            intrinsics=camera.intrinsics,
+            notes=(*camera.notes, *left_out(shots, chosen), *bag.notes),
             angles_deg=tuple(angle for _, angle in chosen),
-            read=lambda n: _read(path, bag, intrinsics, lens, n, dict(zip(names, places[n], strict=True))),
+            read=lambda n: _read(path, bag, camera, n, dict(zip(names, places[n], strict=True))),
         )
-
-    from flatcloth.recordings.film.recording import views_or_film  # loads numba
 
     return views_or_film(made, shots, angles, path if path.is_dir() else None, progress)
 
 
-def _read(
-    path: Path, bag: Bag, camera: Intrinsics, lens: Lens, view_index: int, places: dict[str, Place]
-) -> ViewImages:
+def _read(path: Path, bag: Bag, camera: Camera, view_index: int, places: dict[str, Place]) -> ViewImages:
     """Read a view: ``places`` are the messages of the color and of the depth topic, in this order."""
     found: list[Any] = []
-    for read, (topic, place) in zip((color_of, depth_of), places.items(), strict=True):
+    for channels, (topic, place) in zip(((3,), ()), places.items(), strict=True):
         fail = failing(f"{path}: {topic}, view {view_index}")
         try:
-            found.append(read(bag.message(topic, place)))
+            found.append(pixels_of(bag.message(topic, place)))
         except UnreadableImageError as error:
             fail(f"the image {error}", "Leave the view out.")
-        if found[-1].shape[:2] != (camera.height, camera.width):
-            fail("the image has another size", "Leave the view out.")
+        if found[-1].shape != (camera.intrinsics.height, camera.intrinsics.width, *channels):
+            fail("the image has another size or kind", "Leave the view out.")
     color, depth = found
-    depth_m = lens.undistort(depth, blend=False)
+    depth_m = camera.lens.undistort(depth, blend=False)
     if not depth_m.any():
         fail("no depth", "Record the view again.")
-    return ViewImages(lens.undistort(color, blend=True), depth_m)
+    return ViewImages(camera.lens.undistort(color, blend=True), depth_m)
 
 
 def _times(stamps: list[tuple[Place, float]]) -> tuple[list[Place], list[float]]:
@@ -119,23 +115,32 @@ def _times(stamps: list[tuple[Place, float]]) -> tuple[list[Place], list[float]]
 
 def _choose(path: Path, bag: Bag) -> tuple[_Topic, _Topic]:
     """Return the color and the depth topic that belong to one camera."""
-    topics = []
-    for name in bag.topics(RAW, COMPRESSED):
-        seen = look(bag.first(name))
-        if seen is not None:
-            topics.append(_Topic(name=name, look=seen, info=_info(bag, name)))
-    colors, depths = ([t for t in topics if t.look.is_depth is is_depth] for is_depth in (False, True))
+    topics, told = [], []
+    for name, kind in bag.kinds().items():
+        if kind not in (RAW, COMPRESSED):
+            if _IMAGELIKE.search(kind):
+                told.append(f"{name} (not read: {kind})")
+            continue
+        try:
+            shape = pixels_of(bag.message(name)).shape
+        except UnreadableImageError as error:
+            told.append(f"{name} (not read: {error})")
+        else:
+            size = (shape[1], shape[0])
+            topics.append(_Topic(name=name, is_depth=len(shape) == 2, size=size, info=_info(bag, name)))
+            told.append(name)
+    colors, depths = ([t for t in topics if t.is_depth is is_depth] for is_depth in (False, True))
     for found, what in ((colors, "color (rgb8, bgr8 or compressed)"), (depths, "depth (16UC1 or 32FC1)")):
         if not found:
-            known = ", ".join(bag.topics(RAW, COMPRESSED)) or "none"
+            known = shortened(", ".join(told) or "none", 400)
             raise RecordingError(
                 f"{path}: has no {what} images; its image topics: {known}. Record the camera's color, "
-                "registered depth and camera_info."
+                "registered depth (raw, or compressedDepth by PNG or RVL) and camera_info."
             )
     pairs = [(c, d) for c in colors for d in depths if _of_one_camera(c, d)]
     if not pairs:
         color, depth = colors[0], depths[0]
-        sizes = [f"{t.name} ({t.look.width}x{t.look.height} px)" for t in (color, depth)]
+        sizes = [f"{t.name} ({t.size[0]}x{t.size[1]} px)" for t in (color, depth)]
         raise RecordingError(
             f"{path}: color {sizes[0]} and depth {sizes[1]} are of two cameras. Record the depth that is "
             "registered to the color (for a RealSense: aligned_depth_to_color)."
@@ -144,7 +149,7 @@ def _choose(path: Path, bag: Bag) -> tuple[_Topic, _Topic]:
 
 
 def _of_one_camera(color: _Topic, depth: _Topic) -> bool:
-    if (color.look.width, color.look.height) != (depth.look.width, depth.look.height):
+    if color.size != depth.size:
         return False
     if color.info is None or depth.info is None:
         return True
@@ -170,7 +175,7 @@ def _info(bag: Bag, topic: str) -> Any:
     """Return the first camera_info published with a topic; None if there is none."""
     base = next((topic.removesuffix(t) for t in _TRANSPORTS if topic.endswith(t)), topic)
     name = f"{base.rsplit('/', 1)[0]}/camera_info"
-    return bag.first(name) if name in bag.topics(CAMERA_INFO) else None
+    return bag.message(name) if bag.kinds().get(name) == CAMERA_INFO else None
 
 
 def _is_rectified(topic: _Topic) -> bool:
@@ -189,29 +194,12 @@ def _matrix(topic: _Topic) -> Float64:
     return np.reshape(_field(topic.info, "k"), (3, 3))
 
 
-def _camera(path: Path, color: _Topic, depth: _Topic) -> tuple[Intrinsics, Lens]:
+def _camera(path: Path, color: _Topic, depth: _Topic) -> Camera:
     topic = color if color.info is not None or depth.info is None else depth
-    fail = failing(f"{path}: camera_info of {topic.name}")
-    info = topic.info
+    where, info = f"{path}: camera_info of {topic.name}", topic.info
     if info is None:
-        fail("is missing", "Record it with the images.")
-    size = (color.look.width, color.look.height)
-    if (int(info.width), int(info.height)) != size:
-        fail(
-            f"is for {info.width}x{info.height} px, but the images have {size[0]}x{size[1]}",
-            "Record the camera_info of these images.",
-        )
-    matrix = _matrix(topic)
-    if not np.isfinite(matrix).all() or not math.isclose(matrix[2, 2], 1.0):
-        fail("has no camera matrix", "Calibrate the camera.")
-    intrinsics = checked_intrinsics(
-        size, (float(matrix[0, 0]), float(matrix[1, 1])), (float(matrix[0, 2]), float(matrix[1, 2])), fail
-    )
-    # Rectified images have no distortion left.
-    numbers = [] if _is_rectified(topic) else _field(info, "d")
-    model = "" if _is_rectified(topic) else str(info.distortion_model)
-    if not any(numbers) and _MODELS.get(model) != "fisheye":
-        model = ""
-    if model not in _MODELS:
-        fail(f"distortion model {model!r} is not supported", f"Known are {', '.join(filter(None, _MODELS))}.")
-    return intrinsics, checked_lens(intrinsics, numbers, fail, model=_MODELS[model])
+        failing(where)("is missing", "Record it with the images.")
+    said = {"width": int(info.width), "height": int(info.height), "K": _matrix(topic).tolist()}
+    if not _is_rectified(topic):  # else no distortion is left
+        said |= {"distortion_model": info.distortion_model, "D": _field(info, "d")}
+    return camera_of_table(where, said, color.size)

@@ -165,14 +165,11 @@ class ActiveApplication(Application):
                     self._end_auto("info", self.loop.asked.reason)
             return
         low = pending is not None and not pending.score >= self._page_settings.now.auto_threshold
-        if self._page_status.auto.running and pending is not None and low and self._is_up_to_date:
+        is_up_to_date = self.picture is not None and self.picture.document is self._state.document
+        if self._page_status.auto.running and pending is not None and low and is_up_to_date:
             self._do(Reject(pending.view_index, UNSURE))
             return
         super()._auto_step()
-
-    @property
-    def _is_up_to_date(self) -> bool:
-        return self.picture is not None and self.picture.document is self._state.document
 
     def _page_state(self) -> PageState:
         state = super()._page_state()

@@ -313,7 +313,7 @@ class CaptureApplication(LiveApplication):
                 warnings=(*self._warnings, *self._doubts),
                 folder=str(self._settings.folder),
                 phase=phase,
-                why_not={action: _why_not(action, phase) for action in _ALLOWED},
+                why_not={a: None if phase == when else why for a, (when, why) in _ALLOWED.items()},
                 step_deg=self._settings.step_deg,
                 hold_s=HOLD_S,
                 frames=self._settings.frames,
@@ -367,11 +367,6 @@ def _allowed(action: Action, status: CaptureStatus) -> Action:
     if action.mode == "capture":
         return structs.replace(action, why_not=status.why_not[action.name])
     return structs.replace(action, why_not=_NOT_WITH_A_CAMERA.get(action.name, action.why_not))
-
-
-def _why_not(action: str, phase: str) -> str | None:
-    when, reason = _ALLOWED[action]
-    return None if phase == when else reason
 
 
 def _picture(view: TakenView) -> bytes:

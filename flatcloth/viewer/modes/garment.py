@@ -33,6 +33,8 @@ from flatcloth.viewer.protocol.sent import NoteLevel, typed
 from flatcloth.viewer.worker import Worker, attempt, one_at_a_time
 
 NOT_YET = "The garment is recognised once two views are integrated."
+_DECIDED = "Decided by the garment: {}. Undo takes them back, the last one first."
+_NOTHING_SURE = "The garment is sure of nothing that is not decided yet."
 _CHANGED = "The shape has changed, so the garment decided nothing; ask again."
 
 
@@ -177,7 +179,7 @@ class GarmentController:
         known = self._known()
         match message:
             case asked.SetKind(kind=kind):
-                if kind is not None and kind not in _kinds():
+                if kind not in (None, *self.info().kinds):
                     raise FlatclothError(f"There is no kind of garment {kind!r:.40}.")
                 return SetKind(kind)
             case asked.HoldPoint(name=name, u_m=u_m, v_m=v_m):
@@ -217,7 +219,7 @@ class GarmentController:
             else:
                 for decision in found:
                     decide(decision)
-                self._note("info", _decided_text(len(found)))
+                self._note("info", _DECIDED.format(len(found)) if found else _NOTHING_SURE)
 
         def work() -> None:
             try:
@@ -310,20 +312,9 @@ class GarmentController:
             revision=status.revision,
             working=status.working,
             text=status.text,
-            kinds=_kinds(),
+            kinds=(*(kind.name for kind in known_kinds()), NONE),  # NONE: it is none of the known ones
             found=status.shown,
         )
-
-
-def _decided_text(count: int) -> str:
-    if not count:
-        return "The garment is sure of nothing that is not decided yet."
-    return f"Decided by the garment: {count}. Undo takes them back, the last one first."
-
-
-def _kinds() -> tuple[str, ...]:
-    """Return the kinds that a garment can be set to: the known ones, or that it is none of them."""
-    return (*(kind.name for kind in known_kinds()), NONE)
 
 
 def _found_garment(known: KnownGarment) -> FoundGarment:
@@ -364,19 +355,12 @@ def _pieces(known: KnownGarment) -> list[dict[str, Any]]:
 
 def _links(known: KnownGarment) -> list[dict[str, Any]]:
     """Return the links that no garment allows: their probability, and the outline of the part."""
-    found = []
+    view, cloth, found = known.canonical.view, known.cloth, []
     for link in known.links:
-        assert known.cloth is not None, "links are doubted on known cloth"
-        view = known.canonical.view
-        part = replace(view, valid=pixels_of_part(view, known.cloth, link.part))
-        outline = outline_of(part)
-        found.append(
-            {
-                "probability": link.probability,
-                "area_cm2": 1e4 * link.area_m2,
-                "outline_uv_m": outline,
-            }
-        )
+        assert cloth is not None, "links are doubted on known cloth"
+        outline = outline_of(replace(view, valid=pixels_of_part(view, cloth, link.part)))
+        area_cm2 = 1e4 * link.area_m2
+        found.append({"probability": link.probability, "area_cm2": area_cm2, "outline_uv_m": outline})
     return found
 
 

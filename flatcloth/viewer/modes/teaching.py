@@ -15,10 +15,10 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.responses import Response, StreamingResponse
 
 from flatcloth.checking.lesson import check_lesson
-from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.errors import CancelledError
 from flatcloth.core.parcel import record
 from flatcloth.core.types import Progress
 from flatcloth.engine.garment.lesson import garment_lesson
@@ -27,6 +27,7 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.teaching import Parameters, Teaching
 from flatcloth.recordings.mending import Mends
 from flatcloth.rendering.evidence import mistaken
+from flatcloth.viewer.http import RefusedError
 from flatcloth.viewer.modes.lessons import (
     CM2,
     alignment_parcel,
@@ -85,13 +86,8 @@ class TeachingRoutes:
         """Answer a request for a part; its parameters come from the address, or from the session."""
         part = request.path_params["part"]
         if part not in PARTS:
-            return PlainTextResponse(
-                f"Unknown part {part!r:.40}; choose one of {', '.join(PARTS)}.", status_code=404
-            )
-        try:
-            asked = _asked(dict(request.query_params), len(self._integration.recording))
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=400)
+            raise RefusedError(f"Unknown part {part!r:.40}; choose one of {', '.join(PARTS)}.", 404)
+        asked = _asked(dict(request.query_params), len(self._integration.recording))
         return StreamingResponse(
             self._records(part, asked),
             media_type="application/octet-stream",
@@ -171,7 +167,11 @@ class TeachingRoutes:
             "kind": part,
             "parameters": _plain(parameters),
             "defaults": defaults,
-            "sliders": {name: _reaching(SLIDERS[name], value) for name, value in defaults.items()},
+            # The range of a slider includes the session's own value.
+            "sliders": {
+                name: {**slider, "low": min(slider["low"], own), "high": max(slider["high"], own)}
+                for (name, own), slider in zip(defaults.items(), SLIDERS.values(), strict=True)
+            },
             "recording": self._integration.recording.name,
             "start_view": view,
             "angles_deg": list(self._integration.recording.angles_deg),
@@ -198,17 +198,12 @@ def _parameters(values: dict[str, float]) -> Parameters:
     )
 
 
-def _reaching(slider: dict[str, float], value: float) -> dict[str, float]:
-    """Return a slider whose range includes the session's own value."""
-    return {**slider, "low": min(slider["low"], value), "high": max(slider["high"], value)}
-
-
 def _asked(given: dict[str, str], n_views: int) -> dict[str, Any]:
     """Read the parameters of an address.
 
     Raises
     ------
-    FlatclothError
+    RefusedError
         If a parameter is unknown or not a valid number.
     """
     known: dict[str, Callable[[str], float]] = {
@@ -221,16 +216,16 @@ def _asked(given: dict[str, str], n_views: int) -> dict[str, Any]:
     asked: dict[str, Any] = {"start_view": None}
     for name, text in given.items():
         if name not in known:
-            raise FlatclothError(f"Unknown parameter {name!r:.40}; choose one of {', '.join(known)}.")
+            raise RefusedError(f"Unknown parameter {name!r:.40}; choose one of {', '.join(known)}.", 400)
         try:
             value = known[name](text)
             is_valid = math.isfinite(value)
         except (ValueError, OverflowError):
             is_valid = False
         if not is_valid:
-            raise FlatclothError(f"{name}: {text!r:.40} is not a valid number.")
+            raise RefusedError(f"{name}: {text!r:.40} is not a valid number.", 400)
         asked[name] = value
     start = asked["start_view"]
     if start is not None and not 0 <= start < n_views:
-        raise FlatclothError(f"start_view: the recording has {n_views} views, none numbered {start}.")
+        raise RefusedError(f"start_view: the recording has {n_views} views, none numbered {start}.", 400)
     return asked

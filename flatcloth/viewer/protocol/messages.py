@@ -368,16 +368,10 @@ def _not_understood(text: str) -> MessageError:
 
 def _known(kind: type[Said], error: MisfitError) -> str:
     """List the values of a field that has a few."""
-    field = next((f for f in _fields_of(kind) if f.name == error.where), None)
-    if field is None or not isinstance(field.type, inspect.LiteralType):
-        return ""
-    return f": {', '.join(map(str, field.type.values))}"
-
-
-def _fields_of(kind: type[Said]) -> tuple[inspect.Field, ...]:
     about = inspect.type_info(kind)
     assert isinstance(about, inspect.StructType)
-    return about.fields
+    kinds = [field.type for field in about.fields if field.name == error.where]
+    return "".join(f": {', '.join(map(str, k.values))}" for k in kinds if isinstance(k, inspect.LiteralType))
 
 
 def _check(message: Message) -> None:

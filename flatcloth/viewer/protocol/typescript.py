@@ -98,7 +98,8 @@ def _type(about: inspect.Type) -> str:
     if isinstance(about, inspect.TupleType):
         return f"[{', '.join(_type(t) for t in about.item_types)}]"
     if isinstance(about, inspect.VarTupleType | inspect.ListType):
-        return f"{_grouped(_type(about.item_type))}[]"
+        item = _type(about.item_type)
+        return f"({item})[]" if "|" in item else f"{item}[]"
     if isinstance(about, inspect.DictType):
         return f"Record<{_type(about.key_type)}, {_type(about.value_type)}>"
     if isinstance(about, inspect.StructType):
@@ -106,10 +107,6 @@ def _type(about: inspect.Type) -> str:
     if type(about) in _SCALARS:
         return _SCALARS[type(about)]
     raise TypeError(f"A message has a field of a type that has no TypeScript here: {about!r}.")
-
-
-def _grouped(text: str) -> str:
-    return f"({text})" if "|" in text else text
 
 
 if __name__ == "__main__":

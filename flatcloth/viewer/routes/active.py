@@ -15,12 +15,9 @@ from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.active.service import ActiveService
-from flatcloth.cameras.base import CameraError
-from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.posted import PostedView
 from flatcloth.viewer.protocol.robot import RobotEvent, ShapeChanged
-from flatcloth.viewer.routes.robot import with_rotation
 from flatcloth.viewer.routes.robot_answers import Shown, Told, news
 
 MAX_BODY_BYTES = 32 * 2**20
@@ -33,32 +30,29 @@ def active_routes(
     """Return the routes; ``on_answer`` is called with each answer before it is sent."""
 
     async def answered(make: Callable[[], dict[str, Any]]) -> Response:
-        try:
-            answer = await run_in_threadpool(make)
-        except CameraError as error:
-            return http.refused(str(error), 503)
-        except FlatclothError as error:
-            return http.refused(str(error), 409)
+        answer = await run_in_threadpool(make)
         on_answer(answer)
         return http.as_json(answer)
 
-    async def following(_request: Request, rotation_deg: float | None) -> Response:
+    async def following(request: Request) -> Response:
+        rotation_deg = http.rotation_of(request)
         return await answered(lambda: service.next(rotation_deg))
 
-    async def view(request: Request, rotation_deg: float | None) -> Response:
+    async def view(request: Request) -> Response:
+        rotation_deg = http.rotation_of(request)
         try:
             body = await http.read_body(request, MAX_BODY_BYTES)
             posted = msgspec.json.decode(body, type=PostedView)
             seen = await run_in_threadpool(posted.view) if posted.has_images else None
         except (ValueError, RecursionError) as error:
-            return http.refused(f"The view was not read: {error}", 400)
+            raise http.RefusedError(f"The view was not read: {error}", 400) from error
         if seen is None:
             return await answered(lambda: service.look(posted.angle_deg, posted.number, rotation_deg))
         return await answered(lambda: service.take(seen, posted.number, rotation_deg))
 
     return [
-        Route("/robot/next", with_rotation(following)),
-        Route("/robot/view", with_rotation(view), methods=["POST"]),
+        Route("/robot/next", following),
+        Route("/robot/view", view, methods=["POST"]),
     ]
 
 

@@ -16,9 +16,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from flatcloth.cameras.base import CameraError
-from flatcloth.core.errors import FlatclothError
-from flatcloth.viewer.http import as_json, read_body, refused
+from flatcloth.viewer.http import RefusedError, as_json, read_body
 from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
 
@@ -41,23 +39,17 @@ def capture_routes(captures: CaptureApplication) -> list[BaseRoute]:
     async def hear(request: Request) -> Response:
         word = request.path_params["action"]
         if word not in _ACTIONS:
-            return refused(f"Unknown address /capture/{word:.40}; choose one of {', '.join(_ACTIONS)}.", 404)
+            known = ", ".join(_ACTIONS)
+            raise RefusedError(f"Unknown address /capture/{word:.40}; choose one of {known}.", 404)
         angle_deg, keeps_itself = None, False
         if word == "angle":
             try:
                 body = await read_body(request, MAX_BODY_BYTES)
             except ValueError as error:
-                return refused(f"The body was not read: {error}; an angle takes about 20.", 400)
-            try:
-                angle_deg, keeps_itself = _announcement(body)
-            except ValueError as error:
-                return refused(str(error), 400)
-        try:
-            await run_in_threadpool(captures.act, _ACTIONS[word], angle_deg, keeps_itself)
-        except CameraError as error:
-            return refused(str(error), 503)
-        except FlatclothError as error:
-            return refused(str(error), 409)
+                reason = f"The body was not read: {error}; an angle takes about 20."
+                raise RefusedError(reason, 400) from error
+            angle_deg, keeps_itself = _announcement(body)
+        await run_in_threadpool(captures.act, _ACTIONS[word], angle_deg, keeps_itself)
         captures.announce()
         return as_json(await run_in_threadpool(captures.status))
 
@@ -81,10 +73,9 @@ def _announcement(body: bytes) -> tuple[float, bool]:
         given = msgspec.json.decode(body, type=_Announcement)
     except msgspec.ValidationError as error:
         if "unknown field" in str(error):
-            raise ValueError(f"The body has other fields. {wanted}") from error
-        raise ValueError(
-            f"angle_deg must be a number up to {MAX_ANGLE_DEG:g}, and keep true or false. {wanted}"
-        ) from error
+            raise RefusedError(f"The body has other fields. {wanted}", 400) from error
+        reason = f"angle_deg must be a number up to {MAX_ANGLE_DEG:g}, and keep true or false. {wanted}"
+        raise RefusedError(reason, 400) from error
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"The body is not JSON. {wanted}") from error
+        raise RefusedError(f"The body is not JSON. {wanted}", 400) from error
     return given.angle_deg, given.keep

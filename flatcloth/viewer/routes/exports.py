@@ -16,7 +16,7 @@ from pathlib import Path
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
-from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.errors import CancelledError, FlatclothError, os_errors_as
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
@@ -24,6 +24,7 @@ from flatcloth.export.kept import Kept
 from flatcloth.export.session import OpenedSession, of_page
 from flatcloth.export.session_data import is_floating_file
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.http import RefusedError
 from flatcloth.viewer.worker import one_at_a_time
 
 _log = logging.getLogger(__name__)
@@ -74,16 +75,15 @@ def _animation(suffix: str) -> Callable[[OpenedSession], bytes]:
     def make(session: OpenedSession) -> bytes:
         from flatcloth.export.animation import write_animation
 
-        with tempfile.TemporaryDirectory(prefix="flatcloth-") as folder:
+        no_folder = os_errors_as(
+            FlatclothError, "No folder for the animation", "Set TMPDIR to a writable one."
+        )
+        with no_folder, tempfile.TemporaryDirectory(prefix="flatcloth-") as folder:
             path = Path(folder) / f"growth{suffix}"
             write_animation(session, path)
             return path.read_bytes()
 
     return make
-
-
-def _data(session: OpenedSession) -> bytes:
-    return session.data().zipped()
 
 
 def _data_file(name: str) -> Callable[[OpenedSession], bytes]:
@@ -105,7 +105,7 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
     "outline.svg": ("image/svg+xml", _outline(".svg")),
     "outline.dxf": ("image/vnd.dxf", _outline(".dxf")),
     "outline.json": ("application/json", _outline(".json")),
-    "data.zip": ("application/zip", _data),
+    "data.zip": ("application/zip", lambda session: session.data().zipped()),
     "flattened.npz": ("application/octet-stream", _data_file("flattened.npz")),
     "flattened-other.npz": ("application/octet-stream", _data_file("flattened-other.npz")),
     "flattened.png": ("image/png", _data_file("flattened.png")),
@@ -114,12 +114,6 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
     "garment.json": ("application/json", _data_file("garment.json")),
 }
 """The available exports: the media type, and the function that makes them."""
-
-
-def _kind(name: str) -> tuple[str, Callable[[OpenedSession], bytes]] | None:
-    if is_floating_file(name):
-        return "application/octet-stream", _data_file(name)
-    return KINDS.get(name)
 
 
 BUSY = "Too many exports wait; try again when some are done."
@@ -166,10 +160,9 @@ class ExportRoutes:
     async def serve(self, request: Request) -> Response:
         """Answer with the file, or with one line that gives the reason."""
         name = request.path_params["name"]
-        kind = _kind(name)
+        kind = ("application/octet-stream", _data_file(name)) if is_floating_file(name) else KINDS.get(name)
         if kind is None:
-            known = ", ".join(KINDS)
-            return PlainTextResponse(f"Unknown export {name!r:.40}; choose one of {known}.", status_code=404)
+            raise RefusedError(f"Unknown export {name!r:.40}; choose one of {', '.join(KINDS)}.", 404)
         if len(self._clients) >= MOST_WAITING:
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
         left = threading.Event()
@@ -184,8 +177,8 @@ class ExportRoutes:
                     left.set()
                     return PlainTextResponse("The client of this export has left.", status_code=499)
             data = made.result()
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=409)
+        except FlatclothError:
+            raise
         except Exception as error:  # noqa: BLE001 - reported and logged
             _log.exception("the export of %s failed", name)
             return PlainTextResponse(f"Unexpected error: {error!r}. See the terminal.", status_code=500)
@@ -193,7 +186,8 @@ class ExportRoutes:
             left.set()
             self._clients.discard(left)
         # As a download, never shown with the page's origin: its texts come from the recording.
-        headers = {"Content-Disposition": f'attachment; filename="{self._stem()}-{name}"'}
+        stem = re.sub(r"[^A-Za-z0-9._-]+", "-", self._integration.recording.name).strip("-.")[:60]
+        headers = {"Content-Disposition": f'attachment; filename="{stem or "flatcloth"}-{name}"'}
         return Response(data, media_type=kind[0], headers=headers)
 
     def _make(self, name: str, make: Callable[[OpenedSession], bytes], left: threading.Event) -> bytes | None:
@@ -209,7 +203,3 @@ class ExportRoutes:
         except CancelledError:
             _log.info("the export of %s was cancelled: its client left", name)
             return None
-
-    def _stem(self) -> str:
-        name = re.sub(r"[^A-Za-z0-9._-]+", "-", self._integration.recording.name).strip("-.")[:60]
-        return name or "flatcloth"

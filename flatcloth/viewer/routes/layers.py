@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.cache import Cache
@@ -52,7 +52,7 @@ class LayerRoutes:
         try:
             look = appearance_of(request.query_params)
         except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=400)
+            raise http.RefusedError(str(error), 400) from error
         asked = request.path_params
         name = asked.get("name") or request.query_params.get("layer", "color")
         revision, overlay, kind = asked.get("revision"), asked.get("overlay"), asked.get("difference")

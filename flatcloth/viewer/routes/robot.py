@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Awaitable, Callable, Iterable
-from typing import Any, TypeVar
 
 import msgspec
 from starlette.concurrency import run_in_threadpool
@@ -25,32 +24,36 @@ POLL_S = 0.1
 MAX_BODY_BYTES = 10_000
 """Limit of a request's body, as for ``/capture``. Chosen: far above what a pick takes."""
 
-T = TypeVar("T")
-
 
 def robot_routes(answers: RobotAnswers) -> list[BaseRoute]:
     """Return the routes; they require the page's token, as all others."""
 
     async def shape(_request: Request) -> Response:
-        return await answered(answers.shape)
+        return http.as_json(await run_in_threadpool(answers.shape))
 
-    async def grasps(_request: Request, rotation_deg: float | None) -> Response:
-        return await answered(lambda: answers.grasps(rotation_deg))
+    async def grasps(request: Request) -> Response:
+        return http.as_json(await run_in_threadpool(answers.grasps, http.rotation_of(request)))
 
-    async def pick(request: Request, rotation_deg: float | None) -> Response:
+    async def pick(request: Request) -> Response:
+        rotation_deg = http.rotation_of(request)
         try:
-            proposed = await body_of(request, ProposedPick)
+            body = await http.read_body(request, MAX_BODY_BYTES)
         except ValueError as error:
-            return http.refused(str(error), 400)
-        return await answered(lambda: answers.propose(proposed, rotation_deg))
+            raise http.RefusedError(str(error), 400) from error
+        try:
+            proposed = msgspec.json.decode(body, type=ProposedPick)
+        except (ValueError, RecursionError) as error:
+            reason = f"The body is not as /robot/schema.json has it: {error}."
+            raise http.RefusedError(reason, 400) from error
+        return http.as_json(await run_in_threadpool(answers.propose, proposed, rotation_deg))
 
     async def protocol(_request: Request) -> Response:
         return http.as_json(schema())
 
     return [
         Route("/robot/shape", shape),
-        Route("/robot/grasps", with_rotation(grasps)),
-        Route("/robot/pick", with_rotation(pick), methods=["POST"]),
+        Route("/robot/grasps", grasps),
+        Route("/robot/pick", pick, methods=["POST"]),
         Route("/robot/schema.json", protocol),
         events_route(answers.events),
     ]
@@ -69,44 +72,6 @@ def events_route(events: Callable[[Told], Iterable[RobotEvent]]) -> WebSocketRou
         await push(robot, lambda: [encoded(event).decode() for event in events(told)])
 
     return WebSocketRoute("/robot/events", serve)
-
-
-async def answered(make: Callable[[], Any]) -> Response:
-    """Answer with what ``make`` returns on a thread, as JSON; with its reason (409) if there is nothing."""
-    try:
-        return http.as_json(await run_in_threadpool(make))
-    except FlatclothError as error:
-        return http.refused(str(error), 409)
-
-
-def with_rotation(
-    answer: Callable[[Request, float | None], Awaitable[Response]],
-) -> Callable[[Request], Awaitable[Response]]:
-    """Return a route that is given ``?rotation=`` in degrees, or None; 400 if it is no angle."""
-
-    async def route(request: Request) -> Response:
-        try:
-            rotation_deg = http.rotation_of(request)
-        except FlatclothError as error:
-            return http.refused(str(error), 400)
-        return await answer(request, rotation_deg)
-
-    return route
-
-
-async def body_of(request: Request, kind: type[T]) -> T:
-    """Return the body of a request as a struct.
-
-    Raises
-    ------
-    ValueError
-        If it is too long, no JSON, or has other fields; the message says which.
-    """
-    body = await http.read_body(request, MAX_BODY_BYTES)
-    try:
-        return msgspec.json.decode(body, type=kind)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"The body is not as /robot/schema.json has it: {error}.") from error
 
 
 async def push(

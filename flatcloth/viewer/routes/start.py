@@ -18,14 +18,13 @@ from typing import Annotated, Any, TypeVar
 import msgspec
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.resources import static_folder
 from flatcloth.recordings.mending import Mends
-from flatcloth.viewer.http import as_json, made, read_body, refused
+from flatcloth.viewer.http import RefusedError, as_json, made, page_of, read_body
 from flatcloth.viewer.places import Chosen, Kind, Places
 
 MAX_BODY_BYTES = 4096
@@ -97,9 +96,9 @@ class StartRoutes:
             Route("/start/mend", self._take_mend, methods=["POST"]),
         ]
 
-    async def page(self, _request: Request) -> Response:
+    async def page(self, request: Request) -> Response:
         """Answer with the start screen."""
-        return FileResponse(static_folder() / "start" / "start.html", headers={"Cache-Control": "no-cache"})
+        return page_of(request, static_folder() / "start" / "start.html")
 
     async def _offer(self, _request: Request) -> Response:
         offer = await run_in_threadpool(self._places.plain)
@@ -111,10 +110,7 @@ class StartRoutes:
 
     async def _folder(self, request: Request) -> Response:
         path = request.query_params.get("path", "")
-        try:
-            return as_json(await run_in_threadpool(self._places.listing, path))
-        except FlatclothError as error:
-            return refused(str(error), 409)
+        return as_json(await run_in_threadpool(self._places.listing, path))
 
     async def _picture(self, request: Request) -> Response:
         kind, name = request.path_params["kind"], request.path_params["name"]
@@ -141,15 +137,13 @@ class StartRoutes:
         try:
             wanted = msgspec.json.decode(await read_body(request, MAX_BODY_BYTES), type=kind)
         except msgspec.ValidationError as error:
-            return refused(f"Not understood: {error}.", 400)
+            raise RefusedError(f"Not understood: {error}.", 400) from error
         except (ValueError, RecursionError) as error:
-            return refused(f"The body is not JSON of what to open ({error}).", 400)
+            raise RefusedError(f"The body is not JSON of what to open ({error}).", 400) from error
         if not self._opening.acquire(blocking=False):
-            return refused("Something else is being opened; wait until it is there.", 429)
+            raise RefusedError("Something else is being opened; wait until it is there.", 429)
         try:
             await run_in_threadpool(opener, wanted)
-        except FlatclothError as error:
-            return refused(str(error), 409)
         finally:
             self._opening.release()
         return JSONResponse({"opened": self._current()})

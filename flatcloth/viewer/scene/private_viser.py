@@ -19,7 +19,7 @@ from typing import Any
 import viser
 from viser import _messages, infra
 
-from flatcloth.core.errors import ServerError
+from flatcloth.core.errors import ServerError, os_errors_as
 
 _PREFIX = "flatcloth-scene-"
 """Of the folders of socket files; the number of the process follows."""
@@ -103,15 +103,16 @@ class PrivateViser:
     Raises
     ------
     ServerError
-        If this version of viser listens in an unknown way.
+        If there is no folder for the file, or this version of viser listens in an unknown way.
     """
 
     def __init__(self) -> None:
         prefix = f"{_PREFIX}{os.getpid()}-"
-        folder = tempfile.mkdtemp(prefix=prefix)  # mode 0700
-        if len(folder) > _MAX_PATH_CHARS:
-            Path(folder).rmdir()
-            folder = tempfile.mkdtemp(prefix=prefix, dir="/tmp")
+        with os_errors_as(ServerError, "No folder for the scene's socket", "Set TMPDIR to a writable one."):
+            folder = tempfile.mkdtemp(prefix=prefix)  # mode 0700
+            if len(folder) > _MAX_PATH_CHARS:
+                Path(folder).rmdir()
+                folder = tempfile.mkdtemp(prefix=prefix, dir="/tmp")
         for place in {Path(folder).parent, Path(tempfile.gettempdir())}:
             _sweep(place)
         self._folder = Path(folder)

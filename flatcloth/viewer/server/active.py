@@ -8,14 +8,20 @@ from pathlib import Path
 from starlette.applications import Starlette
 
 from flatcloth.active.service import ActiveService
+from flatcloth.viewer.http import REFUSALS
 from flatcloth.viewer.routes.active import active_routes, loop_events
 from flatcloth.viewer.routes.robot import events_route
 from flatcloth.viewer.server.app import serve_app
-from flatcloth.viewer.server.guard import given_token, own_token
+from flatcloth.viewer.server.guard import PublicUrl, given_token, own_token
 
 
 def serve_active(
-    service: ActiveService, host: str, port: int, token_file: Path | None, ready: Callable[[str, str], None]
+    service: ActiveService,
+    host: str,
+    port: int,
+    token_file: Path | None,
+    ready: Callable[[str, str], None],
+    public: PublicUrl | None = None,
 ) -> None:
     """Serve a loop until a robot has received its end, or Ctrl-C or SIGTERM.
 
@@ -29,6 +35,8 @@ def serve_active(
         As for the page: otherwise the token is that of the environment, the user's own, or a new one.
     ready : callable
         Called with the address that robots ask, and the token.
+    public : PublicUrl, optional
+        The address at which a proxy offers the loop.
 
     Raises
     ------
@@ -38,6 +46,8 @@ def serve_active(
 
     def make(end: Callable[[], object]) -> Starlette:
         routes = active_routes(service, lambda answer: end() if answer["done"] else None)
-        return Starlette(routes=[*routes, events_route(loop_events(service))])
+        routes.append(events_route(loop_events(service)))
+        return Starlette(routes=routes, exception_handlers=REFUSALS)
 
-    serve_app(make, host, port, given_token(token_file) or own_token(host), "/robot/next", ready)
+    token = given_token(token_file) or own_token(host, public)
+    serve_app(make, host, port, token, "robot/next", ready, public)

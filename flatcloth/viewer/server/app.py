@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import logging
+import os
 import socket
 import threading
 import weakref
@@ -15,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -24,10 +26,11 @@ from flatcloth.core.errors import ServerError, os_errors_as
 from flatcloth.core.memory import free, return_freed_memory
 from flatcloth.core.resources import static_folder
 from flatcloth.recordings.mending import Mends
+from flatcloth.viewer.http import REFUSALS, page_of
 from flatcloth.viewer.places import Chosen, Places
 from flatcloth.viewer.protocol.answers import Switched
 from flatcloth.viewer.routes.start import StartRoutes
-from flatcloth.viewer.server.guard import Guard, is_loopback, own_names, own_token
+from flatcloth.viewer.server.guard import Guard, PublicUrl, is_open, own_names, own_token
 from flatcloth.viewer.server.limits import limited_logs, limited_server
 
 if TYPE_CHECKING:
@@ -47,7 +50,7 @@ _PAGE_HEADERS = {
     # Scripts only from our own files. 'unsafe-eval' is for browser drivers, which evaluate expressions;
     # the page itself never evaluates text.
     "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-eval'; img-src 'self' data:;"
-    " object-src 'none'; base-uri 'none'; frame-ancestors 'self'",
+    " object-src 'none'; base-uri 'self'; frame-ancestors 'self'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     **_ALL_HEADERS,
@@ -56,13 +59,15 @@ _PAGE_HEADERS = {
 
 _FAREWELL_S = 0.5
 """Time in which answers are sent before a server ends itself. Chosen."""
-_REST = """<script>
+_REST = """<style>.mantine-Notification-root { display: none; }</style>
+<script>
   const every = setInterval;
   setInterval = (work, ms, ...more) => (ms === 1000 ? 0 : every(work, ms, ...more));
 </script>"""
-"""Keeps viser's page from two things that it does each second: redraw the scene although nothing has
-changed, which without a graphics card blocks the page and all processors for 0.2 s; and reconnect, for which
-our page reloads it."""
+"""Keeps viser's page from laying warnings about the browser over the scene, which our page gives in its own
+words; and from two things that it does each second: redraw the scene although nothing has changed, which
+without a graphics card blocks the page and all processors for 0.2 s; and reconnect, for which our page
+reloads it."""
 
 
 class PageServer:
@@ -84,6 +89,8 @@ class PageServer:
     opener : callable, optional
         Opens a chosen place. It is called with the place and the folder of the open session, and returns None
         if they are the same. Without an opener, nothing else can be opened.
+    public : PublicUrl, optional
+        The address at which a proxy offers the page.
     """
 
     def __init__(
@@ -95,21 +102,27 @@ class PageServer:
         token: bool | str = True,
         places: Places | None = None,
         opener: Opener | None = None,
+        public: PublicUrl | None = None,
     ) -> None:
-        if not token and not is_loopback(host):
-            raise ServerError(
-                f"Without a token, {host} would admit everybody; use --host 127.0.0.1, or a token."
-            )
         return_freed_memory()
-        self._socket = bind(host, port)
-        self.token = (token if isinstance(token, str) else own_token(host)) if token else None
-        self._host = host
+        with contextlib.ExitStack() as failed:
+            if opened is not None:
+                failed.callback(opened.close)
+            if not token and is_open(host, public):
+                raise ServerError(
+                    f"Without a token, {public or host} would admit everybody;"
+                    " use --host 127.0.0.1, or a token."
+                )
+            self._socket = failed.enter_context(bind(host, port))
+            self._now = None if opened is None else _workspace_of(opened)
+            failed.pop_all()
+        self.token = (token if isinstance(token, str) else own_token(host, public)) if token else None
+        self._host, self._public = host, public
         self.port: int = self._socket.getsockname()[1]
         self._opener = opener
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._now = None if opened is None else _workspace_of(opened)
         self._start = StartRoutes(
-            places or Places(own=is_loopback(host)),
+            places or Places(own=not is_open(host, public)),
             self._open,
             lambda: self.recording,
             lambda: self.session,
@@ -117,14 +130,14 @@ class PageServer:
         )
         self._ready = threading.Event()
         self._uvicorn = limited_server(self._app())
-        self._thread = threading.Thread(target=self._run, name="flatcloth-web", daemon=True)
+        serving = functools.partial(self._uvicorn.run, sockets=[self._socket])
+        self._thread = threading.Thread(target=serving, name="flatcloth-web", daemon=True)
 
     @property
     def url(self) -> str:
         """The address to open, with the token if one is required."""
-        host = "127.0.0.1" if self._host in {"0.0.0.0", ""} else self._host
-        host = f"[{host}]" if ":" in host else host
-        return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+        address = address_of(self._host, self.port, self._public)
+        return address + (f"?token={self.token}" if self.token else "")
 
     @property
     def recording(self) -> str | None:
@@ -172,9 +185,6 @@ class PageServer:
         """Stop serving."""
         self.stop()
 
-    def _run(self) -> None:
-        self._uvicorn.run(sockets=[self._socket])
-
     def _app(self) -> Starlette:
         @contextlib.asynccontextmanager
         async def lifespan(_app: Starlette) -> AsyncIterator[None]:
@@ -190,25 +200,25 @@ class PageServer:
             Mount("/static", StaticFiles(directory=STATIC)),
             Mount("/", self._of_workspace),
         ]
-        guard = Middleware(Guard, names=own_names(self._host), token=self.token, port=self.port)
-        return Starlette(routes=routes, middleware=[Middleware(_Headers), guard], lifespan=lifespan)
+        names = own_names(self._host)
+        guard = Middleware(Guard, names=names, token=self.token, port=self.port, public=self._public)
+        middleware = [Middleware(_Headers), guard]
+        return Starlette(routes=routes, middleware=middleware, lifespan=lifespan, exception_handlers=REFUSALS)
 
     async def _page(self, request: Request) -> Response:
         if self._now is None:
             return await self._start.page(request)
-        # The page's files have no version in their names, so browsers must check them each time.
-        return FileResponse(STATIC / "index.html", headers={"Cache-Control": "no-cache"})
+        return page_of(request, STATIC / "index.html")
 
     async def _of_workspace(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request to the open source."""
         if self._now is not None:
             await self._now.router(scope, receive, send)
-        elif scope["type"] == "websocket":
+            return
+        if scope["type"] == "websocket":
             await receive()
-            await send({"type": "websocket.close", "code": 1013, "reason": "Nothing is open."})
-        else:
-            answer = PlainTextResponse("Nothing is open; choose a recording.", status_code=409)
-            await answer(scope, receive, send)
+        answer = PlainTextResponse("Nothing is open; choose a recording.", status_code=409)
+        await answer(scope, receive, send)
 
     def _mend(self, mends: Mends) -> None:
         """Open the present recording with more mends."""
@@ -226,12 +236,10 @@ class PageServer:
         opened = self._opener(chosen, None if before is None else before.folder)
         if opened is None:
             return
-        try:
-            workspace = _workspace_of(opened)
-        except BaseException:
-            opened.close()
-            raise
-        self._now = workspace
+        with contextlib.ExitStack() as failed:
+            failed.callback(opened.close)
+            workspace = self._now = _workspace_of(opened)
+            failed.pop_all()
         if before is not None:
             before.hub.tell(None, Switched())
             before.stop()
@@ -251,7 +259,7 @@ class _Headers:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        added = _ALL_HEADERS if scope["path"].startswith("/viser") else _PAGE_HEADERS
+        added = _ALL_HEADERS if scope["path"].endswith("/viser/") else _PAGE_HEADERS
 
         async def with_headers(message: Any) -> None:
             if message["type"] == "http.response.start":
@@ -289,18 +297,22 @@ def bind(host: str, port: int) -> socket.socket:
         raise ServerError(f"Port {port} does not exist; use 0 (any free port) to 65535.")
     with os_errors_as(ServerError, f"Host {host!r} is unknown", "Use 127.0.0.1."):
         found = socket.getaddrinfo(host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-        family, kind, protocol, _, address = found[0]
-        listener = socket.socket(family, kind, protocol)
+    family, *_, address = found[0]
     try:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind(address)
-        listener.listen(128)
+        return socket.create_server(address, family=family, dualstack_ipv6=family == socket.AF_INET6)
     except OSError as error:
-        listener.close()
+        cause = os.strerror(error.errno or 0)
         raise ServerError(
-            f"Cannot serve at {host}:{port} ({error.strerror}); choose another --port, or 0 for any free one."
+            f"Cannot serve at {host}:{port} ({cause}); choose another --port, or 0 for any free one."
         ) from error
-    return listener
+
+
+def address_of(host: str, port: int, public: PublicUrl | None = None) -> str:
+    """Return where a server is found, with "/" at its end."""
+    if public is not None:
+        return str(public)
+    host = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
 
 
 def serve_app(
@@ -310,6 +322,7 @@ def serve_app(
     token: str,
     path: str,
     ready: Callable[[str, str], None],
+    public: PublicUrl | None = None,
 ) -> None:
     """Serve an application other than the page until it ends itself, or Ctrl-C or SIGTERM.
 
@@ -322,7 +335,9 @@ def serve_app(
     token : str
         Required of every request.
     path : str
-        Of the address that ``ready`` is called with, together with the token.
+        Below the address of the server: ``ready`` is called with both, and the token.
+    public : PublicUrl, optional
+        The address at which a proxy offers it.
 
     Raises
     ------
@@ -334,8 +349,8 @@ def serve_app(
     app = make(
         lambda: asyncio.get_running_loop().call_later(_FAREWELL_S, setattr, server, "should_exit", True)
     )
-    server = limited_server(Guard(app, own_names(host), token, number))
-    ready(f"http://{host}:{number}{path}", token)
+    server = limited_server(Guard(app, own_names(host), token, number, public))
+    ready(address_of(host, number, public) + path, token)
     try:
         with limited_logs():
             asyncio.run(server.serve([listener]))
@@ -365,19 +380,9 @@ def serve(
     ServerError
         If the address cannot be bound, or would admit everybody.
     """
-    with limited_logs(), _server(first, options) as server:
+    with limited_logs(), PageServer(None if first is None else first(), **options) as server:
         ready(server)
         try:
             server.join()
         except KeyboardInterrupt:
             _log.info("stopped by the operator")
-
-
-def _server(first: Callable[[], Opened] | None, options: dict[str, Any]) -> PageServer:
-    opened = None if first is None else first()
-    try:
-        return PageServer(opened, **options)
-    except BaseException:
-        if opened is not None:
-            opened.close()
-        raise

@@ -15,9 +15,10 @@ import secrets
 import socket
 import stat
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-from urllib.parse import SplitResult, parse_qs, urlsplit
+from typing import Literal, Self
+from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
 from starlette.requests import cookie_parser
 from starlette.responses import PlainTextResponse, RedirectResponse
@@ -33,8 +34,11 @@ MAX_QUERY_CHARS = 2000
 """See ``MAX_PATH_CHARS``."""
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[A-Za-z0-9._-]{1,253})(:[0-9]{1,5})?")
 _ORIGIN = re.compile(r"null|[a-z][a-z0-9+.-]{0,30}://" + _HOST.pattern)
+_PUBLIC_PATH = re.compile(r"(/[A-Za-z0-9._~!$&'()*+,;=:@%-]+)*/?")
+_PORTS = {"http": 80, "https": 443}
 _LONG_NUMBER = re.compile(r"\d{16}")
 """No valid route contains a number beyond JavaScript's exact integers."""
+_NO_TOKEN = "Open this page with the address that the program printed, which contains a token."
 _SINGLE = (b"host", b"origin", b"sec-fetch-site", b"authorization")
 
 
@@ -56,6 +60,50 @@ def own_names(host: str) -> frozenset[str]:
     return frozenset(name.lower() for name in names)
 
 
+@dataclass(frozen=True)
+class PublicUrl:
+    """The address at which a proxy offers the server, as browsers write it.
+
+    ``origin`` is scheme, host and port; ``host`` has no brackets; ``path`` is what the proxy puts before the
+    server's own paths, percent-encoded, from "/" to "/".
+    """
+
+    origin: str
+    host: str
+    path: str
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Return the address that ``--public-url`` gives; its path may lack the last "/".
+
+        Raises
+        ------
+        ServerError
+            If browsers cannot have it in their address bar.
+        """
+        with contextlib.suppress(ValueError):
+            parts = urlsplit(text)
+            host, port = parts.hostname or "", parts.port
+            name = f"[{ipaddress.ip_address(host)}]" if ":" in host else host.encode("idna").decode()
+            ends_well = _PUBLIC_PATH.fullmatch(parts.path) and not parts.query and not parts.fragment
+            if name and parts.scheme in _PORTS and ends_well and "@" not in parts.netloc:
+                shown = "" if port in (None, _PORTS[parts.scheme]) else f":{port}"
+                return cls(f"{parts.scheme}://{name}{shown}", name.strip("[]"), parts.path.rstrip("/") + "/")
+        raise ServerError(
+            f"--public-url {text!r:.200}: not the address of a page; give it as the browser shows it, such as"
+            " https://lab.example.org/cloth/."
+        )
+
+    def __str__(self) -> str:
+        """Return the address."""
+        return self.origin + self.path
+
+
+def is_open(host: str, public: PublicUrl | None) -> bool:
+    """Return whether a server can be reached from other computers, directly or through its proxy."""
+    return not is_loopback(host) or (public is not None and not is_loopback(public.host))
+
+
 class _Refusal(Exception):  # noqa: N818
     """A refused request; ``status`` is 400 (malformed) or 403 (not allowed)."""
 
@@ -67,11 +115,26 @@ class _Refusal(Exception):  # noqa: N818
 class Guard:
     """ASGI middleware that refuses malformed requests, foreign hosts and origins, and missing tokens.
 
-    With ``token`` None no token is required.
+    With ``token`` None no token is required. ``public`` is the address at which a proxy offers the server:
+    the proxy may keep its Host or set another, keep its path or remove it. Headers such as X-Forwarded-Host,
+    which anybody can send, are not read.
     """
 
-    def __init__(self, app: ASGIApp, names: frozenset[str], token: str | None, port: int) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        names: frozenset[str],
+        token: str | None,
+        port: int,
+        public: PublicUrl | None = None,
+    ) -> None:
         self._app = app
+        self._public = public
+        self._remedy = (
+            "Behind a proxy, start flatcloth with --public-url and the address that the browser shows."
+            if public is None
+            else f"Its --public-url is {public}"
+        )
         # Browsers share cookies between the ports of a host, and two sessions may run at once.
         self._cookie_name = f"flatcloth_{port}"
         self._names = names
@@ -82,6 +145,11 @@ class Guard:
         if scope["type"] not in {"http", "websocket"}:
             await self._app(scope, receive, send)
             return
+        if self._public is not None:
+            root = scope["root_path"] = unquote(self._public.path[:-1])
+            if not f"{scope['path']}/".startswith(f"{root}/"):  # the proxy has removed it
+                scope["path"] = root + scope["path"]
+            scope["path"] += "/" if scope["path"] == root else ""
         try:
             headers = _single_headers(scope["headers"])
             _check_form(scope, headers)
@@ -91,16 +159,19 @@ class Guard:
                 if scope["type"] == "http" and self._is_token(given):
                     await self._welcome(scope, receive, send)
                     return
-                self._check_token(headers)
+                cookie = cookie_parser(headers.get("cookie", "")).get(self._cookie_name)
+                bearer = headers.get("authorization", "").removeprefix(
+                    "Bearer "
+                )  # of a program, not a browser
+                if not self._is_token(cookie or bearer):
+                    raise _Refusal(403, _NO_TOKEN)
         except _Refusal as refusal:
             # Closed, so that who has no token holds no connection.
             closing = {"Connection": "close"}
             answer = PlainTextResponse(refusal.reason, status_code=refusal.status, headers=closing)
-            if scope["type"] == "websocket":
+            if scope["type"] == "websocket":  # refused with a text, which closing it would not send
                 await receive()
-                await _deny(answer, scope, receive, send)
-            else:
-                await answer(scope, receive, send)
+            await answer(scope, receive, send)
             return
         await self._app(scope, receive, send)
 
@@ -109,45 +180,49 @@ class Guard:
         host = headers["host"]
         name = (_split(f"//{host}", "Host").hostname or "").lower()
         reached = str((scope.get("server") or ("",))[0]).lower()
-        if name not in self._names and name != reached:
-            raise _Refusal(403, f"Refused: {host!r:.80} is not an address of this server.")
+        is_own, public = name in self._names or name == reached, self._public
+        if not is_own and (public is None or name != public.host):
+            raise _Refusal(403, f"Refused: {host!r:.80} is not an address of this server. {self._remedy}")
         origin = headers.get("origin")
-        if origin is not None and _split(origin, "Origin").netloc.lower() != host.lower():
-            raise _Refusal(403, f"Refused: pages of {origin!r:.80} may not use this server.")
+        if origin is not None and (public is None or origin.lower() != public.origin):
+            # Only the page at the server's own address has the origin of its Host.
+            if not is_own or _split(origin, "Origin").netloc.lower() != host.lower():
+                reason = f"Refused: pages of {origin!r:.80} may not use this server."
+                raise _Refusal(403, f"{reason} {self._remedy}")
         if origin is None and scope["type"] == "websocket" and "authorization" not in headers:
             # Browsers always send an Origin with a socket, and cannot send this header: a program does.
             raise _Refusal(403, "Refused: a socket needs an Origin, or 'Authorization: Bearer TOKEN'.")
         # Images, links and frames of other pages have no Origin, but browsers send their site.
         # "same-site" is another port of this computer. A link may open the page itself.
         site = headers.get("sec-fetch-site", "none")
-        opened = scope["path"] == "/" and headers.get("sec-fetch-mode") == "navigate"
+        opened = (
+            scope["path"].removeprefix(scope.get("root_path", "")) == "/"
+            and headers.get("sec-fetch-mode") == "navigate"
+        )
         framed = headers.get("sec-fetch-dest", "document") != "document"
         if site not in ("none", "same-origin") and (not opened or framed):
             raise _Refusal(403, "Refused: pages of other addresses may not use this server.")
 
-    def _check_token(self, headers: dict[str, str]) -> None:
-        bearer = headers.get("authorization", "").removeprefix("Bearer ")  # from a program, not a browser
-        if not self._is_token(cookie_parser(headers.get("cookie", "")).get(self._cookie_name) or bearer):
-            raise _Refusal(
-                403, "Open this page with the address that the program printed, which contains a token."
-            )
-
     async def _welcome(self, scope: Scope, receive: Receive, send: Send) -> None:
-        # To the page, never to the given path: "//host/" would be another server.
-        response = RedirectResponse("/", status_code=303)
-        response.set_cookie(self._cookie_name, self._token or "", httponly=True, samesite="strict")
+        # To the page, never to the given path: "//host/" would be another server. A proxy may have removed a
+        # path that is not declared: then the way is relative, and the cookie is for the page's folder.
+        public, above = self._public, scope.get("raw_path", b"/").count(b"/") - 1
+        path = None if public is None or public.path == "/" else public.path
+        page = path or "./" + "../" * above + (f"?token={self._token}" if above > 0 else "")
+        response = RedirectResponse(page, status_code=303)
+        if path or above <= 0:
+            response.set_cookie(
+                self._cookie_name,
+                self._token or "",
+                path=path,
+                secure=public is not None and public.origin.startswith("https:"),
+                httponly=True,
+                samesite="strict",
+            )
         await response(scope, receive, send)
 
     def _is_token(self, given: str) -> bool:
         return hmac.compare_digest(given.encode("utf-8", "replace"), (self._token or "").encode())
-
-
-async def _deny(answer: PlainTextResponse, scope: Scope, receive: Receive, send: Send) -> None:
-    """Refuse a socket with a text, which closing it before it is accepted would not send."""
-    if "websocket.http.response" in scope.get("extensions", {}):
-        await answer(scope, receive, send)
-    else:
-        await send({"type": "websocket.close", "code": 1008, "reason": bytes(answer.body).decode()})
 
 
 def _single_headers(raw: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
@@ -194,9 +269,9 @@ def new_token() -> str:
     return secrets.token_urlsafe(24)
 
 
-def own_token(host: str) -> str:
+def own_token(host: str, public: PublicUrl | None = None) -> str:
     """Return the user's own token for loopback; a new one for networks, where it may be intercepted."""
-    return kept_token() if is_loopback(host) else new_token()
+    return new_token() if is_open(host, public) else kept_token()
 
 
 def kept_token() -> str:

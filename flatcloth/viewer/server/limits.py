@@ -39,6 +39,7 @@ def limited_server(app: Any) -> uvicorn.Server:
         _EndsQuietly(app),
         log_config=None,
         access_log=False,
+        proxy_headers=False,  # uvicorn would believe those of every program of this computer
         ws="websockets-sansio",
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_per_message_deflate=False,

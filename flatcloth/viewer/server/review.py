@@ -14,14 +14,14 @@ import msgspec
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Route
 
 from flatcloth.batch.report import report_html, view_arguments
 from flatcloth.batch.review import decide
 from flatcloth.batch.rows import is_result_name, read_row
 from flatcloth.core.errors import FlatclothError
-from flatcloth.viewer.http import read_body
+from flatcloth.viewer.http import REFUSALS, RefusedError, read_body
 from flatcloth.viewer.server.app import serve_app
 from flatcloth.viewer.server.guard import given_token, kept_token
 
@@ -126,35 +126,24 @@ def review_app(out: Path, pages: SessionPages) -> Starlette:
     """
 
     async def page(_request: Request) -> Response:
-        try:
-            text = await run_in_threadpool(report_html, out, served=True)
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=409)
+        text = await run_in_threadpool(report_html, out, served=True)
         return HTMLResponse(text, headers={"Cache-Control": "no-store", "X-Frame-Options": "DENY"})
 
     async def verdict(request: Request) -> Response:
         said = await _said(request)
         if said is None:
-            return PlainTextResponse("Expected a name and a verdict.", status_code=400)
-        try:
-            await run_in_threadpool(decide, out, said.name, said.verdict)
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=409)
+            raise RefusedError("Expected a name and a verdict.", 400)
+        await run_in_threadpool(decide, out, said.name, said.verdict)
         return JSONResponse({"name": said.name, "verdict": said.verdict})
 
     async def open_session(request: Request) -> Response:
         said = await _said(request)
         row = read_row(out / said.name) if said is not None and is_result_name(said.name) else None
         if row is None:
-            return PlainTextResponse("There is no such result; load the page again.", status_code=404)
+            raise RefusedError("There is no such result; load the page again.", 404)
         if row["outcome"] != "done":
-            reason = row.get("reason") or "it is not done"
-            return PlainTextResponse(f"{row['name']} has no session: {reason}", status_code=409)
-        try:
-            arguments = view_arguments(row, out)
-            url = await run_in_threadpool(pages.address, str(row["name"]), arguments)
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=409)
+            raise FlatclothError(f"{row['name']} has no session: {row.get('reason') or 'it is not done'}")
+        url = await run_in_threadpool(pages.address, str(row["name"]), view_arguments(row, out))
         return JSONResponse({"url": url})
 
     return Starlette(
@@ -162,7 +151,8 @@ def review_app(out: Path, pages: SessionPages) -> Starlette:
             Route("/", page),
             Route("/verdict", verdict, methods=["POST"]),
             Route("/open", open_session, methods=["POST"]),
-        ]
+        ],
+        exception_handlers=REFUSALS,
     )
 
 
@@ -207,6 +197,6 @@ def serve_review(out: Path, port: int, ready: Callable[[str, str], None]) -> Non
     # Without a token, another user of this computer could open a session, and would get its address.
     token = given_token(None) or kept_token()
     try:
-        serve_app(lambda _end: review_app(out, pages), HOST, port, token, f"/?token={token}", ready)
+        serve_app(lambda _end: review_app(out, pages), HOST, port, token, f"?token={token}", ready)
     finally:
         pages.close()

@@ -22,7 +22,7 @@ from flatcloth.recordings import SourceOptions
 from flatcloth.recordings.base import source_options
 from flatcloth.recordings.mending import Mends
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.http import read_body, refused, rotation_of
+from flatcloth.viewer.http import RefusedError, read_body, rotation_of
 from flatcloth.viewer.hub import Hub, Tab
 from flatcloth.viewer.modes.active import ActiveApplication
 from flatcloth.viewer.modes.capture import CaptureApplication
@@ -99,7 +99,8 @@ class Workspace:
             active = active_routes(self.application.service(opened.base_from_camera))
         robot = self._robot = RobotAnswers(self.application, integration, opened.base_from_camera)
         self.router = Router(
-            [
+            redirect_slashes=False,  # they would name the host that a proxy has set
+            routes=[
                 *LayerRoutes(lambda: self.application.picture, integration).routes(),
                 *SourceRoutes(self.application, integration).routes(),
                 *CheckRoutes(integration).routes(),
@@ -113,8 +114,9 @@ class Workspace:
                 *robot_routes(robot),
                 WebSocketRoute("/robot/rosbridge", RosBridge(robot).serve),
                 WebSocketRoute("/ws", self._messages),
-                WebSocketRoute("/viser", self._viser_socket),
-            ]
+                Route("/ws", _no_socket, methods=["GET", "POST"]),
+                WebSocketRoute("/viser", lambda browser: relay(browser, self.scene.path)),
+            ],
         )
 
     @property
@@ -173,20 +175,10 @@ class Workspace:
 
         await self.hub.serve(browser, self.application.last_state, receive)
 
-    async def _viser_socket(self, browser: WebSocket) -> None:
-        await relay(browser, self.scene.path)
-
     async def _grasps(self, request: Request) -> Response:
         headers = {"Content-Disposition": 'attachment; filename="grasps.json"'}
-        try:
-            rotation_deg = rotation_of(request)
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=400)
-        try:
-            base = self._robot.base_from_camera
-            grasps = await run_in_threadpool(self.application.grasps, base, rotation_deg=rotation_deg)
-        except FlatclothError as error:
-            return PlainTextResponse(str(error), status_code=409)
+        base, rotation_deg = self._robot.base_from_camera, rotation_of(request)
+        grasps = await run_in_threadpool(self.application.grasps, base, rotation_deg=rotation_deg)
         return JSONResponse(grasps, headers=headers)
 
     async def _take_hand_eye(self, request: Request) -> Response:
@@ -195,8 +187,18 @@ class Workspace:
             data = await read_body(request, MAX_HAND_EYE_BYTES)
             self._robot.base_from_camera = hand_eye_from(data, Path("hand-eye file"))
         except (FlatclothError, ValueError) as error:
-            return refused(str(error), 400)
+            raise RefusedError(str(error), 400) from error
         return JSONResponse({"taken": True})
+
+
+async def _no_socket(_request: Request) -> Response:
+    """Tell the page, which asks this way when its socket is refused, that requests do come through."""
+    return PlainTextResponse(
+        "The proxy does not pass on WebSockets: it must forward the headers Upgrade and Connection"
+        " (docs/security.md has the lines for nginx).",
+        status_code=426,
+        headers={"Upgrade": "websocket"},
+    )
 
 
 def _hover(text: str) -> messages.Hover | messages.HoverRay | None:

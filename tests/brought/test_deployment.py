@@ -1,0 +1,269 @@
+"""The page behind proxies, and the program where nothing but its output can be written."""
+
+from __future__ import annotations
+
+import queue
+import re
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from urllib.parse import urljoin, urlsplit
+
+import httpx
+import pytest
+from reverse_proxy import Proxy, proxied
+from viewer_fakes import CylinderIntegration, MemoryFolder
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+from flatcloth.cli import main
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
+
+SAMPLE = "shirt-sleeve-clean"
+HUB = "/user/me/proxy/8080"
+LAB = "lab.example.org"
+View = Callable[..., PageServer]
+
+
+def cylinder(*_: object) -> Opened:
+    """Open an exact cylinder in place of a recording."""
+    return Opened(CylinderIntegration(), MemoryFolder())  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def view(monkeypatch: pytest.MonkeyPatch) -> Iterator[View]:
+    """Run ``flatcloth view`` in a thread, on a cylinder, until the test ends."""
+    served: queue.Queue[PageServer | int] = queue.Queue()
+    ended, running = threading.Event(), []
+
+    def join(server: PageServer) -> None:
+        served.put(server)
+        ended.wait(60)
+
+    def start(*options: str) -> PageServer:
+        arguments = ["view", SAMPLE, "--port", "0", "--quiet", *options]
+        running.append(threading.Thread(target=lambda: served.put(main(arguments))))
+        running[-1].start()
+        server = served.get(timeout=60)
+        assert isinstance(server, PageServer), f"it ended with {server}"
+        return server
+
+    monkeypatch.setenv("FLATCLOTH_TOKEN", "0123456789abcdef" * 2)
+    monkeypatch.setattr(PageServer, "join", join)
+    monkeypatch.setattr("flatcloth.commands.view.opened_recording", cylinder)
+    yield start
+    ended.set()
+    for thread in running:
+        thread.join(20)
+
+
+class Browser:
+    """Asks through a proxy as a browser does that shows ``address``."""
+
+    def __init__(self, address: str, port: int) -> None:
+        self.address, self._port = address, port
+        parts = urlsplit(address)
+        self.origin, self._host = f"{parts.scheme}://{parts.netloc}", parts.netloc
+        self.cookie, self.cookie_path = "", ""
+
+    def get(self, address: str, **headers: str) -> httpx.Response:
+        """Ask for an address, which is relative to that of the page."""
+        full = urljoin(self.address, address)
+        assert full.startswith(self.origin), f"{full} is elsewhere"
+        asked = f"http://127.0.0.1:{self._port}{full.removeprefix(self.origin)}"
+        return httpx.get(asked, headers={"Host": self._host, "Cookie": self.cookie, **headers})
+
+    def log_in(self, token: str) -> httpx.Response:
+        """Open the address with the token, and go where it leads."""
+        answer = self.get(f"?token={token}")
+        assert answer.status_code == 303, answer.text
+        self.address = urljoin(self.address, answer.headers["location"])
+        self.cookie, *attributes = answer.headers["set-cookie"].split("; ")
+        path = next((a.removeprefix("Path=") for a in attributes if a.startswith("Path=")), None)
+        self.cookie_path = path or urlsplit(self.address).path
+        return answer
+
+    def socket(self, address: str) -> str | bytes:
+        """Return the first message of a socket."""
+        asked = f"ws://{self._host}{urlsplit(urljoin(self.address, address)).path}"
+        way = socket.create_connection(("127.0.0.1", self._port))
+        cookie = {"Cookie": self.cookie}
+        with way, connect(asked, sock=way, origin=Origin(self.origin), additional_headers=cookie) as opened:
+            return opened.recv(timeout=20)
+
+
+WAYS = {
+    "keeps Host": (f"http://{LAB}/", Proxy()),
+    "keeps Host, another port": (f"http://{LAB}:18991/", Proxy()),
+    "nginx, which sets Host": (f"http://{LAB}:18992/", Proxy(keeps_host=False)),
+    "sub-path removed": (f"http://{LAB}{HUB}/", Proxy(HUB)),
+    "sub-path removed, Host set": (f"http://{LAB}{HUB}/", Proxy(HUB, keeps_host=False)),
+    "sub-path kept": (f"http://{LAB}{HUB}/", Proxy(HUB, removes_path=False)),
+    "sub-path kept, Host set": (f"http://{LAB}{HUB}/", Proxy(HUB, removes_path=False, keeps_host=False)),
+    "sub-path without a slash at its end": (f"http://{LAB}/cloth", Proxy("/cloth")),
+    "TLS": (f"https://{LAB}/", Proxy()),
+    "TLS, sub-path, another port, Host set": (f"https://{LAB}:8443/a/b/", Proxy("/a/b", keeps_host=False)),
+    "IPv6": ("http://[2001:db8::5]:8080/", Proxy()),
+    "a user's name in the path": (f"https://{LAB}/user/me%40lab/", Proxy("/user/me@lab")),
+    "a port of this computer": (f"http://localhost:18993{HUB}/", Proxy(HUB)),
+}
+
+
+@pytest.mark.parametrize(("address", "proxy"), WAYS.values(), ids=WAYS)
+def test_the_page_is_there_behind_a_proxy(view: View, address: str, proxy: Proxy) -> None:
+    server = view("--public-url", address)
+    below = address.rstrip("/") + "/"
+    assert server.url == f"{below}?token={server.token}"
+    with proxied(proxy, server.port) as port:
+        browser = Browser(address, port)
+        cookie = browser.log_in(server.token or "").headers["set-cookie"]
+        assert browser.address == below
+        assert urlsplit(below).path == browser.cookie_path
+        assert ("Secure" in cookie) == address.startswith("https:")
+        page = browser.get("").text
+        base = re.search('<base href="([^"]+)"', page)
+        browser.address = urljoin(below, base[1] if base else "")
+        assert browser.address == below
+        (script,) = re.findall('<script type="module" src="([^"]+)"', page)
+        code = browser.get(script, Origin=browser.origin)
+        assert code.headers["content-type"].startswith("text/javascript")
+        imported = urljoin(urljoin(below, script), re.findall('from "([^"]+)"', code.text)[-1])
+        assert browser.get(imported, Origin=browser.origin).status_code == 200
+        assert "<html" in browser.get("viser/").text
+        assert b'"type"' in str(browser.socket("ws")).replace("'", '"').encode()
+        assert browser.get("start").text.count("static/start/start.js") == 1
+        for foreign in ("http://evil.example", f"http://{LAB}:1", "null"):
+            assert browser.get(script, Origin=foreign).status_code == 403
+
+
+REMEDY = "start flatcloth with --public-url and the address that the browser shows"
+OTHER = "Its --public-url is http://other.example.org/"
+REFUSED = {
+    "a name that was not declared": ([], Proxy(), {}, REMEDY),
+    "Host set, origin not declared": ([], Proxy(keeps_host=False), {"Origin": f"http://{LAB}"}, REMEDY),
+    "another public URL": (["http://other.example.org/"], Proxy(), {}, OTHER),
+    "another public URL, Host set": (
+        ["http://other.example.org/"], Proxy(keeps_host=False), {"Origin": f"http://{LAB}"}, OTHER,
+    ),
+    "plain origin of a TLS address": ([f"https://{LAB}/"], Proxy(), {"Origin": f"http://{LAB}"}, "https://"),
+    "another port's origin": ([f"http://{LAB}/"], Proxy(), {"Origin": f"http://{LAB}:81"}, "Its --public"),
+    "X-Forwarded-Host of anybody": ([], Proxy(), {"X-Forwarded-Host": "localhost"}, REMEDY),
+    "X-Forwarded-* of anybody": (
+        [],
+        Proxy(keeps_host=False),
+        {"X-Forwarded-Host": LAB, "X-Forwarded-Proto": "http", "Origin": f"http://{LAB}"},
+        REMEDY,
+    ),
+    "Forwarded of anybody": ([], Proxy(), {"Forwarded": "host=127.0.0.1;proto=http"}, REMEDY),
+    "a name that resolves here": ([f"http://{LAB}/"], Proxy(), {"Host": "evil.example"}, "evil.example"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("public", "proxy", "headers", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_was_not_declared_is_refused_in_words(
+    view: View, public: list[str], proxy: Proxy, headers: dict[str, str], words: str
+) -> None:
+    server = view(*(["--public-url", *public] if public else []))
+    with proxied(proxy, server.port) as port:
+        browser = Browser(f"http://{LAB}/", port)
+        answer = browser.get("static/main.js", Authorization=f"Bearer {server.token}", **headers)
+    assert answer.status_code == 403
+    assert words in answer.text
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--public-url", LAB],
+        ["--public-url", f"ftp://{LAB}/"],
+        ["--public-url", f"https://me@{LAB}/"],
+        ["--public-url", f"https://{LAB}/?token=x"],
+        ["--public-url", f"https://{LAB}:99999/"],
+        ["--public-url", "https://[::1/"],
+        ["--public-url", "https:///cloth/"],
+        ["--public-url", f"https://{LAB}/", "--no-token"],
+        ["--session", "/proc/none/session"],
+    ],
+    ids=" ".join,
+)
+def test_what_cannot_be_is_one_line(
+    options: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("FLATCLOTH_TOKEN", raising=False)
+    assert main(["view", SAMPLE, "--port", "0", *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert options[1] in line
+    assert re.search("give it as the browser shows it|would admit everybody|Choose a writable folder", line)
+
+
+def test_a_folder_for_temporary_files_that_cannot_be_written_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("flatcloth.commands.view.opened_recording", cylinder)
+    monkeypatch.setattr(tempfile, "tempdir", "/proc/none")
+    assert main(["view", SAMPLE, "--port", "0"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("Set TMPDIR to a writable one.")
+
+
+# --- a cache that cannot be written ---------------------------------------------------------------
+
+KERNEL = """
+import resource
+from flatcloth.core.compiled import njit
+
+@njit(cache=True)
+def twice(x):
+    return 2 * x
+
+if {full}:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+print(twice(21), twice.stats.cache_path is None)
+"""
+
+
+def compiled(folder: Path, full: bool = False, **environment: str) -> tuple[str, str]:
+    """Compile a function of a folder where nothing can be kept; return what is printed, and said."""
+    (folder / "__pycache__").touch()
+    (folder / "kernel.py").write_text(KERNEL.format(full=full))
+    command = [sys.executable, "-B", str(folder / "kernel.py")]
+    root = str(Path(__file__).parents[2])
+    environment = {"PYTHONPATH": root, "PATH": "/usr/bin:/bin", **environment}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout.strip(), ended.stderr
+
+
+PLACES = {
+    "HOME cannot be written": ({"HOME": "/proc/none"}, "program's folder and HOME cannot"),
+    "a folder that is a file": ({"HOME": "/proc/none", "NUMBA_CACHE_DIR": __file__}, f"{__file__} cannot"),
+    "a folder that cannot be": ({"HOME": "/proc/none", "NUMBA_CACHE_DIR": "/proc/none"}, "/proc/none cannot"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("environment", "cause"), PLACES.values(), ids=PLACES)
+def test_without_a_cache_code_is_compiled_each_time_and_one_line_says_so(
+    tmp_path: Path, environment: dict[str, str], cause: str
+) -> None:
+    printed, said = compiled(tmp_path, **environment)
+    assert printed == "42 True"
+    (line,) = said.splitlines()
+    assert cause in line
+    assert "Set NUMBA_CACHE_DIR to a folder that can be written." in line
+
+
+def test_a_cache_that_is_full_or_damaged_is_done_without(tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    where = {"HOME": "/proc/none", "NUMBA_CACHE_DIR": str(cache)}
+    printed, said = compiled(tmp_path, full=True, **where)
+    assert (printed, said.count("\n")) == ("42 False", 1)
+    assert "NUMBA_CACHE_DIR" in said
+    assert compiled(tmp_path, **where) == ("42 False", "")
+    for file in cache.rglob("*.nb?"):
+        file.write_bytes(b"damaged")
+    assert compiled(tmp_path, **where) == ("42 False", "")

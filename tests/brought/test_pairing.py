@@ -1,0 +1,159 @@
+"""Streams that lost frames, count from other starts or have clocks of their own: pairs as the names say."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from flatcloth.cli import main
+
+FEW = range(8)
+TIMES_S = [1.7e9 + 3.0 * n + (0.7, 0.1, 0.4)[n % 3] for n in FEW]
+
+
+def _plain(n: int) -> str:
+    return f"{n:05d}"
+
+
+def _kept(folder: Path, half_views: Any) -> list[tuple[int, int, float]]:
+    """Return which view's color and depth each view of a written recording has, and its angle."""
+    views = half_views[1]
+
+    def nearest(image: Any, kind: int) -> int:
+        off = [np.abs(image.astype(float) - view[kind]).mean() for view in views[: len(FEW)]]
+        return int(np.argmin(off))
+
+    about = json.loads((folder / "recording.json").read_text())
+    return [
+        (
+            nearest(cv2.imread(str(folder / view["color"])), 0),
+            nearest(cv2.imread(str(folder / view["depth"]), -1) * about["depth_scale_m"] * 1000, 1),
+            view["angle_deg"],
+        )
+        for view in about["views"]
+    ]
+
+
+NAMES: dict[str, tuple[Callable[[int], str], Callable[[int], str]]] = {
+    "stems": (_plain, _plain),
+    "prefix and suffix": (lambda n: f"color_{n:04d}", lambda n: f"{n:04d}_depth"),
+    "not padded": (lambda n: f"{n + 7}", lambda n: f"depth{n + 7}"),
+    "counted from other starts": (lambda n: f"{n + 100}", str),
+    "seconds": (lambda n: f"{TIMES_S[n]:.6f}", lambda n: f"{TIMES_S[n] + 0.011:.6f}"),
+    "milliseconds": (lambda n: f"{1e3 * TIMES_S[n]:.0f}", lambda n: f"{1e3 * TIMES_S[n] + 11:.0f}"),
+    "nanoseconds and seconds": (lambda n: f"{1e9 * TIMES_S[n]:.0f}", lambda n: f"{TIMES_S[n] - 0.02:.3f}"),
+    "another clock": (lambda n: f"{TIMES_S[n] - 1.6e9:.3f}", lambda n: f"{TIMES_S[n]:.3f}"),
+    "dates": (lambda n: f"IMG_20260501_1230{3 * n:02d}", lambda n: f"D-2026-05-01-12-30-{3 * n:02d}.2"),
+    "number and time": (
+        lambda n: f"{n}_{1e3 * TIMES_S[n]:.0f}",
+        lambda n: f"{n - (n > 4)}_{1e3 * TIMES_S[n] + 9:.0f}",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_stream_lost_a_frame(
+    name: str, take: Any, half_views: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    color, depth = NAMES[name]
+    folder = take([(color(n), n) for n in FEW if n != 2], [(depth(n), n) for n in FEW if n != 4])
+    table = "".join(f"{color(n)}.png,{10 * n}\n" for n in FEW if n != 2)
+    (tmp_path / "angles.csv").write_text("file,angle_deg\n" + table)
+    given = ["--angles", str(tmp_path / "angles.csv"), "--out", str(tmp_path / "rec")]
+    assert main(["import", str(folder), *given]) == 0
+    assert _kept(tmp_path / "rec", half_views) == [(n, n, 10.0 * n) for n in FEW if n not in (2, 4)]
+    said = capsys.readouterr().out
+    assert f"left out: color/{color(4)}.png, depth/{depth(2)}.png." in said
+
+
+def test_steps_count_the_frames_that_both_streams_lost(take: Any, half_views: Any, tmp_path: Path) -> None:
+    named = [(str(n), n) for n in FEW if n != 5]
+    assert main(["import", str(take(named, named)), "--step", "10", "--out", str(tmp_path / "rec")]) == 0
+    assert _kept(tmp_path / "rec", half_views) == [(n, n, 10.0 * n) for n in FEW if n != 5]
+
+
+def test_streams_of_different_rates_pair_at_the_common_times(
+    take: Any, half_views: Any, tmp_path: Path
+) -> None:
+    color = [(f"{n / 30 + 5:.3f}", n // 3) for n in range(3 * len(FEW))]
+    folder = take(color, [(f"{n / 10 + 5.004:.3f}", n) for n in FEW])
+    assert main(["import", str(folder), "--step", "10", "--out", str(tmp_path / "rec")]) == 0
+    assert _kept(tmp_path / "rec", half_views) == [(n, n, 10.0 * n) for n in FEW]
+
+
+@pytest.mark.parametrize("again", ["00003 (1)", "3"])
+def test_a_duplicate_is_left_out_and_named(
+    again: str, take: Any, half_views: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = take([*((_plain(n), n) for n in FEW), (again, 3)], [(_plain(n), n) for n in FEW])
+    assert main(["import", str(folder), "--step", "10", "--out", str(tmp_path / "rec")]) == 0
+    assert _kept(tmp_path / "rec", half_views) == [(n, n, 10.0 * n) for n in FEW]
+    assert f"left out: color/{again}.png." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("mask", ["{:05d}", "mask{}"])
+def test_masks_pair_by_name_and_a_view_without_one_is_left_out(
+    mask: str, take: Any, half_views: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    named = [(_plain(n), n) for n in FEW]
+    folder = take(named, named, [(mask.format(n), n) for n in FEW if n != 3])
+    assert main(["import", str(folder), "--step", "10", "--out", str(tmp_path / "rec")]) == 0
+    assert _kept(tmp_path / "rec", half_views) == [(n, n, 10.0 * n) for n in FEW if n != 3]
+    assert "left out: color/00003.png." in capsys.readouterr().out
+    masks = sorted((tmp_path / "rec" / "mask").iterdir())
+    assert (cv2.imread(str(masks[3]), -1) == half_views[1][4][2]).all()
+
+
+@pytest.mark.parametrize(
+    ("color", "depth", "cause"),
+    [
+        ([str(n + 1) for n in FEW], [str(n) for n in FEW], "pair in two ways"),
+        ([str(n + 3) for n in FEW], [str(n) for n in FEW], "pair in two ways"),
+        ([str(n + 100) for n in FEW if n], [str(n) for n in FEW], "pair in two ways"),
+        (list("abcdefgh"), list("stuvwxy"), "has 8 images, but depth has 7, with other names"),
+    ],
+)
+def test_names_that_do_not_tell_are_refused(
+    color: list[str], depth: list[str], cause: str, take: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = take(*([(name, n) for n, name in enumerate(names)] for names in (color, depth)))
+    assert main(["check", str(folder), "--step", "10"]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert cause in line
+    assert "the same name" in line
+
+
+ALL = list(range(36))
+
+
+@pytest.mark.parametrize(
+    ("color", "depth", "text"),
+    [
+        (ALL[:-1], ALL[1:], "shifted against each other by 1 view:"),
+        (ALL[3:], ALL[:-3], "shifted against each other by 3 views:"),
+        (ALL, ALL[::-1], "in opposite order"),
+        ([n for n in ALL if n != 7], [n for n in ALL if n != 20], "of views 7 to 19 are shifted"),
+        (ALL, [*ALL[:12], 11, *ALL[12:-1]], "of views 12 to 35 are shifted"),
+    ],
+    ids=["one view", "three views", "backwards", "names that say nothing", "a frame twice"],
+)
+def test_what_names_do_not_tell_the_images_do_and_the_turntable_is_not_blamed(
+    color: list[int], depth: list[int], text: str, take: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    named = [[(chr(0x61 + n // 26) + chr(0x61 + n % 26), view) for n, view in enumerate(views)]
+             for views in (color, depth)]  # fmt: skip
+    folder = take(*named)
+    (folder / "angles.csv").write_text("\n".join(str(10 * n) for n in color))
+    given = ["check", str(folder)]
+    assert main([*given, "--json"]) == 1
+    (found,) = json.loads(capsys.readouterr().out)["findings"]
+    assert found["name"] == "pairing"
+    assert text in found["text"]
+    assert main([*given, *found["mends"][0]["options"].split()]) == 0
+    assert "Nothing is wrong" in capsys.readouterr().out

@@ -1,0 +1,99 @@
+"""Angles and depth in other units than they are read in: the true factor is named, or nothing is right."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flatcloth.cli import main
+
+VIEWS = [(f"{n:05d}", n) for n in range(36)]
+
+
+def _checked(folder: Path, angles: list[float], capsys: pytest.CaptureFixture[str], *more: str) -> Any:
+    table = folder / "angles.csv"
+    table.write_text("file,angle_deg\n" + "".join(f"{n:05d},{a:.6g}\n" for n, a in enumerate(angles)))
+    main(["check", str(folder), "--json", *more])
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("degrees_a_unit", "name"),
+    [
+        (math.degrees(1.0), "radians"),
+        (-math.degrees(1.0), "radians"),
+        (360.0, "turns"),
+        (0.9, "gradians"),
+        (360 / 1024, "10-bit encoder"),
+        (360 / 4096, "12-bit encoder"),
+        (360 / 16384, "14-bit encoder"),
+        (1.8, "motor with 200 a turn"),
+        (360 / 3200, "motor with 3200 a turn"),
+        (1 / 36, "gear of 1:36"),
+        (10.0, "numbers of views 10 degrees apart"),
+        (0.37, ""),
+        (2.2, ""),
+    ],
+)
+def test_a_unit_of_angles_is_found_with_its_factor(
+    degrees_a_unit: float, name: str, take: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = take(VIEWS, VIEWS)
+    angles = [10.0 * n / degrees_a_unit for n in range(36)]
+    check = _checked(folder, [float(f"{a:.5g}") for a in angles], capsys)
+    found = {finding["name"]: finding for finding in check["findings"]}
+    assert found["factor"]["certain"]
+    assert name in found["factor"]["text"]
+    factor = found["factor"]["mends"][0]["angle_factor"]
+    assert factor == pytest.approx(abs(degrees_a_unit), rel=0.01)
+    assert ("sense" in found) == (degrees_a_unit < 0)
+    again = _checked(folder, angles, capsys, *found["factor"]["mends"][0]["options"].split())
+    assert again["findings"] == []
+    assert again["pairs"] >= 34
+
+
+def test_an_encoder_that_passes_zero_is_found(take: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    check = _checked(take(VIEWS, VIEWS), [(700 + round(n * 1024 / 36)) % 1024 for n in range(36)], capsys)
+    assert check["findings"][0]["mends"][0]["angle_factor"] == pytest.approx(360 / 1024)
+
+
+def test_views_too_near_to_judge_are_not_called_right(take: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    same = [(f"{n:05d}", 0) for n in range(12)]
+    folder = take(same, same)
+    assert main(["check", str(folder), "--step", "0.1"]) == 0
+    said = capsys.readouterr().out
+    assert "Nothing is wrong" not in said
+    assert "cannot be judged: its views are recorded 0.1 degrees apart, too near" in said
+
+
+def test_views_too_far_apart_are_not_called_right(take: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    far = VIEWS[::6]
+    assert main(["check", str(take(far, far)), "--step", "60"]) == 0
+    said = capsys.readouterr().out
+    assert "cannot be judged" in said
+    assert "--angle-factor" not in said
+
+
+@pytest.mark.parametrize(
+    ("units_a_mm", "name"),
+    [
+        (0.1, "centimetres"),
+        (10.0, "tenths of a millimetre"),
+        (4.0, "quarters"),
+        (5.0, "1/5000 m"),
+        (8.0, "1/8000 m"),
+    ],
+)
+def test_a_unit_of_depth_is_among_the_names(
+    units_a_mm: float, name: str, take: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    check = _checked(take(VIEWS, VIEWS, unit=units_a_mm), [10.0 * n for n in range(36)], capsys)
+    found = check["findings"][0]
+    assert found["name"] == "unit"
+    assert name in found["text"]
+    factors = [mend["depth_factor"] for mend in found["mends"]]
+    assert any(factor == pytest.approx(1 / units_a_mm) for factor in factors)
