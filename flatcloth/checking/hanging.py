@@ -51,7 +51,7 @@ class SeenAxis:
 
 
 def seen_axis(turns: Sequence[Turn], axis: RotationAxis) -> SeenAxis | None:
-    """Return the axis that explains the motions of pairs; None if there are too few.
+    """Return the axis that explains the motions of pairs; None if there are too few, or nothing turns.
 
     A motion about an axis through c moves a center m by ``(I - R) (c - m)``.
     """
@@ -66,6 +66,8 @@ def seen_axis(turns: Sequence[Turn], axis: RotationAxis) -> SeenAxis | None:
         ways.append(-0.5 * np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]))
     signs = np.sign(np.array(ways) @ axis.direction)[:, None]
     along = np.array(ways) * signs
+    if not along.any():  # nothing turns
+        return None
     direction = along.sum(axis=0) / np.linalg.norm(along.sum(axis=0))
     size_deg = math.degrees(np.linalg.norm(along, axis=1).mean())
     apart = np.linalg.norm(along - (along @ direction)[:, None] * direction, axis=1)

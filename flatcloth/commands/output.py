@@ -68,7 +68,8 @@ def escape_what_cannot_be_encoded() -> None:
     """Let stdout and stderr write escapes for characters that their encodings lack, in place of an error."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+            with contextlib.suppress(OSError):  # a pipe has taken the place of its file
+                stream.reconfigure(errors="backslashreplace")
 
 
 def _one_line(text: str) -> str:
