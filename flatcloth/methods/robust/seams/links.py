@@ -36,7 +36,7 @@ _BENT = 0.3
 of the weaker one, weighted by its width; otherwise the weaker set is false. Measured by the same command:
 where the cloth is bent it is up to 0.2, where the set is false 0.4 and more."""
 _FALSE_SETS = 1 / 177
-"""Share of the sets that join which are false. Measured by the same command: the next would be the first."""
+"""Probability that a set that joins is false. Measured by the same command: of 176 none was (Laplace)."""
 _MOST_CONTRADICTED = _BENT
 """A set is contradicted if, for each of its places, more true edges than this would lie on the other sheet's
 cloth. Measured by the same command: of the strongest sets that join, true ones have up to 0.06, but one 0.40;
