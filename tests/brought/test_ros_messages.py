@@ -248,7 +248,7 @@ def test_a_file_that_is_cut_off_is_read_to_the_cut(
     data = path.read_bytes()
     path.write_bytes(data[: data.rindex(MILLIMETRES[2].tobytes()) + 5000])
     np.testing.assert_allclose(taken(path, tmp_path / "out"), DEPTHS[:2], atol=6e-4)
-    assert "cut off at its end" in capsys.readouterr().out
+    assert "cut off or damaged" in capsys.readouterr().out
     path.write_bytes(data[:300])
     refused(path, capsys, "cut off before its first whole message")
 

@@ -68,24 +68,20 @@ class Bag:
         store = get_typestore(Stores.ROS2_HUMBLE if is_ros2 else Stores.ROS1_NOETIC)
         self._is_ros2, self._decode = is_ros2, store.deserialize_cdr if is_ros2 else store.deserialize_ros1
         weakref.finalize(self, self._reader.close)
+        is_cut = getattr(self._reader, "is_cut", False)
+        self.notes = ("The file is cut off or damaged: only what comes before is read.",) if is_cut else ()
         self._topics: dict[str, tuple[str, list[Any]]] = {}
         for connection in self._reader.connections:
             kind, connections = self._topics.setdefault(connection.topic, (connection.msgtype, []))
             if kind == connection.msgtype and connection.msgcount:
                 connections.append(connection)
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """A note if the end of the file is missing."""
-        is_cut = getattr(self._reader, "is_cut", False)
-        return ("The file is cut off at its end: what comes before is read.",) if is_cut else ()
-
     def kinds(self) -> dict[str, str]:
         """Return the type of the messages of each topic that has any, in alphabetical order."""
         return {topic: kind for topic, (kind, connections) in sorted(self._topics.items()) if connections}
 
-    def stamps(self, topic: str) -> list[tuple[Place, float]]:
-        """Return the position of each message of a topic, and its time stamp in seconds (0 if it has none).
+    def stamps(self, *topics: str) -> list[list[tuple[Place, float]]]:
+        """Return the position of each message of topics, and its time stamp in seconds (0 if it has none).
 
         Raises
         ------
@@ -94,15 +90,17 @@ class Bag:
 
         Notes
         -----
-        Reads the whole topic: 0.2 s for 300 MB that are in the system's cache.
+        Reads the topics: 0.2 s for 300 MB that are in the system's cache.
         """
-        _, connections = self._topics[topic]
-        found, seen = [], Counter[int]()
+        found: dict[str, list[tuple[Place, float]]] = {topic: [] for topic in topics}
+        seen = Counter[tuple[str, int]]()
+        connections = [connection for topic in topics for connection in self._topics[topic][1]]
         with self._read_errors(), self._lock:
-            for _, written_ns, raw in self._reader.messages(connections=connections):
-                found.append((Place(written_ns, seen[written_ns]), self._stamp_s(raw)))
-                seen[written_ns] += 1
-        return found
+            for connection, written_ns, raw in self._reader.messages(connections=connections):
+                message = connection.topic, written_ns
+                found[connection.topic].append((Place(written_ns, seen[message]), self._stamp_s(raw)))
+                seen[message] += 1
+        return list(found.values())
 
     def message(self, topic: str, place: Place | None = None) -> Any:
         """Return one message of a topic, without a place its first.

@@ -60,8 +60,7 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
     bag = Bag(path)
     color, depth = _choose(path, bag)
     camera = _camera(path, color, depth)
-    times = {topic.name: _times(bag.stamps(topic.name)) for topic in (color, depth)}
-    (color_places, color_s), (depth_places, depth_s) = times[color.name], times[depth.name]
+    (color_places, color_s), (depth_places, depth_s) = map(_times, bag.stamps(color.name, depth.name))
     # Half the interval between frames; frames of a still item may be a little farther apart.
     interval_s = float(np.median(np.diff(np.sort(color_s)))) if len(color_s) > 1 else _MOST_APART_S
     pairs = pair_by_time(color_s, depth_s, min(max(0.5 * interval_s, 0.005), _MOST_APART_S))
