@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import shutil
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 
 from flatcloth.core.resources import sample_recordings
-from flatcloth.core.types import Float64, Intrinsics, RgbdFrame, RotationAxis
+from flatcloth.core.types import Intrinsics, RotationAxis
+from flatcloth.recordings.base import Recording, ViewImages
 
 WIDTH, HEIGHT = 16, 12
 
@@ -81,37 +82,19 @@ def write_recording(folder: Path) -> Path:
     return folder
 
 
-@dataclass
-class MemoryRecording:
-    """A recording that exists in memory only; its frames are blank."""
-
-    name: str = "memory"
-    description: str = ""
-    location: str = "nowhere"
-    angles_deg: tuple[float, ...] = tuple(10.0 * i for i in range(6))
-    has_masks: bool = False
-    held_point_m: Float64 | None = None
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        return Intrinsics(width=WIDTH, height=HEIGHT, fx=20.0, fy=20.0, cx=7.5, cy=5.5)
-
-    @property
-    def rotation_axis(self) -> RotationAxis | None:
-        return RotationAxis(point_m=np.array([0.0, 0.0, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
-
-    def __len__(self) -> int:
-        return len(self.angles_deg)
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        return RgbdFrame(
-            view_index=view_index,
-            angle_deg=self.angles_deg[view_index],
-            color=np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8),
-            depth_m=np.full((HEIGHT, WIDTH), 0.85, dtype=np.float32),
-            mask=None,
-            intrinsics=self.intrinsics,
-        )
+MemoryRecording = partial(
+    Recording,
+    name="memory",
+    location="nowhere",
+    intrinsics=Intrinsics(width=WIDTH, height=HEIGHT, fx=20.0, fy=20.0, cx=7.5, cy=5.5),
+    rotation_axis=RotationAxis(point_m=np.array([0.0, 0.0, 0.85]), direction=np.array([0.0, -1.0, 0.0])),
+    angles_deg=tuple(10.0 * i for i in range(6)),
+    read=lambda _: ViewImages(
+        color=np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8),
+        depth_m=np.full((HEIGHT, WIDTH), 0.85, dtype=np.float32),
+    ),
+)
+"""A recording that exists in memory only; its frames are blank."""
 
 
 def few_views(name: str, step: int, folder: Path) -> Path:

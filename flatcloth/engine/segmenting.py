@@ -17,7 +17,7 @@ from flatcloth.core.errors import SegmentationError
 from flatcloth.core.strokes import Decision, ImageStroke, why_off_image
 from flatcloth.core.types import Progress, RgbdFrame, no_progress
 from flatcloth.engine.views import RecordedViews
-from flatcloth.recordings.base import LazyRecording, Recording, ViewImages, altered, images_of
+from flatcloth.recordings.base import Recording, ViewImages, altered, images_of
 from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.observed import Evidence, gather_evidence, observe
 from flatcloth.segmentation.result import OF_INTEREST, Segmentation
@@ -34,7 +34,7 @@ _THREADS = 2
 """Number of views read in parallel. Chosen for two cores."""
 
 
-def masked(recording: Recording, segmentation: Segmentation) -> LazyRecording:
+def masked(recording: Recording, segmentation: Segmentation) -> Recording:
     """Return a recording whose views have the masks of a segmentation; masks of its own are not used.
 
     Its attributes are those of the recording, ``has_masks`` included, so that a session folder takes it

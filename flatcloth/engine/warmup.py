@@ -21,7 +21,7 @@ import numpy as np
 from flatcloth.core.types import Intrinsics, Progress, RotationAxis, no_progress
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.kernels.table import compile_share, kernels
-from flatcloth.recordings.base import LazyRecording, ViewImages
+from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.session.machine import Accept, Document, Propose, SessionState, Start, apply
 
 PROCESSES = 2
@@ -33,7 +33,7 @@ _LOOK_S = 0.25
 _beside: list[subprocess.Popen[bytes]] = []
 
 
-def turned_cylinder() -> LazyRecording:
+def turned_cylinder() -> Recording:
     """Return a recording of a checkered half cylinder with two views, as small as the method allows."""
     k, angles_deg = Intrinsics(width=160, height=160, fx=250.0, fy=250.0, cx=79.5, cy=79.5), (0.0, 20.0)
 
@@ -50,7 +50,7 @@ def turned_cylinder() -> LazyRecording:
         color = np.where((squares % 2 == 0)[..., None], 220, 40) * np.ones(3)
         return ViewImages(color.astype(np.uint8), np.where(mask, depth, 0.0).astype(np.float32), mask)
 
-    return LazyRecording(
+    return Recording(
         name="cylinder",
         location="computed",
         intrinsics=k,

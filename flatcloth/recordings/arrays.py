@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RotationAxis, Uint8
-from flatcloth.recordings.base import LazyRecording, ViewImages
+from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.files.camera import checked_direction, checked_intrinsics
 from flatcloth.recordings.files.depth_files import FARTHEST_M
 from flatcloth.recordings.files.text import failing
@@ -27,7 +27,7 @@ def recording_from_arrays(
     held_point_m: ArrayLike | None = None,
     depth_scale_m: float | None = None,
     name: str = "arrays",
-) -> LazyRecording:
+) -> Recording:
     """Make a recording from arrays; images without lens distortion.
 
     Parameters
@@ -56,7 +56,7 @@ def recording_from_arrays(
 
     Returns
     -------
-    LazyRecording
+    Recording
         Reads like any other recording. Arrays of the right type are not copied; do not modify them.
 
     Raises
@@ -79,7 +79,7 @@ def recording_from_arrays(
             image != 0
             for image in _images("masks", masks, count, ("b1", *whole), (), "Give bool (H, W).", size)
         ]
-    return LazyRecording(
+    return Recording(
         name=name,
         location="arrays",
         intrinsics=_camera(intrinsics, size),

@@ -1,4 +1,4 @@
-"""The interface that every source of RGB-D views implements."""
+"""The recording that every source of RGB-D views returns."""
 
 from __future__ import annotations
 
@@ -7,51 +7,9 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping, Sized
 from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from flatcloth.core.types import Bool, Float32, Float64, Intrinsics, RgbdFrame, RotationAxis, Uint8
-
-
-class Recording(Protocol):
-    """A garment turned in front of a camera: a sequence of views that are read on demand."""
-
-    @property
-    def name(self) -> str:
-        """Short name, for titles and session folders."""
-
-    @property
-    def description(self) -> str:
-        """One sentence of free text; may be empty."""
-
-    @property
-    def location(self) -> str:
-        """Where it was read from, for messages and for resuming a session."""
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """The camera, after correction of the lens distortion."""
-
-    @property
-    def rotation_axis(self) -> RotationAxis | None:
-        """The turning axis in the camera frame; None if the source does not give it."""
-
-    @property
-    def held_point_m(self) -> Float64 | None:
-        """The point where the item is held, camera frame; None if the source does not give it."""
-
-    @property
-    def angles_deg(self) -> tuple[float, ...]:
-        """Angle of each view about the axis since view 0."""
-
-    @property
-    def has_masks(self) -> bool:
-        """Whether every view has a mask of the side of interest."""
-
-    def __len__(self) -> int:
-        """Return the number of views."""
-
-    def __getitem__(self, view_index: int) -> RgbdFrame:
-        """Read one view; raises ``RecordingError`` with file, cause and remedy."""
 
 
 class ViewImages(NamedTuple):
@@ -67,12 +25,31 @@ class ViewImages(NamedTuple):
 
 
 @dataclass(kw_only=True, eq=False)
-class LazyRecording:
-    """A :class:`Recording` whose views are read by a function; all built-in formats return one.
+class Recording:
+    """A garment turned in front of a camera: a sequence of views that are read on demand.
 
-    ``read`` returns the images of a view, given its number, or raises ``RecordingError``. ``notes`` are
-    remarks for the operator on how the recording was read; ``mends`` are what is read otherwise than recorded
-    (:class:`flatcloth.recordings.mending.Mends`), None if nothing is.
+    Parameters
+    ----------
+    name : str
+        Short name, for titles and session folders.
+    location : str
+        Where it was read from, for messages and for resuming a session.
+    intrinsics : Intrinsics
+        The camera, after correction of the lens distortion.
+    angles_deg : tuple of float
+        Angle of each view about the axis since view 0.
+    read : callable
+        Returns the images of a view, given its number; raises ``RecordingError`` with file, cause and remedy.
+    description : str
+        One sentence of free text; may be empty.
+    notes : tuple of str
+        Remarks for the operator on how the recording was read.
+    rotation_axis, held_point_m : RotationAxis, array (3,)
+        The turning axis, and where the item is held, camera frame; None if the source does not give them.
+    has_masks : bool
+        Whether every view has a mask of the side of interest.
+    mends : Mends
+        What is read otherwise than recorded (``flatcloth.recordings.mending``), None if nothing is.
     """
 
     name: str
@@ -114,11 +91,11 @@ class LazyRecording:
         )
 
 
-def altered(recording: Recording, **changes: Any) -> LazyRecording:
+def altered(recording: Recording, **changes: Any) -> Recording:
     """Return a recording like another, but for the attributes that are given; ``read`` may be one of them."""
-    names = [own.name for own in fields(LazyRecording) if hasattr(recording, own.name)]
+    names = [own.name for own in fields(Recording) if hasattr(recording, own.name)]
     same = {name: getattr(recording, name) for name in names}
-    return LazyRecording(**(same | {"read": lambda n: images_of(recording[n])} | changes))
+    return Recording(**(same | {"read": lambda n: images_of(recording[n])} | changes))
 
 
 def images_of(frame: RgbdFrame) -> ViewImages:

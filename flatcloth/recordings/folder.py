@@ -8,13 +8,13 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Bool, Float32
-from flatcloth.recordings.base import LazyRecording, ViewImages
+from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.files import depth_files, images
 from flatcloth.recordings.manifest import HEADER, Manifest, ViewFiles, read_manifest
 from flatcloth.recordings.source import Format, SourceOptions
 
 
-def open_folder(folder: Path) -> LazyRecording:
+def open_folder(folder: Path) -> Recording:
     """Open a recording folder, with its ``recording.json``.
 
     Raises
@@ -29,7 +29,7 @@ def _is_folder(path: Path) -> bool:
     return (path / HEADER).exists()
 
 
-def _open(path: Path, options: SourceOptions) -> LazyRecording:
+def _open(path: Path, options: SourceOptions) -> Recording:
     options.refuse(str(path), "angles", "step_deg", "camera_file", "fov_deg", "turning_deg", "sweep")
     return open_folder(path)
 
@@ -47,7 +47,7 @@ FORMAT = Format(
 )
 
 
-def image_recording(manifest: Manifest) -> LazyRecording:
+def image_recording(manifest: Manifest) -> Recording:
     """Return the recording of image files; the pixels are checked when a view is read, all else at once.
 
     Raises
@@ -61,7 +61,7 @@ def image_recording(manifest: Manifest) -> LazyRecording:
     Reads the headers of all images (a few milliseconds for 36 views) and decodes none.
     """
     files = _ImageFiles(manifest)
-    return LazyRecording(
+    return Recording(
         name=manifest.name,
         description=manifest.description,
         notes=manifest.notes,

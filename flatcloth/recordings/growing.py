@@ -5,12 +5,12 @@ from __future__ import annotations
 from copy import copy
 
 from flatcloth.core.types import Bool, Uint8
-from flatcloth.recordings.base import LazyRecording, fingerprint
+from flatcloth.recordings.base import Recording, fingerprint
 from flatcloth.recordings.folder import open_folder
 from flatcloth.recordings.writer import RecordingWriter, Uint16
 
 
-class GrowingRecording(LazyRecording):
+class GrowingRecording(Recording):
     """The recording that a writer writes; from its first view on it can be integrated.
 
     Parameters

@@ -17,7 +17,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.subprocess_worker import Message, Worker, WorkerLostError, reader_errors_as, serve
 from flatcloth.core.types import Intrinsics, Progress, no_progress
-from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
+from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.film.angles import GivenAngles
 from flatcloth.recordings.ros.bag import MCAP, ROS_1, ZSTD, data_files
 from flatcloth.recordings.source import Format, SourceOptions
@@ -29,7 +29,7 @@ _REFUSED = ("camera_file", "fov_deg", "turning_deg", "sweep")
 
 def open_isolated(
     kind: str, path: Path, options: Mapping[str, Any], progress: Progress = no_progress
-) -> LazyRecording:
+) -> Recording:
     """Open a recording in a worker process.
 
     Parameters
@@ -63,7 +63,7 @@ def open_isolated(
     given = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
     about = ask({"kind": kind, "path": str(path), "options": given}, progress).table
     lists = {name: tuple(about[name]) for name in ("notes", "angles_deg")}
-    return LazyRecording(
+    return Recording(
         **{**about, **lists, "intrinsics": Intrinsics(**about["intrinsics"])},
         read=lambda view_index: ViewImages(**ask({"view": view_index}).arrays),
     )

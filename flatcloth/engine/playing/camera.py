@@ -16,7 +16,7 @@ from flatcloth.core.types import Bool, Float32, RgbdFrame, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.playing.recording import LiveFrame, LivePlayer
 from flatcloth.engine.views import ViewCloud
-from flatcloth.recordings.base import LazyRecording, ViewImages, images_of
+from flatcloth.recordings.base import Recording, ViewImages, images_of
 from flatcloth.segmentation.item import find_item
 
 NOTHING_YET_S = 2.0
@@ -91,7 +91,7 @@ class CameraPlayer(LivePlayer):
         return own if own.any() else item
 
 
-def camera_recording(feed: CameraFeed) -> LazyRecording:
+def camera_recording(feed: CameraFeed) -> Recording:
     """Return a camera as a recording of one view, the newest frame, for code that needs a recording.
 
     Its axis is the vertical of a level camera, 0.5 to 1 m away. Reading raises ``CameraError`` if there is no
@@ -105,7 +105,7 @@ def camera_recording(feed: CameraFeed) -> LazyRecording:
             raise CameraError(f"{camera.name}: no image yet.")
         return images_of(seen.rgbd(camera))
 
-    return LazyRecording(
+    return Recording(
         name=camera.name,
         description="live camera",
         location=f"camera {camera.name}",

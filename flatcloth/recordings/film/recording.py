@@ -9,7 +9,7 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Progress, no_progress
-from flatcloth.recordings.base import LazyRecording, Recording, ViewImages, altered
+from flatcloth.recordings.base import Recording, ViewImages, altered
 from flatcloth.recordings.film.angles import SAME_VIEW_DEG, GivenAngles, Shots, distinct, stops_found
 from flatcloth.recordings.film.averaging import average_color, average_depth
 from flatcloth.recordings.film.stillness import StopFinder, glance
@@ -22,7 +22,7 @@ _UNITS_PER_M = 5_000.0
 
 def film_recording(
     frames: Recording, times_s: Sequence[float], step_deg: float, progress: Progress = no_progress
-) -> LazyRecording:
+) -> Recording:
     """Return the stops of a film as views; the frames of a stop are averaged when its view is read.
 
     Parameters

@@ -16,7 +16,7 @@ import re
 from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
+from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.files.depth_files import read_depth_header
 from flatcloth.recordings.files.images import check_size, read_header
 from flatcloth.recordings.files.pcd import camera_of, read_pcd, read_pcd_header
@@ -175,7 +175,7 @@ def _of_images(
 
 def _of_clouds(
     folder: Path, clouds: list[Path], angles_deg: list[float], options: SourceOptions
-) -> LazyRecording:
+) -> Recording:
     header = read_pcd_header(clouds[0])
     camera = given_camera((header.width, header.height), options)
     if camera is None:
@@ -184,7 +184,7 @@ def _of_clouds(
         camera = Camera(intrinsics=intrinsics, lens=lens, notes=(note,))
     for cloud in clouds:
         check_size(cloud, read_depth_header(cloud), camera.intrinsics)
-    return LazyRecording(
+    return Recording(
         name=_name(folder),
         location=str(folder),
         description="MultimodalClothes, organised clouds",

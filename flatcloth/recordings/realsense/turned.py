@@ -14,7 +14,7 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Progress, no_progress
-from flatcloth.recordings.base import LazyRecording, ViewImages
+from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.film.angles import SAME_VIEW_DEG, distinct, stops_found
 from flatcloth.recordings.film.averaging import average_color, average_depth
 from flatcloth.recordings.film.stillness import Stop, StopFinder, glance
@@ -77,7 +77,7 @@ class _Look:
 
 def open_realsense(
     path: Path, options: TurnOptions | None = None, progress: Progress = no_progress
-) -> LazyRecording:
+) -> Recording:
     """Play a RealSense file and return its views of the item.
 
     Parameters
@@ -91,7 +91,7 @@ def open_realsense(
 
     Returns
     -------
-    LazyRecording
+    Recording
         All views in memory: 2.8 MB each at 640x480 px. Its notes say what was found, and what is wrong with
         the file.
 
@@ -130,7 +130,7 @@ def open_realsense(
         raise RecordingError(
             f"{path}: no depth was measured at any stop. Check that the camera sees the item."
         )
-    return LazyRecording(
+    return Recording(
         name=path.stem,
         location=str(path.resolve()),
         description=" ".join(notes),

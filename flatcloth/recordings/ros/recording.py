@@ -12,7 +12,7 @@ import numpy as np
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Float64, Progress, no_progress
-from flatcloth.recordings.base import LazyRecording, Recording, ViewImages
+from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.files.text import failing, one_line, shortened
 from flatcloth.recordings.film.angles import GivenAngles, Shots, left_out, pair_by_time
 from flatcloth.recordings.film.recording import views_or_film
@@ -75,7 +75,7 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
     def made(chosen: list[tuple[int, float]]) -> Recording:
         places = [(color_places[pairs[n][0]], depth_places[pairs[n][1]]) for n, _ in chosen]
         names = (color.name, depth.name)
-        return LazyRecording(
+        return Recording(
             name=one_line(path.stem) or "recording",
             description=f"ROS recording, {color.name} and {depth.name}",
             location=str(path),
