@@ -189,11 +189,11 @@ def mends_of(options: argparse.Namespace) -> Mends | None:
     RecordingError
         If a value is invalid.
     """
-    from flatcloth.recordings.mending import MENDS, Mends
+    from flatcloth.recordings.mending import MENDS, Mends, options_of
 
     given = {name: getattr(options, name, None) for name in MENDS}
     said = {name: value for name, value in given.items() if value not in (None, False)}
-    return Mends.from_dict(said, "the command line") if said else None
+    return options_of(Mends, said, "the command line") if said else None
 
 
 def kept_mends(options: SourceOptions, session: Path) -> SourceOptions:

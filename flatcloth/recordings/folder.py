@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.core.types import Bool, Float32
+from flatcloth.core.types import Bool
 from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.files import depth_files, images
+from flatcloth.recordings.files.pcd import read_pcd
 from flatcloth.recordings.manifest import HEADER, Manifest, ViewFiles, read_manifest
 from flatcloth.recordings.source import Format, SourceOptions
 
@@ -60,7 +61,8 @@ def image_recording(manifest: Manifest) -> Recording:
     -----
     Reads the headers of all images (a few milliseconds for 36 views) and decodes none.
     """
-    files = _ImageFiles(manifest)
+    for view in manifest.views:
+        _checked(manifest, view)
     return Recording(
         name=manifest.name,
         description=manifest.description,
@@ -71,7 +73,7 @@ def image_recording(manifest: Manifest) -> Recording:
         held_point_m=manifest.held_point_m,
         angles_deg=tuple(view.angle_deg for view in manifest.views),
         has_masks=manifest.views[0].mask is not None,
-        read=files.read,
+        read=lambda n: _read(manifest, manifest.views[n]),  # checks its files again
     )
 
 
@@ -79,50 +81,46 @@ OTHER_SIDE = 128
 """Value of the other side in a mask that names both sides. By definition."""
 
 
-class _ImageFiles:
-    """The image files of a recording: checked when it is opened, and again when a view is read."""
+def _read(manifest: Manifest, view: ViewFiles) -> ViewImages:
+    header, undistort = _checked(manifest, view), manifest.lens.undistort
+    if view.is_cloud:
+        cloud = read_pcd(view.depth)
+        color, depth_m = cloud.rgb, cloud.depth_m
+    else:
+        color = images.decode_color(view.color)
+        depth_m = depth_files.decode_depth_m(view.depth, header, manifest.depth_scale_m)
+    depth_m = undistort(depth_m, blend=False)
+    if color is None or not depth_m.any():
+        what = "color" if color is None else "depth, every pixel is 0"
+        raise RecordingError(f"{view.depth}: no {what}. Record the view again.")
+    return ViewImages(undistort(color, blend=True), depth_m, *_masks(manifest, view.mask))
 
-    def __init__(self, manifest: Manifest) -> None:
-        self._manifest, self._camera, self._undistort = manifest, manifest.intrinsics, manifest.lens.undistort
-        for view in manifest.views:
-            self._checked(view)
 
-    def read(self, view_index: int) -> ViewImages:
-        view = self._manifest.views[view_index]
-        header = self._checked(view)
-        color = self._undistort(images.decode_color(view.color), blend=True)
-        return ViewImages(color, self._depth(view.depth, header), *self._masks(view.mask))
+def _masks(manifest: Manifest, path: Path | None) -> tuple[Bool | None, Bool | None]:
+    """Return the masks of this side and of the other; the second is None unless the file names both."""
+    if path is None:
+        return None, None
+    values = manifest.lens.undistort(images.decode_raw(path, np.uint8), blend=False)
+    other = values == OTHER_SIDE
+    names_both = other.any() and (other | (values == 0) | (values == 255)).all()
+    mask: Bool = values > (OTHER_SIDE if names_both else 127)
+    if values.any() and not (mask.any() or names_both):
+        raise RecordingError(
+            f"{path}: no pixel exceeds 127, the largest value is {values.max()}. "
+            "Mark the side of interest with 255."
+        )
+    # All False if the side of interest is not visible in this view.
+    return mask, other if names_both else None
 
-    def _depth(self, path: Path, header: images.ImageHeader) -> Float32:
-        depth_m = depth_files.decode_depth_m(path, header, self._manifest.depth_scale_m)
-        depth_m = self._undistort(depth_m, blend=False)
-        if not depth_m.any():
-            raise RecordingError(f"{path}: no depth, every pixel is 0. Record the view again.")
-        return depth_m
 
-    def _masks(self, path: Path | None) -> tuple[Bool | None, Bool | None]:
-        """Return the masks of this side and of the other; the second is None unless the file names both."""
-        if path is None:
-            return None, None
-        values = self._undistort(images.decode_raw(path, np.uint8), blend=False)
-        other = values == OTHER_SIDE
-        names_both = other.any() and (other | (values == 0) | (values == 255)).all()
-        mask: Bool = values > (OTHER_SIDE if names_both else 127)
-        if values.any() and not (mask.any() or names_both):
-            raise RecordingError(
-                f"{path}: no pixel exceeds 127, the largest value is {values.max()}. "
-                "Mark the side of interest with 255."
-            )
-        # All False if the side of interest is not visible in this view.
-        return mask, other if names_both else None
-
-    def _checked(self, view: ViewFiles) -> images.ImageHeader:
-        """Check the headers of a view's files, and return that of its depth."""
-        images.read_checked(view.color, "color", self._camera)
-        if view.mask is not None:
-            images.read_checked(view.mask, "mask", self._camera)
-        if not self._manifest.any_depth:
-            return images.read_checked(view.depth, "depth", self._camera)
-        header = depth_files.read_depth_header(view.depth)
-        images.check_size(view.depth, header, self._camera)
-        return header
+def _checked(manifest: Manifest, view: ViewFiles) -> images.ImageHeader:
+    """Check the headers of a view's files, and return that of its depth."""
+    if not view.is_cloud:
+        images.read_checked(view.color, "color", manifest.intrinsics)
+    if view.mask is not None:
+        images.read_checked(view.mask, "mask", manifest.intrinsics)
+    if not manifest.any_depth:
+        return images.read_checked(view.depth, "depth", manifest.intrinsics)
+    header = depth_files.read_depth_header(view.depth)
+    images.check_size(view.depth, header, manifest.intrinsics)
+    return header

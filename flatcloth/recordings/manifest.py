@@ -31,6 +31,11 @@ class ViewFiles:
     mask: Path | None = None
     truth: Path | None = None
 
+    @property
+    def is_cloud(self) -> bool:
+        """Whether color and depth are one organised cloud."""
+        return self.color == self.depth and self.depth.suffix == ".pcd"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:

@@ -84,17 +84,6 @@ class Mends:
             if (value := getattr(self, field.name)) != field.default
         }
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any], where: str) -> Mends:
-        """Read mends from a table, of JSON or of a CSV file (lists: numbers, separated by spaces).
-
-        Raises
-        ------
-        RecordingError
-            If a name is unknown or a value is invalid.
-        """
-        return options_of(cls, values, where)
-
     def then(self, more: Mends) -> Mends:
         """Return mends of a recording that is read with these already; single views are named as in it."""
         (right, down), (more_right, more_down) = self.color_shift, more.color_shift

@@ -107,7 +107,7 @@ class SourceOptions:
         known = {name: value for name, value in values.items() if value not in (None, "")}
         mends = {name: known.pop(name) for name in MENDS if name in known}
         if mends:
-            known["mends"] = Mends.from_dict(mends, where)
+            known["mends"] = options_of(Mends, mends, where)
         for name in ("angles", "camera_file"):
             if base is not None and isinstance(known.get(name), str):
                 known[name] = base / Path(known[name]).expanduser()

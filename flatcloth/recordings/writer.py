@@ -78,7 +78,7 @@ class RecordingWriter:
         truth_header: dict[str, Any] | None = None,
         resume: bool = False,
     ) -> None:
-        self._folder = Path(folder)
+        self.folder = Path(folder)
         self._intrinsics = intrinsics
         self._header: dict[str, Any] = {
             "format": FORMAT,
@@ -116,11 +116,6 @@ class RecordingWriter:
     def __exit__(self, *_: object) -> None:
         """Release the folder."""
         self.close()
-
-    @property
-    def folder(self) -> Path:
-        """The folder being written."""
-        return self._folder
 
     @property
     def angles_deg(self) -> tuple[float, ...]:
@@ -172,12 +167,12 @@ class RecordingWriter:
         stem = self._free_stem()
         with os_errors_as(
             RecordingError,
-            f"{self._folder}: view {index} cannot be written",
+            f"{self.folder}: view {index} cannot be written",
             "Earlier views are saved; free disk space and repeat it.",
         ):
             for kind, pixels in images.items():
                 view[kind] = f"{kind}/{stem}.png"
-                self._write_image(self._folder / view[kind], pixels)
+                self._write_image(self.folder / view[kind], pixels)
             self._write_header([*self._views, view])
         self._views.append(view)
         return index
@@ -191,25 +186,25 @@ class RecordingWriter:
     # --- the folder --------------------------------------------------------------------------
 
     def _open(self, resume: bool) -> None:
-        self._folder.mkdir(parents=True, exist_ok=True)
-        self._lock_fd = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._lock_fd = os.open(self.folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             fcntl.flock(self._lock_fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise RecordingError(
-                f"{self._folder}: another flatcloth is writing to it. End that one, or choose another folder."
+                f"{self.folder}: another flatcloth is writing to it. End that one, or choose another folder."
             ) from error
-        path = self._folder / HEADER
+        path = self.folder / HEADER
         if path.exists():
             if not resume:
                 raise RecordingError(
-                    f"{self._folder}: contains a recording. Choose another folder, or "
+                    f"{self.folder}: contains a recording. Choose another folder, or "
                     "continue it with record --resume."
                 )
             self._take_up(path)
             return
-        if any(self._folder.iterdir()):
-            raise RecordingError(f"{self._folder}: not empty. Choose a new or an empty folder.")
+        if any(self.folder.iterdir()):
+            raise RecordingError(f"{self.folder}: not empty. Choose a new or an empty folder.")
         # Claim the folder before the first view.
         self._write_header([])
 
@@ -219,7 +214,7 @@ class RecordingWriter:
             header: dict[str, Any] = fitted(parse_json(read_plain(path)), dict[str, Any])
             kept = fitted({"views": [], **header}, RecordingHeader)
             if kept.views:
-                open_folder(self._folder)  # raises the error
+                open_folder(self.folder)  # raises the error
         except ValueError as error:
             raise RecordingError(
                 f"{path}: not a recording that can be resumed ({error}). Choose another folder."
@@ -237,7 +232,7 @@ class RecordingWriter:
 
     def _write_header(self, views: list[dict[str, Any]]) -> None:
         text = json.dumps({**self._header, "views": views}, indent=1, allow_nan=False) + "\n"
-        replace_file(self._folder / HEADER, text.encode())
+        replace_file(self.folder / HEADER, text.encode())
 
     def _free_stem(self) -> str:
         # A recording that was edited by hand may use any file name for any view.
@@ -253,19 +248,19 @@ class RecordingWriter:
         assert done  # the kind and the shape were checked
         if not path.parent.is_dir():
             path.parent.mkdir()
-            sync_folder(self._folder)
+            sync_folder(self.folder)
         replace_file(path, data.tobytes())
 
     # --- checks ------------------------------------------------------------------------------
 
     def _check_view(self, angle_deg: float, images: dict[str, Any]) -> None:
-        where = f"{self._folder}: view {len(self._views)}"
+        where = f"{self.folder}: view {len(self._views)}"
         if self._lock_fd is None:
-            raise RecordingError(f"{self._folder}: the recording is closed. Open it again with resume=True.")
+            raise RecordingError(f"{self.folder}: the recording is closed. Open it again with resume=True.")
         if not math.isfinite(angle_deg) or abs(angle_deg) > 3600:
             raise RecordingError(f"{where} has the angle {angle_deg}. Give degrees since view 0.")
         names = [f"view {n}" for n in range(len(self._views) + 1)]
-        check_distinct([*self.angles_deg, angle_deg], f"{self._folder}:", names)
+        check_distinct([*self.angles_deg, angle_deg], f"{self.folder}:", names)
         if not images["depth"].any():
             raise RecordingError(f"{where} has no depth, every pixel is 0. Record it again.")
         for kind in ("mask", "truth"):
@@ -281,7 +276,7 @@ class RecordingWriter:
         array = np.asarray(pixels)
         if array.dtype != dtype or array.shape != wanted:
             raise RecordingError(
-                f"{self._folder}: the {kind} image of view {len(self._views)} is {array.dtype} "
+                f"{self.folder}: the {kind} image of view {len(self._views)} is {array.dtype} "
                 f"{array.shape}, not {np.dtype(dtype)} {wanted}."
             )
         return array

@@ -11,7 +11,7 @@ from realsense_files import Shot, stop_and_go, turning
 
 from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.film.averaging import average_color, average_depth
-from flatcloth.recordings.film.stillness import STILL_PX_S, MotionMeter, Stop, StopFinder, glance
+from flatcloth.recordings.film.stillness import STILL_PX_S, MotionMeter, Stop, find_stops, glance
 from flatcloth.recordings.film.turning import constant_turning, read_turning
 
 
@@ -21,11 +21,8 @@ def speeds(shots: Iterable[Shot]) -> list[float]:
     return [speed for speed in told if speed is not None]
 
 
-def stops_of(shots: Iterable[Shot]) -> tuple[Stop, ...]:
-    finder = StopFinder()
-    for s in shots:
-        finder.add(glance(s.time_s, s.color, s.depth_mm / 1000))
-    return finder.finish()
+def stops_of(shots: Iterable[Shot]) -> list[Stop]:
+    return find_stops(glance(s.time_s, s.color, s.depth_mm / 1000) for s in shots)
 
 
 @pytest.mark.parametrize("fps", [6.0, 15.0, 30.0])
@@ -43,7 +40,7 @@ def test_a_turn_is_never_taken_for_rest(speed_deg_s: float) -> None:
     """Not a slow one, and not one so fast that the pictures have nothing in common."""
     shots = turning(lambda t: speed_deg_s * t, 2.0)
     assert min(speeds(shots)) > STILL_PX_S
-    assert stops_of(shots) == ()
+    assert stops_of(shots) == []
 
 
 def test_noise_is_rest() -> None:

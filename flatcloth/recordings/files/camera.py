@@ -7,6 +7,7 @@ import re
 import tomllib
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +27,16 @@ _Maps = tuple[NDArray[Any], NDArray[Any]]
 """The columns and rows (H, W) of the recorded image from which the pixels of a pinhole camera are taken."""
 
 
-def _opencv(matrix: Float64, coefficients: Float64, size: tuple[int, int]) -> _Maps:
-    import cv2
+def _opencv(name: str) -> Callable[..., _Maps]:
+    """Return the maps of a model by a function of OpenCV."""
 
-    return cv2.initUndistortRectifyMap(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
+    def maps(matrix: Float64, coefficients: Float64, size: tuple[int, int]) -> _Maps:
+        import cv2
 
+        x, y = attrgetter(name)(cv2)(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
+        return x, y
 
-def _fisheye(matrix: Float64, coefficients: Float64, size: tuple[int, int]) -> _Maps:
-    import cv2
-
-    return cv2.fisheye.initUndistortRectifyMap(matrix, coefficients, np.eye(3), matrix, size, cv2.CV_32FC1)
+    return maps
 
 
 def _bent(bend: Callable[[Float64, Float64], Float64]) -> Callable[..., _Maps]:
@@ -51,12 +52,14 @@ def _bent(bend: Callable[[Float64, Float64], Float64]) -> Callable[..., _Maps]:
     return maps
 
 
-def _inverse(ideal: Float64, coefficients: Float64) -> Float64:
-    """Invert the polynomial, which here maps the image to the true ray."""
-    seen = ideal.copy()
-    for _ in range(20):  # the distortion is small, so the iteration converges quickly
-        seen += ideal - brown_conrady(seen, coefficients)
-    return seen
+def _modified(xy: Float64, coefficients: Float64) -> Float64:
+    """Move rays as OpenCV does, but sideways what the radial part has moved."""
+    k1, k2, p1, p2, k3 = coefficients
+    r2 = xy[0] * xy[0] + xy[1] * xy[1]
+    x, y = bent = xy * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
+    aside = [2 * p1 * x * y + p2 * (r2 + 2 * x * x), 2 * p2 * x * y + p1 * (r2 + 2 * y * y)]
+    moved: Float64 = bent + np.stack(aside)
+    return moved
 
 
 def _ftheta(xy: Float64, coefficients: Float64) -> Float64:
@@ -66,11 +69,11 @@ def _ftheta(xy: Float64, coefficients: Float64) -> Float64:
 
 
 LENSES: dict[str, tuple[tuple[int, ...], Callable[..., _Maps]]] = {
-    "none": ((0,), _opencv),
-    "brown_conrady": ((4, 5, 8, 12, 14), _opencv),
-    "fisheye": ((4,), _fisheye),
-    "inverse_brown_conrady": ((4, 5), _bent(_inverse)),
-    "modified_brown_conrady": ((4, 5), _bent(lambda xy, c: brown_conrady(xy, c, tangent_of_bent=True))),
+    "none": ((0,), _opencv("initUndistortRectifyMap")),
+    "brown_conrady": ((4, 5, 8, 12, 14), _opencv("initUndistortRectifyMap")),
+    "fisheye": ((4,), _opencv("fisheye.initUndistortRectifyMap")),
+    "inverse_brown_conrady": ((4, 5), _opencv("initInverseRectificationMap")),
+    "modified_brown_conrady": ((4, 5), _bent(_modified)),
     "ftheta": ((1,), _bent(_ftheta)),
 }
 """The models of lens distortion: their numbers of coefficients, and their maps.
@@ -160,21 +163,6 @@ class Lens:
         x, y = LENSES[self.model][1](matrix, self._coefficients, size)
         slope = self._skew_px * right / matrix[1, 1]
         return (x + slope * (y - matrix[1, 2])).astype(np.float32) if slope else x, y
-
-
-def brown_conrady(
-    xy: Float64, coefficients: Float64 | Sequence[float], *, tangent_of_bent: bool = False
-) -> Float64:
-    """Return where the Brown-Conrady model moves positions (2, ...) x/z, y/z; ``k1 k2 p1 p2 k3``.
-
-    ``tangent_of_bent`` moves sideways what the radial part has moved, as librealsense's modified model does.
-    """
-    k1, k2, p1, p2, k3 = coefficients
-    r2 = xy[0] * xy[0] + xy[1] * xy[1]
-    bent: Float64 = xy * (1 + r2 * (k1 + r2 * (k2 + r2 * k3)))
-    x, y = bent.copy() if tangent_of_bent else xy
-    bent += np.stack([2 * p1 * x * y + p2 * (r2 + 2 * x * x), 2 * p2 * x * y + p1 * (r2 + 2 * y * y)])
-    return bent
 
 
 def checked_intrinsics(

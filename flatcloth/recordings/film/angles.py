@@ -173,17 +173,9 @@ def _from_step(step_deg: float, shots: Shots) -> list[tuple[int, float]]:
             f"{shots.source}: its {shots.count} images make {turns:.1f} turns with --step {step_deg:g}. "
             "If it is a film with stops, name one view for each stop: --angles FILE.csv."
         )
-    angles: list[float] = []
-    for place in list(shots.places)[:MAX_VIEWS]:
-        angle = (place - shots.places[0]) * step_deg
-        # Images after a full turn repeat earlier angles.
-        if abs(angle) > 360.0 - TOLERANCE_DEG:
-            break
-        angles.append(angle)
-    check_distinct(
-        angles, f"{shots.source}: with --step {step_deg:g},", [f"view {n}" for n in range(len(angles))]
-    )
-    return list(enumerate(angles))
+    turned = [(place - shots.places[0]) * step_deg for place in list(shots.places)[:MAX_VIEWS]]
+    # Images after a full turn repeat earlier angles.
+    return [(n, angle) for n, angle in enumerate(turned) if abs(angle) <= 360.0 - TOLERANCE_DEG]
 
 
 def _is_film(shots: Shots, step_deg: float) -> bool:
@@ -199,26 +191,24 @@ def _from_table(table: Path, shots: Shots, factor: float) -> list[tuple[int, flo
             f"{table}: has {len(rows)} angles, but {shots.source} has {shots.count} views. "
             "Add a column view, file or time_s, or give one angle per view."
         )
-    kept = []
+    kept: dict[int, tuple[float, str]] = {}
     for n, (line, key, angle) in enumerate(rows):
         shot = _find(table, line, keyed, key, shots, numbered) if keyed else numbered[n]
-        if shot is not None:
-            kept.append((shot, angle, f"line {line}"))
+        if shot is None:
+            continue
+        if shot in kept:
+            raise RecordingError(f"{table}: line {line} and {kept[shot][1]} name the same view. Remove one.")
+        kept[shot] = angle, f"line {line}"
     if not kept:
         raise RecordingError(f"{table}: names no view. {_HELP}")
-    views, lines = [(n, angle) for n, angle, _ in kept], [line for _, _, line in kept]
-    if len(views) > MAX_VIEWS:
-        raise RecordingError(f"{table}: {len(views)} views. The limit is {MAX_VIEWS}: leave some out.")
-    taken: dict[int, str] = {}
-    for (n, _), name in zip(views, lines, strict=True):
-        if n in taken:
-            raise RecordingError(f"{table}: {name} and {taken[n]} name the same view. Remove one.")
-        taken[n] = name
+    if len(kept) > MAX_VIEWS:
+        raise RecordingError(f"{table}: {len(kept)} views. The limit is {MAX_VIEWS}: leave some out.")
+    views = [(shot, angle) for shot, (angle, _) in kept.items()]
     angles, first = [factor * angle for _, angle in views], views[0][1]
     if np.ptp(angles) > 360.0 + TOLERANCE_DEG:  # more turns than one, or another unit
         seen = [view for _, view in distinct(list(zip(angles, views, strict=True)), TOLERANCE_DEG)]
         return [(shot, angle - first) for shot, angle in (seen if 2 * len(seen) >= len(views) else views)]
-    check_distinct(angles, f"{table}:", lines)
+    check_distinct(angles, f"{table}:", [line for _, line in kept.values()])
     return [(shot, angle - first) for shot, angle in views]
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from flatcloth.core.types import Progress, no_progress
 from flatcloth.recordings.base import Recording, ViewImages, altered
 from flatcloth.recordings.film.angles import SAME_VIEW_DEG, GivenAngles, Shots, distinct, stops_found
 from flatcloth.recordings.film.averaging import average_color, average_depth
-from flatcloth.recordings.film.stillness import StopFinder, glance
+from flatcloth.recordings.film.stillness import Glance, find_stops, glance
 
 MOST_FRAMES = 15
 """The number of frames used per stop: the last ones, when the cloth has come to rest. Set by hand."""
@@ -20,32 +21,39 @@ _UNITS_PER_M = 5_000.0
 """Depth is averaged in units of 0.2 mm. Chosen: 16 bits then hold 13 m."""
 
 
-def film_recording(
-    frames: Recording, times_s: Sequence[float], step_deg: float, progress: Progress = no_progress
+def views_or_film(
+    made: Callable[[list[tuple[int, float]]], Recording],
+    shots: Shots,
+    angles: GivenAngles,
+    folder: Path | None,
+    progress: Progress = no_progress,
 ) -> Recording:
-    """Return the stops of a film as views; the frames of a stop are averaged when its view is read.
+    """Return a recording of shots that are either views or the frames of a film, whose stops are its views.
 
     Parameters
     ----------
-    frames : Recording
-        Every frame of the film; its angles are ignored.
-    times_s : sequence of float
-        When each frame was taken, ascending.
-    step_deg : float
-        Rotation of the item between two stops.
+    made : callable
+        Returns the recording of some of the shots, given as pairs of number and angle in degrees.
+    shots, angles, folder
+        The shots, the given angles, and the folder where a table of angles may lie.
     progress : callable
-        Called with the share of the film that has been searched.
+        Called with the share of a film that has been searched.
 
     Raises
     ------
     RecordingError
-        If the item never stands still.
+        If the angles do not match the shots, or the item of a film never stands still.
 
     Notes
     -----
-    Every frame is read once, to find the stops: about 15 ms each at 640x480 px.
+    Every frame of a film is read once, to find the stops: about 15 ms each at 640x480 px. The frames of a
+    stop are averaged when its view is read.
     """
-    every = _stops(frames, times_s, progress)
+    step_deg = angles.film_step_deg(shots)
+    if step_deg is None or shots.times_s is None:
+        return made(angles.views(shots, folder=folder))
+    frames = made([(n, 0.0) for n in range(shots.count)])
+    every = _stops(frames, shots.times_s, progress)
     stops = distinct([(n * step_deg, numbers) for n, numbers in enumerate(every)], SAME_VIEW_DEG)
     if not stops:
         raise RecordingError(
@@ -64,54 +72,22 @@ def film_recording(
         frames,
         angles_deg=tuple(angle for angle, _ in stops),
         read=read,
-        notes=(*getattr(frames, "notes", ()), note),
+        notes=(*frames.notes, note),
         has_masks=False,
     )
 
 
-def views_or_film(
-    made: Callable[[list[tuple[int, float]]], Recording],
-    shots: Shots,
-    angles: GivenAngles,
-    folder: Path | None,
-    progress: Progress = no_progress,
-) -> Recording:
-    """Return a recording of shots that are either views or the frames of a film.
-
-    Parameters
-    ----------
-    made : callable
-        Returns the recording of some of the shots, given as pairs of number and angle in degrees.
-    shots, angles, folder
-        The shots, the given angles, and the folder where a table of angles may lie.
-    progress : callable
-        Called with the share of a film that has been searched.
-
-    Raises
-    ------
-    RecordingError
-        If the angles do not match the shots, or the item of a film never stands still.
-    """
-    step_deg = angles.film_step_deg(shots)
-    if step_deg is None or shots.times_s is None:
-        return made(angles.views(shots, folder=folder))
-    every = [(n, 0.0) for n in range(shots.count)]
-    return film_recording(made(every), shots.times_s, step_deg, progress)
-
-
 def _stops(frames: Recording, times_s: Sequence[float], progress: Progress) -> list[list[int]]:
     """Return the numbers of the frames of each stop."""
-    finder, seen = StopFinder(), []
-    for n in range(len(frames)):
-        progress(n / len(frames), f"looking for stops, {times_s[n] - times_s[0]:.0f} s")
-        try:
-            frame = frames[n]
-        except RecordingError:
-            continue  # an empty frame; its stop has other frames
-        seen.append(n)
-        finder.add(glance(times_s[n] - times_s[0], frame.color, frame.depth_m))
-    found = []
-    for stop in finder.finish():
-        inside = [n for n in seen if stop.start_s - 1e-6 <= times_s[n] - times_s[0] <= stop.end_s + 1e-6]
-        found.append(inside[-MOST_FRAMES:])
-    return found
+    seen: list[int] = []
+
+    def glances() -> Iterator[Glance]:
+        for n, time_s in enumerate(times_s):
+            progress(n / len(frames), f"looking for stops, {time_s - times_s[0]:.0f} s")
+            with contextlib.suppress(RecordingError):  # an empty frame; its stop has other frames
+                frame = frames[n]
+                seen.append(n)
+                yield glance(time_s, frame.color, frame.depth_m)
+
+    stops = find_stops(glances())
+    return [seen[stop.frames([times_s[n] for n in seen])][-MOST_FRAMES:] for stop in stops]

@@ -9,7 +9,9 @@ differences in time, which are zero for a steady motion.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 
@@ -134,46 +136,30 @@ class Stop:
     end_s: float
     seen: Glance
 
+    def frames(self, times_s: Sequence[float]) -> slice:
+        """Return which of the frames at these times, ascending, show the stop."""
+        first, last = np.searchsorted(times_s, [self.start_s - 1e-6, self.end_s + 1e-6])
+        return slice(int(first), int(last))
 
-class StopFinder:
-    """Finds the still phases of a sequence of frames that are added one by one."""
 
-    def __init__(self) -> None:
-        self._meter = MotionMeter()
-        self._phase: list[Glance] = []
-        self._start_s = 0.0
-        self._stops: list[Stop] = []
-
-    def add(self, seen: Glance) -> None:
-        """Add the next frame."""
-        speed = self._meter.add(seen)
-        if speed is not None and speed < STILL_PX_S:
-            if not self._phase:
-                self._start_s = seen.time_s - LAG_S
-            self._phase.append(seen)
-        elif speed is not None:
-            self._end_phase()
-
-    def finish(self) -> tuple[Stop, ...]:
-        """Return the stops; consecutive phases at the same place, as before and after a bump, are merged."""
-        self._end_phase()
-        merged: list[Stop] = []
-        for stop in self._stops:
-            if merged and displacement_px(merged[-1].seen, stop.seen, self._meter.noise) < SAME_PLACE_PX:
-                # Keep the longer phase, in which the cloth is closer to rest.
-                last = merged.pop()
-                gap_s = stop.start_s - last.end_s
-                if gap_s < LAG_S:
-                    stop = replace(last, end_s=stop.end_s)
-                elif last.end_s - last.start_s > stop.end_s - stop.start_s:
-                    stop = last
-            merged.append(stop)
-        return tuple(merged)
-
-    def _end_phase(self) -> None:
-        phase, self._phase = self._phase, []
-        if not phase or phase[-1].time_s - self._start_s < LEAST_STOP_S:
-            return
-        mean: Float32 = np.mean([g.grey for g in phase], axis=0, dtype=np.float32)
-        seen = replace(phase[-1], grey=mean)
-        self._stops.append(Stop(start_s=self._start_s, end_s=phase[-1].time_s, seen=seen))
+def find_stops(frames: Iterable[Glance]) -> list[Stop]:
+    """Return the stops of a film; consecutive phases at the same place, as around a bump, are one."""
+    meter, stops = MotionMeter(), list[Stop]()
+    measured = ((speed, seen) for seen in frames if (speed := meter.add(seen)) is not None)
+    for is_still, frames_of_phase in groupby(measured, lambda pair: pair[0] < STILL_PX_S):
+        phase = [seen for _, seen in frames_of_phase] if is_still else []
+        if phase and phase[-1].time_s - phase[0].time_s + LAG_S >= LEAST_STOP_S:
+            mean: Float32 = np.mean([g.grey for g in phase], axis=0, dtype=np.float32)
+            seen = replace(phase[-1], grey=mean)
+            stops.append(Stop(start_s=phase[0].time_s - LAG_S, end_s=seen.time_s, seen=seen))
+    merged: list[Stop] = []
+    for stop in stops:
+        if merged and displacement_px(merged[-1].seen, stop.seen, meter.noise) < SAME_PLACE_PX:
+            # Keep the longer phase, in which the cloth is closer to rest.
+            last = merged.pop()
+            if stop.start_s - last.end_s < LAG_S:
+                stop = replace(last, end_s=stop.end_s)
+            elif last.end_s - last.start_s > stop.end_s - stop.start_s:
+                stop = last
+        merged.append(stop)
+    return merged

@@ -70,9 +70,9 @@ def read_camera(
     RecordingError
         If there is no description, or it is not valid.
     """
-    header = read_header(first_color)
+    header = read_depth_header(first_depth) if first_color == first_depth else read_header(first_color)
     size = (header.width, header.height)
-    given = given_camera(size, options or SourceOptions())
+    given = _given(size, options or SourceOptions())
     if given is not None:
         return given
     described = camera_files(folder)
@@ -83,7 +83,8 @@ def read_camera(
         return replace(camera, notes=(*camera.notes, note)) if others else camera
     if first_depth.suffix.lower() == ".pcd" and read_depth_header(first_depth).kind == "pcd":
         intrinsics, lens = camera_of(read_pcd(first_depth), first_depth)
-        return Camera(intrinsics=intrinsics, lens=lens)
+        note = f"The camera was computed from the clouds: focal length {intrinsics.fx:.1f} px."
+        return Camera(intrinsics=intrinsics, lens=lens, notes=(note,))
     if size != _KINECT[0]:
         raise RecordingError(
             f"{folder}: its camera is not described. Put an intrinsic.json there: width, height, and "
@@ -98,23 +99,11 @@ def read_camera(
     return Camera(intrinsics=intrinsics, lens=Lens(intrinsics), notes=(note,))
 
 
-def given_camera(size: tuple[int, int], options: SourceOptions) -> Camera | None:
-    """Return the camera given by the user, None if there is none.
+def _given(size: tuple[int, int], options: SourceOptions) -> Camera | None:
+    """Return the camera of images of a size (width, height) that the user gives, None if there is none.
 
     If there is a field of view and a path of a camera file that does not exist, the file is written. The
     same command again finds it, as the other recordings of a batch do.
-
-    Parameters
-    ----------
-    size : (width, height)
-        Size of the images, pixels.
-    options : SourceOptions
-        The user's options.
-
-    Raises
-    ------
-    RecordingError
-        If the file or the field of view is not valid, or they describe different cameras.
     """
     path = None if options.camera_file is None else options.camera_file.expanduser()
     if options.fov_deg is None:

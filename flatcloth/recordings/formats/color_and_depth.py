@@ -7,7 +7,7 @@ from pathlib import Path
 from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.files.text import inside
-from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
+from flatcloth.recordings.formats.image_pairs import recording_of
 from flatcloth.recordings.formats.naming import in_order, partners, without_partner
 from flatcloth.recordings.source import Format, SourceOptions
 
@@ -51,15 +51,15 @@ def open_color_and_depth(folder: Path, options: SourceOptions) -> Recording:
             cause = f"{masks}: has masks of less than half of the {len(paired)} views"
             raise RecordingError(f"{cause}. Add the others, or rename the folder.")
         paired = [(*paired[n], files[other]) for n, other in found.items()]
-    images = ImagePairs(
-        folder=folder,
-        pairs=paired,
+    return recording_of(
+        folder,
+        paired,
+        options,
         colors=colors,
         notes=notes,
         units_per_m=UNITS_PER_M,
         description="folder of color and depth images",
     )
-    return recording_of(images, options)
 
 
 FORMAT = Format(

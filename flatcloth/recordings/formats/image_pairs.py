@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from flatcloth.recordings.base import Recording
@@ -18,45 +17,52 @@ from flatcloth.recordings.manifest import Manifest, ViewFiles
 from flatcloth.recordings.source import SourceOptions
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImagePairs:
-    """Pairs of color and depth images of a folder, in order of capture, each with a mask if it has one.
+def recording_of(
+    folder: Path,
+    pairs: Sequence[tuple[Path, ...]],
+    options: SourceOptions,
+    *,
+    description: str,
+    units_per_m: float,
+    times_s: Sequence[float] | None = None,
+    angles_deg: Sequence[float] | None = None,
+    colors: Sequence[Path] = (),
+    notes: Sequence[str] = (),
+    name: str = "",
+) -> Recording:
+    """Return the recording of a folder of images: views, or the stops of a film.
 
-    ``times_s`` may be missing; ``units_per_m`` is that of integer depth.
-    ``colors`` are all color images, also those without partner; ``notes`` are remarks for the operator.
-    ``angles_deg`` are set if the format contains them, otherwise the options give them. ``name`` is the
-    name of the recording, by default the folder's.
-    """
-
-    folder: Path
-    pairs: Sequence[tuple[Path, ...]]
-    description: str
-    units_per_m: float
-    times_s: Sequence[float] | None = None
-    angles_deg: Sequence[float] | None = None
-    colors: Sequence[Path] = ()
-    notes: Sequence[str] = ()
-    name: str = ""
-
-
-def recording_of(images: ImagePairs, options: SourceOptions) -> Recording:
-    """Return the recording of a set of images: views, or the stops of a film.
+    Parameters
+    ----------
+    folder, pairs
+        Color and depth images in the folder, in order of capture, each pair with a mask if it has one.
+    options : SourceOptions
+        The camera, and the angles if the format does not contain them (``angles_deg``).
+    description, notes
+        One sentence, and remarks for the operator.
+    units_per_m : float
+        Units of integer depth, if the camera's file does not say.
+    times_s : sequence of float, optional
+        When each pair was taken.
+    colors : sequence of Path
+        All color images, also those without partner.
+    name : str
+        By default the folder's.
 
     Raises
     ------
     RecordingError
         If an image or the camera is not valid, or the angles are unknown.
     """
-    folder, pairs = images.folder, images.pairs
     names, every = (
-        [color.relative_to(folder).as_posix() for color in colors]
-        for colors in ([color for color, *_ in pairs], images.colors)
+        [color.relative_to(folder).as_posix() for color in some]
+        for some in ([color for color, *_ in pairs], colors)
     )
     shots = Shots(
         source=str(folder),
         count=len(pairs),
         names=names,
-        times_s=images.times_s,
+        times_s=times_s,
         every=every or names,
         slots=slots([color.stem for color, *_ in pairs]),
     )
@@ -70,23 +76,23 @@ def recording_of(images: ImagePairs, options: SourceOptions) -> Recording:
         return image_recording(
             Manifest(
                 folder=folder,
-                name=one_line(images.name or folder.name) or "recording",
-                description=images.description,
+                name=one_line(name or folder.name) or "recording",
+                description=description,
                 notes=(
                     *camera.notes,
-                    *images.notes,
+                    *notes,
                     *turned_by_exif(pairs[0][0]),
                     *options.given_angles.notes(folder),
                     *left_out(shots, chosen),
                 ),
                 intrinsics=camera.intrinsics,
                 lens=camera.lens,
-                depth_scale_m=1.0 / (camera.units_per_m or images.units_per_m),
+                depth_scale_m=1.0 / (camera.units_per_m or units_per_m),
                 views=views,
                 any_depth=True,
             )
         )
 
-    if images.angles_deg is not None:
-        return made(list(enumerate(images.angles_deg)))
+    if angles_deg is not None:
+        return made(list(enumerate(angles_deg)))
     return views_or_film(made, shots, options.given_angles, folder)

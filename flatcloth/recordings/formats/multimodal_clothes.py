@@ -16,13 +16,12 @@ import re
 from pathlib import Path
 
 from flatcloth.core.errors import RecordingError
-from flatcloth.recordings.base import Recording, ViewImages
-from flatcloth.recordings.files.depth_files import read_depth_header
-from flatcloth.recordings.files.images import check_size, read_header
-from flatcloth.recordings.files.pcd import camera_of, read_pcd, read_pcd_header
+from flatcloth.recordings.base import Recording
+from flatcloth.recordings.files.images import read_header
+from flatcloth.recordings.files.pcd import read_pcd
 from flatcloth.recordings.film.angles import ANGLES_FILE, Shots
-from flatcloth.recordings.formats.camera_file import Camera, camera_files, given_camera
-from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
+from flatcloth.recordings.formats.camera_file import camera_files
+from flatcloth.recordings.formats.image_pairs import recording_of
 from flatcloth.recordings.source import OPTION_NAMES, Format, SourceOptions
 
 UNITS_PER_M = 1000.0
@@ -74,8 +73,19 @@ def open_area(folder: Path, options: SourceOptions) -> Recording:
     colors, angles_deg = _sweep(folder, options)
     clouds = [_beside(color, "pc.pcd") for color in colors]
     if all(map(Path.is_file, clouds)) and read_pcd(clouds[0]).rgb is not None:
-        return _of_clouds(folder, clouds, angles_deg, options)
-    return _of_images(folder, [(c, _beside(c, "depth.png")) for c in colors], angles_deg, options)
+        kind, pairs = "organised clouds", [(cloud, cloud) for cloud in clouds]
+    else:
+        kind, pairs = "color and depth images", [(color, _beside(color, "depth.png")) for color in colors]
+        _check_images(folder, pairs[0], options)
+    return recording_of(
+        folder,
+        pairs,
+        options,
+        name=_name(folder),
+        angles_deg=angles_deg,
+        units_per_m=UNITS_PER_M,
+        description=f"MultimodalClothes, {kind}",
+    )
 
 
 FORMAT = Format(
@@ -146,10 +156,9 @@ def _as_given(folder: Path, colors: list[Path], options: SourceOptions) -> tuple
 # --- images ----------------------------------------------------------------------------------
 
 
-def _of_images(
-    folder: Path, pairs: list[tuple[Path, Path]], angles_deg: list[float], options: SourceOptions
-) -> Recording:
-    (color, depth) = (read_header(file) for file in pairs[0])
+def _check_images(folder: Path, pair: tuple[Path, Path], options: SourceOptions) -> None:
+    """Raise if color and depth images are not registered, or their camera is not given."""
+    (color, depth) = map(read_header, pair)
     if (color.width, color.height) != (depth.width, depth.height):
         raise RecordingError(
             f"{folder}: color has {color.width}x{color.height} px, depth {depth.width}x{depth.height}: they "
@@ -159,47 +168,3 @@ def _of_images(
         raise RecordingError(
             f"{folder}: the data set does not describe its camera. Give --camera-file, or --fov."
         )
-    images = ImagePairs(
-        folder=folder,
-        name=_name(folder),
-        pairs=pairs,
-        angles_deg=angles_deg,
-        units_per_m=UNITS_PER_M,
-        description="MultimodalClothes, color and depth images",
-    )
-    return recording_of(images, options)
-
-
-# --- clouds ----------------------------------------------------------------------------------
-
-
-def _of_clouds(
-    folder: Path, clouds: list[Path], angles_deg: list[float], options: SourceOptions
-) -> Recording:
-    header = read_pcd_header(clouds[0])
-    camera = given_camera((header.width, header.height), options)
-    if camera is None:
-        intrinsics, lens = camera_of(read_pcd(clouds[0]), clouds[0])
-        note = f"The camera was computed from the clouds: focal length {intrinsics.fx:.1f} px."
-        camera = Camera(intrinsics=intrinsics, lens=lens, notes=(note,))
-    for cloud in clouds:
-        check_size(cloud, read_depth_header(cloud), camera.intrinsics)
-    return Recording(
-        name=_name(folder),
-        location=str(folder),
-        description="MultimodalClothes, organised clouds",
-        notes=camera.notes,
-        intrinsics=camera.intrinsics,
-        angles_deg=tuple(angles_deg),
-        read=lambda view_index: _read_cloud(clouds[view_index], camera),
-    )
-
-
-def _read_cloud(path: Path, camera: Camera) -> ViewImages:
-    """Read a view: depth and color have the same pixels."""
-    check_size(path, read_depth_header(path), camera.intrinsics)
-    cloud = read_pcd(path)
-    depth_m = camera.lens.undistort(cloud.depth_m, blend=False)
-    if cloud.rgb is None or not depth_m.any():
-        raise RecordingError(f"{path}: has no colors or no measured point. Record the view again.")
-    return ViewImages(camera.lens.undistort(cloud.rgb, blend=True), depth_m)

@@ -11,7 +11,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.files.text import inside, read_rows, shortened
 from flatcloth.recordings.film.angles import pair_by_time
-from flatcloth.recordings.formats.image_pairs import ImagePairs, recording_of
+from flatcloth.recordings.formats.image_pairs import recording_of
 from flatcloth.recordings.formats.naming import unit_of_time
 from flatcloth.recordings.source import Format, SourceOptions
 
@@ -43,15 +43,15 @@ def open_tum(folder: Path, options: SourceOptions) -> Recording:
     folder = folder.resolve()
     listed = next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)
     pairs = _paired_lists(folder) if listed is None else _associations(folder, listed)
-    images = ImagePairs(
-        folder=folder,
-        pairs=[(color, depth) for _, color, depth in pairs],
+    return recording_of(
+        folder,
+        [(color, depth) for _, color, depth in pairs],
+        options,
         times_s=[time for time, _, _ in pairs],
         units_per_m=UNITS_PER_M,
         description="TUM RGB-D folder",
         notes=_doubt(listed or folder / "rgb.txt", [time for time, _, _ in pairs]),
     )
-    return recording_of(images, options)
 
 
 FORMAT = Format(name="tum", what="a TUM RGB-D folder", recognises=is_tum, open=open_tum)

@@ -7,6 +7,7 @@ filter and average the frames of each view.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from flatcloth.core.types import Progress, no_progress
 from flatcloth.recordings.base import Recording, ViewImages
 from flatcloth.recordings.film.angles import SAME_VIEW_DEG, distinct, stops_found
 from flatcloth.recordings.film.averaging import average_color, average_depth
-from flatcloth.recordings.film.stillness import Stop, StopFinder, glance
+from flatcloth.recordings.film.stillness import Glance, Stop, find_stops, glance
 from flatcloth.recordings.film.turning import Turning, constant_turning, read_turning
 from flatcloth.recordings.realsense.frames import ALIGNMENTS
 from flatcloth.recordings.realsense.player import Pair, RealsensePlayer
@@ -63,16 +64,11 @@ class _Look:
 
     times_s: list[float] = field(default_factory=list)
     first_clock_s: float = 0.0
-    stops: tuple[Stop, ...] = ()
+    stops: list[Stop] = field(default_factory=list)
 
     @property
     def seconds(self) -> float:
         return self.times_s[-1]
-
-    def between(self, start_s: float, end_s: float) -> list[float]:
-        """Return the times of the frames in an interval."""
-        first, last = np.searchsorted(self.times_s, [start_s - 1e-6, end_s + 1e-6])
-        return self.times_s[int(first) : int(last)]
 
 
 def open_realsense(
@@ -142,14 +138,16 @@ def open_realsense(
 
 
 def _look(player: RealsensePlayer, progress: Progress, apart_frames: float) -> _Look:
-    seen, finder, expected = _Look(), StopFinder(), player.expected_frames
-    for pair in player.play(apart_frames):
-        if not seen.times_s:
-            seen.first_clock_s = pair.clock_s
-        seen.times_s.append(pair.time_s)
-        finder.add(glance(pair.time_s, pair.color, pair.depth_units * player.depth_scale_m))
-        progress(min(0.4, 0.4 * len(seen.times_s) / expected), f"looking, {pair.time_s:.0f} s")
-    seen.stops = finder.finish()
+    seen, expected = _Look(), player.expected_frames
+
+    def glances() -> Iterator[Glance]:
+        for pair in player.play(apart_frames):
+            seen.first_clock_s = pair.clock_s - pair.time_s
+            seen.times_s.append(pair.time_s)
+            yield glance(pair.time_s, pair.color, pair.depth_units * player.depth_scale_m)
+            progress(min(0.4, 0.4 * len(seen.times_s) / expected), f"looking, {pair.time_s:.0f} s")
+
+    seen.stops = find_stops(glances())
     return seen
 
 
@@ -175,7 +173,7 @@ def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase]
         for n, stop in enumerate(look.stops)
     ]
     phases = [
-        (angle - angles[0], look.between(stop.start_s, stop.end_s)[-MOST_FRAMES:])
+        (angle - angles[0], look.times_s[stop.frames(look.times_s)][-MOST_FRAMES:])
         for angle, stop in zip(angles, look.stops, strict=True)
     ]
     kept = distinct(phases, SAME_VIEW_DEG)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flatcloth.core.types import Float32, Uint8
 from flatcloth.recordings.files import images
 from flatcloth.recordings.files.camera import MOST_PIXELS
-from flatcloth.recordings.files.depth_files import FARTHEST_M
+from flatcloth.recordings.files.depth_files import metres_of
 from flatcloth.recordings.files.text import shortened
 
 _COLORS = {
@@ -22,7 +22,7 @@ _COLORS = {
     "8UC3": (3, "bgr"),
 }
 _DEPTHS = {"16UC1": "u2", "mono16": "u2", "16SC1": "i2", "32FC1": "f4", "64FC1": "f8"}
-_METRES_PER_UNIT = np.float32(0.001)  # REP 118: integers are millimetres, floating-point values metres
+_METRES_PER_UNIT = 0.001  # REP 118: integers are millimetres, floating-point values metres
 _PREFIX = struct.Struct("<iff")
 """Header of ``compressedDepth``: a format number and two quantisation parameters; PNG or RVL follow."""
 _RVL_SIZE = struct.Struct("<II")
@@ -55,12 +55,7 @@ def pixels_of(message: Any) -> Uint8 | Float32:
         return np.ascontiguousarray(values[..., :3] if order == "rgb" else values[..., 2::-1])
     if values.ndim != 2 or values.dtype == np.uint8:
         raise UnreadableImageError(f"has {values.dtype.itemsize * 8} bits, neither color nor depth")
-    if values.dtype.kind in "iu":
-        metres: Float32 = np.maximum(values, 0).astype(np.float32) * _METRES_PER_UNIT
-        return metres
-    depth = values.astype(np.float32)
-    depth[~(np.isfinite(depth) & (depth > 0) & (depth < FARTHEST_M))] = 0.0
-    return depth
+    return metres_of(values, _METRES_PER_UNIT)
 
 
 def _rows(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:

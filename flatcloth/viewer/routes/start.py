@@ -23,7 +23,7 @@ from starlette.routing import BaseRoute, Route
 
 from flatcloth.core.cache import Cache
 from flatcloth.core.resources import static_folder
-from flatcloth.recordings.mending import Mends
+from flatcloth.recordings.mending import Mends, options_of
 from flatcloth.viewer.http import RefusedError, as_json, made, page_of, read_body
 from flatcloth.viewer.places import Chosen, Kind, Places
 
@@ -130,7 +130,7 @@ class StartRoutes:
 
     async def _take_mend(self, request: Request) -> Response:
         return await self._opened(
-            request, Mend, lambda said: self._mend(Mends.from_dict(said.mends, "the page"))
+            request, Mend, lambda said: self._mend(options_of(Mends, said.mends, "the page"))
         )
 
     async def _opened(self, request: Request, kind: type[T], opener: Callable[[T], None]) -> Response:
