@@ -47,8 +47,8 @@ _MOST_VIEWS = 36
 """Views that are read. Chosen: a turn in steps of 10 degrees."""
 _FIRST = 3
 """Views by which the item and its distance are found. Chosen."""
-_EXTENT_SHARE = 0.4
-"""The item lies within this share of its distance, in any unit. Chosen: as its extent at 0.9 m."""
+_EXTENT_SHARE = EXTENT_M / 0.9
+"""The item reaches this share of its distance around its middle, in any unit. Chosen: EXTENT_M at 0.9 m."""
 _MOST_STEP_DEG = 15.0
 """With larger steps a contradiction means nothing: a registration finds the turn from a start within about
 this. Measured: of the 34 recordings every second to fourth view seem to contradict each other in four."""
@@ -156,8 +156,7 @@ def _checked(recording: Recording, seen: Sequence[_Seen]) -> Check:
     pairs = pairs_of(views, about) if len(views) > 1 else []
     if not background and not pairing:  # which does not turn; which turns as other views are recorded
         findings += _turning(recording, views, pairs, about)
-    order = {True: 0, False: 1}
-    findings.sort(key=lambda finding: (order[finding.stops], -min(finding.probability, MOST_SURE)))
+    findings.sort(key=lambda finding: (not finding.stops, -min(finding.probability, MOST_SURE)))
     agreeing = sum(pair.agrees for pair in pairs)
     why = "" if agreeing else _unjudged([view.angle_deg for view in views])
     return Check(findings=tuple(findings), views=len(looks), pairs=agreeing, unjudged=why)
@@ -179,11 +178,11 @@ def _turning(
     recording: Recording, views: list[ViewFeatures], pairs: list[Pair], about: RotationAxis
 ) -> list[Finding]:
     """Return what is wrong with the turning, the rotation of the images, the axis and the focal length."""
-    seen = Seen.of(pairs)
-    if len(seen.first) < 2:
+    seen = Seen(pairs)
+    if len(seen.pairs) < 2:
         return []
     share, step = float(np.median(seen.share)), float(np.median(seen.recorded_deg))
-    likeliest = [pair.turns[0] for pair in pairs if pair.turns]
+    likeliest = [pair.turns[0] for pair in seen.pairs]
     estimate = estimated(views, about, seen)
     found, factor = turning_findings(seen, estimate)
     if factor is None or factor == 0.0 or factor == -1.0:
@@ -215,8 +214,7 @@ def _turning(
         return [nothing_common(share, likeliest)]
     if factor is None or any(finding.is_certain for finding in found):
         return found
-    recorded = {(pair.first, pair.second): pair.recorded_deg for pair in pairs}
-    right = [t for t in likeliest if abs(t.seen_deg - factor * recorded[t.first, t.second]) < NEAR_DEG]
+    right = [p.turns[0] for p in seen.pairs if abs(p.turns[0].seen_deg - factor * p.recorded_deg) < NEAR_DEG]
     beside = axis_findings(right, axis)
     if beside and axis is not None and focal is not None and focal.differs:
         there = seen_axis(right, axis)

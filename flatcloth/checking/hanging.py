@@ -94,9 +94,7 @@ def seen_axis(turns: Sequence[Turn], axis: RotationAxis) -> SeenAxis | None:
 
 def axis_findings(turns: Sequence[Turn], axis: RotationAxis | None) -> list[Finding]:
     """Return whether the recorded axis is not where, or not as, the item turns."""
-    if axis is None:
-        return []
-    seen = seen_axis(turns, axis)
+    seen = None if axis is None else seen_axis(turns, axis)
     if seen is None:
         return []
     limit_m, limit_deg = _MOST_OFF * _AXIS_M, math.degrees(_MOST_OFF * _AXIS_M / EXTENT_M)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flatcloth.checking.images import EXTENT_M
-from flatcloth.checking.turns import features_of, item_pixels, share_at, turns_between
+from flatcloth.checking.turns import Pair, features_of, item_pixels, pair_of, share_at
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.types import Float64, RgbdFrame, RotationAxis
 from flatcloth.recordings.base import Recording
@@ -19,17 +19,11 @@ _MOST_DEG, _STEP_DEG = 60.0, 2.5
 
 @dataclass(frozen=True, kw_only=True)
 class CheckLesson:
-    """Two neighbouring views: ``share`` (N,) of their points agrees after the turns ``turn_deg`` (N,).
+    """A ``pair`` of neighbours: ``share`` (N,) of their points agrees after the turns ``turn_deg`` (N,)."""
 
-    ``seen_deg`` is the turn that registration finds, with its deviation ``std_deg``.
-    """
-
-    views: tuple[int, int]
+    pair: Pair
     turn_deg: Float64
     share: Float64
-    recorded_deg: float
-    seen_deg: float
-    std_deg: float
 
 
 def check_lesson(recording: Recording, frame: Callable[[int], RgbdFrame], axis: RotationAxis) -> CheckLesson:
@@ -41,24 +35,14 @@ def check_lesson(recording: Recording, frame: Callable[[int], RgbdFrame], axis: 
         If they show no item, or have nothing in common.
     """
     order = sorted(range(len(recording)), key=lambda n: recording.angles_deg[n])
-    first = order[len(order) // 2 - 1]
-    second = order[len(order) // 2]
+    first, second = order[len(order) // 2 - 1], order[len(order) // 2]
     frames = frame(first), frame(second)
     measured = [f.depth_m[f.depth_m > 0] for f in frames]
     usual_m = float(np.median(np.concatenate(measured))) if any(map(len, measured)) else 0.0
     one, other = (features_of(f, item_pixels(f, usual_m, EXTENT_M)) for f in frames)
     recorded = recording.angles_deg[second] - recording.angles_deg[first]
-    found = (
-        [] if one is None or other is None else turns_between(one, other, axis, (0.0, recorded, -recorded))
-    )
-    if not found or one is None or other is None:
+    if one is None or other is None or not (pair := pair_of(one, other, axis, recorded)).turns:
         raise SurfaceError(f"Views {first} and {second} have nothing in common; use more views.")
     turns = np.arange(-_MOST_DEG, _MOST_DEG + 0.5 * _STEP_DEG, _STEP_DEG)
-    return CheckLesson(
-        views=(first, second),
-        turn_deg=turns,
-        share=np.array([share_at(one, other, axis, float(turn)) for turn in turns]),
-        recorded_deg=recorded,
-        seen_deg=found[0].seen_deg,
-        std_deg=found[0].std_deg,
-    )
+    share = np.array([share_at(one, other, axis, float(turn)) for turn in turns])
+    return CheckLesson(pair=pair, turn_deg=turns, share=share)

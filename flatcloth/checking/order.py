@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from flatcloth.checking.findings import Finding
-from flatcloth.checking.slips import Closure, closure, slipped_after
+from flatcloth.checking.slips import closure, slipped_after
 from flatcloth.checking.turns import (
     LOOSE_DEG,
     NEAR_DEG,
@@ -67,8 +67,8 @@ class Chain:
     def __init__(
         self, views: Sequence[ViewFeatures], pairs: Sequence[Pair], axis: RotationAxis, factor: float
     ) -> None:
-        self._views = {view.view_index: view for view in views}
-        self._axis, self.factor = axis, factor
+        self.views = {view.view_index: view for view in views}
+        self.axis, self.factor = axis, factor
         self._pairs = {(pair.first, pair.second): pair for pair in pairs}
         self.recorded_deg = {view.view_index: view.angle_deg for view in views}
         # What usually agrees around a view: less where the item is seen edge-on, as cloth is steep there.
@@ -92,7 +92,7 @@ class Chain:
         """Return two views compared, also from the turn that is expected."""
         if (one, other) not in self._pairs:
             self._pairs[one, other] = pair_of(
-                self._views[one], self._views[other], self._axis, expected_deg / self.factor
+                self.views[one], self.views[other], self.axis, expected_deg / self.factor
             )
         return self._pairs[one, other]
 
@@ -112,7 +112,7 @@ class Chain:
         if is_start and off_deg > 4.0 * math.hypot(pair.turn_std_deg, LOOSE_DEG):
             return False
         # Where many turns fit, noise decides among them: the views are compared after the expected one.
-        held = turns_between(self._views[one], self._views[other], self._axis, (expected_deg,), _HELD)
+        held = turns_between(self.views[one], self.views[other], self.axis, (expected_deg,), _HELD)
         return bool(held) and held[0].share >= pair.share - WORSE_SHARE
 
     def links(self, at: _Angles) -> list[_Link]:
@@ -133,14 +133,6 @@ class Chain:
             if not self.agrees(one, other, self.factor * wrapped_deg(at[other] - at[one]))
         ]
 
-    def turns_further(self, one: int, other: int, more_deg: float) -> bool:
-        """Return whether two views fit better after so much more than the recorded turn."""
-        recorded = wrapped_deg(self.recorded_deg[other] - self.recorded_deg[one])
-        expected = self.factor * recorded, self.factor * (recorded + more_deg)
-        turns = turns_between(self._views[one], self._views[other], self._axis, expected)
-        off = [abs(turns[0].seen_deg - turn) for turn in expected] if turns else [0.0, 1.0]
-        return off[1] < off[0]
-
     def without_wrong(self, most: int) -> list[int] | None:
         """Return the views that contradict their neighbours; None if they are more than ``most``."""
         at, wrong = dict(self.recorded_deg), list[int]()
@@ -154,19 +146,11 @@ class Chain:
             del at[wrong[-1]]
         return sorted(wrong)
 
-    def closure(self) -> Closure | None:
-        """Return how the ends of a full turn meet."""
-        return closure(list(self._views.values()), self._axis, self.factor)
-
-    def slipped_after(self, slip_deg: float) -> int | None:
-        """Return after which view the turntable slipped by so much; None if nowhere."""
-        return slipped_after(list(self._views.values()), self._axis, self.factor, slip_deg)
-
     def place_of(self, view: int, among: Sequence[int]) -> float | None:
         """Return the angle at which a view agrees with one of others; None if it agrees with none."""
         found = []
         for other in among:
-            pair = pair_of(self._views[other], self._views[view], self._axis, 0.0)
+            pair = pair_of(self.views[other], self.views[view], self.axis, 0.0)
             if pair.turns and pair.share >= _FITS * self.usual[other]:
                 found.append((pair.share, self._place_by(pair)))
         if not found:
@@ -176,7 +160,7 @@ class Chain:
         below = [other for other in among if self.recorded_deg[other] <= place][-1:]
         above = [other for other in among if self.recorded_deg[other] > place][:1]
         turns = {o: self.factor * (place - self.recorded_deg[o]) for o in below + above}
-        pairs = [pair_of(self._views[o], self._views[view], self._axis, turn) for o, turn in turns.items()]
+        pairs = [pair_of(self.views[o], self.views[view], self.axis, turn) for o, turn in turns.items()]
         told = [self._place_by(pair) for pair in pairs if pair.share >= _FITS * self.usual[pair.first]]
         near = [one for one in told if abs(one - place) < NEAR_DEG]
         return float(np.mean(near)) if len(near) == 2 else place
@@ -187,8 +171,8 @@ class Chain:
     def successors(self) -> list[int] | None:
         """Return all views in the order in which they turn, from the first on; None if it is not found."""
         views, step = list(self.recorded_deg), self.factor * self.step_deg
-        n, own = len(views), self._views.values()
-        share = np.array([[share_at(one, other, self._axis, step) for other in own] for one in own])
+        n, own = len(views), self.views.values()
+        share = np.array([[share_at(one, other, self.axis, step) for other in own] for one in own])
         np.fill_diagonal(share, -1.0)
         _, after = linear_sum_assignment(-share)
         found, at = [0], int(after[0])
@@ -269,7 +253,7 @@ def _ways(
     numbered = [] if at == recorded else [replace(unknown, at=at)]
     if not whole:
         if not (numbered and chain.is_even and not chain.bad(at)):
-            yield from _slips(chain, bad) or closing
+            yield from (*_slips(chain, bad), *closing)
         yield from _singles(chain)
     yield from numbered
     found = chain.successors()
@@ -280,8 +264,9 @@ def _ways(
 
 def _closing(chain: Chain) -> list[_Way]:
     """Return that all views from one on are turned further, if the last ones do not meet the first ones."""
-    ends = chain.closure() if abs(chain.factor) == 1.0 else None
-    after = None if ends is None or not ends.is_off else chain.slipped_after(ends.slip_deg)
+    turning = list(chain.views.values()), chain.axis, chain.factor
+    ends = closure(*turning) if abs(chain.factor) == 1.0 else None
+    after = None if ends is None or not ends.is_off else slipped_after(*turning, ends.slip_deg)
     if ends is None or after is None:
         return []
     return [replace(_slipped(chain, after, ends.slip_deg), sure=ends.probability)]
@@ -290,7 +275,7 @@ def _closing(chain: Chain) -> list[_Way]:
 def _slips(chain: Chain, bad: Sequence[_Link]) -> list[_Way]:
     """Return that all views from one on are turned further, by as much as views one after the other tell."""
     order, found = sorted(chain.recorded_deg), []
-    for n, (one, other) in enumerate(pairwise(order)):
+    for one, other in pairwise(order):
         if (one, other) not in bad and (other, one) not in bad:
             continue
         recorded = wrapped_deg(chain.recorded_deg[other] - chain.recorded_deg[one])
@@ -298,10 +283,7 @@ def _slips(chain: Chain, bad: Sequence[_Link]) -> list[_Way]:
         if pair.share < _FITS * chain.usual[one]:
             continue
         more_deg = (1.0 if pair.first == one else -1.0) * pair.turns[0].seen_deg / chain.factor - recorded
-        # If a single view stood elsewhere, the views around it would turn as recorded.
-        around = [(order[i], order[i + 2]) for i in (n - 1, n) if 0 <= i < len(order) - 2]
-        if all(chain.turns_further(*ends, more_deg) for ends in around):
-            found.append(_slipped(chain, one, more_deg))
+        found.append(_slipped(chain, one, more_deg))
     return found
 
 

@@ -19,10 +19,10 @@ from flatcloth.core.types import Float32, Float64
 from flatcloth.recordings.mending import Mends
 
 _HIT, _BESIDE = 0.7, 0.06
-"""Chance that a view fits best to its partner, and to each view at most two beside that. Measured: of right
-recordings 0.9 to 1 fit best to their partner."""
+"""Chance that a view fits best to its partner, and to each of those beside it. Measured: of right recordings
+0.9 to 1 of the views fit best to their partner."""
 _BESIDE_VIEWS = 2
-"""See ``_HIT``."""
+"""A view may fit best to one at most so many views beside its partner. Chosen: outlines change slowly."""
 _CHANGE = 6.0
 """Logarithm of how much less probable each change of the shift is than none. Chosen: one in 400."""
 _WRONG = 1e-3

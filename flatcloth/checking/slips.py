@@ -48,11 +48,14 @@ class Closure:
     gain: float
 
     @property
+    def is_known(self) -> bool:
+        """Whether the views agree about it."""
+        return self.std_deg < LOOSE_DEG and self.alike_deg < max(NEAR_DEG, 0.5 * abs(self.slip_deg))
+
+    @property
     def is_off(self) -> bool:
         """Whether the turns do not add up to a full one."""
-        most_deg = max(NEAR_DEG, 0.5 * abs(self.slip_deg))
-        is_known = self.std_deg < LOOSE_DEG and self.alike_deg < most_deg
-        return is_known and abs(self.slip_deg) > NEAR_DEG and self.gain > _LEAST_GAIN
+        return self.is_known and abs(self.slip_deg) > NEAR_DEG and self.gain > _LEAST_GAIN
 
     @property
     def probability(self) -> float:
@@ -63,7 +66,9 @@ class Closure:
 _Pairs = Sequence[tuple[ViewFeatures, ViewFeatures, float]]
 
 
-def closure(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) -> Closure | None:
+def closure(
+    views: Sequence[ViewFeatures], axis: RotationAxis, factor: float, most_deg: float = _MOST_DEG
+) -> Closure | None:
     """Return how the ends of a full turn meet; None if it is not full, or nothing is common.
 
     Parameters
@@ -73,17 +78,21 @@ def closure(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) ->
     axis : RotationAxis
         As recorded.
     factor : float
-        1, or -1 if the item turns the other way than recorded.
+        By which the recorded angles are to be multiplied, negative if the item turns the other way.
+    most_deg : float
+        Slips that are looked for.
     """
-    gap_deg = 360.0 - (views[-1].angle_deg - views[0].angle_deg)
-    if abs(gap_deg) > NEAR_DEG + _MOST_DEG or len(views) < 4 * _AROUND:
+    gap_deg = 360.0 - abs(factor) * (views[-1].angle_deg - views[0].angle_deg)
+    if abs(gap_deg) > NEAR_DEG + max(most_deg, _MOST_DEG) or len(views) < 4 * _AROUND:
         return None
+    sense = math.copysign(1.0, factor)
     pairs = [
-        (one, other, factor * (other.angle_deg + 360.0 - one.angle_deg))
+        (one, other, 360.0 * sense + factor * (other.angle_deg - one.angle_deg))
         for one in views[-_AROUND:]
         for other in views[:_AROUND]
     ]
-    further = np.arange(-_MOST_DEG, _MOST_DEG + 0.5 * _STEP_DEG, _STEP_DEG)
+    steps = math.ceil(most_deg / _STEP_DEG)
+    further = _STEP_DEG * np.arange(-steps, steps + 1, dtype=np.float64)
     usual = np.median(_shares(pairs, axis, further), axis=0)
     best = int(np.argmax(usual))
     seen = [
@@ -97,8 +106,9 @@ def closure(views: Sequence[ViewFeatures], axis: RotationAxis, factor: float) ->
     middle = float(np.average(slips, weights=stds**-2.0))
     spread = 1.4826 * float(np.median(np.abs(slips - middle)))
     return Closure(
-        slip_deg=-factor * middle,
-        std_deg=spread / math.sqrt(_AROUND),  # pairs of the same view share its errors
+        slip_deg=-sense * middle,
+        # Pairs of the same view share its errors.
+        std_deg=math.hypot(spread / math.sqrt(_AROUND), float(np.median(stds))),
         alike_deg=float(
             np.abs(further[usual >= (1.0 - _LEAST_GAIN / 2) * usual[best]] - further[best]).max()
         ),

@@ -9,15 +9,16 @@ that the pair is a wrong match.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from flatcloth.checking.findings import CERTAIN, Finding
+from flatcloth.checking.slips import closure
 from flatcloth.checking.turns import LOOSE_DEG, NEAR_DEG, Pair, turns_between
 from flatcloth.checking.units import ANGLES, allowed
-from flatcloth.core.types import Float64, RotationAxis
+from flatcloth.core.types import RotationAxis
 from flatcloth.recordings.mending import Mends
 from flatcloth.registration.view_features import ViewFeatures
 
@@ -49,35 +50,17 @@ _MOST_STD = 0.1
 """Pairs that scatter more show no factor. Chosen: wrong matches scatter by a multiple."""
 _LEAST_PAIRS = 6
 """Fewest pairs that show a factor better than neighbours do. Chosen."""
-_AROUND = 3
-"""Views at either end of a full turn that are compared. Chosen: a handful is enough."""
-_COMMON = 0.7
-"""Where a turn closes, this share of what views as near to each other share agrees. Chosen."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class Seen:
-    """The turns of neighbouring pairs (P,): recorded, seen, their deviation, and the share that agrees."""
+    """The turns (P,) of pairs that have something in common: recorded, seen, deviation, agreeing share."""
 
-    recorded_deg: Float64
-    seen_deg: Float64
-    std_deg: Float64
-    share: Float64
-    first: tuple[int, ...]
-    second: tuple[int, ...]
-
-    @classmethod
-    def of(cls, pairs: Sequence[Pair]) -> Seen:
-        """Collect the turns of the pairs that have something in common."""
-        found = [(pair, pair.turns[0]) for pair in pairs if pair.turns]
-        return cls(
-            recorded_deg=np.array([pair.recorded_deg for pair, _ in found]),
-            seen_deg=np.array([turn.seen_deg for _, turn in found]),
-            std_deg=np.array([pair.turn_std_deg for pair, _ in found]),
-            share=np.array([turn.share for _, turn in found]),
-            first=tuple(pair.first for pair, _ in found),
-            second=tuple(pair.second for pair, _ in found),
-        )
+    def __init__(self, pairs: Iterable[Pair]) -> None:
+        self.pairs = [pair for pair in pairs if pair.turns]
+        self.recorded_deg = np.array([pair.recorded_deg for pair in self.pairs])
+        self.seen_deg = np.array([pair.turns[0].seen_deg for pair in self.pairs])
+        self.std_deg = np.array([pair.turn_std_deg for pair in self.pairs])
+        self.share = np.array([pair.share for pair in self.pairs])
 
     def log_fit(self, factor: float) -> float:
         """Return the logarithm of the likelihood of all pairs if they turn as recorded, times a factor."""
@@ -140,46 +123,17 @@ def estimated(views: Sequence[ViewFeatures], axis: RotationAxis, seen: Seen) -> 
         ]
         if len(pairs) < _LEAST_PAIRS:
             break
-        wide, every = Seen.of(pairs), further
+        wide, every = Seen(pairs), further
         factor = wide.factor
     ratios = wide.seen_deg / wide.recorded_deg
     scatter = 1.4826 * float(np.median(np.abs(ratios / factor - 1.0)))
     moved = _BIAS * (factor / seen.factor - 1.0)
     std = math.hypot(scatter / math.sqrt(len(ratios) / every), moved, _LEAST_STD)
-    rough = Factor(factor=factor, std=std, wide=wide, every=every)
-    return _closed(views, axis, rough) or rough
-
-
-def _closed(views: Sequence[ViewFeatures], axis: RotationAxis, rough: Factor) -> Factor | None:
-    """Return the factor with which the ends of a full turn meet; None if they do not."""
-    sense = math.copysign(1.0, rough.factor)
-    span_deg = abs(rough.factor) * (views[-1].angle_deg - views[0].angle_deg)
-    gap_deg, reach_deg = 360.0 - span_deg, 3.0 * rough.std * span_deg
-    if len(views) < 4 * _AROUND or not -reach_deg - 1.0 < gap_deg < _WIDE_DEG + reach_deg:
-        return None
-    off, stds = [], []
-    for one in views[-_AROUND:]:
-        for other in views[:_AROUND]:
-            inner_deg = views[-1].angle_deg - one.angle_deg + other.angle_deg - views[0].angle_deg
-            turn = sense * gap_deg + rough.factor * inner_deg
-            starts = (turn + by for by in np.linspace(-reach_deg, reach_deg, 5).tolist())
-            pair = Pair(
-                first=one.view_index,
-                second=other.view_index,
-                recorded_deg=turn,
-                turns=tuple(turns_between(one, other, axis, starts)),
-            )
-            if pair.share > _COMMON * float(np.median(rough.wide.share)):
-                off.append(sense * (pair.turns[0].seen_deg - turn))
-                stds.append(pair.turn_std_deg)
-    if len(off) < 2 * _AROUND:
-        return None
-    middle = float(np.median(off))
-    scatter = 1.4826 * float(np.median(np.abs(np.array(off) - middle)))
-    std_deg = math.hypot(scatter / math.sqrt(_AROUND), float(np.median(stds)))
-    if std_deg > 0.5 * rough.std * span_deg:
-        return None
-    return replace(rough, factor=rough.factor * (1.0 - middle / span_deg), std=std_deg / span_deg)
+    span_deg = abs(factor) * (views[-1].angle_deg - views[0].angle_deg)
+    full = closure(views, axis, factor, _SURE_STDS * std * span_deg)
+    if full is not None and full.is_known and full.std_deg < 0.5 * std * span_deg:
+        factor, std = factor * (1.0 + full.slip_deg / span_deg), full.std_deg / span_deg
+    return Factor(factor=factor, std=std, wide=wide, every=every)
 
 
 def probabilities(seen: Seen, estimate: Factor | None) -> dict[float | None, float]:
@@ -215,7 +169,7 @@ def turning_findings(seen: Seen, estimate: Factor | None) -> tuple[list[Finding]
     best = max(chance, key=lambda factor: chance[factor])
     if best is None:
         return [], None
-    near_deg = np.full(len(seen.first), NEAR_DEG)
+    near_deg = np.full(len(seen.pairs), NEAR_DEG)
     if abs(best) not in (0.0, 1.0):
         near_deg = np.minimum(near_deg, _OFF_SHARE * np.abs(best * seen.recorded_deg))
     if np.mean(np.abs(seen.seen_deg - best * seen.recorded_deg) > near_deg) > _MOST_OFF:
@@ -263,4 +217,4 @@ def _telling(seen: Seen, factor: float) -> tuple[int, int]:
     """Return the views of the pair that shows a factor best."""
     is_off = np.abs(seen.seen_deg - factor * seen.recorded_deg) > 4 * np.hypot(seen.std_deg, LOOSE_DEG)
     n = int(np.argmax(np.where(is_off, 0.0, seen.share) / seen.std_deg))
-    return seen.first[n], seen.second[n]
+    return seen.pairs[n].first, seen.pairs[n].second

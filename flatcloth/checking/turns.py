@@ -48,8 +48,6 @@ _BLIND_DEG = (12.0, -12.0, 24.0, -24.0)
 ALIKE_SHARE = 0.06
 """A motion after which the share of points that agree is smaller by up to this is as good as another.
 Measured: the recorded turns of the 34 recordings are that much worse at most, on cloth smooth as a tube."""
-
-
 WORSE_SHARE = 0.15
 """The recorded turn is wrong if so much less of the surface agrees with it than with another. Measured: at
 most 0.06 on the 34 recordings, where cloth is as smooth as a tube."""

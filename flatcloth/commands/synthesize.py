@@ -138,14 +138,14 @@ def run(options: argparse.Namespace) -> None:
         made = synthesize(request, bar.show)
     sides = ", ".join(f"{i} {panel.name}" for i, panel in enumerate(made.panels, start=1))
     line = (
-        f"{made.views} views written to {made.folder}. "
+        f"{len(request.angles_deg)} views written to {request.out}. "
         f"Panels: {sides}; side of interest: {made.panel_of_interest}."
     )
     document = {
-        "folder": str(made.folder),
-        "views": made.views,
+        "folder": str(request.out),
+        "views": len(request.angles_deg),
         "panels": [panel.name for panel in made.panels],
         "panel_of_interest": made.panel_of_interest,
-        "notes": list(made.warnings),
+        "notes": made.warnings,
     }
     report(options, document, [*(f"note: {warning}" for warning in made.warnings), line])

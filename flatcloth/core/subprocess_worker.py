@@ -218,12 +218,10 @@ def serve(answer: Callable[[Mapping[str, Any], Progress], Message], known: type[
     os.dup2(nowhere, 2)
     _limit_memory()
     _write(out, Message({"ready": True}))
-    while True:
-        try:
-            question = Message(*unpack(_exactly(sys.stdin.buffer)))
-        except EOFError:
-            return
-        _write(out, _answered(answer, known, question, out))
+    with open(0, "rb", closefd=False) as questions:
+        while questions.peek(1):
+            question = Message(*unpack(questions.read))
+            _write(out, _answered(answer, known, question, out))
 
 
 def _answered(
@@ -278,13 +276,3 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 def _write(out: BinaryIO, message: Message) -> None:
     out.write(Parcel(message.table, message.arrays).pack(allow_nan=True))
     out.flush()
-
-
-def _exactly(file: BinaryIO) -> Callable[[int], bytes]:
-    def read(count: int) -> bytes:
-        data = file.read(count)
-        if len(data) < count:
-            raise EOFError
-        return data
-
-    return read

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import splu
 from flatcloth.core.graphs import components
 from flatcloth.core.types import Float64, Int32
 from flatcloth.flattening.minimisation import minimise
-from flatcloth.synthesis.panels import cut_to_disk, nodes_of, shared_edges, signed_areas
+from flatcloth.synthesis.panels import cut_to_disk, edges_of, nodes_of, shared_edges, signed_areas
 
 _SIMILAR = (0.6, 1.6)
 """Range of stretch within which texture coordinates are accepted as pattern coordinates."""
@@ -88,24 +88,30 @@ def flatten_panel(
     placed, shift_m = np.zeros((len(faces), 3, 2)), 0.0
     for part in _parts(nodes):
         own, vertex = _compact(nodes[part], faces[part])
-        if start is not None:
-            own_start = np.zeros((len(vertex), 2))
-            own_start[own] = start[part]
-            placed[part] = _flatten_disk(own, points[vertex], own_start)
-            continue
-        own, vertex = _compact(cut_to_disk(own, points[vertex], name), vertex[own])
-        flat = _flatten_disk(own, points[vertex], None)
-        flat -= flat.reshape(-1, 2).min(axis=0)
-        placed[part] = flat + np.array([shift_m, 0.0])
-        shift_m += float(flat[..., 0].max()) + _APART_M
-    lengths = [np.linalg.norm(np.diff(x[:, [0, 1, 2, 0]], axis=1), axis=-1) for x in (placed, points[faces])]
+        if start is None:
+            own, vertex = _compact(cut_to_disk(own, points[vertex], name), vertex[own])
+        edges = edges_of(own)[0]
+        ends = points[vertex[edges]]
+        lengths = np.maximum(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), 1e-9)
+        begun = np.zeros((len(vertex), 2))
+        if start is None:
+            begun = _conformal(own, points[vertex], edges, lengths)
+        else:
+            begun[own] = start[part]
+        found = minimise(begun, edges, lengths, majorisations=_MAJORISATIONS, energy_tolerance=_TOLERANCE)
+        flat = found.uv_m[own]
+        if start is None:  # beside the part before
+            flat += np.array([shift_m, 0.0]) - found.uv_m.min(axis=0)
+            shift_m = float(flat[..., 0].max()) + _APART_M
+        placed[part] = flat
+    on_plane, in_space = _sides(placed), _sides(points[faces])
     middle = (placed.reshape(-1, 2).min(axis=0) + placed.reshape(-1, 2).max(axis=0)) / 2
     return FlatPanel(
         name=name,
         members=members,
         corner_uv_m=placed - middle,
         from_pattern=start is not None,
-        stretch=float(np.median(np.abs(lengths[0] / np.maximum(lengths[1], 1e-9) - 1))),
+        stretch=float(np.median(np.abs(on_plane / np.maximum(in_space, 1e-9) - 1))),
         # With v down, counterclockwise triangles have negative areas.
         flipped_share=float((signed_areas(placed) > 0).mean()),
     )
@@ -113,9 +119,7 @@ def flatten_panel(
 
 def _pattern_start(corner_m: Float64, corner_uv: Float64) -> Float64 | None:
     """Return the texture coordinates in metres, v down, not mirrored; None if they distort the cloth."""
-    on_plane = np.linalg.norm(np.diff(corner_uv[:, [0, 1, 2, 0]], axis=1), axis=-1).ravel()
-    in_space = np.linalg.norm(np.diff(corner_m[:, [0, 1, 2, 0]], axis=1), axis=-1).ravel()
-    ratio = on_plane / np.maximum(in_space, 1e-12)
+    ratio = _sides(corner_uv) / np.maximum(_sides(corner_m), 1e-12)
     scale = float(np.median(ratio))
     if scale <= 0:
         return None
@@ -125,6 +129,12 @@ def _pattern_start(corner_m: Float64, corner_uv: Float64) -> Float64 | None:
         return None
     mirror = 1.0 if positive > 0.5 else -1.0
     return corner_uv / scale * (mirror, -1.0)
+
+
+def _sides(corners: Float64) -> Float64:
+    """Return the lengths (K, 3) of the sides of triangles (K, 3, 2) or (K, 3, 3)."""
+    lengths: Float64 = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=-1)
+    return lengths
 
 
 def _parts(nodes: Int32) -> list[Int32]:
@@ -143,18 +153,6 @@ def _compact(nodes: Int32, vertices: Int32) -> tuple[Int32, Int32]:
     return numbered, vertex
 
 
-def _flatten_disk(faces: Int32, points_m: Float64, start_uv_m: Float64 | None) -> Float64:
-    """Return the corner positions (K, 3, 2) of one connected disk."""
-    edges = np.unique(
-        np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0
-    ).astype(np.int32)
-    lengths = np.linalg.norm(points_m[edges[:, 0]] - points_m[edges[:, 1]], axis=1)
-    start = _conformal(faces, points_m, edges, lengths) if start_uv_m is None else start_uv_m
-    lengths = np.maximum(lengths, 1e-9)
-    found = minimise(start, edges, lengths, majorisations=_MAJORISATIONS, energy_tolerance=_TOLERANCE)
-    return found.uv_m[faces]
-
-
 def _conformal(faces: Int32, points_m: Float64, edges: Int32, lengths_m: Float64) -> Float64:
     """Least-squares conformal map (N, 2), v down: exact for a developable disk [1].
 
@@ -164,7 +162,7 @@ def _conformal(faces: Int32, points_m: Float64, edges: Int32, lengths_m: Float64
        texture atlas generation", ACM Trans. Graph. 21(3), 2002. DOI 10.1145/566654.566590
     """
     n = len(points_m)
-    graph = coo_matrix((lengths_m + 1e-12, (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
+    graph = coo_matrix((lengths_m, (edges[:, 0], edges[:, 1])), shape=(n, n)).tocsr()
     one = int(dijkstra(graph, directed=False, indices=0).argmax())
     distance = dijkstra(graph, directed=False, indices=one)
     other = int(distance.argmax())

@@ -113,13 +113,11 @@ def turn(
     hung: Hung, angles_deg: tuple[float, ...], loose: PoseErrors, random: np.random.Generator
 ) -> Turning:
     """Return the true pose of each view, and the recorded angles and axis."""
-    length = float((hung.points_m - hung.held_point_m)[:, 1].max())
     poses, recorded = [], []
     for n, angle in enumerate(angles_deg):
-        tilt = random.normal(0, loose.swing_m / length, 2) if n > 0 else np.zeros(2)
-        error = random.normal(0, loose.angle_deg) if n > 0 else 0.0
-        poses.append(swung(hung, tilt) @ camera_from_object(hung.axis, angle))
-        recorded.append(round(angle + error, 2))
+        sway, error_deg = astray(hung, loose, random) if n > 0 else (Rigid3(np.eye(3), np.zeros(3)), 0.0)
+        poses.append(sway @ camera_from_object(hung.axis, angle))
+        recorded.append(round(angle + error_deg, 2))
     off = np.array([*random.normal(0, loose.axis_m, 2), 0.0])[[0, 2, 1]]
     twists = [0.0, *random.normal(0, loose.twist_deg, len(angles_deg) - 1)]
     return Turning(
@@ -132,21 +130,22 @@ def turn(
     )
 
 
-def swung(hung: Hung, tilt: Float64) -> Rigid3:
-    """Return the pose of an item that swings about its held point, sideways and in depth (2,), radians."""
-    swing = rotation_about(np.array([0, 0, 1.0]), tilt[0]) @ rotation_about(np.array([1.0, 0, 0]), tilt[1])
-    return Rigid3(swing, hung.held_point_m - swing @ hung.held_point_m)
+def astray(hung: Hung, loose: PoseErrors, random: np.random.Generator) -> tuple[Rigid3, float]:
+    """Return how an item swings about its held point in one view, and the error of its angle, degrees."""
+    length = float((hung.points_m - hung.held_point_m)[:, 1].max())
+    sideways, deep = random.normal(0, loose.swing_m / length, 2)
+    swing = rotation_about(np.array([0, 0, 1.0]), sideways) @ rotation_about(np.array([1.0, 0, 0]), deep)
+    return Rigid3(swing, hung.held_point_m - swing @ hung.held_point_m), random.normal(0, loose.angle_deg)
 
 
 def twisted(hung: Hung, twist_deg: float) -> Float64:
     """Return the vertices (N, 3) of an item that lags in twist: the lowest one by so much, others by less."""
     offset = hung.points_m - hung.held_point_m
     about = np.radians(twist_deg) * offset[:, 1] / offset[:, 1].max()
-    x, z = offset[:, 0], offset[:, 2]
-    turned = np.stack(
-        [np.cos(about) * x + np.sin(about) * z, offset[:, 1], np.cos(about) * z - np.sin(about) * x], axis=1
-    )
-    points: Float64 = hung.held_point_m + turned
+    x, y, z = offset.T
+    cos, sin = np.cos(about), np.sin(about)
+    turned = np.stack([cos * x + sin * z, y, cos * z - sin * x], axis=1)
+    points: Float64 = hung.points_m + (turned - offset)
     return points
 
 
@@ -167,27 +166,22 @@ def _camera_axes(up: str) -> Float64:
     if up not in UPWARD:
         raise SynthesisError(f"--up {up}: not an axis. Choose one of {', '.join(UPWARD)}.")
     place = "xyz".index(up[-1])
-    upward, right = np.zeros(3), np.zeros(3)
-    upward[place] = -1.0 if up[0] == "-" else 1.0
-    right[(place + 2) % 3] = 1.0
-    return np.stack([right, -upward, np.cross(right, -upward)])
+    right, down = np.eye(3)[place - 1], np.eye(3)[place] * (1.0 if up[0] == "-" else -1.0)
+    return np.stack([right, down, np.cross(right, down)])
 
 
 def _held_point(
     points: Float64, held: tuple[float, float, float] | int | None, camera_from_file: Float64
 ) -> Float64:
-    point: Float64
     if held is None:
-        point = points[points[:, 1].argmin()]
-        return point
+        held = int(points[:, 1].argmin())
     if isinstance(held, int):
         if not 0 <= held < len(points):
             raise SynthesisError(
                 f"--held-vertex {held}: the mesh has vertices 0 to {len(points) - 1}. Choose one of them."
             )
-        point = points[held]
-        return point
-    point = camera_from_file @ np.asarray(held, dtype=np.float64)
+        return np.asarray(points[held])
+    point: Float64 = camera_from_file @ np.asarray(held, dtype=np.float64)
     nearest = float(np.linalg.norm(points - point, axis=1).min())
     if nearest > 0.1:
         raise SynthesisError(

@@ -73,6 +73,11 @@ class GarmentMesh:
     image: Int32 | None = None
     notes: tuple[str, ...] = ()
 
+    @property
+    def has_colors(self) -> bool:
+        """Whether the cloth need not be dyed."""
+        return self.image is not None or self.vertex_rgb is not None
+
 
 def suffix_of(path: Path) -> str:
     """Return the suffix of a mesh file in small letters, without that of gzip."""
@@ -284,12 +289,8 @@ class _ObjReader:
 
 def _textures_of(library: Path, notes: list[str]) -> dict[str, str]:
     """Return the name of each material's color texture; add to the notes what of it is not applied."""
-    try:
+    with os_errors_as(SynthesisError, f"{library}: cannot be read", "Check its permissions."):
         data = read_plain(library)
-    except OSError as error:
-        raise SynthesisError(
-            f"{library}: cannot be read ({error.strerror}). Check its permissions."
-        ) from error
     coding = next((name for mark, name in _BYTE_ORDER_MARKS.items() if data.startswith(mark)), "utf-8")
     try:
         text = data.decode(coding)

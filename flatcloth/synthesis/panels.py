@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.graphs import components
-from flatcloth.core.types import Bool, Float64, Int32
+from flatcloth.core.types import Bool, Float64, Int32, Int64
 from flatcloth.synthesis.meshes import GarmentMesh
 
 MOST_PANELS = 15
@@ -50,18 +50,20 @@ def shared_edges(triangles: Int32) -> tuple[Int32, Int32]:
     corner : (M, 2, 2) int32
         For each of the two triangles, the corners (indices into ``triangles.ravel()``) at these vertices.
     """
-    k = np.arange(len(triangles), dtype=np.int32)[:, None] * 3
-    first = (k + np.array([0, 1, 2], dtype=np.int32)).ravel()
-    second = (k + np.array([1, 2, 0], dtype=np.int32)).ravel()
     flat = triangles.ravel()
-    turned = flat[first] > flat[second]
-    low, high = np.where(turned, second, first), np.where(turned, first, second)
-    order = np.lexsort((flat[high], flat[low]))
-    low, high = low[order], high[order]
-    same = (flat[low][1:] == flat[low][:-1]) & (flat[high][1:] == flat[high][:-1])
-    pairs = np.flatnonzero(same)
-    corner = np.stack([np.stack([low[pairs + i], high[pairs + i]], axis=1) for i in (0, 1)], axis=1)
-    return flat[corner[:, 0]], corner
+    corner = np.arange(triangles.size, dtype=np.int32).reshape(-1, 3)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    turned = flat[corner[:, 0]] > flat[corner[:, 1]]
+    corner[turned] = corner[turned, ::-1]
+    corner = corner[np.lexsort(flat[corner].T[::-1])]
+    edge = flat[corner]
+    pairs = np.flatnonzero((edge[1:] == edge[:-1]).all(axis=1))
+    return edge[pairs], np.stack([corner[pairs], corner[pairs + 1]], axis=1)
+
+
+def edges_of(triangles: Int32) -> tuple[Int32, Int64]:
+    """Return the edges (M, 2) of triangles, and at how many triangles each is."""
+    every = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return np.unique(every, axis=0, return_counts=True)
 
 
 def nodes_of(triangles: Int32, joined: Bool, corner: Int32) -> Int32:
@@ -85,7 +87,7 @@ def cut_to_disk(triangles: Int32, points_m: Float64, name: str) -> Int32:
     triangles : (T, 3) int32
         Triangles of the piece.
     points_m : (N, 3) float64
-        Vertices of the mesh.
+        Its vertices.
     name : str
         Name of the panel, for messages.
 
@@ -99,21 +101,21 @@ def cut_to_disk(triangles: Int32, points_m: Float64, name: str) -> Int32:
     SynthesisError
         If the piece is closed or has handles, so that such cuts do not make it a disk.
     """
-    edge, corner = shared_edges(triangles)
-    loops = _openings(triangles)
+    n, (edges, shared) = len(points_m), edges_of(triangles)
+    # The number of the boundary that each vertex lies on, -1 for inner vertices.
+    loops, rim = np.full(n, -1, dtype=np.int32), edges[shared == 1]
+    on_rim = np.unique(rim)
+    loops[on_rim] = np.unique(components(n, rim)[on_rim], return_inverse=True)[1]
     count = int(loops.max()) + 1
-    vertices = np.unique(triangles)
-    boundary = 3 * len(triangles) - 2 * len(edge)
-    euler = len(vertices) - (len(edge) + boundary) + len(triangles)
-    if count == 0 or euler != 2 - count:
+    if count == 0 or n - len(edges) + len(triangles) != 2 - count or shared.max() > 2:
         cause = "is closed" if count == 0 else "has handles, or more than two triangles at an edge"
         raise SynthesisError(
             f"The surface of panel {name} {cause}, so it cannot be flattened. "
             "Give the mesh groups named front and back, or texture coordinates that cut it."
         )
+    edge, corner = shared_edges(triangles)
     cut = np.zeros(len(edge), dtype=bool)
     length = np.linalg.norm(points_m[edge[:, 0]] - points_m[edge[:, 1]], axis=1)
-    n = len(points_m)
     graph = coo_matrix((length + 1e-12, (edge[:, 0], edge[:, 1])), shape=(n, n)).tocsr()
     number = {tuple(pair): i for i, pair in enumerate(edge.tolist())}
     reached = loops == 0
@@ -132,18 +134,6 @@ def cut_to_disk(triangles: Int32, points_m: Float64, name: str) -> Int32:
             at = int(before[at])
             reached[at] = True
     return nodes_of(triangles, ~cut, corner)
-
-
-def _openings(triangles: Int32) -> Int32:
-    """Return the number (N,) of the boundary that each vertex lies on, -1 for inner vertices."""
-    n = int(triangles.max()) + 1
-    every = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    edges, count = np.unique(every, axis=0, return_counts=True)
-    rim = edges[count == 1]
-    result = np.full(n, -1, dtype=np.int32)
-    on_rim = np.unique(rim)
-    result[on_rim] = np.unique(components(n, rim)[on_rim], return_inverse=True)[1]
-    return result
 
 
 def _pieces(mesh: GarmentMesh) -> Int32:

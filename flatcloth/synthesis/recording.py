@@ -6,25 +6,23 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.types import Float64, Intrinsics, Progress, no_progress
-from flatcloth.recordings.writer import RecordingWriter
+from flatcloth.core.types import Bool, Float64, Intrinsics, Progress, Uint8, no_progress
+from flatcloth.recordings.writer import RecordingWriter, Uint16
 from flatcloth.registration.axis import THREADS
 from flatcloth.synthesis.flat import FlatPanel, flatten_panel
 from flatcloth.synthesis.hanging import Hung, PoseErrors, hang, share_in_image, turn, twisted
 from flatcloth.synthesis.meshes import GarmentMesh, inside_out, read_mesh, suffix_of
 from flatcloth.synthesis.panels import split_panels
-from flatcloth.synthesis.rendering import MESH_COLORS, Rendered, Scene
+from flatcloth.synthesis.rendering import MESH_COLORS, Scene, vertex_normals
 from flatcloth.synthesis.sensor import DepthSensor, measure_color, measure_depth
-from flatcloth.synthesis.stereo import Exposure, aligned_color, color_camera, measure_stereo, projector
+from flatcloth.synthesis.stereo import COLOR_ABOVE_M, Exposure, aligned_color, measure_stereo, projector
 from flatcloth.synthesis.textures import PATTERNS
 
-_T = TypeVar("_T")
 CAMERA = Intrinsics(width=480, height=848, fx=425.0, fy=425.0, cx=239.5, cy=423.5)
 """The depth camera of a D435 at 848 x 480 px, upright, 59 by 90 degrees (datasheet: 58 by 87)."""
 NOISES = {
@@ -39,8 +37,6 @@ _MOST_FLAT_M = 1.5
 _BESIDE_M, _NEAREST_M = 0.05, 0.25
 """A stereo sensor searches from the nearest to the farthest point of the item with this margin, but not
 nearer than this. Chosen: an item that sways stays within it; a D435 measures from 0.2 to 0.3 m on."""
-_LARGEST_M = 100.0
-"""A larger mesh is in another unit. Chosen."""
 _FOLDED_SHARE = 0.005
 """Share of mirrored triangles from which a panel's truth is reported as unreliable. Chosen."""
 
@@ -72,16 +68,10 @@ class Request:
     exposure: Exposure = field(default_factory=Exposure)
     seed: int = 0
 
-
-@dataclass(frozen=True, kw_only=True)
-class Synthesized:
-    """The result: ``folder``, number of ``views``, the panels, and ``warnings`` for the user."""
-
-    folder: Path
-    views: int
-    panels: tuple[FlatPanel, ...]
-    panel_of_interest: int
-    warnings: tuple[str, ...]
+    @property
+    def angles_deg(self) -> tuple[float, ...]:
+        """The angles of a full turn, which are recorded with errors."""
+        return tuple(float(a) for a in np.arange(0, 360 - 1e-6, self.step_deg))
 
 
 def camera_of(
@@ -105,8 +95,8 @@ def camera_of(
     return Intrinsics(width=width, height=height, fx=focal_px, fy=focal_px, cx=cx, cy=cy)
 
 
-def synthesize(request: Request, progress: Progress = no_progress) -> Synthesized:
-    """Synthesize a recording folder from a mesh.
+def synthesize(request: Request, progress: Progress = no_progress) -> HungItem:
+    """Synthesize a recording folder from a mesh; return the item, which has warnings for the user.
 
     Raises
     ------
@@ -119,49 +109,35 @@ def synthesize(request: Request, progress: Progress = no_progress) -> Synthesize
     -----
     It takes about 0.5 s per view of 480x848 px with noise, two thirds for noise and PNG files.
     """
-    item = hung_item(request, progress)
-    random = np.random.default_rng([request.seed, 1])
-    angles = tuple(float(a) for a in np.arange(0, 360 - 1e-6, request.step_deg))
-    turning = turn(item.hung, angles, request.loose, random)
-    hung, panels, of_interest = item.hung, item.panels, item.panel_of_interest
-    look = sensor_of(request, item)
+    item = HungItem(request, progress)
+    turning = turn(item.hung, request.angles_deg, request.loose, np.random.default_rng([request.seed, 1]))
+    recorded_deg, count = turning.recorded_angles_deg, len(request.angles_deg)
 
-    def seen(n: int) -> tuple[Rendered, np.ndarray, np.ndarray]:
-        twist_deg = turning.twist_deg[n]
-        points = twisted(hung, twist_deg) if twist_deg else None
-        return look(turning.camera_from_view0[n], points, np.random.default_rng([request.seed, 2, n]))
+    def seen(n: int) -> CellView:
+        points_m = twisted(item.hung, turning.twist_deg[n])
+        return item.look(turning.camera_from_view0[n], points_m, np.random.default_rng([request.seed, 2, n]))
 
-    name = request.name or request.out.resolve().name
     with RecordingWriter(
         request.out,
-        name=name,
+        name=request.name or request.out.resolve().name,
         description=_description(request),
         intrinsics=request.camera,
-        depth_scale_m=depth_unit_m(request),
+        depth_scale_m=item.depth_unit_m,
         rotation_axis=turning.recorded_axis,
-        held_point_m=np.round(hung.held_point_m, 4),
-        truth_header=truth_header(request, item),
+        held_point_m=np.round(item.hung.held_point_m, 4),
+        truth_header={
+            "garment": request.mesh.name.partition(".")[0],
+            "held_at": "highest point" if request.held is None else "chosen point",
+            "panel_of_interest": item.panel_of_interest,
+        },
     ) as writer:
-        for n, ((view, depth, rgb), angle) in enumerate(
-            zip(_ahead(seen, len(angles)), turning.recorded_angles_deg, strict=True)
-        ):
-            progress(n / len(angles), f"view {n + 1} of {len(angles)}")
-            if not view.depth_m.any():
-                raise SynthesisError(
-                    f"{request.mesh}: the item is not in view {n}. Choose another --distance or --scale."
-                )
-            mask = (view.panel == of_interest) & view.outer & (depth > 0)
-            writer.add(angle, rgb, depth, mask, view.truth_bgr())
-    return Synthesized(
-        folder=request.out,
-        views=len(angles),
-        panels=panels,
-        panel_of_interest=of_interest,
-        warnings=(*item.notes, *_warnings(hung, panels, request.camera)),
-    )
+        for n, view in enumerate(_ahead(seen, count)):
+            progress(n / count, f"view {n + 1} of {count}")
+            writer.add(recorded_deg[n], view.color, view.depth_units, view.mask, view.truth_bgr)
+    return item
 
 
-def _ahead(make: Callable[[int], _T], count: int) -> Iterator[_T]:
+def _ahead(make: Callable[[int], CellView], count: int) -> Iterator[CellView]:
     """Yield what is made of each number below ``count``, in order; ``THREADS`` are made at the same time."""
     with ThreadPoolExecutor(THREADS) as pool:
         for n in range(0, count, THREADS):  # not all at once: that would fill the memory
@@ -169,70 +145,96 @@ def _ahead(make: Callable[[int], _T], count: int) -> Iterator[_T]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HungItem:
-    """A mesh that hangs before the camera, ready to be rendered: its panels and the side of interest.
+class CellView:
+    """What the camera delivers of an item.
 
-    ``notes`` are for the user.
+    ``color`` (H, W, 3) uint8 RGB; ``depth_units`` (H, W) uint16; ``mask`` (H, W) True on the outer face of
+    the panel of interest; ``truth_bgr`` (H, W, 3) uint16, as the recording format describes.
     """
 
-    hung: Hung
-    panels: tuple[FlatPanel, ...]
-    panel_of_interest: int
-    scene: Scene
-    notes: tuple[str, ...] = ()
+    color: Uint8
+    depth_units: Uint16
+    mask: Bool
+    truth_bgr: Uint16
 
 
-def hung_item(request: Request, progress: Progress = no_progress) -> HungItem:
-    """Read, hang and texture the mesh of a request.
+class HungItem:
+    """The mesh of a request, hanging before its camera and sensor; ``warnings`` are for the user.
 
     Raises
     ------
     SynthesisError
         If the mesh cannot be read, hung or flattened, or an option does not match it.
     """
-    _check(request)
-    mesh = read_mesh(request.mesh, with_images=request.texture in (None, MESH_COLORS))
-    if request.inside_out:
-        mesh = inside_out(mesh)
-    up = request.up or ("y" if suffix_of(request.mesh) in (".glb", ".gltf") else "z")
-    try:
-        hung = hang(
-            mesh.vertices,
-            up=up,
-            scale=request.scale,
-            held=request.held,
-            distance_m=request.distance_m,
-            balanced=request.balanced,
+
+    def __init__(self, request: Request, progress: Progress = no_progress) -> None:
+        _check(request)
+        self.request, self._sensor = request, DepthSensor()
+        mesh = read_mesh(request.mesh, with_images=request.texture in (None, MESH_COLORS))
+        if request.inside_out:
+            mesh = inside_out(mesh)
+        up = request.up or ("y" if suffix_of(request.mesh) in (".glb", ".gltf") else "z")
+        try:
+            self.hung = hang(
+                mesh.vertices,
+                up=up,
+                scale=request.scale,
+                held=request.held,
+                distance_m=request.distance_m,
+                balanced=request.balanced,
+            )
+            progress(0.0, "flattening the truth")
+            self.panels = _flat_panels(mesh, self.hung)
+        except SynthesisError as error:
+            raise SynthesisError(f"{request.mesh}: {error}") from error
+        texture = request.texture or (MESH_COLORS if mesh.has_colors else PATTERNS[0])
+        if texture == MESH_COLORS and not mesh.has_colors:
+            why = f" ({'; '.join(mesh.notes)})" if mesh.notes else ""
+            raise SynthesisError(
+                f"{request.mesh}: has no colors{why}. Choose --texture {', '.join(PATTERNS)}."
+            )
+        self.panel_of_interest = _panel_number(request.panel, self.panels)
+        self.warnings = [f"{note}: its colors may be others." for note in mesh.notes]
+        self.warnings += _warnings(self.hung, self.panels, request.camera)
+        self.normals = vertex_normals(self.hung.points_m, mesh.triangles)  # as it hangs, not swaying
+        self.scene = Scene(mesh, self.panels, texture, request.seed)
+        self.depth_unit_m = _CLEAN_UNIT_M if request.noise == "none" else self._sensor.unit_m
+        self._dots = projector(self._sensor.baseline_m, request.seed)
+        offset_m = self.hung.points_m - self.hung.held_point_m
+        reach_m = float(np.hypot(offset_m[:, 0], offset_m[:, 2]).max()) + _BESIDE_M
+        self._range_m = (max(request.distance_m - reach_m, _NEAREST_M), request.distance_m + reach_m)
+
+    def look(self, pose: Rigid3, points_m: Float64, random: np.random.Generator) -> CellView:
+        """Return what the camera sees of the vertices (N, 3), moved from where they hang into a pose.
+
+        Raises
+        ------
+        SynthesisError
+            If the item is not in the image.
+        """
+        camera, sensor, noise = self.request.camera, self._sensor, self.request.noise
+        points_m, normals = pose.apply_with_normal(points_m, self.normals)
+        view = self.scene.view(camera, points_m, normals)
+        if not view.depth_m.any():
+            raise SynthesisError(
+                f"{self.request.mesh}: the item is not in the image. Choose another --distance or --scale."
+            )
+        depth_m, rgb = view.depth_m, view.rgb
+        if noise == "d435":
+            depth_m = measure_depth(depth_m, camera.fx, random, sensor)
+        elif noise == "stereo":
+            depth_m = measure_stereo(
+                self.scene, camera, points_m, normals, self._dots, self._range_m, random, sensor
+            )
+            rgb = self.scene.view(camera, points_m + np.array([0.0, COLOR_ABOVE_M, 0.0]), normals).rgb
+        rgb = self.request.exposure.apply(rgb if noise == "none" else measure_color(rgb, random), random)
+        units = np.rint(depth_m / self.depth_unit_m).astype(np.uint16)
+        return CellView(
+            color=aligned_color(rgb, depth_m, camera) if noise == "stereo" else rgb,
+            depth_units=units,
+            mask=(view.panel == self.panel_of_interest) & view.outer & (units > 0),
+            truth_bgr=view.truth_bgr(),
         )
-        progress(0.0, "flattening the truth")
-        panels = _flat_panels(mesh, hung)
-    except SynthesisError as error:
-        raise SynthesisError(f"{request.mesh}: {error}") from error
-    texture = request.texture or (MESH_COLORS if _has_colors(mesh) else PATTERNS[0])
-    if texture == MESH_COLORS and not _has_colors(mesh):
-        why = f" ({'; '.join(mesh.notes)})" if mesh.notes else ""
-        raise SynthesisError(f"{request.mesh}: has no colors{why}. Choose --texture {', '.join(PATTERNS)}.")
-    return HungItem(
-        hung=hung,
-        panels=panels,
-        panel_of_interest=_panel_number(request.panel, panels),
-        notes=tuple(f"{note}: its colors may be others." for note in mesh.notes),
-        scene=Scene(mesh, hung.points_m, panels, texture, request.seed),
-    )
-
-
-def truth_header(request: Request, item: HungItem) -> dict[str, object]:
-    """Return what ``recording.json`` says of the truth."""
-    return {
-        "garment": request.mesh.name.partition(".")[0],
-        "held_at": "highest point" if request.held is None else "chosen point",
-        "panel_of_interest": item.panel_of_interest,
-    }
-
-
-def depth_unit_m(request: Request) -> float:
-    """Return the unit of the depth images of a request."""
-    return DepthSensor().unit_m if request.noise != "none" else _CLEAN_UNIT_M
 
 
 def _check(request: Request) -> None:
@@ -260,9 +262,6 @@ def _check(request: Request) -> None:
 
 def _flat_panels(mesh: GarmentMesh, hung: Hung) -> tuple[FlatPanel, ...]:
     panels = []
-    size_m = float(np.ptp(hung.points_m, axis=0).max())
-    if size_m > _LARGEST_M:
-        raise SynthesisError(f"The mesh is {size_m:g} m large. Check --scale.")
     for name, members in split_panels(mesh):
         if len(members) == 0:
             raise SynthesisError(f"The mesh has no group named {name}. Name both sides, front and back.")
@@ -277,50 +276,12 @@ def _flat_panels(mesh: GarmentMesh, hung: Hung) -> tuple[FlatPanel, ...]:
 
 
 def _panel_number(wanted: str, panels: tuple[FlatPanel, ...]) -> int:
-    names = [panel.name for panel in panels]
-    if wanted in names:
-        number = names.index(wanted) + 1
-    elif wanted.isdecimal() and 1 <= int(wanted) <= len(panels):
-        number = int(wanted)
-    else:
-        number = 0
-    if number not in (1, 2):  # the format allows only two panels
-        offered = [f"{i} ({name})" for i, name in enumerate(names[:2], start=1)]
-        raise SynthesisError(f"--panel {wanted}: not a side of this mesh. Choose {' or '.join(offered)}.")
-    return number
-
-
-Look = Callable[[Rigid3, Float64 | None, np.random.Generator], tuple[Rendered, np.ndarray, np.ndarray]]
-"""From a pose camera-from-points, and vertices (N, 3) if they are not at rest: a rendered view, what is
-measured of its depth (H, W), in units, and of its color (H, W, 3)."""
-
-
-def sensor_of(request: Request, item: HungItem) -> Look:
-    """Return what looks at an item with the sensor of a request."""
-    sensor, camera, scene = DepthSensor(), request.camera, item.scene
-    dots = projector(sensor.baseline_m, request.seed) if request.noise == "stereo" else None
-    offset_m = item.hung.points_m - item.hung.held_point_m
-    reach_m = float(np.hypot(offset_m[:, 0], offset_m[:, 2]).max()) + _BESIDE_M
-    range_m = (max(request.distance_m - reach_m, _NEAREST_M), request.distance_m + reach_m)
-
-    def look(
-        pose: Rigid3, points_m: Float64 | None, random: np.random.Generator
-    ) -> tuple[Rendered, np.ndarray, np.ndarray]:
-        view = scene.view(camera, pose, points_m)
-        if request.noise == "none":
-            rgb = request.exposure.apply(view.rgb, random)
-            return view, np.rint(view.depth_m / _CLEAN_UNIT_M).astype(np.uint16), rgb
-        if dots is None:
-            depth_m = measure_depth(view.depth_m, camera.fx, random, sensor)
-            rgb = request.exposure.apply(measure_color(view.rgb, random), random)
-        else:
-            depth_m = measure_stereo(scene, camera, pose, points_m, dots, range_m, random, sensor)
-            above = scene.view(camera, color_camera() @ pose, points_m).rgb
-            rgb = request.exposure.apply(measure_color(above, random), random)
-            rgb = aligned_color(rgb, depth_m, camera)
-        return view, np.rint(depth_m / sensor.unit_m).astype(np.uint16), rgb
-
-    return look
+    names = [panel.name for panel in panels[:2]]  # the format allows only two
+    for number, name in enumerate(names, start=1):
+        if wanted in (name, str(number)):
+            return number
+    offered = [f"{i} ({name})" for i, name in enumerate(names, start=1)]
+    raise SynthesisError(f"--panel {wanted}: not a side of this mesh. Choose {' or '.join(offered)}.")
 
 
 def _warnings(hung: Hung, panels: tuple[FlatPanel, ...], camera: Intrinsics) -> list[str]:
@@ -348,7 +309,3 @@ def _description(request: Request) -> str:
     ]
     parts = ["synthetic", f"from the mesh {request.mesh.name}", NOISES[request.noise], *filter(None, more)]
     return ", ".join(parts)
-
-
-def _has_colors(mesh: GarmentMesh) -> bool:
-    return mesh.image is not None or mesh.vertex_rgb is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from flatcloth.core.errors import SynthesisError
-from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float32, Float64, Int32, Intrinsics, Uint8
 from flatcloth.recordings.files.libraries import load_with_libusb
+from flatcloth.recordings.writer import Uint16
 from flatcloth.synthesis.flat import FlatPanel
 from flatcloth.synthesis.meshes import GarmentMesh
 from flatcloth.synthesis.textures import mesh_rgb, pattern_rgb
-
-Uint16 = NDArray[np.uint16]
 
 MESH_COLORS = "mesh"
 _BACKGROUND = np.array([33.0, 36.0, 39.0]) / 255
@@ -62,7 +60,7 @@ def load_open3d() -> Any:
 @dataclass(frozen=True, kw_only=True)
 class Rendered:
     """A view: ``depth_m`` (H, W), 0 off the item; ``rgb`` (H, W, 3); ``panel`` (H, W), 0 none;
-    ``outer`` (H, W) whether its outer face is seen; ``flat_uv_m`` (H, W, 2), NaN off the item.
+    ``outer`` (H, W) whether its outer face is seen; ``flat_uv_m`` (H, W, 2), 0 off the item.
     """  # fmt: skip
 
     depth_m: Float32
@@ -74,7 +72,7 @@ class Rendered:
     def truth_bgr(self) -> Uint16:
         """Return the truth image of the recording format: panel and face, v, u."""
         code = self.panel + np.where(self.outer & (self.panel > 0), _TRUTH_OUTER, 0)
-        values = np.rint((np.nan_to_num(self.flat_uv_m) + _TRUTH_OFFSET_M) * _TRUTH_UNITS_PER_M)
+        values = np.rint((self.flat_uv_m + _TRUTH_OFFSET_M) * _TRUTH_UNITS_PER_M)
         values = np.where((self.panel > 0)[..., None], values, 0)
         return np.dstack([code, values[..., 1], values[..., 0]]).astype(np.uint16)
 
@@ -90,15 +88,10 @@ class Projector:
     pattern: Float32
     half_tan: float
 
-    def seen_from(self, other_from_camera: Rigid3) -> Projector:
-        """Return it in the frame of another camera that looks the same way."""
-        return replace(self, at_m=other_from_camera.apply(self.at_m[None])[0])
-
-    def light(self, points_m: Float64) -> Float64:
-        """Return the brightness (N,) that it gives to points (N, 3), by direction only."""
-        ray = points_m - self.at_m
+    def light(self, rays: Float64) -> Float64:
+        """Return the brightness (N,) that it gives along rays (N, 3)."""
         half = len(self.pattern) / 2
-        col, row = (ray[:, k] / ray[:, 2] / self.half_tan * half + half - 0.5 for k in (0, 1))
+        col, row = (rays[:, k] / rays[:, 2] / self.half_tan * half + half - 0.5 for k in (0, 1))
         found: Float64 = ndimage.map_coordinates(self.pattern, [row, col], np.float64, order=1)
         return found
 
@@ -110,8 +103,6 @@ class Scene:
     ----------
     mesh : GarmentMesh
         Its triangles and colors.
-    points_m : (N, 3) float64
-        Its vertices, in the source frame of ``view``.
     panels : sequence of FlatPanel
         Panel 1 first.
     texture : str
@@ -120,112 +111,73 @@ class Scene:
         Seed of the generated pattern.
     """
 
-    def __init__(
-        self,
-        mesh: GarmentMesh,
-        points_m: Float64,
-        panels: tuple[FlatPanel, ...],
-        texture: str,
-        seed: int,
-    ) -> None:
-        self._mesh, self._points, self._texture, self._seed = mesh, points_m, texture, seed
+    def __init__(self, mesh: GarmentMesh, panels: tuple[FlatPanel, ...], texture: str, seed: int) -> None:
+        self._mesh, self._texture, self._seed = mesh, texture, seed
         self._panel = np.zeros(len(mesh.triangles), dtype=np.uint8)
-        self._flat = np.full((len(mesh.triangles), 3, 2), np.nan)
+        self._flat = np.zeros((len(mesh.triangles), 3, 2))
         for number, panel in enumerate(panels, start=1):
             self._panel[panel.members] = number
             self._flat[panel.members] = panel.corner_uv_m
         self._yarns = np.random.default_rng([seed, 4]).standard_normal((1024, 1024)).clip(-2.0, 2.0)
-        self._normals = _vertex_normals(points_m, mesh.triangles)
 
-    def view(
-        self, camera: Intrinsics, camera_from_points: Rigid3, points_m: Float64 | None = None
-    ) -> Rendered:
-        """Render one view; it takes about 0.3 s for 480x848 px and 25 000 triangles.
+    def view(self, camera: Intrinsics, points_m: Float64, normals: Float64) -> Rendered:
+        """Render one view of vertices (N, 3) with their outward unit normals (N, 3), camera frame.
 
-        ``points_m`` (N, 3) are the vertices if they are not where they were at rest.
+        It takes about 0.3 s for 480x848 px and 25 000 triangles.
         """
-        points = camera_from_points.apply(self._points if points_m is None else points_m)
-        caster = _Caster(points, self._mesh.triangles)
+        caster = _Caster(points_m, self._mesh.triangles)
         hit = caster.cast(camera, 1)
-        seen = hit.seen
-        flat = np.full((*seen.shape, 2), np.nan, dtype=np.float32)
-        flat[seen] = (self._flat[hit.triangle] * hit.weights[..., None]).sum(axis=1)
         return Rendered(
-            depth_m=_image(seen, hit.depth_m),
-            rgb=self._shaded(caster.cast(camera, _SUBPIXELS), camera_from_points),
-            panel=_image(seen, self._panel[hit.triangle]),
-            outer=_image(seen, hit.outer),
-            flat_uv_m=flat,
+            depth_m=_image(hit.seen, hit.depth_m),
+            rgb=self._shaded(caster.cast(camera, _SUBPIXELS), camera, normals),
+            panel=_image(hit.seen, self._panel[hit.triangle]),
+            outer=_image(hit.seen, hit.outer),
+            flat_uv_m=_image(hit.seen, hit.of(self._flat).astype(np.float32)),
         )
 
-    def infrared(
-        self,
-        camera: Intrinsics,
-        camera_from_points: Rigid3,
-        projector: Projector,
-        points_m: Float64 | None = None,
-    ) -> Float32:
+    def infrared(self, camera: Intrinsics, points_m: Float64, normals: Float64, dots: Projector) -> Float32:
         """Return the light (H, W) that an infrared imager receives, 0 off the item; see :meth:`view`."""
-        points = camera_from_points.apply(self._points if points_m is None else points_m)
-        caster = _Caster(points, self._mesh.triangles)
+        caster = _Caster(points_m, self._mesh.triangles)
         hit = caster.cast(camera, _SUBPIXELS)
-        seen = hit.seen
-        triangle, weights = hit.triangle, hit.weights
-        at_m = (points[self._mesh.triangles[triangle]] * weights[..., None]).sum(axis=1)
-        ray = at_m - projector.at_m
+        ray = hit.of(points_m[self._mesh.triangles]) - dots.at_m
         distance = np.linalg.norm(ray, axis=1)
-        normal = self._normal(triangle, weights, camera_from_points)
-        facing = np.abs((normal * ray).sum(axis=1)) / distance
-        lit = projector.light(at_m) * facing * (float(np.median(distance)) / distance) ** 2
-        lit[caster.is_hidden(projector.at_m, ray)] = 0.0
-        bright = (1 - _DYED) + _DYED * self._colors(triangle, weights).mean(axis=1)
-        bright *= self._weave(triangle, weights)
-        fine = np.zeros(seen.shape)
-        fine[seen] = bright * (_DIFFUSE * facing + _DOTS * lit)
-        averaged = cv2.resize(fine, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-        return averaged.astype(np.float32)
+        facing = np.abs((self._normal(hit, normals) * ray).sum(axis=1)) / distance
+        lit = dots.light(ray) * facing * (float(np.median(distance)) / distance) ** 2
+        lit[caster.is_hidden(dots.at_m, ray)] = 0.0
+        bright = (1 - _DYED) + _DYED * self._colors(hit).mean(axis=1)
+        bright *= self._weave(hit)
+        bright *= _DIFFUSE * facing + _DOTS * lit
+        return _averaged(_image(hit.seen, bright), camera).astype(np.float32)
 
-    def _weave(self, triangle: Int32, weights: Float64) -> Float64:
+    def _weave(self, hit: _Hit) -> Float64:
         """Return the brightness (N,) that yarns and their shadows give to hits, 1 in the mean."""
-        flat = np.nan_to_num((self._flat[triangle] * weights[..., None]).sum(axis=1))
-        found: Float64 = 1.0 + _WEAVE * ndimage.map_coordinates(
-            self._yarns, flat.T / _WEAVE_M, np.float64, order=1, mode="grid-wrap"
-        )
-        return found
+        at = hit.of(self._flat).T / _WEAVE_M
+        found: Float64 = ndimage.map_coordinates(self._yarns, at, np.float64, order=1, mode="grid-wrap")
+        return 1.0 + _WEAVE * found
 
-    def _normal(self, triangle: Int32, weights: Float64, camera_from_points: Rigid3) -> Float64:
-        """Return the outward unit normals (N, 3) of hits, camera frame."""
-        normals = camera_from_points.turn(self._normals)
-        normal: Float64 = (normals[self._mesh.triangles[triangle]] * weights[..., None]).sum(axis=1)
+    def _normal(self, hit: _Hit, normals: Float64) -> Float64:
+        """Return the outward unit normals (N, 3) of hits: between those of vertices (N, 3)."""
+        normal = hit.of(normals[self._mesh.triangles])
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-9)[:, None]
         return normal
 
-    def _shaded(self, hit: _Hit, camera_from_points: Rigid3) -> Uint8:
+    def _shaded(self, hit: _Hit, camera: Intrinsics, normals: Float64) -> Uint8:
         """Average the colors of the subpixels."""
-        seen = hit.seen
-        triangle, weights = hit.triangle, hit.weights
-        normal = self._normal(triangle, weights, camera_from_points)
-        facing = normal @ _LIGHT * np.where(hit.outer, 1.0, -1.0)
-        rgb = self._colors(triangle, weights) * (_AMBIENT + (1 - _AMBIENT) * np.clip(facing, 0, 1))[:, None]
+        facing = self._normal(hit, normals) @ _LIGHT * np.where(hit.outer, 1.0, -1.0)
+        rgb = self._colors(hit) * (_AMBIENT + (1 - _AMBIENT) * np.clip(facing, 0, 1))[:, None]
         rgb *= np.where(hit.outer, 1.0, 0.85)[:, None]
-        fine = np.tile(_BACKGROUND, (*seen.shape, 1))
-        fine[seen] = rgb
-        size = (seen.shape[1] // _SUBPIXELS, seen.shape[0] // _SUBPIXELS)
-        averaged = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+        averaged = _averaged(_image(hit.seen, rgb, _BACKGROUND), camera)
         rgb8: Uint8 = np.clip(np.rint(averaged * 255), 0, 255).astype(np.uint8)
         return rgb8
 
-    def _colors(self, triangle: Int32, weights: Float64) -> Float64:
+    def _colors(self, hit: _Hit) -> Float64:
         if self._texture == MESH_COLORS:
-            own = mesh_rgb(self._mesh, triangle, weights)
-            if own is not None:
-                return own
-        flat = np.nan_to_num((self._flat[triangle] * weights[..., None]).sum(axis=1))
-        rgb = np.full((len(triangle), 3), 0.5)
-        panel = self._panel[triangle]
+            return mesh_rgb(self._mesh, hit.triangle, hit.weights)
+        flat, panel = hit.of(self._flat), self._panel[hit.triangle]
+        rgb = np.full((len(panel), 3), 0.5)
         for number in np.unique(panel[panel > 0]):
-            own_pixels = panel == number
-            rgb[own_pixels] = pattern_rgb(self._texture, flat[own_pixels], int(number), self._seed)
+            own = panel == number
+            rgb[own] = pattern_rgb(self._texture, flat[own], int(number), self._seed)
         return rgb
 
 
@@ -238,6 +190,11 @@ class _Hit:
     triangle: Int32
     weights: Float64
     outer: Bool
+
+    def of(self, corners: Float64) -> Float64:
+        """Return the values (N, K) of hits, from those of the corners (T, 3, K) of triangles."""
+        values: Float64 = (corners[self.triangle] * self.weights[..., None]).sum(axis=1)
+        return values
 
 
 class _Caster:
@@ -283,18 +240,23 @@ class _Caster:
         )
 
 
-def _image(seen: Bool, values: NDArray[Any]) -> NDArray[Any]:
-    """Return an image with the values where something is seen, 0 elsewhere."""
-    image = np.zeros(seen.shape, dtype=values.dtype)
+def _image(seen: Bool, values: NDArray[Any], around: Float64 | float = 0.0) -> NDArray[Any]:
+    """Return an image with the values where something is seen, and one value around it."""
+    image = np.full((*seen.shape, *values.shape[1:]), around, dtype=values.dtype)
     image[seen] = values
     return image
 
 
-def _vertex_normals(points_m: Float64, triangles: Int32) -> Float64:
-    """Outward normals (N, 3), the mean of the triangles' weighted by their areas."""
+def _averaged(fine: NDArray[Any], camera: Intrinsics) -> NDArray[Any]:
+    """Return the mean of the subpixels of each pixel."""
+    return cv2.resize(fine, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+
+
+def vertex_normals(points_m: Float64, triangles: Int32) -> Float64:
+    """Return outward unit normals (N, 3) of vertices, the mean of the triangles' weighted by their areas."""
     a, b, c = (points_m[triangles[:, k]] for k in range(3))
     face = np.cross(b - a, c - a)
-    normals = np.zeros_like(points_m)
-    np.add.at(normals, triangles, face[:, None])
+    shares, count = np.repeat(face, 3, axis=0).T, len(points_m)
+    normals = np.stack([np.bincount(triangles.ravel(), share, count) for share in shares], axis=1)
     length: Float64 = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
     return normals / length[:, None]

@@ -18,7 +18,7 @@ import numpy as np
 from flatcloth.core.errors import SynthesisError
 from flatcloth.core.plain_files import open_plain, read_plain
 from flatcloth.core.subprocess_worker import Message, serve
-from flatcloth.core.types import Float64, Int32, Progress
+from flatcloth.core.types import Progress
 from flatcloth.recordings.files.text import shortened
 from flatcloth.synthesis.texture_files import file_beside, read_texture, rgb_of
 
@@ -79,7 +79,9 @@ def _answer(question: Mapping[str, Any], _progress: Progress) -> Message:
         )
         remedy = "Copy it there" if beside.missing else "Export the surface again"
         raise SynthesisError(f"{path}: {cause} ({shortened(str(error), 120)}). {remedy}.") from error
-    with_images = with_images and (_has_textures(header) or b"TextureFile" in data[:_HEAD_BYTES])
+    materials = header.get("materials", ()) if with_images else ()
+    has_textures = any("baseColorTexture" in m.get("pbrMetallicRoughness", {}) for m in materials)
+    with_images = with_images and (has_textures or b"TextureFile" in data[:_HEAD_BYTES])
     parts: list[Any] = [part for part in scene.dump() if len(getattr(part, "faces", ())) > 0]
     if any(part.faces.min() < 0 or part.faces.max() >= len(part.vertices) for part in parts):
         raise SynthesisError(f"{path}: a face names a vertex that does not exist. Export the mesh again.")
@@ -112,18 +114,17 @@ def _gltf_header(data: bytes) -> Any:
     return header if isinstance(header, dict) else {}
 
 
-def _has_textures(header: Mapping[str, Any]) -> bool:
-    return any("baseColorTexture" in m.get("pbrMetallicRoughness", {}) for m in header.get("materials", ()))
-
-
 def _joined(parts: list[Any], with_images: bool) -> dict[str, Any]:
     """Return the arrays of some meshes of trimesh as those of one; data that a mesh lacks are neutral."""
     sizes = [len(part.vertices) for part in parts]
     triangles = [part.faces + before for part, before in zip(parts, np.cumsum([0, *sizes[:-1]]), strict=True)]
-    vertices, welded, kept = _welded(
-        np.concatenate([part.vertices for part in parts]), np.concatenate(triangles).astype(np.int32)
-    )
-    arrays: dict[str, Any] = {"vertices": vertices, "triangles": welded}
+    vertices = np.concatenate([part.vertices for part in parts])
+    # Files duplicate vertices along texture seams.
+    extent = float(np.ptp(vertices, axis=0).max())
+    grain = 1e-6 * max(extent, 1e-12) if np.isfinite(extent) else 1.0
+    _, kept, place = np.unique(np.rint(vertices / grain), axis=0, return_index=True, return_inverse=True)
+    welded = place.reshape(-1)[np.concatenate(triangles)].astype(np.int32)
+    arrays: dict[str, Any] = {"vertices": vertices[kept], "triangles": welded}
     if all(getattr(part.visual, "uv", None) is not None for part in parts):
         arrays["uv"] = np.concatenate([part.visual.uv[part.faces] for part in parts])
         materials = [part.visual.material if with_images else None for part in parts]
@@ -139,14 +140,6 @@ def _joined(parts: list[Any], with_images: bool) -> dict[str, Any]:
         colors = [getattr(part.visual, "to_color", lambda v=part.visual: v)() for part in parts]
         arrays["rgb"] = np.concatenate([color.vertex_colors[:, :3] for color in colors])[kept]
     return arrays
-
-
-def _welded(vertices: Float64, triangles: Int32) -> tuple[Float64, Int32, Int32]:
-    """Merge vertices that a file duplicates along texture seams; also return which ones were kept."""
-    extent = float(np.ptp(vertices, axis=0).max())
-    grain = 1e-6 * max(extent, 1e-12) if np.isfinite(extent) else 1.0
-    _, first, place = np.unique(np.rint(vertices / grain), axis=0, return_index=True, return_inverse=True)
-    return vertices[first], place.reshape(-1)[triangles].astype(np.int32), first.astype(np.int32)
 
 
 def main() -> None:

@@ -8,12 +8,11 @@ filters only the left-right check and the removal of specks are here.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Float32, Float64, Intrinsics, Uint8
 from flatcloth.synthesis.rendering import Projector, Scene
 from flatcloth.synthesis.sensor import DepthSensor
@@ -71,8 +70,8 @@ def projector(baseline_m: float, seed: int) -> Projector:
 def measure_stereo(
     scene: Scene,
     camera: Intrinsics,
-    camera_from_points: Rigid3,
-    points_m: Float64 | None,
+    points_m: Float64,
+    normals: Float64,
     dots: Projector,
     range_m: tuple[float, float],
     random: np.random.Generator,
@@ -82,7 +81,7 @@ def measure_stereo(
 
     Parameters
     ----------
-    scene, camera, camera_from_points, points_m
+    scene, camera, points_m, normals
         As of :meth:`Scene.view`.
     dots : Projector
         As of :func:`projector`.
@@ -93,9 +92,9 @@ def measure_stereo(
     sensor : DepthSensor
         Its baseline.
     """
-    offset = Rigid3(np.eye(3), np.array([0.0, -sensor.baseline_m, 0.0]))
-    own = scene.infrared(camera, camera_from_points, dots, points_m)
-    lower = scene.infrared(camera, offset @ camera_from_points, dots.seen_from(offset), points_m)
+    offset_m = np.array([0.0, -sensor.baseline_m, 0.0])
+    own = scene.infrared(camera, points_m, normals, dots)
+    lower = scene.infrared(camera, points_m + offset_m, normals, replace(dots, at_m=dots.at_m + offset_m))
     gain = _EXPOSED / float(own[own > 0].mean()) if own.any() else 1.0
     first, second = (_exposed(image * gain, random) for image in (own, lower))
     scale = camera.fy * sensor.baseline_m
@@ -156,11 +155,6 @@ def aligned_color(rgb_above: Uint8, depth_m: Float32, camera: Intrinsics) -> Uin
     moved = cv2.remap(rgb_above, cols, (rows + shift).astype(np.float32), cv2.INTER_NEAREST)
     aligned: Uint8 = np.where(seen[..., None], moved, 0).astype(np.uint8)
     return aligned
-
-
-def color_camera() -> Rigid3:
-    """Return the pose color-camera-from-depth-camera."""
-    return Rigid3(np.eye(3), np.array([0.0, COLOR_ABOVE_M, 0.0]))
 
 
 def _moments(image: Float32) -> tuple[Float32, Float32]:

@@ -12,7 +12,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from flatcloth.core.errors import SynthesisError
+from flatcloth.core.errors import SynthesisError, os_errors_as
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.types import Uint8
 from flatcloth.recordings.files.text import shortened
@@ -64,11 +64,11 @@ def read_texture(mesh: Path, name: str, library: Path | None = None) -> Uint8:
             f"{mesh}: its texture {shortened(name)} is not a file inside its folder{there}. "
             "Copy it there under this name, or choose a generated pattern with --texture."
         )
-    try:
-        with open_plain(path) as file:
-            return rgb_of(file, path)
-    except OSError as error:
-        raise SynthesisError(f"{path}: cannot be read ({error.strerror}). Check its permissions.") from error
+    with (
+        os_errors_as(SynthesisError, f"{path}: cannot be read", "Check its permissions."),
+        open_plain(path) as file,
+    ):
+        return rgb_of(file, path)
 
 
 def rgb_of(source: Any, named: object) -> Uint8:

@@ -33,13 +33,11 @@ def pattern_rgb(kind: str, uv_m: Float64, panel: int, seed: int) -> Float64:
     return _plain(uv_m, _color((hue + 0.02 * panel) % 1.0, 0.30, 0.48), random)
 
 
-def mesh_rgb(mesh: GarmentMesh, triangle: Int32, weights: Float64) -> Float64 | None:
-    """Return the mesh's own colors (N, 3), 0 to 1, at points of triangles; None if it has none.
+def mesh_rgb(mesh: GarmentMesh, triangle: Int32, weights: Float64) -> Float64:
+    """Return the mesh's own colors (N, 3), 0 to 1, at points of triangles.
 
     A point is given by its ``triangle`` (N,) and the ``weights`` (N, 3) of its corners.
     """
-    if mesh.image is None and mesh.vertex_rgb is None:
-        return None
     rgb = np.full((len(triangle), 3), 0.6)
     if mesh.vertex_rgb is not None:
         corners = mesh.vertex_rgb[mesh.triangles[triangle]] / 255.0

@@ -47,7 +47,7 @@ def request(folder: Path, mesh: Path | None = None, **more: object) -> Request:
 
 
 def made(folder: Path, mesh: Path | None = None, **more: object) -> Recording:
-    return open_recording(synthesize(request(folder, mesh, **more)).folder)
+    return open_recording(synthesize(request(folder, mesh, **more)).request.out)
 
 
 # --- geometry and truth ----------------------------------------------------------------------

@@ -259,11 +259,11 @@ def check_parcel(lesson: CheckLesson, picture: Uint8) -> Parcel:
     parcel.array("turn_deg", lesson.turn_deg, "float32")
     parcel.array("share", lesson.share, "float32")
     parcel.values = {
-        "view_index": lesson.views[0],
-        "other_view": lesson.views[1],
-        "recorded_deg": lesson.recorded_deg,
-        "seen_deg": lesson.seen_deg,
-        "std_deg": lesson.std_deg,
+        "view_index": lesson.pair.first,
+        "other_view": lesson.pair.second,
+        "recorded_deg": lesson.pair.recorded_deg,
+        "seen_deg": lesson.pair.turns[0].seen_deg,
+        "std_deg": lesson.pair.turns[0].std_deg,
     }
     return parcel
 

@@ -141,7 +141,7 @@ class TeachingRoutes:
         if start is None and part not in _OF_ALL_VIEWS:
             start = teaching.start_view(progress)
         parameters = _parameters({**defaults, **{k: v for k, v in asked.items() if k in defaults}})
-        axis = self._integration.axis
+        axis, recording = self._integration.axis, self._integration.recording
         view = 0 if start is None else start
         match part:
             case "flattening":
@@ -157,10 +157,10 @@ class TeachingRoutes:
             case "seams":
                 parcel = seams_parcel(self._other(), axis)
             case "check":
-                views, recording = self._integration.views, self._integration.recording
-                checked = check_lesson(recording, views.recorded, axis)
+                checked = check_lesson(recording, self._integration.views.recorded, axis)
+                views = checked.pair.first, checked.pair.second
                 mistakes = Mends(reverse=True), Mends(angle_factor=2.0), Mends(focal_factor=1.3)
-                parcel = check_parcel(checked, mistaken(recording, checked.views, mistakes))
+                parcel = check_parcel(checked, mistaken(recording, views, mistakes))
             case _:
                 parcel = alignment_parcel(teaching.alignment(view, parameters, progress), axis)
         common = {
@@ -172,9 +172,9 @@ class TeachingRoutes:
                 name: {**slider, "low": min(slider["low"], own), "high": max(slider["high"], own)}
                 for (name, own), slider in zip(defaults.items(), SLIDERS.values(), strict=True)
             },
-            "recording": self._integration.recording.name,
+            "recording": recording.name,
             "start_view": view,
-            "angles_deg": list(self._integration.recording.angles_deg),
+            "angles_deg": list(recording.angles_deg),
         }
         return parcel.pack(common)
 
