@@ -43,8 +43,8 @@ KEPT_FOR = {
         "LEAST_AREA_M2", "SegmentationConfig.thickness_weight",
     ),
     "concerns false links, which these recordings do not have (`python -m benchmarks accuracy`)": (
-        "WEAK_EVIDENCE", "_BENT", "LEAST_CORE", "LEAST_EVIDENCE", "MOST_CUT_EVIDENCE", "MOST_CONTRADICTION",
-        "MOST_DRIFT_M", "MOST_STD_M", "TWO_ROWS_M", "_FALSE_SETS", "_FALSE_SHARE", "_TRIANGLES",
+        "WEAK_EVIDENCE", "LEAST_CORE", "LEAST_EVIDENCE", "MOST_CUT_EVIDENCE", "MOST_CONTRADICTION",
+        "MOST_DRIFT_M", "MOST_STD_M", "TWO_ROWS_M", "_FALSE_SHARE", "_NEGLIGIBLE", "_TRIANGLES", "_JOINTS",
     ),
     "is about what these recordings lack: openings in the outline, grippers, small items, uneven turns": (
         "HOLE_M", "_UNLIKE", "_SMALL_SHARE", "LEAST_ITEM_M2", "_FURTHER_DEG",

@@ -1,33 +1,33 @@
-"""Which sets of places where rims meet are seams, and what cloth between two sets that contradict is worth.
+"""How probable it is that sets of places where rims meet are seams, and that cloth between them is true.
 
-For each recording: all sets of at least ``LEAST`` places with their size and strength, whether they are true,
-and how many true edges they lay on cloth of the other sheet; then each two sets on one piece of the other
-side that contradict each other, with the evidence of the cloth of either side between them and how far that
-cloth is truly bent. The limits of ``seams/links.py`` are chosen by these.
+For each recording: all sets with what their probability is fitted to (strength, true edges on cloth of the
+other sheet), that probability, and whether they are true; then the cloth of either side between each two true
+sets of a piece, with its evidence and how far it is truly bent. The odds of ``seams/links.py`` are fitted to
+these, and reported for garments left out of the fit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from benchmarks.output import Options
 from benchmarks.unattended import measure_each, unattended
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import MIRROR, FlattenedView, Float64, Int64
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int64
 from flatcloth.engine.both_sides import BothSides, one_side
 from flatcloth.engine.evaluation import Truth, look_up
 from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
-from flatcloth.shape.shape import Shape
 
-LEAST = 15
-"""Smaller sets are not listed. Chosen: they join nothing."""
+BENT_MM = 100.0
+"""Cloth that is bent more between two seams is joined falsely. Chosen: drift is less."""
 
 
 def run(options: Options) -> None:
@@ -53,63 +53,45 @@ def row_of(source: str) -> dict[str, Any]:
         for own, seen, uv in zip(pieces, truths, (matches.this_uv_m, matches.other_uv_m), strict=True)
     ]
     off_m = np.linalg.norm(true[0] - true[1] * MIRROR, axis=1)
-    sets = [
-        each for each in seam_links.sets_of(this_shape, other_shape, matches) if len(each.members) >= LEAST
-    ]
-    strongest = {each.other_piece: each for each in reversed(sets)}
+    sets = seam_links.sets_of(this_shape, other_shape, matches)
+    ends = sides[0].ends, sides[1].ends
+    decided = seam_links.linked(this_shape, other_shape, matches, sets, ends)[2]
     found = [
         {
             "places": len(each.members),
             "strength": round(each.strength, 1),
-            "strongest": strongest[each.other_piece] is each,
-            "contradicted": round(
-                float(seam_links.contradicting(matches, each, (sides[0].ends, sides[1].ends))[0].sum())
-                / len(each.members),
-                2,
-            ),
+            "against": round(float(seam_links.contradicting(matches, each, ends)[0].sum()), 1),
+            "probability": round(link.probability, 4),
+            "joins": not link.why,
             "true_share": round(float(np.nanmean(off_m[each.members] < FAR_RELATED_M)), 2),
         }
-        for each in sets
+        for each, link in zip(sets, decided, strict=True)
+        if np.isfinite(off_m[each.members]).any()
     ]
-    contradictions = []
-    node_of_match = [
-        seam_links.node_at(shape, uv)
-        for shape, uv in ((this_shape, matches.this_uv_m), (other_shape, matches.other_uv_m))
-    ]
-    for n, k in combinations(range(len(sets)), 2):
-        if sets[n].other_piece != sets[k].other_piece or seam_links.agree(matches, sets[n], sets[k]):
-            continue
-        between = [
-            _between(shape, node, uv, seen, [sets[each].members for each in (n, k)])
-            for shape, node, uv, seen in zip(
-                (this_shape, other_shape),
-                node_of_match,
-                (matches.this_uv_m, matches.other_uv_m),
-                true,
-                strict=True,
-            )
-        ]
-        is_bridge = sets[n].this_piece != sets[k].this_piece
-        contradictions.append(
-            {"sets": [n, k], "bridge": is_bridge, **between[1], "this": None if is_bridge else between[0]}
-        )
-    return {"recording": integration.recording.name, "sets": found, "contradictions": contradictions}
+    is_true = [np.nanmean(off_m[each.members] < FAR_RELATED_M) >= 0.5 for each in sets]
+    joints = []
+    for side, (shape, uv) in enumerate(((this_shape, matches.this_uv_m), (other_shape, matches.other_uv_m))):
+        cloth, node = seam_links.Cloth(shape), seam_links.node_at(shape, uv)
+        for one, other_set in combinations(
+            [each for each, true_ in zip(sets, is_true, strict=True) if true_], 2
+        ):
+            pieces_of = [(each.this_piece, each.other_piece)[side] for each in (one, other_set)]
+            joint = seam_links.joint_between(side, cloth, node[one.members], node[other_set.members])
+            if pieces_of[0] == pieces_of[1] and np.isfinite(joint.evidence):
+                bent = _bent_mm(uv, true[side], one.members, other_set.members)
+                joints.append({"side": side, "evidence": round(joint.evidence, 1), "bent_mm": bent})
+    is_noisy = any(view.is_noisy for view in this_shape.observations)
+    name = integration.recording.name
+    return {"recording": name, "noisy": is_noisy, "sets": found, "joints": joints}
 
 
-def _between(
-    shape: Shape, node: Int64, uv_m: Float64, true_uv_m: Float64, members: Sequence[Int64]
-) -> dict[str, float]:
-    """Return the evidence of a side's cloth between two sets of matches, and how far it is truly bent.
-
-    ``node``, ``uv_m``, ``true_uv_m`` are of all matches (K,), the members are theirs.
-    """
-    evidence = seam_links.evidence_between(shape, *(np.unique(node[each]) for each in members))[1]
-    one, two = (each[np.isfinite(true_uv_m[each, 0])] for each in members)
-    bent = fit_rigid2(uv_m[one], true_uv_m[one]).apply(uv_m[two]) - true_uv_m[two]
-    return {
-        "evidence": round(evidence, 1),
-        "bent_mm": round(1e3 * float(np.median(np.linalg.norm(bent, axis=1))), 1),
-    }
+def _bent_mm(uv_m: Float64, true_uv_m: Float64, one: Int64, other: Int64) -> float:
+    """Return how far the cloth between two sets of matches is truly bent; NaN if too little is known."""
+    one, two = (each[np.isfinite(true_uv_m[each, 0])] for each in (one, other))
+    if min(one.size, two.size) < 3:
+        return float("nan")
+    off_m = fit_rigid2(uv_m[one], true_uv_m[one]).apply(uv_m[two]) - true_uv_m[two]
+    return round(1e3 * float(np.median(np.linalg.norm(off_m, axis=1))), 1)
 
 
 def _true_at(pieces: Sequence[FlattenedView], truth: Truth, uv_m: Float64) -> Float64:
@@ -123,46 +105,69 @@ def _true_at(pieces: Sequence[FlattenedView], truth: Truth, uv_m: Float64) -> Fl
 
 
 def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows by the strongest false set."""
+    """Return the rows by the surest false set."""
     return sorted(
-        rows, key=lambda row: -max((s["strength"] for s in row["sets"] if s["true_share"] < 0.5), default=0)
+        rows,
+        key=lambda row: -max((s["probability"] for s in row["sets"] if s["true_share"] < 0.5), default=0),
     )
 
 
 def page(rows: Sequence[dict[str, Any]]) -> str:
     """Return the Markdown page."""
-    lines = []
-    for row in rows:
-        sets = row["sets"]
-
-        def of(kind: bool, sets: Sequence[dict[str, Any]] = sets) -> str:
-            own = [s for s in sets if (s["true_share"] >= 0.5) == kind]
-            return ", ".join(
-                f"{'**' * s['strongest']}{s['places']}{'**' * s['strongest']} "
-                f"({s['strength']:.0f}, {s['contradicted']:.2f})"
-                for s in own
-            )
-
-        between = ", ".join(
-            f"{'bridge ' if c['bridge'] else ''}{c['evidence']:.0f} "
-            f"(strength {sets[c['sets'][1]]['strength']:.0f}, bent {c['bent_mm']:.0f} mm"
-            + (
-                f"; this side {c['this']['evidence']:.0f}, bent {c['this']['bent_mm']:.0f} mm)"
-                if c["this"]
-                else ")"
-            )
-            for c in row["contradictions"]
-        )
-        lines.append(f"| {row['recording']} | {of(False)} | {of(True)} | {between} |")
-    text = "\n".join(lines)
+    sets = [(row["recording"].partition("-")[0], each) for row in rows for each in row["sets"]]
+    features = np.array([(1.0, np.log(s["strength"]), np.log1p(s["against"])) for _, s in sets])
+    true = np.array([s["true_share"] >= 0.5 for _, s in sets])
+    garment = np.array([name for name, _ in sets])
+    left_out = np.zeros(len(sets))
+    for name in np.unique(garment):
+        own = garment == name
+        left_out[own] = 1.0 / (1.0 + np.exp(-features[own] @ _fitted(features[~own], true[~own])))
+    sure = left_out > 0.9
+    joints = {(row["recording"], j["side"], j["evidence"]): j["bent_mm"] for row in rows if row["noisy"]
+              for j in row["joints"]}  # fmt: skip
+    bins = [0.0, 1.0, 4.0, 16.0, 64.0, np.inf]
+    by_evidence = "\n".join(
+        f"| {low:g} to {high:g} | {len(own)} | {sum(bent > BENT_MM for bent in own)} |"
+        for low, high in pairwise(bins)
+        for own in [[bent for (*_, evidence), bent in joints.items() if low <= evidence < high]]
+    )
+    lines = "\n".join(
+        f"| {row['recording']} | " + " | ".join(
+            ", ".join(f"{s['probability']:.3g} ({s['strength']:.0f}, {s['against']:.0f})"
+                      for s in row["sets"] if (s["true_share"] >= 0.5) == kind)
+            for kind in (False, True)
+        ) + " |"
+        for row in rows
+    )  # fmt: skip
+    odds = ", ".join(f"{value:.2f}" for value in _fitted(features, true))
     return f"""# Seams: sets of places, true and false
 
-Places of each set of at least {LEAST}, bold where it is the strongest of its piece of the other side; in
-brackets its strength, and the true edges that it lays on cloth of the other sheet for each of its places.
-Then the evidence of the other side's cloth between two sets that contradict each other, and that of this
-side's if both are on one piece of it. The strongest false set comes first.
+{len(sets)} sets, {true.sum()} true. Their odds are fitted as {odds} (constant, strength, true edges against);
+for garments left out of the fit the Brier score is {np.mean((left_out - true) ** 2):.3f}, and of {sure.sum()}
+sets of .9 and more {true[sure].mean() if sure.any() else 0:.1%} are true.
 
-| recording | false sets | true sets | contradictions |
-|---|---|---|---|
-{text}
+Cloth between two true sets, of noisy recordings, by its evidence, and how much of it is bent by more than
+{BENT_MM:g} mm:
+
+| evidence | joints | false |
+|---|---|---|
+{by_evidence}
+
+The probability of each set, in brackets its strength and the true edges against it; the surest false set
+comes first.
+
+| recording | false sets | true sets |
+|---|---|---|
+{lines}
 """
+
+
+def _fitted(features: Float64, true: Bool) -> Float64:
+    """Return the coefficients of a logistic regression (Cox, 1958), hardly drawn to 0."""
+
+    def loss(weights: Float64) -> float:
+        odds = np.where(true, -1.0, 1.0) * (features @ weights)
+        return float(np.logaddexp(0.0, odds).sum() + 0.02 * np.square(weights[1:]).sum())
+
+    fitted: Float64 = minimize(loss, np.zeros(features.shape[1])).x
+    return fitted

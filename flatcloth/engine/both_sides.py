@@ -18,7 +18,6 @@ from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, e
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import evidence_of
 from flatcloth.garments.deciding import decided_pieces
-from flatcloth.garments.recognition import Recognition
 from flatcloth.methods.answers import JoinedSides, OneSide
 from flatcloth.recordings.base import ViewImages, altered
 from flatcloth.registration.registered import Registered
@@ -51,7 +50,6 @@ class BothSides:
         self._lock = threading.Lock()
         self._others: Cache[tuple[Integration, Document]] = Cache(1)
         self._alone: Cache[OneSide] = Cache(1)  # the other side, not joined
-        self._found: Cache[Recognition] = Cache(1)  # the garment by the other side alone
         self._joined: Cache[JoinedSides] = Cache(2)
 
     def of(
@@ -92,10 +90,6 @@ class BothSides:
         sides = self._joined.kept(self._key(_as_seen(document)))
         other = self._others.kept(self._of(document))
         return None if sides is None or other is None else (sides, *other)
-
-    def found_by_other(self, document: Document) -> Recognition | None:
-        """Return what the other side alone is, None if it was not recognised."""
-        return self._found.kept(self._of(document))
 
     def _join(
         self, document: Document, progress: Progress, cores: int, check: Callable[[], None]
@@ -171,9 +165,7 @@ class BothSides:
             other.views.keep_frames()
         session = MemorySession(SessionState(len(other.recording), document=_all_views(other, progress)))
         if self._doubts_links:
-            known = place_sure_pieces(GarmentService(other), session)
-            if isinstance(known, KnownGarment):
-                self._found.put(self._of(document), known.by_evidence)
+            place_sure_pieces(GarmentService(other), session)
         found = session.state.document
         other.trust.recognised(found, None)  # both sides together decide whether it is a garment
         return other, found

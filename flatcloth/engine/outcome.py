@@ -204,6 +204,7 @@ def _seam(seam: Seam) -> dict[str, Any]:
         "other_piece": seam.other_piece,
         "joins": not seam.why,
         "reason": seam.why,
+        "probability": round(seam.probability, 3),
         "decided": seam.decided,
         "length_mm": round(1e3 * seam.length_m),
         "matches": len(seam.residual_m),

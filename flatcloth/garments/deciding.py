@@ -213,9 +213,9 @@ def decided_part(
     return _about_part(cloth, link.part, taken_off, float(link.probability), std_m)
 
 
-def torn_off(cloth: Cloth, part: Bool) -> DoubtedPart:
-    """Return the decision that takes a part (N,) off its piece, because seams contradict its place there."""
-    return _about_part(cloth, part, True, 0.0)
+def contradicted_part(cloth: Cloth, part: Bool, probability: float, std_m: float) -> DoubtedPart:
+    """Return the decision about a part (N,) whose place seams contradict: taken off, or else unsure."""
+    return _about_part(cloth, part, not std_m, probability, std_m)
 
 
 def _about_part(
@@ -247,9 +247,9 @@ def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
     return side_of(cloth, own, others)
 
 
-def is_decided(cloth: Cloth, link: DoubtedLink, decisions: Sequence[DoubtedPart]) -> bool:
-    """Return whether one of the decisions is about the part of a link."""
-    return any(is_same_part(part, link.part) for _, part in _last_decisions(cloth, decisions))
+def is_decided(cloth: Cloth, part: Bool, decisions: Sequence[DoubtedPart]) -> bool:
+    """Return whether one of the decisions is about a part (N,)."""
+    return any(is_same_part(part, other) for _, other in _last_decisions(cloth, decisions))
 
 
 def kept_parts(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[Bool]:

@@ -242,10 +242,8 @@ class Seam:
     ``this_piece`` and ``other_piece`` are numbers of pieces: 0 for the shape, then the floating ones in
     order. ``this_uv_m``, ``other_uv_m`` (K, 2) on the planes of both sides, ``xyz_m`` (K, 3) object frame,
     ``views`` (K, 2) those that show either rim; ``residual_m`` (K,) how far apart their motion leaves them.
-    ``why`` says why the seam joins nothing; it is empty if it does. ``decided`` is the decision of
-    the operator or of the garment. ``is_bridge``: it is one of the seams by which cloth of the other side
-    would join a further piece of this side, with too little evidence (``docs/robust.md``, "Both sides").
-    ``tears`` (N,) are the samples of this side that are falsely joined to their piece, if the seam is true.
+    ``why`` says why the seam joins nothing; it is empty if it does. ``probability`` that it is a seam
+    (``docs/robust.md``, "Both sides"); ``decided`` is the decision of the operator.
     """
 
     this_piece: int
@@ -256,9 +254,8 @@ class Seam:
     views: Int16
     residual_m: Float64
     why: str
+    probability: float = 1.0
     decided: Literal["cut", "keep"] | None = None
-    is_bridge: bool = False
-    tears: Bool | None = None
 
     @property
     def length_m(self) -> float:
@@ -302,19 +299,35 @@ class OneSide:
 
 
 @dataclass(frozen=True, kw_only=True)
+class DoubtedJoint:
+    """Cloth of this side that joins a ``part`` (N,) of its samples to a piece, which seams contradict.
+
+    ``false`` is the probability that it joins it falsely: then the part is elsewhere, which gives its places
+    the deviation ``std_m``. It ``is_false`` if that is part of what is most probable.
+    """
+
+    part: Bool
+    false: float
+    is_false: bool
+    std_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class JoinedSides:
     """The other side of an item, joined to this one along the seams.
 
     ``other`` is its canonical view with its floating pieces, as seen from its own outside; its standard
     deviations are relative to this side's shape, and None if it is not related to that. Where
     ``is_related``, a place (u, v) of its plane times ``MIRROR`` lies on the plane of this side.
-    ``laid`` are floating pieces of this side that seams join to the shape, over cloth of the other side.
+    ``laid`` are floating pieces of this side that seams join to the shape, over cloth of the other side;
+    ``joints`` what seams say against the cloth of this side.
     """
 
     other: Canonical
     seams: tuple[Seam, ...]
     is_related: bool
     laid: tuple[LaidPiece, ...] = ()
+    joints: tuple[DoubtedJoint, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

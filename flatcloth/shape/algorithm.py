@@ -18,7 +18,7 @@ from flatcloth.core.types import Bool, Complex128, Int32
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, Links, graph_of, uv_of, view_frames
 from flatcloth.shape.hand import ByHand, with_hands
-from flatcloth.shape.joints import doubt_m
+from flatcloth.shape.joints import doubt_m, seen_often
 from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, rotations
 from flatcloth.shape.observations import Observed, PlacedView, observe_all, with_view
 from flatcloth.shape.pieces import cut_of_overlap, pieces_of, weakly_joined
@@ -151,7 +151,7 @@ def _shape(
     #    sensor may have made.
     std_m = deviations_m(laid.at, graph, main, ripples=ripples)
     if is_noisy:
-        std_m = np.hypot(std_m, doubt_m(graph, laid.holds, laid.piece == 0, laid.z))
+        std_m = np.hypot(std_m, doubt_m(graph, seen_often(graph, laid.holds), laid.piece == 0, laid.z))
     return Shape(
         nodes=seen.nodes,
         observations=seen.observations,

@@ -7,6 +7,8 @@ crossed by pairs that few views see (``docs/robust.md``).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
@@ -18,24 +20,41 @@ from flatcloth.shape.pieces import LEAST_EVIDENCE, LEAST_PIECE, both_ends
 
 _FALSE_SHARE = 1.0 / 9.0
 """Of parts that hardly any evidence joins, this share is false; from ``LEAST_EVIDENCE`` on it falls with the
-fourth power. Measured on 43 noisy shapes: 9 of 114 with less than 1, 5 of 142 up to 4, 8 of 1,994 up to
-64. With a ninth, three deviations reach as far as a false part may be off."""
+square. Measured on 43 noisy shapes: 9 of 114 with less than 1, 5 of 142 up to 4, 8 of 1,994 up to
+64."""
+_NEGLIGIBLE = 0.005
+"""What is false more rarely leaves three deviations as they are. By definition: of what is called reliable,
+this share may be wrong."""
 
 
-def doubt_m(graph: Graph, holds: Bool, own: Bool, z: Complex128) -> Float64:
+def doubt_m(
+    graph: Graph, evidence: Float64, own: Bool, z: Complex128, reference: Bool | None = None
+) -> Float64:
     """Return the deviation (N,) that the joints of a piece, ``own``, leave to each node; 0 for others.
+
+    ``evidence`` (P,) is that of :func:`seen_often`, or of what else is known about a joint. Deviations are
+    from the middle of the piece, or of the ``reference`` (N,).
 
     A part is joined rightly, or it may be anywhere on the item, whose places are ``z`` (N,): as far off as
     the item's other end.
     """
     away_m = np.abs(z - z[own].mean())
-    off_m: Float64 = (away_m + away_m[own].max()) * np.sqrt(false_share(_joined_by(graph, holds, own)))
-    return off_m
+    joined_by = _joined_by(graph, evidence, own, own if reference is None else own & reference)
+    return doubt_of(false_share(joined_by), away_m + away_m[own].max())
+
+
+def doubt_of(false: Float64, off_m: Float64) -> Float64:
+    """Return the deviation of places that are ``off_m`` off if a joint is ``false``, with that probability.
+
+    Three deviations hold what is not negligible: all of it, as the false ones are one case.
+    """
+    std_m: Float64 = off_m / 3.0 * np.clip(2.0 * false / _NEGLIGIBLE - 1.0, 0.0, 1.0)
+    return std_m
 
 
 def false_share(evidence: Float64) -> Float64:
     """Return how probable it is that a joint is false, by its evidence as :func:`seen_often` has it."""
-    false: Float64 = _FALSE_SHARE / (1.0 + (evidence / LEAST_EVIDENCE) ** 4)
+    false: Float64 = _FALSE_SHARE / (1.0 + np.square(evidence / LEAST_EVIDENCE))
     return false
 
 
@@ -48,24 +67,31 @@ def seen_often(graph: Graph, holds: Bool) -> Float64:
     return np.where(holds, graph.evidence * np.square(np.minimum(1.0, graph.views / usual)), 0.0)
 
 
-def _joined_by(graph: Graph, holds: Bool, own: Bool) -> Float64:
-    """Return the evidence (N,) of the weakest joint between each node and the middle of its piece.
+def evidence_of(false: float) -> float:
+    """Return the evidence of a joint that is false with this probability, as :func:`false_share` has it."""
+    return LEAST_EVIDENCE * math.sqrt(max(_FALSE_SHARE / max(false, 1e-12) - 1.0, 0.0))
+
+
+def _joined_by(graph: Graph, evidence: Float64, own: Bool, reference: Bool) -> Float64:
+    """Return the evidence (N,) of the weakest joint between each node and the middle of the reference.
 
     A tree of the pairs with most evidence, their triangles' included, crosses a joint once, since there is
     more on either side. So the cut of each branch is looked at, as in "Minimum cuts in near-linear time"
     (Karger, 2000).
     """
-    used = holds & both_ends(own, graph.pairs)
-    evidence = seen_often(graph, holds)[used]
+    used = (evidence > 0.0) & both_ends(own, graph.pairs)
     pairs, count = (np.cumsum(own) - 1)[graph.pairs[used]], np.count_nonzero(own)
+    evidence = evidence[used]
     joined = coo_array((evidence, pairs.T), shape=(count, count)).tocsr()
     both_ways = joined + joined.T
     tree = minimum_spanning_tree(-joined - joined * (both_ways @ both_ways))
-    middle = 0
-    for _ in range(2):  # the second time from the last node that more than half of all hang on
+    middle, counts = 0, reference[own]
+    for _ in range(2):  # the second time from the last node that more than half of the reference hangs on
         order, parent = depth_first_order(tree, middle, directed=False)
         size, weakest = _branches(order, parent, pairs, evidence)
-        middle = int(order[np.flatnonzero(2 * size > len(order))[-1]])
+        before = np.concatenate([[0], np.cumsum(counts[order])])
+        hanging = before[np.arange(len(order)) + size] - before[:-1]
+        middle = int(order[np.flatnonzero(2 * hanging > before[-1])[-1]])
     found, within = np.full(len(own), np.inf), np.zeros(count)  # nothing joins what the tree does not reach
     within[order] = weakest
     found[own] = within

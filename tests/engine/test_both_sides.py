@@ -123,15 +123,6 @@ def test_one_outline_fits_the_edges_of_both_sides(shape):
     assert np.median(off_m) < 0.012
 
 
-def test_the_kind_by_the_other_side_alone_is_known_where_it_was_recognised(shape):
-    both, document = shape.data.both.__self__, shape.data.document
-    its = GarmentService(shape.data.integration, both).found_by_other(document)
-    assert its.likeliest == ("trousers", max(its.probabilities.values()))
-    assert sum(its.probabilities.values()) == pytest.approx(1.0)
-    assert GarmentService(shape.data.integration).found_by_other(document) is None
-    assert BothSides(shape.data.integration).found_by_other(document) is None
-
-
 def test_with_one_side_nothing_of_the_other_is_left(shape, tmp_path: Path):
     shape.write(tmp_path)
     one = replace(shape, data=replace(shape.data, both=None))

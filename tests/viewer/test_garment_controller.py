@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import queue
 import threading
-from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -16,16 +15,15 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError, GarmentError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.deciding import decided_seam, place_sure_pieces
+from flatcloth.engine.garment.deciding import place_sure_pieces
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.garment import garment_document, lines_of, outcome_entry
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import DecidedPieces, decided_pieces, parts_taken_off
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.garments.placing import Placed
-from flatcloth.garments.recognition import NONE, Recognition, recognise
-from flatcloth.methods.answers import Canonical, JoinedSides, Seam
-from flatcloth.segmentation.settings import SURE
+from flatcloth.garments.recognition import NONE, recognise
+from flatcloth.methods.answers import Canonical, DoubtedJoint, JoinedSides
 from flatcloth.session.document import Accepted, Document
 from flatcloth.session.garment import DecideLink, DecidePiece, HoldPoint, SetKind, without_doubts
 from flatcloth.session.machine import MemorySession, SessionState, Undo
@@ -69,11 +67,9 @@ class Service:
         self.links: tuple[DoubtedLink, ...] = ()
         self.error: Exception | None = None
         self.is_none = False
-        self.seams: list[Seam] = []
+        self.joints: tuple[DoubtedJoint, ...] = ()
         self.integration = self
         self.algorithm = self
-        self.by_both: dict[str, float] = {}
-        self.by_other: Recognition | None = None
 
     def of(self, document: Document) -> KnownGarment:
         if self.error is not None:
@@ -97,22 +93,12 @@ class Service:
         return self.of(document)
 
     def sides(self, document: Document) -> JoinedSides:
-        torn = not document.garment.parts
-        seams = tuple(s if torn else dataclasses.replace(s, tears=None) for s in self.seams)
-        if document.garment.seams:
-            seams = tuple(dataclasses.replace(s, decided="keep") for s in seams)
-        return JoinedSides(other=self.canonical, seams=seams, is_related=True)
+        joints = () if any(part.taken_off for part in document.garment.parts) else self.joints
+        return JoinedSides(other=self.canonical, seams=(), is_related=True, joints=joints)
 
     def cloth_of_pieces(self, _document: Document) -> list[Cloth]:
         nowhere = np.full_like(self.cloth.uv_m, np.nan)
         return [dataclasses.replace(self.cloth, uv_m=nowhere), self.cloth]
-
-    def found_by_other(self, _document: Document) -> Recognition | None:
-        return self.by_other
-
-    def probabilities_by_both(self, document: Document) -> dict[str, float]:
-        self.joined = document
-        return self.by_both
 
 
 @pytest.fixture(scope="module")
@@ -332,70 +318,20 @@ def test_run_takes_off_what_is_weak_and_probably_wrong_and_tells_what_it_doubts(
     assert outcome_entry(known)["doubted_links"] == []
 
 
-def seam_at(xyz_m: np.ndarray) -> Seam:
-    uv = xyz_m[:, :2]
-    return Seam(
-        this_piece=0, other_piece=0, this_uv_m=uv, other_uv_m=uv, xyz_m=xyz_m,
-        views=np.zeros((len(uv), 2), dtype=np.int16), residual_m=uv[:, 0], why="",
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize("is_kept", [False, True])
-def test_run_takes_off_what_a_seam_shows_to_be_joined_falsely(is_kept: bool) -> None:
-    service, places = Service(), np.random.default_rng(0).normal(size=(50, 3))
+@pytest.mark.parametrize("is_false", [False, True])
+def test_run_takes_off_what_seams_show_to_be_joined_falsely_and_else_makes_it_unsure(is_false: bool) -> None:
+    service = Service()
     left = service.cloth.uv_m[:, 0] < service.cloth.uv_m[:, 0].mean()
-    service.seams = [dataclasses.replace(seam_at(places), tears=left)]
-    session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
-    if is_kept:
-        session.record(decided_seam(places + 1.0, kept=True))
-    place_sure_pieces(service, session)
-    decided = session.state.document.garment
-    (found,) = parts_taken_off(service.cloth, decided.parts)
-    assert (found == left).all()
-    # Where seams of doubted cloth are kept, that to the part is, too: the same cloth leads to it.
-    assert len(decided.seams) == (2 if is_kept else 0)
-
-
-def test_run_keeps_seams_over_doubted_cloth_if_the_garment_is_as_sure_with_them() -> None:
-    service, places = Service(), np.random.default_rng(0).normal(size=(50, 3))
-    kind, before = service.known(TWO_VIEWS).by_evidence.likeliest
-    as_sure = min(before, SURE)
-    service.seams = [dataclasses.replace(seam_at(places + piece), is_bridge=True) for piece in (0, 1)]
-    for by_both, kept in (({}, 0), ({"towel": 1.0}, 0), ({kind: 0.9 * as_sure}, 0), ({kind: as_sure}, 2)):
-        service.by_both, session = by_both, MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
-        place_sure_pieces(service, session)
-        seams = session.state.document.garment.seams
-        assert len(seams) == kept
-        assert all(seam.kept for seam in seams)
-        assert len(service.joined.garment.seams) == 2, "they are tried together"
-    middles = [np.mean(seam.points_m, axis=0) for seam in seams]
-    assert np.linalg.norm(middles[1] - middles[0] - 1.0) < 1e-9
-
-
-@pytest.mark.parametrize(
-    ("own", "other", "kept"),
-    [
-        ({"towel": 0.85, "trousers": 0.1, NONE: 0.05}, {"trousers": 0.97}, True),
-        ({"towel": 0.85, "trousers": 0.1, NONE: 0.05}, {"trousers": 0.8, NONE: 0.2}, False),
-        ({"towel": 0.85, "trousers": 0.1, NONE: 0.05}, None, False),
-        ({"towel": SURE, "trousers": 0.1}, {"trousers": 0.99}, False),
-    ],
-    ids=["the other is surer", "this is surer", "the other is not known", "this is sure"],
-)
-def test_run_believes_the_surer_side_about_the_kind_unless_this_one_is_sure(own, other, kept) -> None:
-    service, places = Service(), np.random.default_rng(0).normal(size=(50, 3))
-
-    def found(probabilities: dict[str, float]) -> Recognition:
-        fits = [SimpleNamespace(kind=SimpleNamespace(name=kind)) for kind in probabilities if kind != NONE]
-        return dataclasses.replace(service._known.by_evidence, probabilities=probabilities, fits=tuple(fits))
-
-    service._known = dataclasses.replace(service._known, by_evidence=found(own))
-    service.seams = [dataclasses.replace(seam_at(places + piece), is_bridge=True) for piece in (0, 1)]
-    service.by_other = None if other is None else found(other)
-    service.by_both = {"trousers": 0.95, NONE: 0.05}
+    service.joints = (DoubtedJoint(part=left, false=0.95 if is_false else 0.3, is_false=is_false, std_m=0.2),)
     session = MemorySession(SessionState(n_views=3, document=TWO_VIEWS))
     place_sure_pieces(service, session)
-    assert bool(session.state.document.garment.seams) == kept
+    parts = session.state.document.garment.parts
+    (decided,) = parts
+    assert [(found == left).all() for found in parts_taken_off(service.cloth, parts)] == [True] * is_false
+    assert decided.std_m == (0.0 if is_false else 0.2)
+    assert decided.probability == pytest.approx(0.05 if is_false else 0.7)
+    place_sure_pieces(service, session)
+    assert session.state.document.garment.parts == parts, "it is decided once"
 
 
 def test_run_makes_what_a_doubted_link_joins_unsure_once_and_still_asks(service, doubted) -> None:

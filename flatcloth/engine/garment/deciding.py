@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from operator import itemgetter
 
 import numpy as np
 
 from flatcloth.core.types import Float64
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
-from flatcloth.garments.deciding import decided_part, is_decided, placed_piece, torn_off
+from flatcloth.garments.deciding import contradicted_part, decided_part, is_decided, placed_piece
 from flatcloth.garments.links import DoubtedLink, is_wrong
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, is_sure
 from flatcloth.methods.answers import Canonical
-from flatcloth.segmentation.settings import SURE
 from flatcloth.session.document import Document
 from flatcloth.session.garment import (
     DecidedSeam,
@@ -29,23 +27,17 @@ from flatcloth.session.machine import Command, Event, Keeper, MemorySession, Ses
 _SEAM_PLACES = 40
 """Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
 _MOST_ROUNDS = 3
-"""Most parts that an unattended run removes, and most times that it keeps seams. Chosen: each takes some
-seconds."""
+"""Most parts that an unattended run removes. Chosen: each takes some seconds."""
 
 
 def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment | str:
     """Place the floating pieces with a reliable place on the garment, as decisions of the session.
 
-    First, parts of this side that seams show to be joined falsely are removed, and seams of bridges that the
-    garment confirms are kept. Then parts whose link is certainly wrong are removed, and parts joined by other
-    doubted links become uncertain. Earlier decisions are kept. On a shape of a wrong recording nothing is
-    reliable.
+    First, parts of this side that seams show to be joined falsely are removed. Then parts whose link is
+    certainly wrong are removed, and parts joined by other doubted links become uncertain. Earlier decisions
+    are kept. On a shape of a wrong recording nothing is reliable.
     """
-    _take_off_torn(service, session)
-    for _ in range(_MOST_ROUNDS):
-        if not _keep_bridges(service, session):
-            break
-        _take_off_torn(service, session)  # more seams are on one piece now
+    _decide_joints(service, session)
     known = service.known(session.state.document)
     if not isinstance(known, str) and known.is_wrong:
         return known
@@ -87,51 +79,26 @@ def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:
     )
 
 
-def _take_off_torn(service: GarmentService, session: Keeper) -> None:
-    """Take off the parts of this side that seams show to be joined falsely.
+def _decide_joints(service: GarmentService, session: Keeper) -> None:
+    """Take off the parts of this side that seams show to be joined falsely; others become uncertain.
 
     Both sides are joined again after each time, which may show further ones.
     """
     for _ in range(_MOST_ROUNDS):
         document = session.state.document
         sides = service.sides(document)
-        seams = () if sides is None else sides.seams
-        torn = [(seam, seam.tears) for seam in seams if seam.tears is not None]
-        if not torn:
-            break
+        joints = () if sides is None else sides.joints
         pieces = service.integration.algorithm.cloth_of_pieces(document)
-        for seam, part in torn:
-            shared = [np.count_nonzero(cloth.placed & part) for cloth in pieces]
+        for joint in joints:
+            shared = [np.count_nonzero(cloth.placed & joint.part) for cloth in pieces]
             cloth = pieces[int(np.argmax(shared))]
-            session.record(DecideLink(torn_off(cloth, cloth.placed & part)))
-            if document.garment.seams:  # the same cloth of the other side leads to those that are kept
-                session.record(decided_seam(seam.xyz_m, kept=True))
-
-
-def _keep_bridges(service: GarmentService, session: Keeper) -> bool:
-    """Keep the seams of bridges if the garment confirms them; a bridge has too little evidence by itself.
-
-    With the pieces so joined the garment must be of the same kind as without them: surely, or as probably.
-    Where this side is not sure of its kind, and the other by itself is surer, it is the kind of that.
-    """
-    document = session.state.document
-    sides = service.sides(document)
-    bridges = [] if sides is None else [s for s in sides.seams if s.is_bridge and s.decided is None]
-    kept = [decided_seam(seam.xyz_m, kept=True) for seam in bridges]
-    apart = service.known(document) if kept else ""
-    if isinstance(apart, str):
-        return False
-    tried = MemorySession(SessionState(0, document=document))
-    for decision in kept:
-        tried.record(decision)
-    kind, probability = apart.by_evidence.likeliest
-    if probability < SURE and (its := service.found_by_other(document)) is not None:
-        kind, probability = max((kind, probability), its.likeliest, key=itemgetter(1))
-    confirms = service.probabilities_by_both(tried.state.document).get(kind, 0.0) >= min(probability, SURE)
-    if confirms:
-        for decision in kept:
-            session.record(decision)
-    return confirms
+            part, std_m = cloth.placed & joint.part, 0.0 if joint.is_false else joint.std_m
+            if not (joint.is_false or std_m) or not part.any():
+                continue
+            if not is_decided(cloth, part, document.garment.parts):
+                session.record(DecideLink(contradicted_part(cloth, part, 1.0 - joint.false, std_m)))
+        if not any(joint.is_false for joint in joints):
+            break
 
 
 def known_with_pieces(service: GarmentService, document: Document) -> KnownGarment | str:
@@ -155,7 +122,7 @@ def _record_doubts(session: Keeper, known: KnownGarment) -> None:
     before = session.state.document.garment.parts
     for link in known.links:
         cloth = known.cloth
-        if cloth is not None and link.std_m and not is_decided(cloth, link, before):
+        if cloth is not None and link.std_m and not is_decided(cloth, link.part, before):
             session.record(DecideLink(decided_part(cloth, link, taken_off=False, is_doubted=True)))
 
 

@@ -129,10 +129,6 @@ class _Joined(Protocol):
         """Return the joined sides of a document's shape; with the other side's integration and decisions."""
         ...
 
-    def found_by_other(self, document: Document) -> Recognition | None:
-        """Return what the other side alone is, None if it was not recognised."""
-        ...
-
 
 class GarmentService:
     """Recognises the garments of an integration's shapes; keeps the last result. Safe for several threads.
@@ -226,20 +222,6 @@ class GarmentService:
         other = self._other(document)
         return None if other is None else other[0]
 
-    def probabilities_by_both(self, document: Document) -> dict[str, float]:
-        """Return the probabilities of the kinds by both sides, without a change of what is reliable."""
-        try:
-            if self._both is not None:
-                self._both.of(document)
-            canonical = self.integration.laid_out(document)
-            return dict(self.compared(canonical, self.evidence(document), document).probabilities)
-        except GarmentError:
-            return {}
-
-    def found_by_other(self, document: Document) -> Recognition | None:
-        """Return what the other side alone is, None if it was not recognised."""
-        return None if self._both is None else self._both.found_by_other(document)
-
     def _other(self, document: Document) -> tuple[JoinedSides, Integration, Document] | None:
         """Return the other side with its integration and decisions, if it is joined to this one."""
         known = None if self._both is None else self._both.known(document)
@@ -282,7 +264,7 @@ class GarmentService:
         pieces = decided_pieces(decisions, canonical.view, canonical.floating)
         found = decided(shape.by_evidence, evidence, canonical.view, decisions.kind, pulls)
         links = [
-            each for each in shape.links if cloth is None or not is_decided(cloth, each, decisions.parts)
+            each for each in shape.links if cloth is None or not is_decided(cloth, each.part, decisions.parts)
         ]
         return replace(
             shape,

@@ -383,6 +383,7 @@ class RobustMethod(Method):
             seams=seams_of(joined, (drawn.view, *drawn.floating)),
             is_related=joined.is_related,
             laid=joined.laid,
+            joints=seamed.joints,
         )
 
     # ------------------------------------------------- acceptance without an operator

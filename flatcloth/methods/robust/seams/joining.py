@@ -15,11 +15,12 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import MIRROR, FlattenedView, Float64, Int64, LaidPiece
-from flatcloth.methods.answers import Ends, Seam
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int32, Int64, LaidPiece
+from flatcloth.methods.answers import DoubtedJoint, Ends, Seam
 from flatcloth.methods.robust.seams.decisions import CUT, with_decisions
 from flatcloth.methods.robust.seams.laying import Both, joined_pieces, laid_piece, nodes_on, with_laid
 from flatcloth.methods.robust.seams.links import (
+    Joint,
     Matches,
     SeamLink,
     linked,
@@ -31,7 +32,7 @@ from flatcloth.session.garment import DecidedSeam
 from flatcloth.shape.algorithm import laid_out
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, merged, pairs_as_laid, pairs_within, rotations_at, uv_of, z_of
-from flatcloth.shape.joints import doubt_m
+from flatcloth.shape.joints import doubt_m, doubt_of, evidence_of, seen_often
 from flatcloth.shape.observations import PAIR_INTERVALS
 from flatcloth.shape.pieces import both_ends
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
@@ -62,8 +63,9 @@ class Seamed:
     """Both sides joined along the seams, before floating pieces of this side are laid anywhere.
 
     ``both`` has the nodes of ``this``, of the ``other`` and of the places on seams, in this order; ``std_m``
-    are the deviations of the nodes of each side; ``joining`` (K,) of the ``matches`` join.
-    ``floating`` are the nodes of each floating piece of this side, as it is drawn.
+    are the deviations of the nodes of each side; ``joining`` (K,) of the ``matches`` join. ``floating`` are
+    the nodes of each floating piece of this side, as it is drawn; ``joints`` what the seams say against the
+    cloth of this side.
     """
 
     floating: tuple[Int64, ...]
@@ -74,6 +76,7 @@ class Seamed:
     joining: Int64
     matches: Matches
     links: tuple[SeamLink, ...]
+    joints: tuple[DoubtedJoint, ...]
 
 
 def join_sides(
@@ -102,18 +105,31 @@ def join_sides(
     matches = matches_of(*pieces)  # 1. where the rims of both sides meet in space (rims.py)
     # 2. Sets that agree on one motion; the other side taken apart where they contradict it (links.py).
     sets = with_decisions(sets_of(this, other, matches), matches, decided)
-    other, matches, links = linked(this, other, matches, sets, ends)
+    other, matches, links, joints = linked(this, other, matches, sets, ends)
     joining = np.concatenate(
         [link.members for link in links if not link.why] or [np.zeros(0, dtype=np.int64)]
     )
     joining = joining[np.isfinite(matches.other_uv_m[joining, 0])]
     # 3. Poses of all pieces by the largest sets; one graph, with a node for each place on a seam.
     own, mirrored, places, std_m = _posed(this, other, matches, links)
-    seams_xyz_m = matches.xyz_m[joining]
-    graph = _one_graph(own, mirrored, seams_xyz_m, (places[0][joining], places[1][joining]))
+    of_match = np.full(len(matches), -1)
+    for number, link in enumerate(links):
+        of_match[link.members] = number
+    link_of_seam = of_match[joining]
+    graph = _one_graph(
+        (own, mirrored),
+        (this.piece, other.piece),
+        [(links[number].this_piece, links[number].other_piece) for number in link_of_seam],
+        matches.xyz_m[joining],
+        (places[0][joining], places[1][joining]),
+    )
     check()
+
     # 4. The layout of both sides (shape/layout.py), and its deviations from the main piece of this one.
-    both, joint_std_m = _laid_out(this, graph)
+    def doubted(graph: Graph, holds: Bool) -> Float64:
+        return _doubted(graph, holds, (len(this.nodes), len(other.nodes)), link_of_seam, links, joints)
+
+    both, joint_std_m = _laid_out(this, graph, doubted)
     check()
     n = len(this.nodes)
     return Seamed(
@@ -128,6 +144,7 @@ def join_sides(
         joining=joining,
         matches=matches,
         links=tuple(links),
+        joints=tuple(_of_this_side(this, joint) for joint in joints if joint.side == 0),
     )
 
 
@@ -143,10 +160,10 @@ def other_of(seamed: Seamed, laid: Sequence[LaidPiece] = ()) -> JoinedSide:
     """
     # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
     both, this, std_m = seamed.both, seamed.this, [each.copy() for each in seamed.std_m]
-    laid_before = joined_pieces(both, this, seamed.floating, std_m[0])
+    laid_before = joined_pieces(both, seamed.floating, std_m[0])
     for piece in laid:
         both = with_laid(both, this, seamed.floating[piece.index], piece, std_m)
-    joined_now = set(joined_pieces(both, this, seamed.floating, std_m[0])) - {piece.index for piece in laid}
+    joined_now = set(joined_pieces(both, seamed.floating, std_m[0])) - {piece.index for piece in laid}
     found = tuple(
         laid_piece(both, this, seamed.floating[k], k, std_m[0]) for k in sorted(joined_now.union(laid_before))
     )
@@ -180,6 +197,8 @@ def _posed(
     for sets in sorted(members.values(), key=lambda sets: -sum(map(len, sets))):
         own = np.concatenate(sets)
         own = own[np.isfinite(places[1][own, 0])]
+        if not own.size:
+            continue
         groups = [int(of_match[side][own[0]]) for side in (0, 1)]
         if groups[0] == groups[1]:
             continue
@@ -202,17 +221,28 @@ def _posed(
     return *posed, (places[0], places[1]), [np.sqrt(each) for each in variance]
 
 
-def _one_graph(this: Shape, mirrored: Shape, seams_xyz_m: Float64, places: tuple[Float64, Float64]) -> Graph:
-    """Return both sides, which lie on one plane, as one graph; ``places`` are those of the seams on each."""
+def _one_graph(
+    sides: tuple[Shape, Shape],
+    pieces: tuple[Int32, Int32],
+    piece_of_seam: Sequence[tuple[int, int]],
+    seams_xyz_m: Float64,
+    places: tuple[Float64, Float64],
+) -> Graph:
+    """Return both sides, which lie on one plane, as one graph; ``places`` are those of the seams on each.
+
+    ``pieces`` are those of the nodes before they were posed, ``piece_of_seam`` which of them each seam joins.
+    """
+    this, mirrored = sides
     n, m = len(this.nodes), len(mirrored.nodes)
     own, its = _own_graph(this), _own_graph(mirrored)
     its = replace(its, pairs=its.pairs + np.int32(n), offset_m=-np.conj(its.offset_m))
-    parts = [
-        own,
-        its,
-        _pairs_at(this, own, places[0], 0, n + m),
-        _pairs_at(mirrored, its, places[1], n, n + m),
-    ]
+    joined = np.array(piece_of_seam, dtype=np.int64).reshape(-1, 2)
+    parts = [own, its]
+    for side, (shape, graph) in enumerate(((this, own), (mirrored, its))):
+        for piece in np.unique(joined[:, side]).tolist():
+            seam = np.flatnonzero(joined[:, side] == piece)
+            node = np.flatnonzero(shape.has_place & (pieces[side] == piece))
+            parts.append(_pairs_at(shape, graph, node, places[side], seam, (side * n, n + m)))
     graph, _ = merged(parts, np.concatenate([this.nodes.xyz_m, mirrored.nodes.xyz_m, seams_xyz_m]))
     return graph
 
@@ -235,25 +265,66 @@ def _own_graph(shape: Shape) -> Graph:
     )
 
 
-def _pairs_at(shape: Shape, graph: Graph, seam_uv_m: Float64, first_node: int, first_seam: int) -> Graph:
-    """Return the pairs between the cloth of a side and places (K, 2) on seams: as the side lies.
+def _pairs_at(
+    shape: Shape, graph: Graph, node: Int64, seam_uv_m: Float64, seam: Int64, first: tuple[int, int]
+) -> Graph:
+    """Return the pairs between some nodes of a side and some ``seam`` places of all (K, 2): as the side lies.
 
-    ``graph`` is the side's, its nodes numbered from ``first_node``; the places are numbered from
-    ``first_seam``.
+    ``graph`` is the side's; ``first`` are the numbers in it of the side's first node and of the first seam.
     """
-    placed = np.flatnonzero(shape.has_place)
     reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
-    seam, near = pairs_within(seam_uv_m, shape.all_uv_m[placed], reach_m)
-    z = np.full(first_seam + len(seam_uv_m), np.nan + 0j)
-    z[first_node : first_node + len(shape.nodes)] = z_of(shape.all_uv_m)
-    z[first_seam:] = z_of(seam_uv_m)
+    near_seam, near = pairs_within(seam_uv_m[seam], shape.all_uv_m[node], reach_m)
+    z = np.full(first[1] + len(seam_uv_m), np.nan + 0j)
+    z[first[0] : first[0] + len(shape.nodes)] = z_of(shape.all_uv_m)
+    z[first[1] :] = z_of(seam_uv_m)
     rotation = np.ones(len(z), dtype=complex)
-    rotation[:first_seam] = rotations_at(graph, z[:first_seam])
-    pairs = np.stack([first_node + placed[near], first_seam + seam], axis=1)
+    rotation[: first[1]] = rotations_at(graph, z[: first[1]])
+    pairs = np.stack([first[0] + node[near], first[1] + seam[near_seam]], axis=1)
     return pairs_as_laid(graph, pairs, z, rotation, PLACE_STD_M, _SEAM_EVIDENCE)
 
 
-def _laid_out(this: Shape, graph: Graph) -> tuple[Both, Float64]:
+def _of_this_side(this: Shape, joint: Joint) -> DoubtedJoint:
+    """Return a joint of this side, with the smaller part of the piece that it joins."""
+    own = this.placed if joint.piece == 0 else this.piece == joint.piece
+    part = min((own & joint.part, own & ~joint.part), key=np.count_nonzero)
+    extent_m = np.ptp(this.all_uv_m[own], axis=0).max()
+    std_m = float(doubt_of(np.array(joint.false), extent_m))
+    return DoubtedJoint(part=part, false=joint.false, is_false=joint.is_false, std_m=std_m)
+
+
+def _doubted(
+    graph: Graph,
+    holds: Bool,
+    nodes: tuple[int, int],
+    link_of_seam: Int64,
+    links: Sequence[SeamLink],
+    joints: Sequence[Joint],
+) -> Float64:
+    """Return the evidence of the pairs (P,) of both sides: of seams and of joints as probable as they are."""
+    evidence = seen_often(graph, holds)
+    first, second = graph.pairs.T
+    n, m = nodes
+    at_seam = second >= n + m
+    number = np.where(at_seam, link_of_seam[np.maximum(second - n - m, 0)], -1)
+
+    def limit(pairs: Bool, false: float, *, raise_: bool) -> None:
+        total, wanted = evidence[pairs].sum(), evidence_of(false)
+        if total > 0.0 and (raise_ or wanted < total):
+            evidence[pairs] = np.maximum(evidence[pairs] * wanted / total, 1e-9)
+
+    for k, link in enumerate(links):
+        if not link.why:
+            for is_this in (True, False):
+                limit((number == k) & ((first < n) == is_this) & holds, 1.0 - link.probability, raise_=True)
+    for joint in joints:
+        at, begin = (n, 0) if joint.side == 0 else (m, n)
+        inside = holds & (first >= begin) & (second < begin + at)
+        part = joint.part[np.clip(graph.pairs - begin, 0, at - 1)]
+        limit(inside & (part[:, 0] != part[:, 1]), joint.false, raise_=False)
+    return evidence
+
+
+def _laid_out(this: Shape, graph: Graph, doubted: Callable[[Graph, Bool], Float64]) -> tuple[Both, Float64]:
     """Return the layout of both sides on the plane of this one, and the deviations (N,) of their nodes.
 
     The main piece is that of this side, where a floating one is larger.
@@ -278,7 +349,7 @@ def _laid_out(this: Shape, graph: Graph) -> tuple[Both, Float64]:
     reference[own] = True
     std_m = deviations_m(laid.at, graph, piece == 0, reference)
     if any(view.is_noisy for view in this.observations):
-        std_m = np.hypot(std_m, doubt_m(graph, laid.holds, piece == 0, laid.z))
+        std_m = np.hypot(std_m, doubt_m(graph, doubted(graph, laid.holds), piece == 0, laid.z, reference))
     return Both(all_uv_m=uv, piece=piece), std_m
 
 
@@ -353,8 +424,7 @@ def seams_of(joined: JoinedSide, pieces: Sequence[FlattenedView]) -> tuple[Seam,
                 views=matches.views[own],
                 residual_m=matches.misfit_m(own, matches.motion(own)),
                 why=link.why,
-                is_bridge=link.is_bridge,
-                tears=link.tears,
+                probability=link.probability,
                 decided="keep" if link.is_kept else "cut" if link.why == CUT else None,
             )
         )

@@ -36,18 +36,15 @@ def nodes_on(shape: Shape, piece: FlattenedView) -> Int64:
     return on_cloth
 
 
-def joined_pieces(both: Both, this: Shape, floating: Sequence[Int64], std_m: Float64) -> list[int]:
+def joined_pieces(both: Both, floating: Sequence[Int64], std_m: Float64) -> list[int]:
     """Return those of the floating pieces of this side, by index, that the main piece of both determines.
 
-    ``floating`` are the nodes of each. A part that floats because this side alone leaves its place open
-    (``std_m`` (N,)) may be one of them.
+    ``floating`` are the nodes of each, ``std_m`` (N,) their deviations.
     """
     return [
         k
         for k, own in enumerate(floating)
-        if own.size > 2
-        and (both.piece[own] == 0).mean() > 0.5
-        and (this.piece[own].max() > 0 or np.median(std_m[own]) <= MOST_STD_M)
+        if own.size > 2 and (both.piece[own] == 0).mean() > 0.5 and np.median(std_m[own]) <= MOST_STD_M
     ]
 
 
