@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+from collections.abc import Callable
 
 import numpy as np
 from scipy import ndimage
@@ -11,15 +12,19 @@ from flatcloth.core.types import Float64, Int32, Int64, Uint8
 from flatcloth.synthesis.meshes import GarmentMesh
 
 PATTERNS = ("checker", "floral", "stripes", "plain")
+Print = Callable[[Float64, int], Float64]
+"""The colors (N, 3), 0 to 1, at positions (N, 2) of a panel, of which the number is given, in metres."""
 _FLOWER_CELL_M = 0.026
 """Size of a flower of the print. Chosen."""
 
 
-def pattern_rgb(kind: str, uv_m: Float64, panel: int, seed: int) -> Float64:
-    """Return the colors (N, 3), 0 to 1, of a generated pattern at positions (N, 2) of a panel.
+def pattern_rgb(kind: str | Print, uv_m: Float64, panel: int, seed: int) -> Float64:
+    """Return the colors (N, 3), 0 to 1, of a pattern at positions (N, 2) of a panel.
 
-    The seed chooses the colors and the layout; every panel has its own shade.
+    The seed chooses the colors and the layout of a generated one; every panel has its own shade.
     """
+    if not isinstance(kind, str):
+        return kind(uv_m, panel)
     random = np.random.default_rng([seed, panel, PATTERNS.index(kind)])
     hue = np.random.default_rng([seed, PATTERNS.index(kind)]).uniform()  # related between panels
     shade = _color((hue + 0.45 * (panel - 1)) % 1.0, 0.75, 0.65)
