@@ -1,6 +1,8 @@
-"""The colors of a cloth that a kit is printed on."""
+"""Cloth that a kit is printed on, in simulation."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -8,49 +10,36 @@ from scipy.spatial import cKDTree
 from flatcloth.core.types import Float64
 from flatcloth.validation.kit import Kit, KitError, dictionary_codes
 
-_BLACK, _WHITE = 0.07, 0.88
-"""Brightness of ink and cloth. Chosen: a textile print is never quite black, nor its cloth white."""
+_INK, _CLOTH = 0.07, 0.88
+"""Their brightness. Chosen: prints are never quite black, nor is cloth quite white."""
 
 
-class PrintedCloth:
-    """The colors of panels on which the sheets of a kit are printed: sheet 1 on panel 1, 2 on 2.
+def printed_cloth(kit: Kit) -> Callable[[Float64, int], Float64]:
+    """Return the function of the colors (N, 3), 0 to 1, at places (N, 2) of a panel's flat plane, in metres.
 
-    The middle of a sheet lies in the middle of its panel's flat plane, x along u and y along v: places of
-    the kit and of the panel differ by a shift. Without a sheet, and beyond it, a panel is plain.
+    Sheet 1 is on panel 1, sheet 2 on panel 2, its middle on the middle of the plane, x along u and y along
+    v: places of the kit and of the truth differ by a shift. Beyond its sheet a panel is plain.
 
     Raises
     ------
     KitError
         If the kit is of stickers that are not measured yet.
     """
+    if not kit.is_measured:
+        raise KitError(f"{kit.name}: not measured. Measure it first: flatcloth kit --from-photo.")
+    ids = np.array(list(kit.corners_m))
+    corners, number = np.stack([kit.corners_m[i] for i in ids]), np.array([kit.sheet[i] for i in ids])
+    marker_from_sheet = np.linalg.inv(np.stack([corners[:, k] - corners[:, 0] for k in (1, 3)], axis=-1))
+    # Sheets lie apart in the third coordinate.
+    nearest = cKDTree(np.column_stack([corners.mean(axis=1), number * 1e3]))
+    codes = np.pad(dictionary_codes(kit.dictionary), ((0, 0), (1, 1), (1, 1)))
 
-    def __init__(self, kit: Kit) -> None:
-        if not kit.is_measured:
-            raise KitError(
-                f"{kit.name}: not measured, so it cannot be printed. Run flatcloth kit --from-photo."
-            )
-        self._codes = dictionary_codes(kit.dictionary)
-        self._middle_m = np.array(kit.size_m) / 2
-        self._sheets = {}
-        for number in sorted(set(kit.sheet.values())):
-            ids = np.array([i for i in kit.corners_m if kit.sheet[i] == number])
-            corners = np.stack([kit.corners_m[i] for i in ids])
-            sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]], axis=-1)
-            self._sheets[number] = (ids, cKDTree(corners.mean(axis=1)), np.linalg.inv(sides))
+    def rgb(uv_m: Float64, panel: int) -> Float64:
+        places = uv_m + np.array(kit.size_m) / 2
+        marker = nearest.query(np.column_stack([places, np.full(len(places), panel * 1e3)]))[1]
+        at = (marker_from_sheet[marker] @ (places - corners[marker, 0])[..., None])[..., 0]
+        column, row = (np.floor(at * (codes.shape[1] - 2)) + 1).clip(0, codes.shape[1] - 1).astype(int).T
+        black = codes[ids[marker], row, column] & (number[marker] == panel)
+        return np.where(black[:, None], _INK, _CLOTH) * np.ones(3)
 
-    def __call__(self, uv_m: Float64, panel: int) -> Float64:
-        """Return the colors (N, 3), 0 to 1, at places (N, 2) of a panel's flat plane."""
-        rgb = np.full((len(uv_m), 3), _WHITE)
-        if panel in self._sheets:
-            ids, centers, across = self._sheets[panel]
-            places = uv_m + self._middle_m
-            nearest = centers.query(places)[1]
-            modules = self._codes.shape[1]
-            offset = (places - centers.data[nearest])[..., None]
-            at = np.floor(((across[nearest] @ offset)[..., 0] + 0.5) * modules).astype(int)
-            inside = ((at >= 0) & (at < modules)).all(axis=1)
-            at = at[inside]
-            black = np.zeros(len(uv_m), dtype=bool)
-            black[inside] = self._codes[ids[nearest[inside]], at[:, 1], at[:, 0]]
-            rgb[black] = _BLACK
-        return rgb
+    return rgb

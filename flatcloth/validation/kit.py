@@ -17,43 +17,28 @@ from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Bool, Float64
 from flatcloth.recordings.files.text import load_table
 
-FORMAT = "flatcloth-kit/1"
 HEM_M = 0.015
-"""Plain margin of a sheet, to be sewn. Chosen: the seam allowance of patterns."""
+"""Plain margin of a sheet. Chosen: the seam allowance of sewing patterns."""
 MARKER_SHARE = 0.8
-"""Side of a marker over that of its cell. Chosen: leaves a quiet zone of one module around each; a
-module is the smallest square of a marker, an eighth of its side."""
+"""Side of a marker over that of its cell. Chosen: leaves one module, an eighth of a marker, around each."""
 _DICTIONARIES = {"DICT_APRILTAG_36h11": 587, "DICT_6X6_1000": 1000}
 """Dictionaries of new kits and their numbers of ids, the safer first."""
-_SHEET_COLUMNS = 6
-"""Stickers side by side. Chosen: of 30 mm, they fill the width of A4."""
-_MOST_SIZE_M = 5.0
-"""Largest side of a sheet. Chosen: the longest page of a PDF file is 5.08 m."""
+SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+"""The corners of a marker in OpenCV's order: clockwise from its own top left; x right, y down."""
 
 
 class KitError(FlatclothError):
-    """A kit cannot be made, read, measured or found."""
+    """A kit cannot be made, read or measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Kit:
     """A fabric of one or two sheets with square markers, each id once.
 
-    Parameters
-    ----------
-    name : str
-        Title for reports.
-    dictionary : str
-        Name of the dictionary in ``cv2.aruco``, as ``"DICT_APRILTAG_36h11"``.
-    corners_m : dict of int to (4, 2) float64
-        For each id, the corners of the marker on the plane of its sheet: x right, y down, seen from the
-        printed face; in OpenCV's order, clockwise from the marker's own top left.
-    sheet : dict of int to int
-        For each id the sheet: 1 the front or the only one, 2 the back.
-    size_m : (float, float)
-        Width and height of a sheet, from the origin.
-    is_measured : bool
-        Whether the corners of different markers are related: False for stickers before their photo.
+    ``dictionary`` is its name in ``cv2.aruco``. ``corners_m`` has for each id the corners (4, 2) on the
+    plane of its sheet, x right, y down, seen from the printed face, in the order of ``SQUARE``; ``sheet`` has
+    1, the front or the only one, or 2, the back. ``size_m`` is the width and height of a sheet, from the
+    origin. ``is_measured`` is False for stickers: no marker's place is related to another's.
     """
 
     name: str
@@ -65,6 +50,7 @@ class Kit:
 
 
 Millimetres = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
+Size = Annotated[float, msgspec.Meta(gt=0, le=1e4)]
 Point = tuple[Millimetres, Millimetres]
 
 
@@ -77,13 +63,13 @@ class MarkerOfKit(msgspec.Struct, frozen=True):
 
 
 class KitFile(msgspec.Struct, frozen=True):
-    """The content of ``kit.json``, lengths in millimetres."""
+    """The content of ``kit.json``."""
 
     format: Literal["flatcloth-kit/1"]
     dictionary: str
-    size_mm: tuple[Annotated[float, msgspec.Meta(gt=0, le=1e4)], Annotated[float, msgspec.Meta(gt=0, le=1e4)]]
+    size_mm: tuple[Size, Size]
     markers: Annotated[tuple[MarkerOfKit, ...], msgspec.Meta(min_length=1)]
-    name: str = ""
+    name: str = "kit"
     is_measured: bool = True
 
 
@@ -93,13 +79,13 @@ def read_kit(path: Path) -> Kit:
     Raises
     ------
     KitError, RecordingError
-        If it cannot be read, or is not valid; in one line with the remedy.
+        If it cannot be read, or is not valid.
     """
     try:
         file = fitted(load_table(path), KitFile)
-    except MisfitError as error:
-        raise KitError(f"{path}: {error}. Write it again: flatcloth kit.") from error
-    known = len(dictionary_codes(file.dictionary, str(path)))
+        known = len(dictionary_codes(file.dictionary))
+    except (MisfitError, KitError) as error:
+        raise KitError(f"{path}: {error}. Restore the file, or make a kit: flatcloth kit.") from error
     corners: dict[int, Float64] = {}
     for marker in file.markers:
         places = np.array(marker.corners_mm) / 1e3
@@ -107,15 +93,15 @@ def read_kit(path: Path) -> Kit:
         if marker.id in corners:
             cause = "is there twice"
         elif marker.id >= known:
-            cause = f"is not in {file.dictionary}, whose ids are 0 to {known - 1}"
+            cause = f"is not one of {file.dictionary}, 0 to {known - 1}"
         elif (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).min() <= 0:
-            cause = "has corners that do not go around clockwise from its top left"
+            cause = "has corners that do not go around clockwise"
         else:
             corners[marker.id] = places
             continue
-        raise KitError(f"{path}: marker {marker.id} {cause}. Write the kit again: flatcloth kit.")
+        raise KitError(f"{path}: marker {marker.id} {cause}. Restore the file, or make a kit: flatcloth kit.")
     return Kit(
-        name=file.name or path.resolve().parent.name,
+        name=file.name,
         dictionary=file.dictionary,
         corners_m=corners,
         sheet={marker.id: int(marker.sheet) for marker in file.markers},
@@ -125,7 +111,7 @@ def read_kit(path: Path) -> Kit:
 
 
 def write_kit(kit: Kit, path: Path) -> None:
-    """Write a ``kit.json``, corners to a micrometre.
+    """Write a ``kit.json``, to a micrometre.
 
     Raises
     ------
@@ -133,113 +119,72 @@ def write_kit(kit: Kit, path: Path) -> None:
         If it cannot be written.
     """
     markers = [
-        f'    {{"id": {i}, "sheet": {kit.sheet[i]}, "corners_mm": {np.round(places * 1e3, 3).tolist()}}}'
+        {"id": i, "sheet": kit.sheet[i], "corners_mm": np.round(places * 1e3, 3).tolist()}
         for i, places in kit.corners_m.items()
     ]
-    head = {
-        "format": FORMAT,
+    document = {
+        "format": "flatcloth-kit/1",
         "name": kit.name,
         "dictionary": kit.dictionary,
         "size_mm": [round(side * 1e3, 3) for side in kit.size_m],
         "is_measured": kit.is_measured,
+        "markers": markers,
     }
-    lines = [f'  "{key}": {msgspec.json.encode(value).decode()},' for key, value in head.items()]
-    text = "\n".join(["{", *lines, '  "markers": [', ",\n".join(markers), "  ]", "}", ""])
     with os_errors_as(KitError, f"{path}: cannot be written", "Choose a writable folder."):
-        replace_file(path, text.encode())
+        replace_file(path, msgspec.json.format(msgspec.json.encode(document), indent=0))
 
 
 @lru_cache(maxsize=4)
-def dictionary_codes(name: str, where: str = "") -> Bool:
+def dictionary_codes(name: str) -> Bool:
     """Return which modules (K, N, N) of the markers of a dictionary are black, with their borders.
 
     Raises
     ------
     KitError
-        If OpenCV has no such dictionary; ``where`` it is named.
+        If OpenCV has no such dictionary; the text is the cause only.
     """
     import cv2
 
-    number = getattr(cv2.aruco, name, None) if name.startswith("DICT_") else None
-    if number is None:
-        raise KitError(
-            f"{where}: dictionary {name:.60} is not one of OpenCV. Give one, as DICT_APRILTAG_36h11."
-        )
-    dictionary = cv2.aruco.getPredefinedDictionary(number)
-    side = dictionary.markerSize + 2
-    return np.stack(
-        [cv2.aruco.generateImageMarker(dictionary, i, side) == 0 for i in range(len(dictionary.bytesList))]
-    )
+    if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
+        raise KitError(f"{name:.60} is no dictionary of OpenCV")
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    ids, side = range(len(dictionary.bytesList)), dictionary.markerSize + 2
+    return np.stack([cv2.aruco.generateImageMarker(dictionary, i, side) == 0 for i in ids])
 
 
-def grid_kit(size_m: tuple[float, float], cell_m: float, sides: int) -> Kit:
-    """Return a kit of one or two sheets that are full of cells; a cell is a marker and its quiet zone.
+def grid_kit(size_m: tuple[float, float], cell_m: float, sides: int, stickers: int | None = None) -> Kit:
+    """Return a kit of one or two sheets full of cells; a cell is a marker and its quiet zone.
+
+    ``stickers`` are that many cells of one sheet, whose places on a garment are not measured yet. Ids are in
+    the order of reading.
 
     Raises
     ------
     KitError
-        If the sheet holds no cell, is too large, or the cells are more than a dictionary has ids.
+        If no cell fits, or there are more cells than ids.
     """
-    if not max(size_m) <= _MOST_SIZE_M:
-        raise KitError(f"--size {_words(size_m)}: choose up to {_MOST_SIZE_M:g} m for each side.")
+    given = f"--size {size_m[0]:g}x{size_m[1]:g} --cell {cell_m * 1e3:g}"
     columns, rows = (int((side - 2 * HEM_M) / cell_m + 1e-6) for side in size_m)
-    if min(columns, rows) < 1:
+    count, most = stickers or columns * rows * sides, max(_DICTIONARIES.values())
+    if columns * rows * sides < max(count, 1):
+        raise KitError(f"{given}: {columns * rows} cells fit within the hem. Choose a larger --size.")
+    if count > most:
+        larger = math.ceil(cell_m * 1e3 * math.sqrt(count / most))
         raise KitError(
-            f"--size {_words(size_m)}: no cell of {cell_m * 1e3:g} mm fits within the hem of "
-            f"{HEM_M * 1e3:g} mm. Choose a larger --size."
+            f"{given} --sides {sides}: {count} cells, but a dictionary has {most} ids. "
+            f"Choose --cell {larger}, or a smaller --size."
         )
-    count = columns * rows * sides
-    if count > max(_DICTIONARIES.values()):
-        fits = cell_m * math.sqrt(count / max(_DICTIONARIES.values()))
-        raise KitError(
-            f"--size {_words(size_m)} --cell {cell_m * 1e3:g} --sides {sides}: {count} cells, more than the "
-            f"{max(_DICTIONARIES.values())} ids of a dictionary. Choose --cell {math.ceil(fits * 1e3)}, or a "
-            "smaller --size."
-        )
-    name = f"{size_m[0] * 1e3:g} x {size_m[1] * 1e3:g} mm, cells of {cell_m * 1e3:g} mm"
-    return _kit(name + ", front and back" * (sides == 2), size_m, cell_m, (columns, rows), count)
-
-
-def sticker_kit(count: int, cell_m: float) -> Kit:
-    """Return a kit of stickers, side by side as they are printed; where they will be is not measured yet.
-
-    Raises
-    ------
-    KitError
-        If a dictionary has not so many ids.
-    """
-    if not 4 <= count <= max(_DICTIONARIES.values()):
-        raise KitError(f"--stickers {count}: choose 4 to {max(_DICTIONARIES.values())}.")
-    columns, rows = min(count, _SHEET_COLUMNS), math.ceil(count / _SHEET_COLUMNS)
-    size_m = (columns * cell_m + 2 * HEM_M, rows * cell_m + 2 * HEM_M)
-    return _kit(f"{count} stickers of {cell_m * 1e3:g} mm", size_m, cell_m, (columns, rows), count, False)
-
-
-def _kit(
-    name: str,
-    size_m: tuple[float, float],
-    cell_m: float,
-    cells: tuple[int, int],
-    count: int,
-    is_measured: bool = True,
-) -> Kit:
-    """Return a kit whose cells lie in rows in the middle of each sheet, ids in the order of reading."""
-    columns, rows = cells
-    first = [(side - n * cell_m) / 2 for side, n in zip(size_m, cells, strict=True)]
-    square = (np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) - 0.5) * MARKER_SHARE + 0.5
-    corners, sheet = {}, {}
-    for i in range(count):
-        sheet[i], place = i // (columns * rows) + 1, i % (columns * rows)
-        corners[i] = (square + np.array([place % columns, place // columns])) * cell_m + first
+    corner = (np.array(size_m) - np.array([columns, rows]) * cell_m) / 2
+    places = {i: i % (columns * rows) for i in range(count)}
+    kind = f"{stickers} stickers" if stickers else f"{size_m[0] * 1e3:g} x {size_m[1] * 1e3:g} mm"
     return Kit(
-        name=name,
+        name=f"{kind}, cells of {cell_m * 1e3:g} mm" + ", front and back" * (sides == 2),
         dictionary=next(name for name, ids in _DICTIONARIES.items() if count <= ids),
-        corners_m=corners,
-        sheet=sheet,
+        corners_m={
+            i: corner + (SQUARE * MARKER_SHARE / 2 + 0.5 + np.array([n % columns, n // columns])) * cell_m
+            for i, n in places.items()
+        },
+        sheet={i: i // (columns * rows) + 1 for i in range(count)},
         size_m=size_m,
-        is_measured=is_measured,
+        is_measured=stickers is None,
     )
-
-
-def _words(size_m: tuple[float, float]) -> str:
-    return f"{size_m[0]:g}x{size_m[1]:g}"
