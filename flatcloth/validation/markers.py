@@ -7,6 +7,7 @@ in turn, which needs no reading.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,10 +25,10 @@ _MOST_UP, _LARGE_PX = 3, 2600
 _LEAST_LIKE = 0.65
 """Correlation of code and image in each half of a marker that is there. Measured by ``python -m benchmarks
 validation``: no id is wrong; with 0.5, one side of 1 marker in 300 lies where another module ends."""
-_SAMPLES = 2
-"""Samples along each side of a module. Chosen: a camera has about as many pixels there."""
-_BLUR = 0.25
-"""Blur of the print by camera and cloth, in modules. Measured there: corners are best from 0.2 to 0.3."""
+_SAMPLES = 2, 10
+"""Least and most samples along a module; between, one a pixel. Chosen: more cost time only."""
+_BLUR_PX, _LEAST_BLUR = 0.55, 0.1
+"""Blur of the print by camera and cloth in pixels, and the least in modules. Measured there: best."""
 _STIFFNESS = (*[1.0] * 5, *[0.01] * 9)
 """Weight against bending at each step. Measured there: the first find a marker, the others follow it."""
 _NEIGHBOURS, _TRIES = 2.0, 3
@@ -104,10 +105,10 @@ def _terms(places: Float64) -> Float64:
     return np.stack([np.ones_like(x), x, y, x * y, x * x, y * y], axis=-1)
 
 
-@lru_cache(maxsize=2)
-def _sampled(modules: int) -> Float64:
+@lru_cache(maxsize=16)
+def _sampled(modules: int, samples: int) -> Float64:
     """Return samples (N, 2) of a marker and half its quiet zone, in modules from its first corner."""
-    along = (np.arange(_SAMPLES * (modules + 1)) + 0.5) / _SAMPLES - 0.5
+    along = (np.arange(samples * (modules + 1)) + 0.5) / samples - 0.5
     return np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
 
 
@@ -119,9 +120,13 @@ def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
     """
     import cv2
 
-    at, places = _sampled(len(black)), _sampled(len(black)) * (2 / len(black)) - 1
+    module_px = float(np.linalg.norm(guess_px[2] - guess_px[0])) / math.sqrt(2) / len(black)
+    at = _sampled(len(black), int(np.clip(round(module_px), *_SAMPLES)))
+    places = at * (2 / len(black)) - 1
     enlarged = np.kron(np.pad(~black, 1, constant_values=True), np.ones((8, 8))).astype(np.float32)
-    blurred = np.asarray(cv2.GaussianBlur(enlarged, (0, 0), 8 * _BLUR), dtype=np.float32)
+    blurred = np.asarray(
+        cv2.GaussianBlur(enlarged, (0, 0), 8 * max(_BLUR_PX / module_px, _LEAST_BLUR)), dtype=np.float32
+    )
     ink = _looked_up(blurred, (at + 1) * 8 - 0.5)
     terms, corners = _terms(places), _terms(SQUARE)
     shade = np.column_stack([-ink, -np.ones(len(at)), -places])
@@ -149,7 +154,7 @@ def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
 
 def _correlation(first: Float64, second: Float64) -> float:
     first, second = first - first.mean(), second - second.mean()
-    return float(first @ second / np.sqrt(max((first @ first) * (second @ second), 1e-9)))
+    return float(first @ second / math.sqrt(max(float((first @ first) * (second @ second)), 1e-9)))
 
 
 def _looked_up(image: Float32, at_px: Float64) -> Float64:

@@ -6,11 +6,14 @@ import itertools
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from flatcloth.core.errors import os_errors_as
+from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Float64
-from flatcloth.validation.kit import HEM_M, MARKER_SHARE, Kit, dictionary_codes
+from flatcloth.validation.kit import HEM_M, MARKER_SHARE, Kit, KitError, dictionary_codes, write_kit
 
 _A4_MM, _MARGIN_MM = np.array([210.0, 297.0]), np.array([10.0, 20.0])
 """Size of a page (ISO 216), and what printers and the scale need at each of its sides. Chosen."""
@@ -150,3 +153,22 @@ def svg_of(page: Page) -> str:
             "</svg>\n",
         ]
     )
+
+
+def write_pages(kit: Kit, folder: Path) -> list[str]:
+    """Write a kit and its pages to a folder; return the names of the files.
+
+    Raises
+    ------
+    KitError
+        If they cannot be written.
+    """
+    whole = whole_pages(kit)
+    files = {"kit-a4.pdf": pdf_of(tiles(kit)), "kit-whole.pdf": pdf_of(whole)}
+    files |= {f"kit-sheet-{n}.svg": svg_of(page).encode() for n, page in enumerate(whole, start=1)}
+    with os_errors_as(KitError, f"{folder}: cannot be written", "Choose a writable folder."):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, data in files.items():
+            replace_file(folder / name, data)
+    write_kit(kit, folder / "kit.json")
+    return ["kit.json", *files]
