@@ -17,8 +17,6 @@ from flatcloth.methods.registry import method_names
 
 if TYPE_CHECKING:
     from flatcloth.batch.runner import Limits
-    from flatcloth.core.config import Config
-    from flatcloth.engine.integration import Integration
     from flatcloth.recordings import Recording, SourceOptions
     from flatcloth.recordings.mending import Mends
 
@@ -68,24 +66,24 @@ def add_source_options(parser: argparse._ActionsContainer) -> None:
         type=Path,
         metavar="CSV",
         help="for sources without angles: a table with one line per view, its angle in degrees, or "
-        "columns file, view or time_s, and angle_deg",
+        "columns file, view or time_s, and angle_deg; for a RealSense file: seconds and degrees",
     )
     given.add_argument(
         "--step",
         type=float,
         metavar="DEG",
-        help="instead: the rotation from view to view in degrees; negative if the side that faces "
-        "the camera moves to the left",
+        help="instead: the rotation from view to view in degrees (RealSense files: 10); negative if the side "
+        "that faces the camera moves to the left",
     )
-    given.add_argument("--turning", type=float, metavar="DEG", help=TURNING)
+    given.add_argument(
+        "--turning",
+        type=float,
+        metavar="DEG",
+        help="instead: the angle between the first and the last image of a turn (MultimodalClothes); "
+        "negative as with --step",
+    )
     add_camera_options(parser)
     add_mends(parser)
-
-
-TURNING = (
-    "instead: the angle between the first and the last image of a turn (MultimodalClothes); "
-    "negative as with --step"
-)
 
 
 def add_camera_options(parser: argparse._ActionsContainer) -> None:
@@ -220,16 +218,6 @@ def loading() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
-
-
-def integration_of(
-    source: str, method: str | None, options: SourceOptions | None = None, config: Config | None = None
-) -> Integration:
-    """Open a recording for integration; the heavy modules load here, not for ``--help``."""
-    from flatcloth.api import integrating
-    from flatcloth.recordings import open_recording
-
-    return integrating.integration_of(open_recording(source, options), method, config)
 
 
 def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None:
