@@ -17,7 +17,7 @@ from flatcloth.methods.registry import method_names
 
 if TYPE_CHECKING:
     from flatcloth.batch.runner import Limits
-    from flatcloth.recordings import Recording, SourceOptions
+    from flatcloth.recordings import SourceOptions
     from flatcloth.recordings.mending import Mends
 
 
@@ -124,11 +124,6 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
         mends=mends_of(options),
         as_recorded=getattr(options, "as_recorded", None) or None,
     )
-
-
-def notes_of(recording: Recording) -> list[str]:
-    """Return what a recording's reader found worth telling."""
-    return list(getattr(recording, "notes", ()))
 
 
 _FLAGS = {

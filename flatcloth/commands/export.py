@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_source_options, number, source_options_of
 from flatcloth.commands.output import report
-from flatcloth.core.errors import FlatclothError, GarmentError
+from flatcloth.core.errors import FlatclothError, GarmentError, os_errors_as
 from flatcloth.core.plain_files import check_replacing
 
 if TYPE_CHECKING:
@@ -178,11 +178,9 @@ def _check(name: str, path: Path) -> None:
 
         check_library(*LIBRARIES[name])
     is_folder = _OUTPUTS[name][0] == "DIR"
-    try:
+    remedy = f"Choose another {'folder' if is_folder else 'file'}."
+    with os_errors_as(FlatclothError, f"{path}: cannot be written", remedy):
         check_replacing(path / "checked" if is_folder else path)
-    except OSError as error:
-        what = "another folder" if is_folder else "another file"
-        raise FlatclothError(f"{path}: cannot be written ({error.strerror}); choose {what}.") from error
 
 
 def _write(

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar, add_source, mends_of, notes_of, source_options_of
+from flatcloth.commands.common import ProgressBar, add_source, mends_of, source_options_of
 from flatcloth.commands.output import report
 from flatcloth.core.errors import RecordingError
 
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> None:
         recording = _opened(options, bar)
         count = copy_recording(recording, options.out, options.name, bar.show)
         check = check_recording(open_recording(options.out), progress=bar.show)
-    angles, notes = recording.angles_deg, notes_of(recording)
+    angles, notes = recording.angles_deg, list(recording.notes)
     notes += [finding.line for finding in check.findings]
     views = "1 view" if count == 1 else f"{count} views, {min(angles):g} to {max(angles):g} degrees,"
     line = f"{views} written to {options.out}. Open it with: flatcloth view {options.out}"
