@@ -22,9 +22,9 @@ from flatcloth.validation.kit import SQUARE, Kit, dictionary_codes
 
 _MOST_UP, _LARGE_PX = 3, 2600
 """Images are enlarged to so many times and pixels at most before reading. Chosen: codes of 17 px are read."""
-_LEAST_LIKE = 0.65
-"""Correlation of code and image in each half of a marker that is there. Measured by ``python -m benchmarks
-validation``: no id is wrong; with 0.5, one side of 1 marker in 300 lies where another module ends."""
+_LEAST_LIKE, _LEAST_CODE = 0.8, 0.65
+"""Correlation with the image of the print, and of its code in each half, if a marker is there. Measured by
+``python -m benchmarks validation``: no id is wrong; by the code alone, 1 neighbour in 1,000 is misplaced."""
 _SAMPLES = 2, 10
 """Least and most samples along a module; between, one a pixel. Chosen: more cost time only."""
 _BLUR_PX, _LEAST_BLUR = 0.55, 0.1
@@ -148,8 +148,9 @@ def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
     inner = _terms(np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2))
     pairs = np.stack([_looked_up(image, inner @ motion)[:, 0], ~black[1:-1, 1:-1].ravel()])
     halves = [pairs[:, inner[:, k] * sign > 0] for k in (1, 2) for sign in (1, -1)]
-    least = min(_correlation(*half) for half in halves)
-    return corners @ motion if least > _LEAST_LIKE else None
+    is_code = min(_correlation(*half) for half in halves) > _LEAST_CODE
+    is_print = _correlation(ink, _looked_up(image, terms @ motion)[:, 0]) > _LEAST_LIKE
+    return corners @ motion if is_code and is_print else None
 
 
 def _correlation(first: Float64, second: Float64) -> float:
