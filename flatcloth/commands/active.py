@@ -157,9 +157,7 @@ def told_end(options: argparse.Namespace, service: ActiveService, files: list[Pa
     from flatcloth.active.ending import End
 
     loop, end = service.loop, service.loop.asked
-    lines = []
-    if files:
-        lines.append(f"Written to {loop.folder}: {', '.join(file.name for file in files)}")
+    lines = [f"Written to {loop.folder}: {', '.join(file.name for file in files)}"] if files else []
     lines.append(
         end.reason if isinstance(end, End) else "Stopped before its end; the same command continues it."
     )

@@ -26,17 +26,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cell", type=float, default=30.0, metavar="MM", help="marker and gap (default: 30)")
     parser.add_argument("--sides", type=int, choices=(1, 2), default=1, help="sheets (default: 1)")
     parser.add_argument("--stickers", type=int, metavar="N", help="single markers instead of a fabric")
-    parser.add_argument(
-        "--from-photo",
-        type=Path,
-        nargs="+",
-        metavar="FILE",
-        help="measure the stickers of the kit in DIR: a photo of the garment's front, and one of its back",
-    )
+    places = "measure the stickers of the kit in DIR: a photo of the garment's front, and one of its back"
+    parser.add_argument("--from-photo", type=Path, nargs="+", metavar="FILE", help=places)
 
 
 def _size(text: str) -> tuple[float, float]:
-    numbers = re.fullmatch(r"([\d.]+)x([\d.]+)", text)
+    numbers = re.fullmatch(r"(\d*\.?\d+)x(\d*\.?\d+)", text)
     if numbers is None:
         raise argparse.ArgumentTypeError(f"{text}: give width and height in metres, as 1.2x0.8")
     return float(numbers[1]), float(numbers[2])
@@ -59,5 +54,5 @@ def run(options: argparse.Namespace) -> None:
         kit = grid_kit(size_m, options.cell / 1e3, options.sides, options.stickers)
         written = write_pages(kit, options.out)
     document = {"written": written, "markers": len(kit.corners_m), "dictionary": kit.dictionary}
-    line = f"{kit.name}: {len(kit.corners_m)} markers of {kit.dictionary}. "
-    report(options, document, [line + f"Written to {options.out}: {', '.join(written)}."])
+    held = f"{kit.name}: {len(kit.corners_m)} markers of {kit.dictionary}."
+    report(options, document, [held, f"Written to {options.out}: {', '.join(written)}."])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from scipy import ndimage
@@ -59,10 +60,8 @@ def _looked_up(image: Uint8, uv: Float64) -> Float64:
     """Colors (N, 3) of a repeating image, v up."""
     rows, cols = image.shape[:2]
     at = np.stack([rows * (1 - uv[:, 1]) - 0.5, cols * uv[:, 0] - 0.5])
-    channels = [
-        ndimage.map_coordinates(image[..., k], at, np.float64, order=1, mode="grid-wrap") for k in range(3)
-    ]
-    return np.stack(channels, axis=-1) / 255.0
+    pick = partial(ndimage.map_coordinates, coordinates=at, output=np.float64, order=1, mode="grid-wrap")
+    return np.stack([pick(image[..., k]) for k in range(3)], axis=-1) / 255.0
 
 
 def _color(hue: float, saturation: float, value: float) -> Float64:
@@ -82,9 +81,9 @@ def _stripes(uv_m: Float64, shade: Float64, light: Float64, random: np.random.Ge
     along = uv_m @ np.array([np.cos(angle), np.sin(angle)])
     widths = random.uniform(0.006, 0.022, 7)
     edges = np.cumsum(widths)
-    band = np.searchsorted(edges, np.mod(along, edges[-1]), side="right").clip(0, 6)
-    mix = np.array([0.0, 1.0, 0.15, 0.8, 0.05, 0.55, 1.0])[band]
-    return np.asarray(light + mix[:, None] * (shade - light))
+    band = np.searchsorted(edges, along % edges[-1], side="right").clip(0, 6)
+    mix = np.array([0.0, 1.0, 0.15, 0.8, 0.05, 0.55, 1.0])[band, None]
+    return np.asarray(light + mix * (shade - light))
 
 
 def _plain(uv_m: Float64, shade: Float64, random: np.random.Generator) -> Float64:

@@ -161,9 +161,11 @@ def grid_kit(size_m: tuple[float, float], cell_m: float, sides: int, stickers: i
     Raises
     ------
     KitError
-        If no cell fits, or there are more cells than ids.
+        If no cell fits, there are more cells than ids, or no printer has such pages.
     """
     given = f"--size {size_m[0]:g}x{size_m[1]:g} --cell {cell_m * 1e3:g}"
+    if not (0.005 <= cell_m <= 0.18 and max(size_m) <= 5.0 and (stickers is None or stickers >= 4)):
+        raise KitError(f"{given}: choose cells of 5 to 180 mm, sheets up to 5 m, and 4 stickers or more.")
     columns, rows = (int((side - 2 * HEM_M) / cell_m + 1e-6) for side in size_m)
     count, most = stickers or columns * rows * sides, max(_DICTIONARIES.values())
     if columns * rows * sides < max(count, 1):

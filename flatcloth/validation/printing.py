@@ -22,6 +22,7 @@ _OVERLAP_MM = 5.0
 _BAR_MM, _LINE_MM, _TEXT_MM = 100.0, 0.25, 3.0
 """Length of the scale bar, width of its lines, size of letters. Chosen."""
 _POINTS_PER_MM = 72 / 25.4
+"""The unit of PDF. By definition."""
 
 
 @dataclass(frozen=True, kw_only=True)

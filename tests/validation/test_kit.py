@@ -57,6 +57,9 @@ def test_too_many_cells_are_refused_with_a_cell_that_fits():
     assert len(grid_kit((1.2, 0.8), int(cell[1]) / 1e3, 2).corners_m) > 900
     with pytest.raises(KitError, match=r"0 cells fit.*larger --size"):
         grid_kit((0.04, 0.8), 0.03, 1)
+    for size_m, cell_m, stickers in (((9, 9), 0.03, None), ((1, 1), 0.0, None), ((1, 1), 0.03, 0)):
+        with pytest.raises(KitError, match="choose cells of 5 to 180 mm"):
+            grid_kit(size_m, cell_m, 1, stickers)
 
 
 @pytest.mark.parametrize(
