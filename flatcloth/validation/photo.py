@@ -28,14 +28,16 @@ def measured_kit(kit: Kit, photos: Sequence[Uint8]) -> Kit:
     KitError
         If a photo shows too few stickers, or no plane makes them squares.
     """
+    if len(photos) > 2:
+        raise KitError(f"--from-photo: {len(photos)} photos. Give one of the front, and one of the back.")
     corners: dict[int, Float64] = {}
     sheet: dict[int, int] = {}
     for number, photo in enumerate(photos, start=1):
         seen = found_markers(photo, replace(kit, is_measured=False))
         if len(seen.ids) < _LEAST_STICKERS or not sheet.keys().isdisjoint(seen.ids.tolist()):
-            cause = "shows stickers of the other one" if len(seen.ids) >= _LEAST_STICKERS else "is too small"
             raise KitError(
-                f"Photo {number}: {len(seen.ids)} stickers are read; it {cause}. Take another photo."
+                f"Photo {number}: {len(seen.ids)} stickers are read. Each photo needs {_LEAST_STICKERS} that no "
+                "other one shows; come nearer, or turn the garment over."
             )
         places = _flat_places(seen.corners_px, np.stack([kit.corners_m[int(i)] for i in seen.ids]))
         side_m = float(np.linalg.norm(places[0, 1] - places[0, 0]))
