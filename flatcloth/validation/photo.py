@@ -36,8 +36,8 @@ def measured_kit(kit: Kit, photos: Sequence[Uint8]) -> Kit:
         seen = found_markers(photo, replace(kit, is_measured=False))
         if len(seen.ids) < _LEAST_STICKERS or not sheet.keys().isdisjoint(seen.ids.tolist()):
             raise KitError(
-                f"Photo {number}: {len(seen.ids)} stickers are read. Each photo needs {_LEAST_STICKERS} that no "
-                "other one shows; come nearer, or turn the garment over."
+                f"Photo {number}: {len(seen.ids)} stickers are read. Each photo needs {_LEAST_STICKERS} that "
+                "no other one shows; come nearer, or turn the garment over."
             )
         places = _flat_places(seen.corners_px, np.stack([kit.corners_m[int(i)] for i in seen.ids]))
         side_m = float(np.linalg.norm(places[0, 1] - places[0, 0]))
