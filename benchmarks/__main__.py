@@ -12,7 +12,7 @@ from benchmarks.output import Options
 # page's threads do together.
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch", "strokes")
 ASKED_FOR = (
-    *("soak", "states", "shape", "confidence", "accuracy", "paper_steps", "paper_candidates"),
+    *("soak", "states", "shape", "confidence", "accuracy", "paper_steps"),
     *("same", "sides", "seams", "strain", "constants", "mutants", "mistakes", "unmended"),
     *("mended_results", "active", "operating", "sensor", "validation", "tables"),
 )
