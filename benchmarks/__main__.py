@@ -12,9 +12,9 @@ from benchmarks.output import Options
 # page's threads do together.
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch", "strokes")
 ASKED_FOR = (
-    *("soak", "states", "shape", "confidence", "accuracy", "paper_steps", "paper_candidates"),
+    *("soak", "states", "shape", "confidence", "accuracy", "paper_steps"),
     *("same", "sides", "seams", "strain", "constants", "mutants", "mistakes", "unmended"),
-    *("mended_results", "active", "operating", "sensor", "tables"),
+    *("mended_results", "active", "operating", "sensor", "validation", "tables"),
 )
 """Run only if named: ``soak`` takes an hour, ``states`` makes recordings, the others are about given ones."""
 ON_ONE_CORE = (

@@ -248,22 +248,6 @@ def paper_steps() -> str:
     return table((*head, *recordings), lines)
 
 
-def paper_candidates() -> str:
-    """Return how far each agreement tells right placements from wrong ones."""
-    placements = [p for row in result("paper_candidates") for p in row["placements"]]
-    groups = {}
-    for noise in ("clean", "d435"):
-        own = [p for p in placements if p["recording"].endswith(noise) and p["off_mm"] is not None]
-        groups[f"right, {noise}"] = [p for p in own if p["off_mm"] <= RIGHT_MM]
-        groups[f"wrong, {noise}"] = [p for p in own if p["off_mm"] > WRONG_MM]
-    lines = []
-    for name in ("place", "intensity", "height", "z_angle"):
-        values = [[p[f"{name}_agreement"] for p in group] for group in groups.values()]
-        ranges = [", ".join(f"{v:.2f}" for v in np.percentile(own, (5, 50, 95))) for own in values]
-        lines.append((name.replace("_", "-"), *ranges))
-    return table(("agreement", *(f"{len(group)} {name}" for name, group in groups.items())), lines)
-
-
 # ------------------------------------------------- recordings without masks
 
 
@@ -435,7 +419,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "garment-unknown": lambda: garments_page("Shapes of no known kind"),
     "paper-and-robust": paper_and_robust,
     "paper-steps": paper_steps,
-    "paper-candidates": paper_candidates,
     "segmentation": segmentation,
     "strokes": strokes,
     "segmented": segmented,

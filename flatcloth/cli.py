@@ -32,6 +32,7 @@ COMMANDS = (
     "import",
     "record",
     "synthesize",
+    "kit",
     "schema",
 )
 _OWN_OPTIONS = ("-h", "--help", "--version", "--print-completion")

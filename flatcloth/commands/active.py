@@ -44,11 +44,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="PORT",
         help="let a robot ask for angles and send views at this port, 0 for any free one (docs/robots.md)",
     )
-    listen.add_argument(
-        "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
-    )
     listen.add_argument("--token-file", type=Path, metavar="FILE", help="as of flatcloth view")
-    add_public_url(listen)
+    add_address(listen)
     add_method(parser)
     add_hand_eye(parser)
 
@@ -160,9 +157,7 @@ def told_end(options: argparse.Namespace, service: ActiveService, files: list[Pa
     from flatcloth.active.ending import End
 
     loop, end = service.loop, service.loop.asked
-    lines = []
-    if files:
-        lines.append(f"Written to {loop.folder}: {', '.join(file.name for file in files)}")
+    lines = [f"Written to {loop.folder}: {', '.join(file.name for file in files)}"] if files else []
     lines.append(
         end.reason if isinstance(end, End) else "Stopped before its end; the same command continues it."
     )
@@ -171,8 +166,11 @@ def told_end(options: argparse.Namespace, service: ActiveService, files: list[Pa
     return 0 if isinstance(end, End) and end.reached else 1
 
 
-def add_public_url(parser: argparse._ActionsContainer) -> None:
-    """Declare ``--public-url``."""
+def add_address(parser: argparse._ActionsContainer) -> None:
+    """Declare ``--host`` and ``--public-url``."""
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
+    )
     parser.add_argument(
         "--public-url",
         metavar="URL",

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flatcloth.commands.common import ProgressBar, add_source, notes_of, source_options_of
+from flatcloth.commands.common import ProgressBar, add_source, source_options_of
 from flatcloth.commands.output import report
 from flatcloth.core.errors import RecordingError, os_errors_as
 
@@ -40,11 +40,15 @@ def run(options: argparse.Namespace) -> int:
     recording = open_recording(options.source, source_options_of(options))
     with ProgressBar(recording.name) as bar:
         check = check_recording(recording, progress=bar.show)
-    lines = [*(f"{recording.name}: {line}" for line in check.lines), *notes_of(recording)]
+    lines = [*(f"{recording.name}: {line}" for line in check.lines), *recording.notes]
     if options.pictures is not None:
         files = _write_pictures(recording, check, options.pictures)
         lines.append(f"Pictures written to {options.pictures}: {', '.join(files) or 'none'}")
-    document: dict[str, Any] = {"recording": recording.name, "notes": notes_of(recording), **check.to_dict()}
+    document: dict[str, Any] = {
+        "recording": recording.name,
+        "notes": list(recording.notes),
+        **check.to_dict(),
+    }
     report(options, document, lines)
     return 1 if check.certain else 0
 

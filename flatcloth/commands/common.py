@@ -10,16 +10,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from flatcloth.commands.output import is_quiet, logged, progressed
 from flatcloth.methods.registry import method_names
 
 if TYPE_CHECKING:
     from flatcloth.batch.runner import Limits
-    from flatcloth.core.config import Config
-    from flatcloth.engine.integration import Integration
-    from flatcloth.recordings import Recording, SourceOptions
+    from flatcloth.recordings import SourceOptions
     from flatcloth.recordings.mending import Mends
 
 
@@ -68,24 +66,24 @@ def add_source_options(parser: argparse._ActionsContainer) -> None:
         type=Path,
         metavar="CSV",
         help="for sources without angles: a table with one line per view, its angle in degrees, or "
-        "columns file, view or time_s, and angle_deg",
+        "columns file, view or time_s, and angle_deg; for a RealSense file: seconds and degrees",
     )
     given.add_argument(
         "--step",
         type=float,
         metavar="DEG",
-        help="instead: the rotation from view to view in degrees; negative if the side that faces "
-        "the camera moves to the left",
+        help="instead: the rotation from view to view in degrees (RealSense files: 10); negative if the side "
+        "that faces the camera moves to the left",
     )
-    given.add_argument("--turning", type=float, metavar="DEG", help=TURNING)
+    given.add_argument(
+        "--turning",
+        type=float,
+        metavar="DEG",
+        help="instead: the angle between the first and the last image of a turn (MultimodalClothes); "
+        "negative as with --step",
+    )
     add_camera_options(parser)
     add_mends(parser)
-
-
-TURNING = (
-    "instead: the angle between the first and the last image of a turn (MultimodalClothes); "
-    "negative as with --step"
-)
 
 
 def add_camera_options(parser: argparse._ActionsContainer) -> None:
@@ -128,28 +126,34 @@ def source_options_of(options: argparse.Namespace) -> SourceOptions:
     )
 
 
-def notes_of(recording: Recording) -> list[str]:
-    """Return what a recording's reader found worth telling."""
-    return list(getattr(recording, "notes", ()))
+def _flag(text: str) -> dict[str, Any]:
+    return {"action": "store_true", "help": text}
 
 
-_FLAGS = {
-    "reverse": "the item turns the other way than the angles say",
-    "estimate_axis": "do not use the recorded axis and held point; estimate them",
-    "mirror": "flip the images left to right",
-    "invert_masks": "invert the masks",
-    "without_masks": "do not use the masks",
-}
-_FACTORS = {
-    "angle_factor": "multiply all angles",
-    "depth_factor": "multiply depth",
-    "focal_factor": "multiply the focal length",
-    "color_scale": "enlarge color about the middle of the image",
-}
-_LISTS = {
-    "view_angles": ("VIEW=DEG,...", "angles of single views, as if recorded"),
-    "depth_views": ("VIEW=VIEW,...", "views that have the depth of another: 0-34=1-35"),
-    "leave_out": ("VIEW,...", "views that are not read; later ones count on without them"),
+_MENDS = {
+    "reverse": _flag("the item turns the other way than the angles say"),
+    "estimate-axis": _flag("do not use the recorded axis and held point; estimate them"),
+    "mirror": _flag("flip the images left to right"),
+    "invert-masks": _flag("invert the masks"),
+    "without-masks": _flag("do not use the masks"),
+    "angle-factor": {"metavar": "FACTOR", "help": "multiply all angles by this factor"},
+    "depth-factor": {"metavar": "FACTOR", "help": "multiply depth by this factor"},
+    "focal-factor": {"metavar": "FACTOR", "help": "multiply the focal length by this factor"},
+    "color-scale": {
+        "metavar": "FACTOR",
+        "help": "enlarge color about the middle of the image by this factor",
+    },
+    "view-angles": {"metavar": "VIEW=DEG,...", "help": "angles of single views, as if recorded"},
+    "depth-views": {"metavar": "VIEW=VIEW,...", "help": "views that have the depth of another: 0-34=1-35"},
+    "leave-out": {"metavar": "VIEW,...", "help": "views that are not read; later ones count on without them"},
+    "rotate": {"choices": ("90", "180", "270"), "help": "turn the images clockwise by these degrees"},
+    "color-shift": {
+        "nargs": 2,
+        "type": float,
+        "metavar": ("RIGHT", "DOWN"),
+        "help": "move color by these pixels",
+    },
+    "as-recorded": _flag("mend nothing, and go on although the check finds that something is wrong"),
 }
 
 
@@ -158,27 +162,8 @@ def add_mends(parser: argparse._ActionsContainer) -> None:
     group = parser
     if isinstance(parser, argparse.ArgumentParser):
         group = parser.add_argument_group("mends", "read a recording as if a mistake in it had not been made")
-    for name, text in _FLAGS.items():
-        group.add_argument(f"--{name.replace('_', '-')}", action="store_true", help=text)
-    for name, text in _FACTORS.items():
-        group.add_argument(f"--{name.replace('_', '-')}", metavar="FACTOR", help=f"{text} by this factor")
-    for name, (form, text) in _LISTS.items():
-        group.add_argument(f"--{name.replace('_', '-')}", metavar=form, help=text)
-    group.add_argument(
-        "--rotate", choices=("90", "180", "270"), help="turn the images clockwise by these degrees"
-    )
-    group.add_argument(
-        "--color-shift",
-        nargs=2,
-        type=float,
-        metavar=("RIGHT", "DOWN"),
-        help="move color by these pixels",
-    )
-    group.add_argument(
-        "--as-recorded",
-        action="store_true",
-        help="mend nothing, and go on although the check finds that something is wrong",
-    )
+    for name, option in _MENDS.items():
+        group.add_argument(f"--{name}", **option)
 
 
 def mends_of(options: argparse.Namespace) -> Mends | None:
@@ -220,16 +205,6 @@ def loading() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
-
-
-def integration_of(
-    source: str, method: str | None, options: SourceOptions | None = None, config: Config | None = None
-) -> Integration:
-    """Open a recording for integration; the heavy modules load here, not for ``--help``."""
-    from flatcloth.api import integrating
-    from flatcloth.recordings import open_recording
-
-    return integrating.integration_of(open_recording(source, options), method, config)
 
 
 def add_engine(parser: argparse.ArgumentParser, jobs: int | None = None) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 from flatcloth.commands.common import ProgressBar, add_engine, add_method, add_sides, limits_of
 from flatcloth.commands.output import report, say
-from flatcloth.core.errors import FlatclothError, os_errors_as
+from flatcloth.core.errors import FlatclothError
 
 NAME = "evaluate"
 SUMMARY = "integrate unattended and compare with the truth"
@@ -57,10 +57,9 @@ def run(options: argparse.Namespace) -> None:
     if options.json is True:
         report(options, rows, ())
     elif options.json is not None:
-        with os_errors_as(FlatclothError, f"{options.json}: cannot be written", "Choose another file."):
-            file = Path(options.json)
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(json.dumps(rows, indent=1) + "\n")
+        from flatcloth.export.files import write_text
+
+        write_text(Path(options.json), json.dumps(rows, indent=1) + "\n")
 
 
 def _sides_line(sides: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_source_options, number, source_options_of
 from flatcloth.commands.output import report
-from flatcloth.core.errors import FlatclothError, GarmentError
+from flatcloth.core.errors import FlatclothError, GarmentError, os_errors_as
 from flatcloth.core.plain_files import check_replacing
 
 if TYPE_CHECKING:
@@ -28,7 +28,18 @@ EXAMPLES = """examples:
   flatcloth export result --rerun result.rrd --mcap result.mcap
   flatcloth export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
 
-_OUTPUTS = ("data", "html", "report", "figures", "animation", "grasps", "outline", "garment", "rerun", "mcap")
+_OUTPUTS = {
+    "data": ("DIR", "write the data files that run writes (docs/exports.md)"),
+    "html": ("FILE", "write one page that works offline"),
+    "report": ("FILE", "write a report to print (HTML, A4)"),
+    "figures": ("DIR", "write every figure as PNG and SVG"),
+    "animation": ("FILE", "write the growth as .gif or .mp4"),
+    "grasps": ("FILE", "write the grasp poses (grasps.json)"),
+    "outline": ("FILE", "write the outline in mm as .svg, .dxf or .json (docs/exports.md)"),
+    "garment": ("FILE", "write kind, dimensions and named points (garment.json)"),
+    "rerun": ("FILE", "write a recording for rerun (.rrd)"),
+    "mcap": ("FILE", "write a recording for Foxglove (.mcap)"),
+}
 _DRAWN = {"html", "report", "figures", "animation"}
 """The outputs that draw the growth."""
 LIBRARIES = {"rerun": ("rerun", "rerun-sdk", "rerun"), "mcap": ("foxglove", "foxglove-sdk", "foxglove")}
@@ -43,25 +54,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="SESSION_DIR",
         help="session folder, of --out or --session; it is not changed",
     )
-    parser.add_argument(
-        "--data", type=Path, metavar="DIR", help="write the data files that run writes (docs/exports.md)"
-    )
-    parser.add_argument("--html", type=Path, metavar="FILE", help="write one page that works offline")
-    parser.add_argument("--report", type=Path, metavar="FILE", help="write a report to print (HTML, A4)")
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="write every figure as PNG and SVG")
-    parser.add_argument("--animation", type=Path, metavar="FILE", help="write the growth as .gif or .mp4")
-    parser.add_argument("--grasps", type=Path, metavar="FILE", help="write the grasp poses (grasps.json)")
-    parser.add_argument(
-        "--outline",
-        type=Path,
-        metavar="FILE",
-        help="write the outline in mm as .svg, .dxf or .json (docs/exports.md)",
-    )
-    parser.add_argument(
-        "--garment", type=Path, metavar="FILE", help="write kind, dimensions and named points (garment.json)"
-    )
-    parser.add_argument("--rerun", type=Path, metavar="FILE", help="write a recording for rerun (.rrd)")
-    parser.add_argument("--mcap", type=Path, metavar="FILE", help="write a recording for Foxglove (.mcap)")
+    for name, (form, text) in _OUTPUTS.items():
+        parser.add_argument(f"--{name}", type=Path, metavar=form, help=text)
     add_hand_eye(parser)
     parser.add_argument(
         "--rotation",
@@ -183,12 +177,10 @@ def _check(name: str, path: Path) -> None:
         from flatcloth.export.formats.moments import check_library
 
         check_library(*LIBRARIES[name])
-    is_folder = name in ("data", "figures")
-    try:
+    is_folder = _OUTPUTS[name][0] == "DIR"
+    remedy = f"Choose another {'folder' if is_folder else 'file'}."
+    with os_errors_as(FlatclothError, f"{path}: cannot be written", remedy):
         check_replacing(path / "checked" if is_folder else path)
-    except OSError as error:
-        what = "another folder" if is_folder else "another file"
-        raise FlatclothError(f"{path}: cannot be written ({error.strerror}); choose {what}.") from error
 
 
 def _write(

@@ -6,15 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import (
-    TURNING,
-    ProgressBar,
-    add_camera_options,
-    add_mends,
-    mends_of,
-    notes_of,
-    source_options_of,
-)
+from flatcloth.commands.common import ProgressBar, add_source, mends_of, source_options_of
 from flatcloth.commands.output import report
 from flatcloth.core.errors import RecordingError
 
@@ -31,24 +23,9 @@ EXAMPLES = """examples:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("source", metavar="SOURCE", help="RealSense .db3 or .bag, or any other source")
+    add_source(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="new folder to write")
     parser.add_argument("--name", metavar="TEXT", help="title of the recording (default: the source's own)")
-    parser.add_argument(
-        "--step",
-        type=float,
-        metavar="DEG",
-        help="angle between views, negative for the other direction (default for RealSense files: 10)",
-    )
-    parser.add_argument(
-        "--angles",
-        type=Path,
-        metavar="CSV",
-        help="table of angles; for a RealSense file: seconds since its first frame, degrees",
-    )
-    parser.add_argument("--turning", type=float, metavar="DEG", help=TURNING)
-    add_camera_options(parser)
-    add_mends(parser)
     parser.add_argument(
         "--turning-speed",
         type=float,
@@ -72,7 +49,7 @@ def run(options: argparse.Namespace) -> None:
         recording = _opened(options, bar)
         count = copy_recording(recording, options.out, options.name, bar.show)
         check = check_recording(open_recording(options.out), progress=bar.show)
-    angles, notes = recording.angles_deg, notes_of(recording)
+    angles, notes = recording.angles_deg, list(recording.notes)
     notes += [finding.line for finding in check.findings]
     views = "1 view" if count == 1 else f"{count} views, {min(angles):g} to {max(angles):g} degrees,"
     line = f"{views} written to {options.out}. Open it with: flatcloth view {options.out}"

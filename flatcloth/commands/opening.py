@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flatcloth.commands.active import cell_of, goal_of
-from flatcloth.commands.common import integration_of, source_options_of
+from flatcloth.commands.common import source_options_of
 from flatcloth.commands.export import hand_eye_of
 from flatcloth.commands.output import announce, say
 from flatcloth.commands.record import add_capture_options
@@ -65,8 +65,10 @@ def _opened(
     current: Path | None,
     chosen: Chosen | None = None,
 ) -> Opened | None:
+    from flatcloth.api.integrating import integration_of
     from flatcloth.engine.playing.recording import LivePlayer
     from flatcloth.engine.warmup import begin_ahead, compile_beside
+    from flatcloth.recordings import open_recording
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder, kept_config
     from flatcloth.session.store import SessionFolder
@@ -77,7 +79,8 @@ def _opened(
     config = None if header is None else header.effective_config
     if header is None and session is not None:
         config = kept_config(session, options.method)
-    integration = integration_of(source, options.method, _source_options(options, chosen), config)
+    recording = open_recording(source, _source_options(options, chosen))
+    integration = integration_of(recording, options.method, config)
     integration.looks_ahead = True
     path = session or default_session_folder(integration.recording, options.method, integration.config)
     if path == current:
@@ -293,12 +296,10 @@ def first_of_camera(options: argparse.Namespace) -> Callable[[], Opened] | None:
         if given:
             raise FlatclothError(f"--{given[0]} needs --camera; give both, or neither.")
         return None
-    if options.source is not None:
+    if options.source is not None or options.live:
         raise FlatclothError(
-            f"{options.source}: --camera shows a camera instead of a recording; give only one of them."
-            " A RealSense file is played in the place of a camera by --camera FILE."
+            f"{options.source or '--live'}: --camera shows a camera instead of a recording; give only one of"
+            " them. A RealSense file is played in the place of a camera by --camera FILE."
         )
-    if options.live:
-        raise FlatclothError("--live plays a recording, and --camera shows a camera; give only one of them.")
     opener = opened_camera if options.goal is None else opened_looking_camera
     return lambda: opener(options, options.camera)

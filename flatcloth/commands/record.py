@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import select
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ from flatcloth.commands.output import report, say, speaks
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
 
 if TYPE_CHECKING:
-    from flatcloth.cameras import Camera, CameraFrame
+    from flatcloth.cameras import Camera
     from flatcloth.cameras.capture import Capture
     from flatcloth.cameras.guided_capture import GuidedCapture
 
@@ -67,8 +68,7 @@ def run(options: argparse.Namespace) -> None:
         raise FlatclothError("record needs a terminal for its questions; give --yes to keep every view.")
     if not options.yes and (options.quiet or options.json):
         raise FlatclothError("--quiet and --json show no questions; give --yes to keep every view.")
-    camera = open_camera(options.camera, options.align or "depth")
-    try:
+    with closing(open_camera(options.camera, options.align or "depth")) as camera:
         guided = GuidedCapture(
             camera,
             lambda: writer_for(camera, options.out, options.name or options.out.name, options.resume),
@@ -86,8 +86,6 @@ def run(options: argparse.Namespace) -> None:
             line = f"{views} in {options.out}. Open it with: flatcloth view {options.out}"
             document = {"folder": str(options.out), "angles_deg": list(guided.writer.angles_deg)}
             report(options, document, [line])
-    finally:
-        camera.close()
 
 
 def lead(
@@ -106,12 +104,14 @@ def lead(
     """
     from flatcloth.cameras import CameraEndedError
     from flatcloth.cameras.capture import Phase
+    from flatcloth.cameras.checks import check_frame
 
     say(f"{camera.name}: {camera.intrinsics.width}x{camera.intrinsics.height} px, {camera.fps:g} frames/s")
     for note in camera.notes:
         say(f"Note: {note}")
     reported: tuple[Phase, int] | None = None
-    looker = _Looker(camera)
+    warnings: Sequence[str] = ()
+    next_look_s = 0.0
     while guided.state.phase is not Phase.DONE:
         try:
             frame = camera.read()
@@ -125,7 +125,10 @@ def lead(
             _print_step(guided, reported, asking=not keeps_itself)
             reported = place
         _show_stillness(state)
-        looker.look(frame, state)
+        if frame.time_s >= next_look_s and not state.taken:
+            next_look_s, before = frame.time_s + _LOOK_EVERY_S, warnings
+            warnings = check_frame(frame.rgbd(camera)).warnings
+            _warn(warnings, before)
         if state.phase is Phase.REVIEW and keeps_itself:
             guided.keep()
         else:
@@ -206,27 +209,12 @@ def _leave_status_line(*, erased: bool = False) -> None:
         print("\r\033[K" if erased else "\n", end="", flush=True)
 
 
-class _Looker:
-    """Prints warnings about the view of the item when they change."""
-
-    def __init__(self, camera: Camera) -> None:
-        self._camera = camera
-        self._next_s = 0.0
-        self._said: tuple[str, ...] = ()
-
-    def look(self, frame: CameraFrame, state: Capture) -> None:
-        from flatcloth.cameras.checks import check_frame
-
-        if frame.time_s < self._next_s or state.taken:
-            return
-        self._next_s = frame.time_s + _LOOK_EVERY_S
-        warnings = check_frame(frame.rgbd(self._camera)).warnings
-        kinds = tuple(text.split(":")[0] for text in warnings)
-        if kinds != self._said:
-            self._said = kinds
-            for text in warnings:
-                _leave_status_line()
-                say(f"Warning: {text}")
+def _warn(warnings: Sequence[str], before: Sequence[str]) -> None:
+    """Print warnings about the view of the item if their kinds are others than before."""
+    kinds, kinds_before = ([text.split(":")[0] for text in texts] for texts in (warnings, before))
+    for text in warnings if kinds != kinds_before else ():
+        _leave_status_line()
+        say(f"Warning: {text}")
 
 
 def typed() -> str | None:

@@ -12,7 +12,6 @@ from flatcloth.commands.common import (
     add_source,
     kept_mends,
     loading,
-    notes_of,
     source_options_of,
 )
 from flatcloth.commands.export import add_hand_eye, hand_eye_of
@@ -65,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
         bar.show(1.0, "writing")
         files = shape.write(options.out, base_from_camera=base_from_camera)
     lines = [
-        *notes_of(recording),
+        *recording.notes,
         *shape.lines(),
         f"Written to {options.out}: {', '.join(file.name for file in files)}",
     ]

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flatcloth.commands.common import ProgressBar, add_source, integration_of, source_options_of
+from flatcloth.commands.common import ProgressBar, add_source, source_options_of
 from flatcloth.commands.output import report
 
 if TYPE_CHECKING:
@@ -56,12 +56,14 @@ def strokes_of(options: argparse.Namespace) -> tuple[Decision, ...]:
 
 def run(options: argparse.Namespace) -> None:
     """Segment, and write the masks."""
+    from flatcloth.api.integrating import integration_of
     from flatcloth.engine.segmenting import masked, prepare, summary
+    from flatcloth.recordings import open_recording
     from flatcloth.recordings.copying import copy_recording, write_masks
 
     decisions = strokes_of(options)
-    integration = integration_of(options.source, None, source_options_of(options))
-    recording = integration.recording
+    recording = open_recording(options.source, source_options_of(options))
+    integration = integration_of(recording)
     with ProgressBar(recording.name) as bar:
         found = prepare(integration.views, bar.show).solve(decisions)
         copied = masked(recording, found)

@@ -46,8 +46,9 @@ def _add_hanging(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--panel", default="1", help="side of interest: front, back, or 1 or 2 (default: 1)")
     group.add_argument("--inside-out", action="store_true", help="the faces of the file point inwards")
     group.add_argument(
-        "--texture", choices=("checker", "floral", "stripes", "plain", "mesh"),
-        help="generated pattern, or the mesh's own colors (default: its own if it has any, else checker)",
+        "--texture",
+        help="checker, floral, stripes, plain, mesh (its own colors), or a kit.json, which is printed on it "
+        "(default: its own if it has any, else checker)",
     )  # fmt: skip
 
 
@@ -109,7 +110,10 @@ def run(options: argparse.Namespace) -> None:
     from flatcloth.synthesis.hanging import PoseErrors
     from flatcloth.synthesis.recording import Request, camera_of, synthesize
     from flatcloth.synthesis.stereo import Exposure
+    from flatcloth.validation.cloth import printed_cloth
+    from flatcloth.validation.kit import read_kit, write_kit
 
+    kit = read_kit(Path(options.texture)) if (options.texture or "").endswith(".json") else None
     request = Request(
         mesh=options.mesh,
         out=options.out,
@@ -120,7 +124,7 @@ def run(options: argparse.Namespace) -> None:
         balanced=options.balance,
         inside_out=options.inside_out,
         panel=options.panel,
-        texture=options.texture,
+        texture=printed_cloth(kit) if kit else options.texture,
         camera=camera_of(tuple(options.size), options.focal, options.center),
         distance_m=options.distance,
         step_deg=options.step,
@@ -136,6 +140,8 @@ def run(options: argparse.Namespace) -> None:
     )
     with ProgressBar(options.out.name) as bar:
         made = synthesize(request, bar.show)
+    if kit:
+        write_kit(kit, options.out / "kit.json")
     sides = ", ".join(f"{i} {panel.name}" for i, panel in enumerate(made.panels, start=1))
     line = (
         f"{len(request.angles_deg)} views written to {request.out}. "

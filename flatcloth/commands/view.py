@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from flatcloth.commands.active import add_cell, add_goal, add_public_url
+from flatcloth.commands.active import add_address, add_cell, add_goal
 from flatcloth.commands.common import add_method, add_source, number, whole
 from flatcloth.commands.export import add_hand_eye
 from flatcloth.commands.opening import add_camera, first_of_camera, opened_recording, page_options
@@ -27,10 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_source(parser, without="the start screen, where one is chosen")
     add_method(parser)
     add_hand_eye(parser)
-    parser.add_argument(
-        "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
-    )
-    add_public_url(parser)
+    add_address(parser)
     parser.add_argument(
         "--port",
         type=whole(0, 65535, "is not a port; give a number from 0 to 65535"),

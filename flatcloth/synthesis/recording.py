@@ -21,7 +21,7 @@ from flatcloth.synthesis.panels import split_panels
 from flatcloth.synthesis.rendering import MESH_COLORS, Scene, vertex_normals
 from flatcloth.synthesis.sensor import DepthSensor, measure_color, measure_depth
 from flatcloth.synthesis.stereo import COLOR_ABOVE_M, Exposure, aligned_color, measure_stereo, projector
-from flatcloth.synthesis.textures import PATTERNS
+from flatcloth.synthesis.textures import PATTERNS, Texture
 
 CAMERA = Intrinsics(width=480, height=848, fx=425.0, fy=425.0, cx=239.5, cy=423.5)
 """The depth camera of a D435 at 848 x 480 px, upright, 59 by 90 degrees (datasheet: 58 by 87)."""
@@ -59,7 +59,7 @@ class Request:
     balanced: bool = False
     inside_out: bool = False
     panel: str = "1"
-    texture: str | None = None
+    texture: Texture | None = None
     camera: Intrinsics = CAMERA
     distance_m: float = 0.85
     step_deg: float = 10.0
@@ -252,7 +252,7 @@ def _check(request: Request) -> None:
             raise SynthesisError(f"{name} {value:g}: choose a number from {low:g} to {high:g}.")
     if request.noise not in NOISES:
         raise SynthesisError(f"--sensor {request.noise}: unknown. Choose {' or '.join(NOISES)}.")
-    if request.texture not in (None, MESH_COLORS, *PATTERNS):
+    if isinstance(request.texture, str) and request.texture not in (MESH_COLORS, *PATTERNS):
         raise SynthesisError(
             f"--texture {request.texture}: unknown. Choose {', '.join((*PATTERNS, MESH_COLORS))}."
         )

@@ -16,7 +16,7 @@ from flatcloth.recordings.files.libraries import load_with_libusb
 from flatcloth.recordings.writer import Uint16
 from flatcloth.synthesis.flat import FlatPanel
 from flatcloth.synthesis.meshes import GarmentMesh
-from flatcloth.synthesis.textures import mesh_rgb, pattern_rgb
+from flatcloth.synthesis.textures import Texture, mesh_rgb, pattern_rgb
 
 MESH_COLORS = "mesh"
 _BACKGROUND = np.array([33.0, 36.0, 39.0]) / 255
@@ -105,13 +105,13 @@ class Scene:
         Its triangles and colors.
     panels : sequence of FlatPanel
         Panel 1 first.
-    texture : str
-        A generated pattern, or ``"mesh"`` for the mesh's own colors.
+    texture : Texture
+        A generated pattern, a given one, or ``"mesh"`` for the mesh's own colors.
     seed : int
         Seed of the generated pattern.
     """
 
-    def __init__(self, mesh: GarmentMesh, panels: tuple[FlatPanel, ...], texture: str, seed: int) -> None:
+    def __init__(self, mesh: GarmentMesh, panels: tuple[FlatPanel, ...], texture: Texture, seed: int) -> None:
         self._mesh, self._texture, self._seed = mesh, texture, seed
         self._panel = np.zeros(len(mesh.triangles), dtype=np.uint8)
         self._flat = np.zeros((len(mesh.triangles), 3, 2))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import colorsys
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from scipy import ndimage
@@ -11,15 +13,19 @@ from flatcloth.core.types import Float64, Int32, Int64, Uint8
 from flatcloth.synthesis.meshes import GarmentMesh
 
 PATTERNS = ("checker", "floral", "stripes", "plain")
+Texture = str | Callable[[Float64, int], Float64]
+"""A pattern's name, or a function of places (N, 2) and panel that returns colors as ``pattern_rgb``."""
 _FLOWER_CELL_M = 0.026
 """Size of a flower of the print. Chosen."""
 
 
-def pattern_rgb(kind: str, uv_m: Float64, panel: int, seed: int) -> Float64:
-    """Return the colors (N, 3), 0 to 1, of a generated pattern at positions (N, 2) of a panel.
+def pattern_rgb(kind: Texture, uv_m: Float64, panel: int, seed: int) -> Float64:
+    """Return the colors (N, 3), 0 to 1, of a pattern at positions (N, 2) of a panel.
 
-    The seed chooses the colors and the layout; every panel has its own shade.
+    The seed chooses the colors and the layout of a generated one; every panel has its own shade.
     """
+    if not isinstance(kind, str):
+        return kind(uv_m, panel)
     random = np.random.default_rng([seed, panel, PATTERNS.index(kind)])
     hue = np.random.default_rng([seed, PATTERNS.index(kind)]).uniform()  # related between panels
     shade = _color((hue + 0.45 * (panel - 1)) % 1.0, 0.75, 0.65)
@@ -54,10 +60,8 @@ def _looked_up(image: Uint8, uv: Float64) -> Float64:
     """Colors (N, 3) of a repeating image, v up."""
     rows, cols = image.shape[:2]
     at = np.stack([rows * (1 - uv[:, 1]) - 0.5, cols * uv[:, 0] - 0.5])
-    channels = [
-        ndimage.map_coordinates(image[..., k], at, np.float64, order=1, mode="grid-wrap") for k in range(3)
-    ]
-    return np.stack(channels, axis=-1) / 255.0
+    pick = partial(ndimage.map_coordinates, coordinates=at, output=np.float64, order=1, mode="grid-wrap")
+    return np.stack([pick(image[..., k]) for k in range(3)], axis=-1) / 255.0
 
 
 def _color(hue: float, saturation: float, value: float) -> Float64:
@@ -65,8 +69,7 @@ def _color(hue: float, saturation: float, value: float) -> Float64:
 
 
 def _checker(uv_m: Float64, shade: Float64, light: Float64, square_m: float = 0.03) -> Float64:
-    cell = np.floor(uv_m / square_m).astype(np.int64)
-    odd = (cell.sum(axis=1) % 2).astype(bool)
+    odd = np.floor(uv_m / square_m).sum(axis=1) % 2 == 1
     rgb = np.where(odd[:, None], shade, light)
     # A thin line every five squares breaks the symmetry, like a seam or a weaving fault.
     beside = np.abs((uv_m + 0.0615) % (5 * square_m)).min(axis=1) < 0.002
@@ -78,20 +81,18 @@ def _stripes(uv_m: Float64, shade: Float64, light: Float64, random: np.random.Ge
     along = uv_m @ np.array([np.cos(angle), np.sin(angle)])
     widths = random.uniform(0.006, 0.022, 7)
     edges = np.cumsum(widths)
-    band = np.searchsorted(edges, np.mod(along, edges[-1]), side="right").clip(0, 6)
-    mix = np.array([0.0, 1.0, 0.15, 0.8, 0.05, 0.55, 1.0])[band]
-    rgb: Float64 = light + mix[:, None] * (shade - light)
-    return rgb
+    band = np.searchsorted(edges, along % edges[-1], side="right").clip(0, 6)
+    mix = np.array([0.0, 1.0, 0.15, 0.8, 0.05, 0.55, 1.0])[band, None]
+    return np.asarray(light + mix * (shade - light))
 
 
 def _plain(uv_m: Float64, shade: Float64, random: np.random.Generator) -> Float64:
     """Return the slight unevenness of a weave: a few per cent, over 5 to 60 mm."""
     level = np.zeros(len(uv_m))
-    for wave_m in (0.06, 0.03, 0.015, 0.008):
-        for _ in range(4):
-            turn, phase = random.uniform(0, 2 * np.pi, 2)
-            way = np.array([np.cos(turn), np.sin(turn)]) * 2 * np.pi / wave_m
-            level += np.sin(uv_m @ way + phase)
+    for wave_m in np.repeat((0.06, 0.03, 0.015, 0.008), 4):
+        turn, phase = random.uniform(0, 2 * np.pi, 2)
+        way = np.array([np.cos(turn), np.sin(turn)]) * 2 * np.pi / wave_m
+        level += np.sin(uv_m @ way + phase)
     return shade * (1 + 0.016 * level[:, None])
 
 
@@ -99,19 +100,18 @@ def _floral(uv_m: Float64, ground: Float64, seed: int) -> Float64:
     """Five-petalled flowers, one in each cell of a grid, with random position, size, rotation and hue."""
     rgb = np.tile(ground, (len(uv_m), 1))
     cell = np.floor(uv_m / _FLOWER_CELL_M).astype(np.int64)
-    for i in (-1, 0, 1):
-        for j in (-1, 0, 1):
-            own = cell + np.array([i, j])
-            chance = [_chance(own, seed, k) for k in range(5)]
-            center = (own + 0.5 + 0.35 * (np.stack(chance[:2], axis=1) * 2 - 1)) * _FLOWER_CELL_M
-            radius = 0.006 + 0.006 * chance[2]
-            offset = uv_m - center
-            angle = np.arctan2(offset[:, 1], offset[:, 0]) + 6.28 * chance[3]
-            distance = np.linalg.norm(offset, axis=1) / radius
-            petal = distance < 0.72 + 0.28 * np.cos(5 * angle)
-            dye = _DYES[(chance[4] * len(_DYES)).astype(int)]
-            rgb = np.where(petal[:, None], dye, rgb)
-            rgb = np.where((distance < 0.25)[:, None], (0.95, 0.88, 0.55), rgb)
+    for step in np.ndindex(3, 3):
+        own = cell + np.array(step) - 1
+        chance = [_chance(own, seed, k) for k in range(5)]
+        center = (own + 0.5 + 0.35 * (np.stack(chance[:2], axis=1) * 2 - 1)) * _FLOWER_CELL_M
+        radius = 0.006 + 0.006 * chance[2]
+        offset = uv_m - center
+        angle = np.arctan2(offset[:, 1], offset[:, 0]) + 6.28 * chance[3]
+        distance = np.linalg.norm(offset, axis=1) / radius
+        petal = distance < 0.72 + 0.28 * np.cos(5 * angle)
+        dye = _DYES[(chance[4] * len(_DYES)).astype(int)]
+        rgb = np.where(petal[:, None], dye, rgb)
+        rgb = np.where((distance < 0.25)[:, None], (0.95, 0.88, 0.55), rgb)
     return rgb
 
 

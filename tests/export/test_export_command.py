@@ -88,7 +88,7 @@ def test_run_takes_a_hand_eye_transform(
     [
         ([], "give one or more of --data, --html, --report, --figures, --animation, --grasps, --outline"),
         (["--outline", "{tmp}/shape.pdf"], "written as .svg, .dxf, .json, not as .pdf"),
-        (["--data", "{tmp}/file"], "choose another folder"),
+        (["--data", "{tmp}/file"], "Choose another folder"),
         (["--outline", "{tmp}/file/shape.svg"], "cannot be written"),
         (["--html", "{tmp}/file/page.html"], "cannot be written"),
         (["--report", "{tmp}/file/report.html"], "cannot be written"),

@@ -1,0 +1,58 @@
+"""The command ``kit``: a coded fabric to print, or the places of stickers on a garment."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from flatcloth.commands.output import report
+
+NAME = "kit"
+SUMMARY = "write a coded fabric or stickers to print, with which accuracy is measured"
+EXAMPLES = """examples:
+  flatcloth kit --out my-kit --size 1.2x0.8                         one sheet, in A4 pages and whole
+  flatcloth kit --out my-kit --size 0.5x0.7 --sides 2               front and back of a sewn pillow case
+  flatcloth kit --out my-kit --stickers 20                          stickers; then, from photos of the
+  flatcloth kit --out my-kit --from-photo front.jpg back.jpg        garment lying flat, their places"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the kit")
+    parser.add_argument(
+        "--size", type=_size, metavar="WxH", help="a sheet in metres (default: 1.2x0.8, of stickers A4)"
+    )
+    parser.add_argument("--cell", type=float, default=30.0, metavar="MM", help="marker and gap (default: 30)")
+    parser.add_argument("--sides", type=int, choices=(1, 2), default=1, help="sheets (default: 1)")
+    parser.add_argument("--stickers", type=int, metavar="N", help="single markers instead of a fabric")
+    places = "measure the stickers of the kit in DIR: a photo of the garment's front, and one of its back"
+    parser.add_argument("--from-photo", type=Path, nargs="+", metavar="FILE", help=places)
+
+
+def _size(text: str) -> tuple[float, float]:
+    numbers = re.fullmatch(r"(\d*\.?\d+)x(\d*\.?\d+)", text)
+    if numbers is None:
+        raise argparse.ArgumentTypeError(f"{text}: give width and height in metres, as 1.2x0.8")
+    return float(numbers[1]), float(numbers[2])
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write the files, and print what they hold."""
+    from flatcloth.recordings.files.images import decode_color
+    from flatcloth.validation.kit import grid_kit, read_kit, write_kit
+    from flatcloth.validation.photo import measured_kit
+    from flatcloth.validation.printing import write_pages
+
+    if options.from_photo:
+        place = options.out / "kit.json"
+        kit = measured_kit(read_kit(place), [decode_color(path) for path in options.from_photo])
+        write_kit(kit, place)
+        written = ["kit.json"]
+    else:
+        size_m = options.size or ((0.21, 0.27) if options.stickers else (1.2, 0.8))
+        kit = grid_kit(size_m, options.cell / 1e3, options.sides, options.stickers)
+        written = write_pages(kit, options.out)
+    document = {"written": written, "markers": len(kit.corners_m), "dictionary": kit.dictionary}
+    held = f"{kit.name}: {len(kit.corners_m)} markers of {kit.dictionary}."
+    report(options, document, [held, f"Written to {options.out}: {', '.join(written)}."])
