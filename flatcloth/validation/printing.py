@@ -162,8 +162,10 @@ def write_pages(kit: Kit, folder: Path) -> list[str]:
     Raises
     ------
     KitError
-        If they cannot be written.
+        If they cannot be written, or the folder has a kit: its print would no longer be known.
     """
+    if (folder / "kit.json").exists():
+        raise KitError(f"{folder}: has a kit already, which may be printed. Choose a new folder.")
     whole = whole_pages(kit)
     files = {"kit-a4.pdf": pdf_of(tiles(kit)), "kit-whole.pdf": pdf_of(whole)}
     files |= {f"kit-sheet-{n}.svg": svg_of(page).encode() for n, page in enumerate(whole, start=1)}

@@ -152,6 +152,10 @@ def test_the_command_writes_a_kit_and_refuses_in_one_line(tmp_path, capsys):
     said = json.loads(capsys.readouterr().out)
     assert {path.name for path in out.iterdir()} == set(said["written"])
     assert said["markers"] == len(read_kit(out / "kit.json").corners_m) == 90
+    kept = (out / "kit.json").read_bytes()
+    assert main(["kit", "--out", str(out)]) == 2
+    assert "has a kit already" in capsys.readouterr().err
+    assert (out / "kit.json").read_bytes() == kept
     assert main(["kit", "--out", str(out), "--sides", "2"]) == 2
     with pytest.raises(SystemExit, match="2"):
         main(["kit", "--out", str(out), "--size", "1,2"])
