@@ -26,6 +26,9 @@ _NEGLIGIBLE = 0.005
 """What is false more rarely leaves three deviations as they are. By definition: of what is called reliable,
 this share may be wrong."""
 
+_REACH = 1.2
+"""The item is so much larger than what is seen of it. Chosen: of a shirt, parts lie beyond its seen other end."""
+
 
 def doubt_m(
     graph: Graph, evidence: Float64, own: Bool, z: Complex128, reference: Bool | None = None
@@ -48,7 +51,7 @@ def doubt_of(false: Float64, off_m: Float64) -> Float64:
 
     Three deviations hold what is not negligible: all of it, as the false ones are one case.
     """
-    std_m: Float64 = off_m / 3.0 * np.clip(2.0 * false / _NEGLIGIBLE - 1.0, 0.0, 1.0)
+    std_m: Float64 = _REACH * off_m / 3.0 * np.clip(2.0 * false / _NEGLIGIBLE - 1.0, 0.0, 1.0)
     return std_m
 
 
