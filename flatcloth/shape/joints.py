@@ -25,9 +25,8 @@ square. Measured on 43 noisy shapes: 9 of 114 with less than 1, 5 of 142 up to 4
 _NEGLIGIBLE = 0.005
 """What is false more rarely leaves three deviations as they are. By definition: of what is called reliable,
 this share may be wrong."""
-
 _REACH = 1.2
-"""The item is so much larger than what is seen of it. Chosen: of a shirt, parts lie beyond its seen other end."""
+"""The item is so much larger than what is seen of it. Chosen: parts of shirts lie beyond its other end."""
 
 
 def doubt_m(
