@@ -49,15 +49,13 @@ class SideBySide(Method):
         rest = set(range(MOST_VIEWS)) - document.used_views - document.refused_views - unusable
         view = min(rest, default=None)
         reason = "Nothing more to give: enough views." if view is None else "the next one"
-        return Plan(view_index=view, side=None, rotation_deg=0.0, reason=reason, sides=())
+        return Plan(view_index=view, reason=reason)
 
     def propose(
         self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
     ) -> Placement:
         score = self.score(document, view_index, 0, Rigid2())
-        alignment = Alignment(
-            current_from_new=Rigid2(), initial=Rigid2(), score=score, initial_score=score, correspondence=None
-        )
+        alignment = Alignment(current_from_new=Rigid2(), initial=Rigid2(), score=score, initial_score=score)
         return Placement(component=0, alignment=alignment)
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:

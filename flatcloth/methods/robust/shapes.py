@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -157,11 +158,7 @@ class RegisteredViews:
 
     def pixel_costs(self, surfaces: Mapping[int, Surface]) -> dict[int, Float32]:
         """Return the cost (H, W) of each pixel of views, by which they are composited."""
-
-        def of(view: int, surface: Surface) -> Float32:
-            return self._costs.get(view, lambda: pixel_cost(surface))
-
-        return {view: of(view, surface) for view, surface in surfaces.items()}
+        return {view: self._costs.get(view, partial(pixel_cost, s)) for view, s in surfaces.items()}
 
     def component_of_pixel(self, view_index: int) -> Int32:
         """Return the component of each pixel (H, W) of a view, -1 for none."""
