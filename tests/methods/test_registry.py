@@ -17,9 +17,9 @@ from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.flattening.resampling import place
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method, Views
-from flatcloth.methods.edges import edges_of_view
+from flatcloth.methods.edges import edges_of_parts
 from flatcloth.methods.registry import load_method, method_name, method_names, register, unregister
-from flatcloth.session.machine import Document, Later, Side
+from flatcloth.session.machine import Document, Later, PlacedPart, Side
 
 MOST_VIEWS = 3
 
@@ -69,7 +69,8 @@ class SideBySide(Method):
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         assert document.start_view is not None
-        return edges_of_view(self._views, 0.0, document.start_view, 0, Rigid2())
+        part = PlacedPart(document.start_view, 0, Rigid2())
+        return edges_of_parts(self._views, self.angles_deg, [part])
 
 
 @pytest.fixture

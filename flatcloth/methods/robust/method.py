@@ -195,8 +195,9 @@ class RobustMethod(Method):
 
     def _found(self, document: Document, view_index: int) -> dict[int, Hypothesis]:
         """Return the placements of a view's components, but those that float or are new (cached)."""
-        key = shape_key(document), view_index
-        return self._hypotheses.get(key, lambda: self._find(document, view_index))
+        return self._hypotheses.get(
+            (shape_key(document), view_index), lambda: self._find(document, view_index)
+        )
 
     def _find(self, document: Document, view_index: int) -> dict[int, Hypothesis]:
         """Find where the shape with a view has each of its components, and how well the other views agree.

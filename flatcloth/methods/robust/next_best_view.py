@@ -21,7 +21,7 @@ from flatcloth.core.geometry import rotations_by, wrapped_deg
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.answers import Candidate
-from flatcloth.methods.robust.scoring import neighbourhoods_of
+from flatcloth.methods.neighbours import neighbourhoods_of
 from flatcloth.shape.observations import INCIDENCE_LIMIT_DEG, WELL_SEEN_DEG
 from flatcloth.shape.shape import TWO_ROWS_M, Shape
 

@@ -21,7 +21,7 @@ from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
-from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
+from flatcloth.methods.neighbours import neighbourhoods_of
 from flatcloth.methods.refining import Nodes, Samples, fitted
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.shape.shape import PLACE_STD_M, Shape
@@ -66,11 +66,13 @@ class ReferenceShape:
         self._axis, self.all_uv_m, self.all_xyz_m = axis, shape.all_uv_m, shape.nodes.xyz_m
         self.noise_m = max(surfaces[v].noise_m for v in shape.views)
         self.place_std_m = PLACE_STD_M + 2.0 * self.noise_m
-        placed = np.flatnonzero(shape.has_place)
-        uv_m, frames = shape.all_uv_m[placed], _space_from_plane(shape)[placed]
+        placed, normal, turned = shape.has_place, shape.nodes.normal, neighbourhoods_of(shape).turned
+        off_plane = normal[:, :, None] * np.einsum("ni,nij->nj", normal, turned)[:, None, :]
+        frames = nearest_isometries(turned - off_plane)  # from the plane to each node's tangent plane
+        uv_m = shape.all_uv_m[placed]
         self._near = near = NearPoints(uv_m, LEAST_INTERVAL_M)
         self.nodes = Nodes(
-            uv_m, shape.nodes.xyz_m[placed], shape.nodes.normal[placed], frames,
+            uv_m, shape.nodes.xyz_m[placed], normal[placed], frames[placed],
             near.cell_uv_m, near.first, near.by_cell, near.within_m,
         )  # fmt: skip
 
@@ -85,21 +87,6 @@ class ReferenceShape:
         at = nearest[covered]
         offset = uv_m[covered] - nodes.uv_m[at]
         return covered, at, nodes.xyz_m[at] + np.einsum("nij,nj->ni", nodes.frames[at], offset)
-
-
-def neighbourhoods_of(shape: Shape) -> Neighbourhoods:
-    """Return the sums over the neighbours of each node of a shape."""
-    graph = shape.graph
-    views = np.where(shape.holds, graph.views, 0)
-    return neighbourhoods(graph.pairs, views, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m)
-
-
-def _space_from_plane(shape: Shape) -> Float64:
-    """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
-    frames, normal = neighbourhoods_of(shape).turned, shape.nodes.normal
-    return nearest_isometries(
-        frames - normal[:, :, None] * np.einsum("ni,nij->nj", normal, frames)[:, None, :]
-    )
 
 
 def score_placement(

@@ -228,23 +228,23 @@ class Shapes:
     def _made(self, document: Document) -> Shape:
         fixed = [added for added in document.accepted if added.fixed]
         if fixed:  # the views before it are a set of their own
-            *before, last = fixed
+            last = fixed[-1]
             rest = tuple(a for a in document.accepted if a is not last)
             without = self.of(replace(document, accepted=rest))
             if _is_moved(self._seen, without, last, self._associated(without, last.view_index)):
-                return self._with_hand(document, before, last)
+                return self._with_hand(document, fixed)
             freed = tuple(replace(a, fixed=False) if a is last else a for a in document.accepted)
             return self.of(replace(document, accepted=freed))
         assert document.start_view is not None
         return shape(self._seen.placed(document.used_views), self._interval_px, document.start_view)
 
-    def _with_hand(self, document: Document, before: Sequence[Accepted], last: Accepted) -> Shape:
-        """Return the shape of a document of which the operator placed views, ``last`` after the others."""
+    def _with_hand(self, document: Document, fixed: Sequence[Accepted]) -> Shape:
+        """Return the shape of a document of which the operator placed views, one after the other."""
         assert document.start_view is not None
-        hands, by_hand = {added.view_index for added in (*before, last)}, list[ByHand]()
+        hands, by_hand = {added.view_index for added in fixed}, list[ByHand]()
         placed = {view.surface.frame.view_index: view for view in self._seen.placed(document.used_views)}
         free = [view for number, view in placed.items() if number not in hands]
-        for added in (*before, last):
+        for added in fixed:
             made = shape(free, self._interval_px, document.start_view, by_hand)
             view = placed[added.view_index]
             shown = associate(made.nodes, view.surface, view.object_from_camera)
