@@ -31,7 +31,7 @@ CHANGED = ("the result", "the last digits", "nothing")
 KEPT_FOR = {
     "bounds memory or time, or ends what has converged": (
         "_MOST_STEPS", "_FACTORS", "MOST_PIXELS", "_STILL", "MOST_KEPT", "_FILLED", "THREADS",
-        "_IMAGES_KEPT", "_TRIES", "_MOST_STEPS",
+        "_IMAGES_KEPT", "_TRIES", "_MOST_STEPS", "MOST_SETS",
     ),
     "finds the axis of recordings that name none (`python -m benchmarks axis`)": (
         "TOP_M", "_AROUND_M", "VIEWS_USED", "_GATES", "_GRID_PIXELS", "_LEAST_AGREEING", "_SCALES_M",
@@ -44,7 +44,7 @@ KEPT_FOR = {
     ),
     "concerns false links, which these recordings do not have (`python -m benchmarks accuracy`)": (
         "WEAK_EVIDENCE", "LEAST_CORE", "LEAST_EVIDENCE", "MOST_CUT_EVIDENCE", "MOST_CONTRADICTION",
-        "MOST_DRIFT_M", "MOST_STD_M", "TWO_ROWS_M", "_FALSE_SHARE", "_NEGLIGIBLE", "_TRIANGLES", "_JOINTS",
+        "MOST_DRIFT_M", "MOST_STD_M", "TWO_ROWS_M", "_FALSE_SHARE", "_TRIANGLES",
     ),
     "is about what these recordings lack: openings in the outline, grippers, small items, uneven turns": (
         "HOLE_M", "_UNLIKE", "_SMALL_SHARE", "LEAST_ITEM_M2", "_FURTHER_DEG",

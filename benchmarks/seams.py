@@ -41,21 +41,17 @@ def row_of(source: str) -> dict[str, Any]:
     other, its = BothSides(integration).integrated(document)
     assert isinstance(integration.algorithm, RobustMethod)
     assert isinstance(other.algorithm, RobustMethod)
-    this_shape, other_shape = (
-        method.shapes.of(seen) for method, seen in ((integration.algorithm, document), (other.algorithm, its))
-    )
+    shapes = integration.algorithm.shapes.of(document), other.algorithm.shapes.of(its)
     sides = one_side(integration, document), one_side(other, its)
     pieces = [(each.canonical.view, *each.canonical.floating) for each in sides]
     truths: list[Truth] = [truth, OtherTruth(truth, len(integration.recording))]
     matches = seam_links.matches_of(*pieces)
-    true = [
-        _true_at(own, seen, uv)
-        for own, seen, uv in zip(pieces, truths, (matches.this_uv_m, matches.other_uv_m), strict=True)
-    ]
+    places = matches.this_uv_m, matches.other_uv_m
+    true = [_true_at(*each) for each in zip(pieces, truths, places, strict=True)]
     off_m = np.linalg.norm(true[0] - true[1] * MIRROR, axis=1)
-    sets = seam_links.sets_of(this_shape, other_shape, matches)
+    sets = seam_links.sets_of(*shapes, matches)
     ends = sides[0].ends, sides[1].ends
-    decided = seam_links.linked(this_shape, other_shape, matches, sets, ends)[2]
+    decided = seam_links.linked(*shapes, matches, sets, ends)[2]
     found = [
         {
             "places": len(each.members),
@@ -68,19 +64,17 @@ def row_of(source: str) -> dict[str, Any]:
         for each, link in zip(sets, decided, strict=True)
         if np.isfinite(off_m[each.members]).any()
     ]
-    is_true = [np.nanmean(off_m[each.members] < FAR_RELATED_M) >= 0.5 for each in sets]
+    true_sets = [each for each in sets if np.nanmean(off_m[each.members] < FAR_RELATED_M) >= 0.5]
     joints = []
-    for side, (shape, uv) in enumerate(((this_shape, matches.this_uv_m), (other_shape, matches.other_uv_m))):
+    for side, (shape, uv) in enumerate(zip(shapes, places, strict=True)):
         cloth, node = seam_links.Cloth(shape), seam_links.node_at(shape, uv)
-        for one, other_set in combinations(
-            [each for each, true_ in zip(sets, is_true, strict=True) if true_], 2
-        ):
+        for one, other_set in combinations(true_sets, 2):
             pieces_of = [(each.this_piece, each.other_piece)[side] for each in (one, other_set)]
             joint = seam_links.joint_between(side, cloth, node[one.members], node[other_set.members])
             if pieces_of[0] == pieces_of[1] and np.isfinite(joint.evidence):
                 bent = _bent_mm(uv, true[side], one.members, other_set.members)
                 joints.append({"side": side, "evidence": round(joint.evidence, 1), "bent_mm": bent})
-    is_noisy = any(view.is_noisy for view in this_shape.observations)
+    is_noisy = any(view.is_noisy for view in shapes[0].observations)
     name = integration.recording.name
     return {"recording": name, "noisy": is_noisy, "sets": found, "joints": joints}
 

@@ -16,10 +16,10 @@ from flatcloth.core.geometry import wrapped_deg
 from flatcloth.core.types import Float64, Rigid2
 from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.methods.answers import ClothPairs, ColumnCurves, Correspondence
-from flatcloth.methods.edges import edges_of_view
+from flatcloth.methods.edges import edges_of_parts
 from flatcloth.methods.paper.alignment import correspond
 from flatcloth.methods.paper.planning import column_curves, overlap_column, rotation_to_limit_deg
-from flatcloth.session.machine import Document, Side
+from flatcloth.session.machine import Document, PlacedPart, Side
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
@@ -108,6 +108,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
     except AlignmentError as error:
         trouble = str(error)
     algorithm = integration.algorithm
+    own = PlacedPart(pending.view_index, pending.component, pending.current_from_new)
     return Reasons(
         pairs=algorithm.pairs(document, pending.view_index, pending.component),
         view_index=pending.view_index,
@@ -124,15 +125,7 @@ def reasons(integration: Integration, document: Document) -> Reasons:
         front_from_current=front_from_current,
         current_from_new=pending.current_from_new,
         shape_edges=strained_edges(algorithm.surface_edges(document)),
-        new_edges=strained_edges(
-            edges_of_view(
-                integration.views,
-                angles[pending.view_index],
-                pending.view_index,
-                pending.component,
-                pending.current_from_new,
-            )
-        ),
+        new_edges=strained_edges(edges_of_parts(integration.views, angles, [own])),
     )
 
 

@@ -93,10 +93,10 @@ class Plan:
     """
 
     view_index: int | None
-    side: Side | None
-    rotation_deg: float
     reason: str
-    sides: tuple[SidePlan, ...]
+    side: Side | None = None
+    rotation_deg: float = 0.0
+    sides: tuple[SidePlan, ...] = ()
     candidates: tuple[Candidate, ...] = ()
 
 
@@ -159,8 +159,8 @@ class Alignment:
     current_from_new: Rigid2
     initial: Rigid2
     score: AlignmentScore
-    initial_score: AlignmentScore | None
-    correspondence: Correspondence | None
+    initial_score: AlignmentScore | None = None
+    correspondence: Correspondence | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Float64, Int32, Int64
+from flatcloth.shape.shape import Shape
 
 
 class Neighbourhoods(NamedTuple):
@@ -24,23 +25,10 @@ class Neighbourhoods(NamedTuple):
     inwards: Float64
 
 
-def neighbourhoods(
-    pairs: Int32, views: Int64, has_place: Bool, uv_m: Float64, xyz_m: Float64
-) -> Neighbourhoods:
-    """Sum over the pairs of nodes that have a place.
-
-    Parameters
-    ----------
-    pairs : (P, 2) int32
-        Different pairs of nodes.
-    views : (P,) int64
-        How many views saw each.
-    has_place : (N,) bool
-        Pairs with another node do not count.
-    uv_m, xyz_m : (N, 2), (N, 3) float64
-        The nodes on the plane, and in space.
-    """
-    sums = _summed(pairs, views, has_place, uv_m, xyz_m)
+def neighbourhoods_of(shape: Shape) -> Neighbourhoods:
+    """Return the sums over the pairs of a shape that hold, and whose nodes have a place."""
+    views = np.where(shape.holds, shape.graph.views, 0)
+    sums = _summed(shape.graph.pairs, views, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m)
     return Neighbourhoods(sums[:, 0], sums[:, 6:].reshape(-1, 3, 2), sums[:, 1:3], sums[:, 3:6])
 
 

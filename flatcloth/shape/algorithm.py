@@ -111,7 +111,8 @@ def laid_out(graph: Graph, used: Bool, vouched: Bool | None = None, *, overlap_c
         z, holds = places(pairs, rotation, weight, sure)
         # 5. Pieces: cloth that enough evidence joins.
         piece = pieces_of(graph, holds)
-        holds &= _within_pieces(piece, graph.pairs)
+        first, second = piece[graph.pairs].T
+        holds &= (first == second) & (first >= 0)
         # 6. The minimum of lengths and directions.
         at = minimum(pairs, z, rotation, holds)
         laid = LaidOut(
@@ -190,8 +191,3 @@ def _of_nodes(pairs: Pairs, values: Complex128) -> Complex128:
     found = np.empty_like(values)
     found[pairs.order.nodes] = values
     return found
-
-
-def _within_pieces(piece: Int32, pairs: Int32) -> Bool:
-    inside: Bool = (piece[pairs[:, 0]] == piece[pairs[:, 1]]) & (piece[pairs[:, 0]] >= 0)
-    return inside

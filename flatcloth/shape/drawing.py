@@ -157,13 +157,12 @@ def _samples(
     """
     own = uv[observation.node]
     kept = np.isfinite(own[:, 0])
-    linked = np.zeros(len(kept), dtype=bool)
-    linked[observation.edges[used & both_ends(kept, observation.edges)]] = True
-    kept &= linked
+    inside = used & both_ends(kept, observation.edges)
+    kept = np.zeros(len(own), dtype=bool)
+    kept[observation.edges[inside]] = True
     if kept.sum() < 3:
         return None
     number = np.cumsum(kept) - 1
-    inside = used & both_ends(kept, observation.edges)
     samples = Samples(
         sampling_interval_px=interval_px,
         points_rc=np.rint(observation.rc[kept]).astype(np.int32),

@@ -8,7 +8,7 @@ views, so that places that different views measure can be averaged.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -186,20 +186,12 @@ def merged(parts: Sequence[Graph], xyz_m: Float64) -> tuple[Graph, Int64]:
     pairs = np.concatenate([part.pairs for part in parts])
     order: Int64 = np.lexsort((pairs[:, 1], pairs[:, 0]))
 
-    def listed(name: str) -> Float64:
-        every: Float64 = np.concatenate([getattr(part, name) for part in parts])[order]
-        return every
-
-    graph = Graph(
-        xyz_m=xyz_m,
-        pairs=pairs[order],
-        length_m=listed("length_m"),
-        offset_m=np.concatenate([part.offset_m for part in parts])[order],
-        variance_m2=listed("variance_m2"),
-        evidence=listed("evidence"),
-        views=np.concatenate([part.views for part in parts])[order],
-    )
-    return graph, order
+    listed = {
+        field.name: np.concatenate([getattr(part, field.name) for part in parts])[order]
+        for field in fields(Graph)
+        if field.name not in ("xyz_m", "pairs")
+    }
+    return Graph(xyz_m=xyz_m, pairs=pairs[order], **listed), order
 
 
 def rotations_at(graph: Graph, z: Complex128) -> Complex128:

@@ -19,9 +19,8 @@ from flatcloth.shape.graph import Graph
 from flatcloth.shape.pieces import LEAST_EVIDENCE, LEAST_PIECE, both_ends
 
 _FALSE_SHARE = 1.0 / 9.0
-"""Of parts that hardly any evidence joins, this share is false; from ``LEAST_EVIDENCE`` on it falls with the
-square. Measured on 43 noisy shapes: 9 of 114 with less than 1, 5 of 142 up to 4, 8 of 1,994 up to
-64."""
+"""Of parts that hardly any evidence joins, this share is false; beyond ``LEAST_EVIDENCE`` it falls with the
+square. Measured on 43 noisy shapes: 9 of 114 with less than 1, 5 of 142 up to 4, 8 of 1,994 up to 64."""
 _NEGLIGIBLE = 0.005
 """What is false more rarely leaves three deviations as they are. By definition: of what is called reliable,
 this share may be wrong."""

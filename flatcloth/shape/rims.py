@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from flatcloth.core.types import Bool, FlattenedView, Float64
+from flatcloth.core.types import Bool, FlattenedView
 from flatcloth.flattening.ramps import RAMP_HALF_WIDTH_PX
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
+from flatcloth.shape.graph import evidence_of_nodes
 from flatcloth.shape.shape import Shape
 
 _OTHER_LAYER_M = 0.012
@@ -34,7 +35,8 @@ def with_placement_std(view: FlattenedView, shape: Shape, surfaces: Mapping[int,
     nodes = np.flatnonzero(np.isfinite(shape.std_m))
     if not nodes.size:
         return view
-    std_m = np.hypot(shape.std_m, _weakly_joined_m(shape))
+    weak_m = _WEAK_STD_M / np.maximum(evidence_of_nodes(shape.graph, shape.holds), 1e-9)
+    std_m = np.hypot(shape.std_m, np.minimum(weak_m, _OTHER_LAYER_M))
     rows, cols = view.shape
     block_px = max(1, round(0.5 * LEAST_INTERVAL_M / view.pixel_size_m))  # half the distance of nodes
     along = (np.arange(0, size + block_px, block_px) for size in (rows, cols))
@@ -77,9 +79,3 @@ def _layer_rims(surface: Surface) -> Bool:
     step_m = np.maximum(farthest - depth, depth - nearest)
     rims: Bool = surface.usable & (inside == 0) & (step_m > _OTHER_LAYER_M)
     return rims
-
-
-def _weakly_joined_m(shape: Shape) -> Float64:
-    """Return the standard deviation (N,) of each node for the little evidence that joins it to others."""
-    std: Float64 = np.minimum(_WEAK_STD_M / np.maximum(shape.node_evidence, 1e-9), _OTHER_LAYER_M)
-    return std

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.geometry import Rigid3
 from flatcloth.core.types import Bool, Float64, Int32
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
-from flatcloth.shape.graph import Graph, Links, evidence_of_nodes
+from flatcloth.shape.graph import Graph, Links
 from flatcloth.shape.observations import Nodes, Observation
 
 PIECES_APART_M = 10.0
@@ -86,11 +86,6 @@ class Shape:
         return np.where(self.link_holds, self.links.evidence, 0.0)
 
     @property
-    def node_evidence(self) -> Float64:
-        """(N,) evidence that joins each node to others."""
-        return evidence_of_nodes(self.graph, self.holds)
-
-    @property
     def views(self) -> tuple[int, ...]:
         """The views, in the order of the observations."""
         return tuple(s.view_index for s in self.observations)
@@ -122,17 +117,12 @@ def of_views(whole: Shape, views: Collection[int]) -> Shape:
     number = np.full(len(whole.observations), -1, dtype=np.int32)
     number[kept] = np.arange(len(kept), dtype=np.int32)
     own = number[whole.links.observation] >= 0
+    links = Links(**{field.name: getattr(whole.links, field.name)[own] for field in fields(Links)})
     return replace(
         whole,
         observations=tuple(whole.observations[n] for n in kept),
         object_from_camera=tuple(whole.object_from_camera[n] for n in kept),
-        links=Links(
-            edges=whole.links.edges[own],
-            pair=whole.links.pair[own],
-            observation=number[whole.links.observation[own]],
-            length_m=whole.links.length_m[own],
-            evidence=whole.links.evidence[own],
-        ),
+        links=replace(links, observation=number[links.observation]),
         piece=np.where(shown, whole.piece, -1).astype(np.int32),
         all_uv_m=np.where(shown[:, None], whole.all_uv_m, np.nan),
         std_m=np.where(shown, whole.std_m, np.nan),

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 
-from flatcloth.methods.neighbours import neighbourhoods
+from flatcloth.methods.neighbours import neighbourhoods_of
 
 
 def test_sums_are_over_pairs_of_placed_nodes_weighted_by_their_views() -> None:
@@ -13,7 +16,11 @@ def test_sums_are_over_pairs_of_placed_nodes_weighted_by_their_views() -> None:
     pairs = np.array([[0, 1], [0, 2], [1, 2], [2, 3], [3, 4], [4, 5]], dtype=np.int32)
     views = np.array([1, 2, 3, 4, 5, 6])
     has_place = np.arange(6) != 5
-    found = neighbourhoods(pairs, views, has_place, uv, xyz)
+    graph, holds = SimpleNamespace(pairs=pairs, views=views), np.arange(6) != 2
+    shape: Any = SimpleNamespace(
+        graph=graph, holds=holds, has_place=has_place, all_uv_m=uv, nodes=SimpleNamespace(xyz_m=xyz)
+    )
+    views, found = views * holds, neighbourhoods_of(shape)
     for node in range(6):
         seen, other = [], []
         for (i, j), count in zip(pairs.tolist(), views.tolist(), strict=True):

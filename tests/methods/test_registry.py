@@ -17,9 +17,9 @@ from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.flattening.resampling import place
 from flatcloth.methods.answers import Alignment, AlignmentScore, Canonical, Placement, Plan
 from flatcloth.methods.base import Method, Views
-from flatcloth.methods.edges import edges_of_view
+from flatcloth.methods.edges import edges_of_parts
 from flatcloth.methods.registry import load_method, method_name, method_names, register, unregister
-from flatcloth.session.machine import Document, Later, Side
+from flatcloth.session.machine import Document, Later, PlacedPart, Side
 
 MOST_VIEWS = 3
 
@@ -49,15 +49,13 @@ class SideBySide(Method):
         rest = set(range(MOST_VIEWS)) - document.used_views - document.refused_views - unusable
         view = min(rest, default=None)
         reason = "Nothing more to give: enough views." if view is None else "the next one"
-        return Plan(view_index=view, side=None, rotation_deg=0.0, reason=reason, sides=())
+        return Plan(view_index=view, reason=reason)
 
     def propose(
         self, document: Document, view_index: int, side: Side | None, progress: Progress = no_progress
     ) -> Placement:
         score = self.score(document, view_index, 0, Rigid2())
-        alignment = Alignment(
-            current_from_new=Rigid2(), initial=Rigid2(), score=score, initial_score=score, correspondence=None
-        )
+        alignment = Alignment(current_from_new=Rigid2(), initial=Rigid2(), score=score, initial_score=score)
         return Placement(component=0, alignment=alignment)
 
     def score(self, document: Document, view_index: int, component: int, motion: Rigid2) -> AlignmentScore:
@@ -71,7 +69,8 @@ class SideBySide(Method):
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         assert document.start_view is not None
-        return edges_of_view(self._views, 0.0, document.start_view, 0, Rigid2())
+        part = PlacedPart(document.start_view, 0, Rigid2())
+        return edges_of_parts(self._views, self.angles_deg, [part])
 
 
 @pytest.fixture

@@ -37,9 +37,8 @@ def in_a_row(evidence: tuple[float, float], views: int = 4) -> tuple[Graph, Bool
 
 def doubts_m(graph: Graph, holds: Bool | None = None) -> list[Float64]:
     """The doubt of the nodes of each sheet."""
-    off_m = doubt_m(
-        graph, np.ones(len(graph.pairs), dtype=bool) if holds is None else holds, ALL, z_of(THREE)
-    )
+    holds = np.ones(len(graph.pairs), dtype=bool) if holds is None else holds
+    off_m = doubt_m(graph, seen_often(graph, holds), ALL, z_of(THREE))
     return [off_m[n == SHEET] for n in range(3)]
 
 

@@ -17,7 +17,6 @@ from flatcloth.core.geometry import height_m, wrapped_deg, z_angle_deg
 from flatcloth.core.types import (
     FlattenedView,
     Float64,
-    Floats,
     Int32,
     Progress,
     Rigid2,
@@ -73,7 +72,6 @@ def correspond(
     frame_from_current: Rigid2,
     z_angle_limit_deg: float,
     z_angle_smoothing_m: float = Z_ANGLE_SMOOTHING_M,
-    seen_deg: tuple[Floats, Floats] | None = None,
 ) -> Correspondence:
     """Find the lines of the Z-angle in the middle of the common range, and a point of equal height on each.
 
@@ -92,8 +90,6 @@ def correspond(
         A_w.
     z_angle_smoothing_m : float
         Distance over which the Z-angles are averaged.
-    seen_deg : (np.ndarray, np.ndarray), optional
-        Z-angles (K,) of the valid pixels of both views at the first of ``angles_deg``, if they are known.
 
     Raises
     ------
@@ -102,10 +98,7 @@ def correspond(
     """
     before_deg, after_deg = angles_deg
     rotation_deg = after_deg - before_deg
-    if seen_deg is None:
-        angles = [z_angle_deg(view.normal[view.valid], axis, before_deg) for view in (current, new)]
-    else:
-        angles = [np.asarray(seen, dtype=np.float64) for seen in seen_deg]
+    angles = [z_angle_deg(view.normal[view.valid], axis, before_deg) for view in (current, new)]
     curves = column_curves(current, axis, before_deg, z_angle_limit_deg, frame_from_current, angles[0])
     after = wrapped_deg(angles[1] + rotation_deg)
     new_curves = column_curves(new, axis, after_deg, z_angle_limit_deg, seen_deg=after)

@@ -155,11 +155,7 @@ class Matcher:
             poses,
             self._origin,
             self._current_pixel_size_m,
-            0.5 * PLACE_SCALE_M,
-            math.radians(Z_ANGLE_SCALE_DEG),
             self.z_angle_weight if z_angle_weight is None else z_angle_weight,
-            PLACE_SCALE_M,
-            SAME_FACING,
         )
         return found
 
@@ -354,15 +350,11 @@ def _compare(
     poses: Float64,
     origin: Float64,
     pixel_size: float,
-    height_scale: float,
-    z_angle_scale: float,
     z_angle_weight: float,
-    place_scale: float,
-    same_facing: float,
 ) -> Disagreement:
     """Compare under each pose (theta, u, v)."""
-    rows, cols = fields.shape[0], fields.shape[1]
-    count = len(poses)
+    rows, cols, count = fields.shape[0], fields.shape[1], len(poses)
+    z_angle_scale = math.radians(Z_ANGLE_SCALE_DEG)
     found = Disagreement(
         np.ones(count), np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count),
         np.ones(count),
@@ -399,12 +391,12 @@ def _compare(
             dh = h - values[k].height_m
             along = fields[rz, cz].cos * values[k].cos + fields[rz, cz].sin * values[k].sin
             ca = (2.0 - 2.0 * along) / z_angle_scale**2  # the squared chord stands for the squared angle
-            ch = (dh / height_scale) ** 2
+            ch = (dh / (0.5 * PLACE_SCALE_M)) ** 2
             dx = fields[rz, cz].across_m - values[k].across_m
             dy = fields[rz, cz].further_across_m - values[k].further_across_m
-            cp = (dx * dx + dy * dy + dh * dh) / place_scale**2
+            cp = (dx * dx + dy * dy + dh * dh) / PLACE_SCALE_M**2
             n += 1
-            place += cp / (cp + 1.0) if along > same_facing else 1.0
+            place += cp / (cp + 1.0) if along > SAME_FACING else 1.0
             intensity += di * di / (di * di + 1.0)
             height += ch / (ch + 1.0)
             z_angle += ca / (ca + 1.0)

@@ -17,7 +17,7 @@ from flatcloth.core.types import FlattenedView, Progress, Rigid2, no_progress
 from flatcloth.flattening.cloth import SurfaceEdges
 from flatcloth.methods.answers import Alignment, AlignmentScore, Placement, Plan
 from flatcloth.methods.base import Focus, Views
-from flatcloth.methods.edges import edges_of_view, joined_edges
+from flatcloth.methods.edges import edges_of_parts
 from flatcloth.methods.paper.alignment import align_from, correspond, from_lines
 from flatcloth.methods.paper.departures import Departures
 from flatcloth.methods.paper.matching import Matcher
@@ -199,11 +199,4 @@ class PaperMethod(Departures):
 
     def surface_edges(self, document: Document) -> SurfaceEdges:
         """Return the edges of each accepted view at its placement."""
-        return joined_edges(
-            [
-                edges_of_view(
-                    self._views, self.angles_deg[p.view_index], p.view_index, p.component, p.current_from_new
-                )
-                for p in self.canonical(document).layers
-            ]
-        )
+        return edges_of_parts(self._views, self.angles_deg, self.canonical(document).layers)

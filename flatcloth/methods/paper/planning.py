@@ -48,15 +48,7 @@ def column_curves(
     else:
         u_m = frame_from_view.apply(view.uv_from_rc(np.argwhere(view.valid)[within]))[:, 0]
     column = np.rint(u_m / view.pixel_size_m).astype(np.int64)
-    if column.size == 0:
-        none = np.zeros(0)
-        return ColumnCurves(
-            u_m=none,
-            column_count=none.astype(np.int32),
-            column_mean_z_angle_deg=none,
-            pixel_size_m=view.pixel_size_m,
-        )
-    first = int(column.min())
+    first = int(column.min()) if column.size else 0
     count = np.bincount(column - first)
     with np.errstate(invalid="ignore"):
         mean = np.bincount(column - first, angle[within]) / count
@@ -186,7 +178,7 @@ def choose(sides: Sequence[SidePlan], last_side: Side | None) -> Plan:
     open_sides = [s for s in sides if s.view_index is not None]
     if not open_sides:
         reason = "No view can add anything: " + "; ".join(s.reason for s in sides) + "."
-        return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=tuple(sides))
+        return Plan(view_index=None, reason=reason, sides=tuple(sides))
     same = [s for s in open_sides if s.side is last_side]
     best = same[0] if same else max(open_sides, key=lambda s: s.occluding_edge_m)
     return Plan(

@@ -43,14 +43,12 @@ from flatcloth.methods.answers import (
     Plan,
 )
 from flatcloth.methods.base import Focus, Method, Views
-from flatcloth.methods.neighbours import Neighbourhoods
 from flatcloth.methods.paper.matching import SEARCH_POINTS
 from flatcloth.methods.robust.next_best_view import inner_area_m2, rate_candidates, seams_ahead
 from flatcloth.methods.robust.scoring import (
     ReferenceShape,
     SampledComponent,
     cloth_pairs,
-    neighbourhoods_of,
     refine,
     sample_component,
     score_placement,
@@ -83,7 +81,6 @@ class RobustMethod(Method):
         self.seen = RegisteredViews(views)
         self.shapes = Shapes(views, self.seen)
         self._references: Cache[ReferenceShape] = Cache(2)
-        self._around: Cache[Neighbourhoods] = Cache(2)
         self._components: Cache[dict[int, SampledComponent]] = Cache(4)
         self._hypotheses: Cache[dict[int, Hypothesis]] = Cache(4)
         self._scores: Cache[AlignmentScore] = Cache(MOST_KEPT)
@@ -104,27 +101,25 @@ class RobustMethod(Method):
         looked = used | document.refused_views | unusable
         rest = [v for v in range(len(self.angles_deg)) if v not in looked]
         if not rest:
-            return _no_plan("No view is left.")
-        shape, around = self.shapes.of(document), self._neighbours(document)
-        overlap_m2 = overlap_area_m2(self._views)
-        rated = rate_candidates(shape, self._views.axis, self.angles_deg, rest, looked, overlap_m2, around)
+            return Plan(view_index=None, reason="No view is left.")
+        shape, overlap_m2 = self.shapes.of(document), overlap_area_m2(self._views)
+        rated = rate_candidates(shape, self._views.axis, self.angles_deg, rest, looked, overlap_m2)
         best = rated[0]
         if best.new_m2 < c.least_new_m2:
             reason = f"No other view is expected to add more than {1e4 * best.new_m2:.0f} cm2."
-            return _no_plan(reason, rated)
+            return Plan(view_index=None, reason=reason, candidates=tuple(rated))
         if len(used) >= c.most_views and self.is_limited:
             more = sum(candidate.new_m2 >= c.least_new_m2 for candidate in rated)
             reason = f"The limit of {len(used)} views is reached; {more} more may show cloth that is missing."
-            return _no_plan(f"{reason} Choose one to continue.", rated)
+            reason += " Choose one to continue."
+            return Plan(view_index=None, reason=reason, candidates=tuple(rated))
         return Plan(
             view_index=best.view_index,
-            side=None,
             rotation_deg=self._turn_deg(used, best),
             reason=(
                 f"{1e4 * best.new_m2:.0f} cm2 new, {1e4 * best.overlap_m2:.0f} cm2 in common"
                 + ("" if best.overlap_m2 >= overlap_m2 else ", less than desired")
             ),
-            sides=(),
             candidates=tuple(rated),
         )
 
@@ -137,10 +132,8 @@ class RobustMethod(Method):
         )
         return Plan(
             view_index=rated[0].view_index,
-            side=None,
             rotation_deg=rated[0].gap_deg,
             reason=f"{1e4 * rated[0].new_m2:.0f} cm2 new",
-            sides=(),
             candidates=tuple(rated),
         )
 
@@ -192,8 +185,6 @@ class RobustMethod(Method):
                 current_from_new=first.current_from_new,
                 initial=first.initial,
                 score=first.score,
-                initial_score=None,
-                correspondence=None,
             ),
             hypotheses=(first,),
             margin=first.score.total,
@@ -204,8 +195,9 @@ class RobustMethod(Method):
 
     def _found(self, document: Document, view_index: int) -> dict[int, Hypothesis]:
         """Return the placements of a view's components, but those that float or are new (cached)."""
-        key = shape_key(document), view_index
-        return self._hypotheses.get(key, lambda: self._find(document, view_index))
+        return self._hypotheses.get(
+            (shape_key(document), view_index), lambda: self._find(document, view_index)
+        )
 
     def _find(self, document: Document, view_index: int) -> dict[int, Hypothesis]:
         """Find where the shape with a view has each of its components, and how well the other views agree.
@@ -220,13 +212,13 @@ class RobustMethod(Method):
             initial = self.seen.current_from_component(shape, view_index, n)
             if initial is None or n not in drawn or not (own.node >= 0).any():
                 continue
-            refined = refine(self._reference(document), drawn[n], initial)
+            motion, std = refine(self._reference(document), drawn[n], initial)
             found[n] = Hypothesis(
                 source="place",
                 initial=initial,
-                current_from_new=refined.shape_from_component,
+                current_from_new=motion,
                 score=score_placement(reference, own, initial),
-                std=refined.std,
+                std=std,
             )
         return found
 
@@ -252,7 +244,7 @@ class RobustMethod(Method):
         sampled = self._sampled(document, view_index).get(component)
         if sampled is None:
             return motion
-        return refine(self._reference(document), sampled, motion).shape_from_component
+        return refine(self._reference(document), sampled, motion)[0]
 
     def pairs(self, document: Document, view_index: int, component: int) -> ClothPairs | None:
         """Return the nodes of the shape that the view shows, each with its place on the component."""
@@ -262,14 +254,9 @@ class RobustMethod(Method):
     def _reference(self, document: Document) -> ReferenceShape:
         def make() -> ReferenceShape:
             shape = self.shapes.of(document)
-            return ReferenceShape(
-                shape, self.seen.surfaces(shape), self._views.axis, self._neighbours(document)
-            )
+            return ReferenceShape(shape, self.seen.surfaces(shape), self._views.axis)
 
         return self._references.get(shape_key(document), make)
-
-    def _neighbours(self, document: Document) -> Neighbourhoods:
-        return self._around.get(shape_key(document), lambda: neighbourhoods_of(self.shapes.of(document)))
 
     def _sampled(self, document: Document, view_index: int) -> dict[int, SampledComponent]:
         """Return the components of a view with the nodes of the shape that they show (cached)."""
@@ -330,9 +317,9 @@ class RobustMethod(Method):
 
     def release(self, *, surfaces: bool = False) -> None:
         """Free what only further views or earlier shapes need; with ``surfaces``, those of the views too."""
-        for kept in (self.shapes, self._references, self._around, self._components, self._hypotheses):
-            kept.release() if isinstance(kept, Shapes) else kept.drop()
-        self._seamed.drop()
+        self.shapes.release()
+        for kept in (self._references, self._components, self._hypotheses, self._seamed):
+            kept.drop()
         self.seen.release(surfaces=surfaces)
 
     def _draw(self, document: Document, shape: Shape, taken_off: Bool | None = None) -> Canonical:
@@ -491,8 +478,3 @@ def _edges_of(shape: Shape, piece: int = 0) -> Cloth:
         evidence=shape.evidence,
         view_index=np.array(shape.views, dtype=np.int32)[shape.links.observation],
     )
-
-
-def _no_plan(reason: str, rated: Sequence[Candidate] = ()) -> Plan:
-    candidates = tuple(rated)
-    return Plan(view_index=None, side=None, rotation_deg=0.0, reason=reason, sides=(), candidates=candidates)

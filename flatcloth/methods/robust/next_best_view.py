@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,7 @@ from flatcloth.core.geometry import rotations_by, wrapped_deg
 from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.answers import Candidate
-from flatcloth.methods.neighbours import Neighbourhoods
-from flatcloth.methods.robust.scoring import neighbourhoods_of
+from flatcloth.methods.neighbours import neighbourhoods_of
 from flatcloth.shape.observations import INCIDENCE_LIMIT_DEG, WELL_SEEN_DEG
 from flatcloth.shape.shape import TWO_ROWS_M, Shape
 
@@ -44,7 +42,6 @@ def rate_candidates(
     candidates: Iterable[int],
     seen: Iterable[int],
     least_overlap_m2: float,
-    around: Neighbourhoods | None = None,
     focus: Callable[[Float64], Float64] | None = None,
 ) -> list[Candidate]:
     """Rate views that have not been visited, or angles at which none was taken yet.
@@ -61,8 +58,6 @@ def rate_candidates(
         The views to rate, and the visited ones (accepted or not).
     least_overlap_m2 : float
         Desirable overlap S_0.
-    around : Neighbourhoods, optional
-        Those of the shape, if they are known.
     focus : callable, optional
         The weight (N,) that the cloth at places (N, 2) of the plane counts with; by default all counts alike.
 
@@ -73,21 +68,22 @@ def rate_candidates(
     """
     placed = shape.has_place
     xyz, normal = shape.nodes.xyz_m[placed], shape.nodes.normal[placed]
-    best = _best_incidence_deg(shape)[placed]
+    best_deg = np.full(len(shape.nodes), 90.0)  # the smallest incidence at which any view saw each node
+    for seen_by in shape.observations:
+        np.minimum.at(best_deg, seen_by.node, seen_by.incidence_deg)
     area = shape.node_area_m2
-    rim = _rim(shape, area, around or neighbourhoods_of(shape))
+    rim = _rim(shape, area)
     gaps, floats = _gaps(shape), shape.piece[placed] > 0
     looked = np.array([angles_deg[v] for v in seen])
-    poorly = best >= WELL_SEEN_DEG
+    poorly = best_deg[placed] >= WELL_SEEN_DEG
     weight = np.ones(len(xyz)) if focus is None else focus(shape.all_uv_m[placed])
     rated, views = [], list(candidates)
     turns = rotations_by(np.radians([angles_deg[v] for v in views])[:, None] * axis.direction)
     shifts_m = axis.point_m - turns @ axis.point_m
     for view, turn, shift_m in zip(views, turns, shifts_m, strict=True):
         visible, overlap, improved, opened_m2 = _looked(
-            (xyz, normal, weight), poorly, (turn, shift_m), _LEAST_COS,
-            (rim.node, rim.beyond_normal, rim.promise_m2),
-        )  # fmt: skip
+            (xyz, normal, weight), poorly, (turn, shift_m), _LEAST_COS, rim
+        )
         shown = sum(n * weight[a].mean() * (visible[a] & visible[b]).mean() for a, b, n in gaps)
         gap = np.abs(wrapped_deg(looked - angles_deg[view]))
         nearest = float(gap.min()) if gap.size else 180.0
@@ -149,7 +145,7 @@ def seams_ahead(
     first = 0, len(xyz[0])
     seams: list[tuple[NDArray[np.intp], NDArray[np.intp], float]] = []  # nodes of both ends, and the area
     for own, other in ((0, 1), (1, 0)):
-        rim = _rim(shapes[own], areas_m2[own], neighbourhoods_of(shapes[own])).node
+        rim = _rim(shapes[own], areas_m2[own])[0]
         main = np.flatnonzero(pieces[other] == 0)
         distance, nearest = cKDTree(xyz[other][main]).query(xyz[own][rim], distance_upper_bound=TWO_ROWS_M)
         meets = np.isfinite(distance)
@@ -172,14 +168,6 @@ def seams_ahead(
     return found
 
 
-def _best_incidence_deg(shape: Shape) -> Float64:
-    """Return the smallest incidence angle (N,) at which any view saw each node."""
-    best = np.full(len(shape.nodes), 90.0)
-    for observation in shape.observations:
-        np.minimum.at(best, observation.node, observation.incidence_deg)
-    return best
-
-
 def inner_area_m2(shape: Shape) -> float:
     """Return the area of the main piece without its border: cells of the plane between occupied ones."""
     cell_m = 2.0 * LEAST_INTERVAL_M
@@ -189,15 +177,9 @@ def inner_area_m2(shape: Shape) -> float:
     return float(ndimage.binary_erosion(cells).sum()) * cell_m**2
 
 
-@dataclass(frozen=True)
-class _Rim:
-    node: NDArray[np.intp]
-    beyond_normal: Float64
-    promise_m2: Float64
-
-
-def _rim(shape: Shape, area_m2: float, around: Neighbourhoods) -> _Rim:
-    """Find the outline nodes, the expected normals and areas beyond them; ``area_m2`` is that of a node."""
+def _rim(shape: Shape, area_m2: float) -> tuple[NDArray[np.intp], Float64, Float64]:
+    """Return the outline's nodes, the expected normals and areas beyond; ``area_m2`` is that of a node."""
+    around = neighbourhoods_of(shape)
     lopsided = np.linalg.norm(around.lean, axis=1) / np.maximum(around.views, 1)
     rim = np.flatnonzero((lopsided > 0.35) & (around.views >= 3))
     # Outwards in space: opposite to the mean direction of the neighbours.
@@ -208,7 +190,7 @@ def _rim(shape: Shape, area_m2: float, around: Neighbourhoods) -> _Rim:
     shown = [seen.node[seen.incidence_deg < WELL_SEEN_DEG] for seen in shape.observations]
     often = np.bincount(np.concatenate(shown), minlength=len(shape.nodes))[rim]
     promise = math.sqrt(area_m2) * TWO_ROWS_M * 0.5 ** np.maximum(often - 1.0, 0.0)
-    return _Rim((np.cumsum(shape.has_place) - 1)[rim], beyond, promise)
+    return (np.cumsum(shape.has_place) - 1)[rim], beyond, promise
 
 
 @njit(cache=True, nogil=True)

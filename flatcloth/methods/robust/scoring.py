@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import AlignmentScore, ClothPairs
 from flatcloth.methods.nearest import NearPoints
-from flatcloth.methods.neighbours import Neighbourhoods, neighbourhoods
+from flatcloth.methods.neighbours import neighbourhoods_of
 from flatcloth.methods.refining import Nodes, Samples, fitted
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.shape.shape import PLACE_STD_M, Shape
@@ -61,71 +60,33 @@ class ReferenceShape:
         Those of its views, by view index.
     axis : RotationAxis
         Axis of the recording, for heights.
-    around : Neighbourhoods, optional
-        Those of the shape, if they are known.
     """
 
-    def __init__(
-        self,
-        shape: Shape,
-        surfaces: Mapping[int, Surface],
-        axis: RotationAxis,
-        around: Neighbourhoods | None = None,
-    ) -> None:
-        self._axis = axis
-        self.number = np.flatnonzero(shape.has_place).astype(np.int32)
-        self.uv_m = shape.all_uv_m[self.number]
-        self.is_main = shape.piece[self.number] == 0
-        self.xyz_m = shape.nodes.xyz_m[self.number]
-        self.normal = shape.nodes.normal[self.number]
-        self.frames = _space_from_plane(shape, around or neighbourhoods_of(shape))[self.number]
+    def __init__(self, shape: Shape, surfaces: Mapping[int, Surface], axis: RotationAxis) -> None:
+        self._axis, self.all_uv_m, self.all_xyz_m = axis, shape.all_uv_m, shape.nodes.xyz_m
         self.noise_m = max(surfaces[v].noise_m for v in shape.views)
         self.place_std_m = PLACE_STD_M + 2.0 * self.noise_m
-        self._near = NearPoints(self.uv_m, LEAST_INTERVAL_M)
-        self._place = np.full(len(shape.nodes), -1, dtype=np.int32)
-        self._place[self.number] = np.arange(self.number.size)
-
-    def node_uv(self, node: Int32) -> Float64:
-        """Return the positions of nodes (K,), NaN for those without one (or index -1)."""
-        at = np.where(node >= 0, self._place[node], -1)
-        return np.where((at >= 0)[:, None], self.uv_m[at], np.nan)
-
-    def node_xyz(self, node: Int32) -> Float64:
-        """Return the positions in space of nodes (K,), NaN for those without a place (or index -1)."""
-        at = np.where(node >= 0, self._place[node], -1)
-        return np.where((at >= 0)[:, None], self.xyz_m[at], np.nan)
-
-    def surface_at(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
-        """Return which positions (K, 2) of the plane are covered, and by which node (M,) and xyz (M, 3)."""
-        nearest = self._near.nearest(uv_m)
-        covered = nearest >= 0
-        at = nearest[covered]
-        offset = uv_m[covered] - self.uv_m[at]
-        return covered, at, self.xyz_m[at] + np.einsum("nij,nj->ni", self.frames[at], offset)
-
-    @cached_property
-    def nodes(self) -> Nodes:
-        """The nodes, as a refinement takes them."""
-        near = self._near
-        return Nodes(
-            self.uv_m, self.xyz_m, self.normal, self.frames,
+        placed, normal, turned = shape.has_place, shape.nodes.normal, neighbourhoods_of(shape).turned
+        off_plane = normal[:, :, None] * np.einsum("ni,nij->nj", normal, turned)[:, None, :]
+        frames = nearest_isometries(turned - off_plane)  # from the plane to each node's tangent plane
+        uv_m = shape.all_uv_m[placed]
+        self._near = near = NearPoints(uv_m, LEAST_INTERVAL_M)
+        self.nodes = Nodes(
+            uv_m, shape.nodes.xyz_m[placed], normal[placed], frames[placed],
             near.cell_uv_m, near.first, near.by_cell, near.within_m,
         )  # fmt: skip
 
+    def node_uv(self, node: Int32) -> Float64:
+        """Return the positions of nodes (K,), NaN for those without one (or index -1)."""
+        return np.where((node >= 0)[:, None], self.all_uv_m[node], np.nan)
 
-def neighbourhoods_of(shape: Shape) -> Neighbourhoods:
-    """Return the sums over the neighbours of each node of a shape."""
-    graph = shape.graph
-    views = np.where(shape.holds, graph.views, 0)
-    return neighbourhoods(graph.pairs, views, shape.has_place, shape.all_uv_m, shape.nodes.xyz_m)
-
-
-def _space_from_plane(shape: Shape, around: Neighbourhoods) -> Float64:
-    """Isometries (N, 3, 2) from the plane to each node's tangent plane, by its pairs."""
-    frames, normal = around.turned, shape.nodes.normal
-    return nearest_isometries(
-        frames - normal[:, :, None] * np.einsum("ni,nij->nj", normal, frames)[:, None, :]
-    )
+    def surface_at(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
+        """Return which positions (K, 2) of the plane are covered, and by which node (M,) and xyz (M, 3)."""
+        nearest, nodes = self._near.nearest(uv_m), self.nodes
+        covered = nearest >= 0
+        at = nearest[covered]
+        offset = uv_m[covered] - nodes.uv_m[at]
+        return covered, at, nodes.xyz_m[at] + np.einsum("nij,nj->ni", nodes.frames[at], offset)
 
 
 def score_placement(
@@ -154,7 +115,7 @@ def score_placement(
     }  # fmt: skip
     if at.size:
         apart = np.linalg.norm(sampled.xyz_m[at] - there, axis=1)
-        facing = np.einsum("ki,ki->k", sampled.normal[at], reference.normal[node])
+        facing = np.einsum("ki,ki->k", sampled.normal[at], reference.nodes.normal[node])
         agrees = facing > 0.5
         parts["place_agreement"] = float((agrees / (1.0 + np.square(apart / scale))).mean())
         parts["other_cloth_share"] = _share((apart > 4.0 * scale) | ~agrees)
@@ -203,28 +164,22 @@ def features_of(parts: Mapping[str, float]) -> tuple[float, ...]:
     return (1.0, *(parts[name] for name in FEATURES[1:-2]), overlap, apart_cm)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Refined:
-    """A refined placement: the motion, and standard deviations of rotation (rad), u and v (m)."""
-
-    shape_from_component: Rigid2
-    std: Float64
-
-
-def refine(reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2, rounds: int = 8) -> Refined:
+def refine(
+    reference: ReferenceShape, sampled: SampledComponent, initial: Rigid2, rounds: int = 8
+) -> tuple[Rigid2, Float64]:
     """Refine a placement by Gauss-Newton: fit the component's points to the surface they cover in space.
 
-    The standard deviations show which directions the common cloth does not determine, such as those
-    of a flat strip on a strip; if nothing is covered, all three are infinite.
+    Also returned are the standard deviations of rotation (rad), u and v (m). They show which directions the
+    common cloth does not determine, such as those of a flat strip on a strip; if nothing is covered, all
+    three are infinite.
     """
     scale = reference.place_std_m
     samples = Samples(sampled.uv_m, sampled.xyz_m, sampled.normal)
     motion, hessian = fitted(reference.nodes, samples, initial, (_REFINE_RADIUS_M, scale), rounds)
     if hessian is None:
-        return Refined(shape_from_component=motion, std=np.full(3, np.inf))
+        return motion, np.full(3, np.inf)
     alike = (CORRELATED_M / LEAST_INTERVAL_M) ** 2  # so many samples count as one measurement
-    std = scale * np.sqrt(alike * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
-    return Refined(shape_from_component=motion, std=std)
+    return motion, scale * np.sqrt(alike * np.diag(np.linalg.inv(hessian + 1e-9 * np.eye(3))))
 
 
 def cloth_pairs(reference: ReferenceShape, sampled: SampledComponent) -> ClothPairs | None:
@@ -238,7 +193,7 @@ def cloth_pairs(reference: ReferenceShape, sampled: SampledComponent) -> ClothPa
     return ClothPairs(
         shape_uv_m=target[at],
         new_uv_m=sampled.uv_m[at],
-        shape_xyz_m=reference.node_xyz(sampled.node[at]),
+        shape_xyz_m=reference.all_xyz_m[sampled.node[at]],
         new_xyz_m=sampled.xyz_m[at],
     )
 
@@ -261,10 +216,4 @@ def sample_component(
     if len(associated_rc):
         nearest = NearPoints(associated_rc, 2.0).nearest(rc.astype(np.float64))
         node[nearest >= 0] = associated_node[nearest[nearest >= 0]]
-    return SampledComponent(
-        uv_m=uv_m,
-        xyz_m=xyz,
-        normal=normal,
-        node=node,
-        area_m2=area_m2,
-    )
+    return SampledComponent(uv_m=uv_m, xyz_m=xyz, normal=normal, node=node, area_m2=area_m2)

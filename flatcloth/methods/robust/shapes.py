@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -157,11 +158,7 @@ class RegisteredViews:
 
     def pixel_costs(self, surfaces: Mapping[int, Surface]) -> dict[int, Float32]:
         """Return the cost (H, W) of each pixel of views, by which they are composited."""
-
-        def of(view: int, surface: Surface) -> Float32:
-            return self._costs.get(view, lambda: pixel_cost(surface))
-
-        return {view: of(view, surface) for view, surface in surfaces.items()}
+        return {view: self._costs.get(view, partial(pixel_cost, s)) for view, s in surfaces.items()}
 
     def component_of_pixel(self, view_index: int) -> Int32:
         """Return the component of each pixel (H, W) of a view, -1 for none."""
@@ -231,23 +228,23 @@ class Shapes:
     def _made(self, document: Document) -> Shape:
         fixed = [added for added in document.accepted if added.fixed]
         if fixed:  # the views before it are a set of their own
-            *before, last = fixed
+            last = fixed[-1]
             rest = tuple(a for a in document.accepted if a is not last)
             without = self.of(replace(document, accepted=rest))
             if _is_moved(self._seen, without, last, self._associated(without, last.view_index)):
-                return self._with_hand(document, before, last)
+                return self._with_hand(document, fixed)
             freed = tuple(replace(a, fixed=False) if a is last else a for a in document.accepted)
             return self.of(replace(document, accepted=freed))
         assert document.start_view is not None
         return shape(self._seen.placed(document.used_views), self._interval_px, document.start_view)
 
-    def _with_hand(self, document: Document, before: Sequence[Accepted], last: Accepted) -> Shape:
-        """Return the shape of a document of which the operator placed views, ``last`` after the others."""
+    def _with_hand(self, document: Document, fixed: Sequence[Accepted]) -> Shape:
+        """Return the shape of a document of which the operator placed views, one after the other."""
         assert document.start_view is not None
-        hands, by_hand = {added.view_index for added in (*before, last)}, list[ByHand]()
+        hands, by_hand = {added.view_index for added in fixed}, list[ByHand]()
         placed = {view.surface.frame.view_index: view for view in self._seen.placed(document.used_views)}
         free = [view for number, view in placed.items() if number not in hands]
-        for added in (*before, last):
+        for added in fixed:
             made = shape(free, self._interval_px, document.start_view, by_hand)
             view = placed[added.view_index]
             shown = associate(made.nodes, view.surface, view.object_from_camera)

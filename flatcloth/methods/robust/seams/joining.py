@@ -29,7 +29,7 @@ from flatcloth.methods.robust.seams.links import (
     sets_of,
 )
 from flatcloth.session.garment import DecidedSeam
-from flatcloth.shape.algorithm import laid_out
+from flatcloth.shape.algorithm import LaidOut, laid_out
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, merged, pairs_as_laid, pairs_within, rotations_at, uv_of, z_of
 from flatcloth.shape.joints import doubt_m, doubt_of, evidence_of, seen_often
@@ -106,41 +106,35 @@ def join_sides(
     # 2. Sets that agree on one motion; the other side taken apart where they contradict it (links.py).
     sets = with_decisions(sets_of(this, other, matches), matches, decided)
     other, matches, links, joints = linked(this, other, matches, sets, ends)
-    joining = np.concatenate(
-        [link.members for link in links if not link.why] or [np.zeros(0, dtype=np.int64)]
-    )
-    joining = joining[np.isfinite(matches.other_uv_m[joining, 0])]
+    true = [link for link in links if not link.why]
+    joining = np.concatenate([np.zeros(0, dtype=np.int64), *(link.members for link in true)])
+    link_of_seam = np.repeat(np.arange(len(true)), np.array([len(link.members) for link in true], dtype=int))
+    known = np.isfinite(matches.other_uv_m[joining, 0])
+    joining, link_of_seam = joining[known], link_of_seam[known]
     # 3. Poses of all pieces by the largest sets; one graph, with a node for each place on a seam.
-    own, mirrored, places, std_m = _posed(this, other, matches, links)
-    of_match = np.full(len(matches), -1)
-    for number, link in enumerate(links):
-        of_match[link.members] = number
-    link_of_seam = of_match[joining]
+    posed, places, std_m = _posed(this, other, matches, true)
     graph = _one_graph(
-        (own, mirrored),
+        posed,
         (this.piece, other.piece),
-        [(links[number].this_piece, links[number].other_piece) for number in link_of_seam],
+        np.array([(link.this_piece, link.other_piece) for link in true], dtype=int).reshape(-1, 2)[
+            link_of_seam
+        ],
         matches.xyz_m[joining],
         (places[0][joining], places[1][joining]),
     )
     check()
-
     # 4. The layout of both sides (shape/layout.py), and its deviations from the main piece of this one.
-    def doubted(graph: Graph, holds: Bool) -> Float64:
-        return _doubted(graph, holds, (len(this.nodes), len(other.nodes)), link_of_seam, links, joints)
-
-    both, joint_std_m = _laid_out(this, graph, doubted)
+    laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), overlap_cuts=False)
+    n, m = len(this.nodes), len(other.nodes)
+    evidence = _doubted(graph, laid.holds, (n, m), link_of_seam, true, joints)
+    both, joint_std_m = _on_plane(this, graph, laid, evidence)
     check()
-    n = len(this.nodes)
     return Seamed(
         floating=tuple(nodes_on(this, piece) for piece in pieces[0][1:]),
         both=both,
         this=this,
         other=other,
-        std_m=(
-            np.hypot(std_m[0], joint_std_m[:n]),
-            np.hypot(std_m[1], joint_std_m[n : n + len(other.nodes)]),
-        ),
+        std_m=(np.hypot(std_m[0], joint_std_m[:n]), np.hypot(std_m[1], joint_std_m[n : n + m])),
         joining=joining,
         matches=matches,
         links=tuple(links),
@@ -161,90 +155,128 @@ def other_of(seamed: Seamed, laid: Sequence[LaidPiece] = ()) -> JoinedSide:
     # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
     both, this, std_m = seamed.both, seamed.this, [each.copy() for each in seamed.std_m]
     laid_before = joined_pieces(both, seamed.floating, std_m[0])
-    for piece in laid:
-        both = with_laid(both, this, seamed.floating[piece.index], piece, std_m)
-    joined_now = set(joined_pieces(both, seamed.floating, std_m[0])) - {piece.index for piece in laid}
+    for known in laid:
+        both = with_laid(both, this, seamed.floating[known.index], known, std_m)
+    joined_now = set(joined_pieces(both, seamed.floating, std_m[0])) - {known.index for known in laid}
     found = tuple(
         laid_piece(both, this, seamed.floating[k], k, std_m[0]) for k in sorted(joined_now.union(laid_before))
     )
-    joined = _other_of(both, this, seamed.other, std_m[1], seamed.joining, seamed.matches, seamed.links)
-    return replace(joined, laid=found)
+    n, m = len(this.nodes), len(seamed.other.nodes)
+    own, on_seams = np.s_[n : n + m], np.s_[n + m :]
+    piece = both.piece[own]
+    if not (piece >= 0).any():
+        raise FlatclothError("too little cloth of the other side hangs together.")
+    is_related = bool((piece == 0).any())
+    if not is_related and (piece > 0).any():  # its largest piece is the main one, on a plane of its own
+        piece = np.where(piece == np.bincount(piece[piece > 0]).argmax(), 0, piece)
+    # The joint layout may move this side at a seam: that distance is added at what lies nearest to it.
+    seam = np.flatnonzero((both.piece[on_seams] == 0) & (seamed.matches.pieces[seamed.joining, 0] == 0))
+    if seam.size:
+        at = both.all_uv_m[on_seams][seam]
+        shift_m = np.linalg.norm(at - seamed.matches.this_uv_m[seamed.joining[seam]], axis=1)
+        nearest = cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]
+        std_m[1] = np.hypot(std_m[1], shift_m[nearest])
+    shape = replace(
+        seamed.other,
+        piece=piece,
+        all_uv_m=both.all_uv_m[own] * MIRROR,
+        std_m=std_m[1] if is_related else np.full(m, np.nan),
+    )
+    return JoinedSide(
+        shape=shape,
+        matches=_moved(seamed.matches, seamed.links, seamed.other, shape),
+        links=seamed.links,
+        is_related=is_related,
+        laid=found,
+    )
 
 
 def _posed(
     this: Shape, other: Shape, matches: Matches, links: Sequence[SeamLink]
-) -> tuple[Shape, Shape, tuple[Float64, Float64], list[Float64]]:
+) -> tuple[tuple[Shape, Shape], list[Float64], list[Float64]]:
     """Move the pieces of both sides to where the largest sets of matches lead, and number them by group.
 
     The other side is returned mirrored, on the plane of this side, with the places of the matches on both,
     and the standard deviations that the motions give to the nodes of each side. The residuals of a set are
     not independent: each set counts as one place and one direction, known to ``PLACE_STD_M`` over its extent.
     """
-    uv = [this.all_uv_m.copy(), other.all_uv_m * MIRROR]
-    variance = [np.zeros(len(this.nodes)), np.zeros(len(other.nodes))]
-    first = int(this.piece.max()) + 1
-    number = [this.piece.copy(), np.where(other.piece >= 0, other.piece + first, -1).astype(np.int32)]
-    uv[1][:, 0] -= PIECES_APART_M * first
+    count, first = (len(this.nodes), len(other.nodes)), int(this.piece.max()) + 1
+    # The nodes of each side, and after them the matches on it.
+    uv = [
+        np.concatenate(each)
+        for each in ((this.all_uv_m, matches.this_uv_m), (other.all_uv_m, matches.other_uv_m))
+    ]
+    uv[1] = uv[1] * MIRROR - (PIECES_APART_M * first, 0.0)
+    its_piece = np.where(other.piece >= 0, other.piece + first, -1).astype(np.int32)
+    none = np.full(len(matches), -1, dtype=np.int32)
+    number = [np.concatenate([piece, none]) for piece in (this.piece, its_piece)]
+    variance = [np.zeros(len(each)) for each in uv]
     members: dict[tuple[int, int], list[Int64]] = {}
     for link in links:
-        if not link.why:
-            members.setdefault((link.this_piece, link.other_piece), []).append(link.members)
-    places = [matches.this_uv_m.copy(), matches.other_uv_m * MIRROR - (PIECES_APART_M * first, 0.0)]
-    of_match = [np.full(len(matches), -1), np.full(len(matches), -1)]
+        members.setdefault((link.this_piece, link.other_piece + first), []).append(link.members)
     for ends, sets in members.items():
-        for side, end, begin in ((0, ends[0], 0), (1, ends[1], first)):
-            of_match[side][np.concatenate(sets)] = end + begin
+        for side in (0, 1):
+            number[side][count[side] + np.concatenate(sets)] = ends[side]
     for sets in sorted(members.values(), key=lambda sets: -sum(map(len, sets))):
         own = np.concatenate(sets)
-        own = own[np.isfinite(places[1][own, 0])]
+        own = own[np.isfinite(matches.other_uv_m[own, 0])]
         if not own.size:
             continue
-        groups = [int(of_match[side][own[0]]) for side in (0, 1)]
+        groups = [int(number[side][count[side] + own[0]]) for side in (0, 1)]
         if groups[0] == groups[1]:
             continue
         # The group with the smaller number stays where it lies: this side's main piece is 0.
         stays, moves = (0, 1) if groups[0] < groups[1] else (1, 0)
-        motion = motion_onto(places[moves][own], places[stays][own])
-        there = np.flatnonzero(number[stays] == groups[stays])
-        its_variance = variance[stays][there[cKDTree(uv[stays][there]).query(places[stays][own])[1]]].mean()
-        middle, extent_m2 = places[stays][own].mean(axis=0), places[stays][own].var(axis=0).sum()
+        target = uv[stays][count[stays] + own]
+        motion = motion_onto(uv[moves][count[moves] + own], target)
+        there = np.flatnonzero(number[stays][: count[stays]] == groups[stays])
+        its_variance = variance[stays][there[cKDTree(uv[stays][there]).query(target)[1]]].mean()
+        middle, extent_m2 = target.mean(axis=0), target.var(axis=0).sum()
         for side in (0, 1):
             moved = number[side] == groups[moves]
             uv[side][moved] = motion.apply(uv[side][moved])
             away_m2 = np.square(uv[side][moved] - middle).sum(axis=1)
             variance[side][moved] += its_variance + PLACE_STD_M**2 * (1.0 + away_m2 / extent_m2)
             number[side][moved] = groups[stays]
-            moved = of_match[side] == groups[moves]
-            places[side][moved] = motion.apply(places[side][moved])
-            of_match[side][moved] = groups[stays]
-    posed = replace(this, all_uv_m=uv[0], piece=number[0]), replace(other, all_uv_m=uv[1], piece=number[1])
-    return *posed, (places[0], places[1]), [np.sqrt(each) for each in variance]
+    posed, mirrored = (
+        replace(shape, all_uv_m=at[: len(shape.nodes)], piece=group[: len(shape.nodes)])
+        for shape, at, group in zip((this, other), uv, number, strict=True)
+    )
+    places = [at[n:] for at, n in zip(uv, count, strict=True)]
+    return (posed, mirrored), places, [np.sqrt(each[:n]) for each, n in zip(variance, count, strict=True)]
 
 
 def _one_graph(
     sides: tuple[Shape, Shape],
     pieces: tuple[Int32, Int32],
-    piece_of_seam: Sequence[tuple[int, int]],
+    piece_of_seam: Int64,
     seams_xyz_m: Float64,
     places: tuple[Float64, Float64],
 ) -> Graph:
     """Return both sides, which lie on one plane, as one graph; ``places`` are those of the seams on each.
 
-    ``pieces`` are those of the nodes before they were posed, ``piece_of_seam`` which of them each seam joins.
+    ``pieces`` are those of the nodes before they were posed, ``piece_of_seam`` (K, 2) which of them each seam
+    joins: it holds them as they lie.
     """
     this, mirrored = sides
     n, m = len(this.nodes), len(mirrored.nodes)
     own, its = _own_graph(this), _own_graph(mirrored)
     its = replace(its, pairs=its.pairs + np.int32(n), offset_m=-np.conj(its.offset_m))
-    joined = np.array(piece_of_seam, dtype=np.int64).reshape(-1, 2)
     parts = [own, its]
-    for side, (shape, graph) in enumerate(((this, own), (mirrored, its))):
-        for piece in np.unique(joined[:, side]).tolist():
-            seam = np.flatnonzero(joined[:, side] == piece)
+    for side, (shape, graph, first) in enumerate(((this, own, 0), (mirrored, its, n))):
+        z = np.full(n + m + len(seams_xyz_m), np.nan + 0j)
+        z[first : first + len(shape.nodes)] = z_of(shape.all_uv_m)
+        z[n + m :] = z_of(places[side])
+        rotation = np.ones(len(z), dtype=complex)
+        rotation[: n + m] = rotations_at(graph, z[: n + m])
+        reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
+        for piece in np.unique(piece_of_seam[:, side]).tolist():
+            seam = np.flatnonzero(piece_of_seam[:, side] == piece)
             node = np.flatnonzero(shape.has_place & (pieces[side] == piece))
-            parts.append(_pairs_at(shape, graph, node, places[side], seam, (side * n, n + m)))
-    graph, _ = merged(parts, np.concatenate([this.nodes.xyz_m, mirrored.nodes.xyz_m, seams_xyz_m]))
-    return graph
+            near_seam, near = pairs_within(places[side][seam], shape.all_uv_m[node], reach_m)
+            pairs = np.stack([first + node[near], n + m + seam[near_seam]], axis=1)
+            parts.append(pairs_as_laid(graph, pairs, z, rotation, PLACE_STD_M, _SEAM_EVIDENCE))
+    return merged(parts, np.concatenate([this.nodes.xyz_m, mirrored.nodes.xyz_m, seams_xyz_m]))[0]
 
 
 def _own_graph(shape: Shape) -> Graph:
@@ -263,24 +295,6 @@ def _own_graph(shape: Shape) -> Graph:
         evidence=graph.evidence[used],
         views=graph.views[used],
     )
-
-
-def _pairs_at(
-    shape: Shape, graph: Graph, node: Int64, seam_uv_m: Float64, seam: Int64, first: tuple[int, int]
-) -> Graph:
-    """Return the pairs between some nodes of a side and some ``seam`` places of all (K, 2): as the side lies.
-
-    ``graph`` is the side's; ``first`` are the numbers in it of the side's first node and of the first seam.
-    """
-    reach_m = PAIR_INTERVALS * float(np.median(graph.length_m))
-    near_seam, near = pairs_within(seam_uv_m[seam], shape.all_uv_m[node], reach_m)
-    z = np.full(first[1] + len(seam_uv_m), np.nan + 0j)
-    z[first[0] : first[0] + len(shape.nodes)] = z_of(shape.all_uv_m)
-    z[first[1] :] = z_of(seam_uv_m)
-    rotation = np.ones(len(z), dtype=complex)
-    rotation[: first[1]] = rotations_at(graph, z[: first[1]])
-    pairs = np.stack([first[0] + node[near], first[1] + seam[near_seam]], axis=1)
-    return pairs_as_laid(graph, pairs, z, rotation, PLACE_STD_M, _SEAM_EVIDENCE)
 
 
 def _of_this_side(this: Shape, joint: Joint) -> DoubtedJoint:
@@ -304,8 +318,8 @@ def _doubted(
     evidence = seen_often(graph, holds)
     first, second = graph.pairs.T
     n, m = nodes
-    at_seam = second >= n + m
-    number = np.where(at_seam, link_of_seam[np.maximum(second - n - m, 0)], -1)
+    number = np.full(len(second), -1)
+    number[second >= n + m] = link_of_seam[second[second >= n + m] - n - m]
 
     def limit(pairs: Bool, false: float, *, raise_: bool) -> None:
         total, wanted = evidence[pairs].sum(), evidence_of(false)
@@ -313,9 +327,8 @@ def _doubted(
             evidence[pairs] = np.maximum(evidence[pairs] * wanted / total, 1e-9)
 
     for k, link in enumerate(links):
-        if not link.why:
-            for is_this in (True, False):
-                limit((number == k) & ((first < n) == is_this) & holds, 1.0 - link.probability, raise_=True)
+        for is_this in (True, False):
+            limit((number == k) & ((first < n) == is_this) & holds, 1.0 - link.probability, raise_=True)
     for joint in joints:
         at, begin = (n, 0) if joint.side == 0 else (m, n)
         inside = holds & (first >= begin) & (second < begin + at)
@@ -324,13 +337,12 @@ def _doubted(
     return evidence
 
 
-def _laid_out(this: Shape, graph: Graph, doubted: Callable[[Graph, Bool], Float64]) -> tuple[Both, Float64]:
+def _on_plane(this: Shape, graph: Graph, laid: LaidOut, evidence: Float64) -> tuple[Both, Float64]:
     """Return the layout of both sides on the plane of this one, and the deviations (N,) of their nodes.
 
-    The main piece is that of this side, where a floating one is larger.
+    The main piece is that of this side, where a floating one is larger. ``evidence`` is of :func:`_doubted`.
     """
     n = len(this.nodes)
-    laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), overlap_cuts=False)
     piece, uv = laid.piece.copy(), uv_of(laid.z)
     own = np.flatnonzero((this.piece == 0) & (piece[:n] >= 0))
     main = int(np.bincount(piece[own]).argmax())
@@ -349,43 +361,8 @@ def _laid_out(this: Shape, graph: Graph, doubted: Callable[[Graph, Bool], Float6
     reference[own] = True
     std_m = deviations_m(laid.at, graph, piece == 0, reference)
     if any(view.is_noisy for view in this.observations):
-        std_m = np.hypot(std_m, doubt_m(graph, doubted(graph, laid.holds), piece == 0, laid.z, reference))
+        std_m = np.hypot(std_m, doubt_m(graph, evidence, piece == 0, laid.z, reference))
     return Both(all_uv_m=uv, piece=piece), std_m
-
-
-def _other_of(
-    both: Both,
-    this: Shape,
-    other: Shape,
-    other_std_m: Float64,
-    joining: Int64,
-    matches: Matches,
-    links: Sequence[SeamLink],
-) -> JoinedSide:
-    n, m = len(this.nodes), len(other.nodes)
-    own = np.s_[n : n + m]
-    piece = both.piece[own]
-    if not (piece >= 0).any():
-        raise FlatclothError("too little cloth of the other side hangs together.")
-    is_related = bool((piece == 0).any())
-    if not is_related and (piece > 0).any():  # its largest piece is the main one, on a plane of its own
-        piece = np.where(piece == np.bincount(piece[piece > 0]).argmax(), 0, piece)
-    std_m = np.full(m, np.nan)
-    if is_related:
-        # The joint layout may move this side at a seam: that distance is added at what lies nearest to it.
-        seam = np.flatnonzero((both.piece[n + m :] == 0) & (matches.pieces[joining, 0] == 0))
-        at = both.all_uv_m[n + m :][seam]
-        shift_m = np.linalg.norm(at - matches.this_uv_m[joining[seam]], axis=1)
-        std_m = other_std_m.copy()
-        if seam.size:
-            std_m = np.hypot(other_std_m, shift_m[cKDTree(at).query(np.nan_to_num(both.all_uv_m[own]))[1]])
-    made = replace(other, piece=piece, all_uv_m=both.all_uv_m[own] * MIRROR, std_m=std_m)
-    return JoinedSide(
-        shape=made,
-        matches=_moved(matches, links, other, made),
-        links=tuple(links),
-        is_related=is_related,
-    )
 
 
 def _moved(matches: Matches, links: Sequence[SeamLink], before: Shape, now: Shape) -> Matches:

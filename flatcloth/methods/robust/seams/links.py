@@ -343,18 +343,13 @@ def sets_of(this: Shape, other: Shape, matches: Matches) -> list[SeamLink]:
             members = _largest_set(matches, rest)
             if not members.size:
                 break
-            strength = members.size * _width_m(matches.this_uv_m[members]) / _AGREE_M
+            across_m2 = max(float(np.linalg.eigvalsh(np.cov(matches.this_uv_m[members].T))[0]), 0.0)
+            strength = members.size * max(float(np.sqrt(across_m2)), PLACE_STD_M) / _AGREE_M
             links.append(
                 SeamLink(this_piece=this_piece, other_piece=other_piece, members=members, strength=strength)
             )
             rest = np.setdiff1d(rest, members)
     return sorted(links, key=lambda link: -link.strength)
-
-
-def _width_m(uv_m: Float64) -> float:
-    """Return the standard deviation of places (K, 2) across the line through them, at least a residual's."""
-    across = float(np.linalg.eigvalsh(np.cov(uv_m.T))[0])
-    return max(float(np.sqrt(max(across, 0.0))), PLACE_STD_M)
 
 
 def _largest_set(matches: Matches, among: Int64) -> Int64:

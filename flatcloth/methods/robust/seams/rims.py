@@ -25,13 +25,12 @@ _NEAREST = 8
 class Rim:
     """Places along the border of flattened cloth.
 
-    ``uv_m`` (K, 2) on its plane, ``outward`` (K, 2) unit directions off the cloth; ``xyz_m`` (K, 3) object
-    frame, ``along`` (K, 3) the direction of the rim there, with the cloth at its left as seen from outside;
-    ``view_index`` (K,) the view that shows the place, ``piece`` (K,) which of the pieces it belongs to.
+    ``uv_m`` (K, 2) on its plane; ``xyz_m`` (K, 3) object frame, ``along`` (K, 3) the direction of the rim
+    there, with the cloth at its left as seen from outside; ``view_index`` (K,) the view that shows the place,
+    ``piece`` (K,) which of the pieces it belongs to.
     """
 
     uv_m: Float64
-    outward: Float64
     xyz_m: Float64
     along: Float64
     view_index: Int16
@@ -99,7 +98,6 @@ def _rim_of_piece(piece: FlattenedView, number: int) -> Rim:
     known = (np.abs(length - 1.0) < 0.5) & (_at(count, rc + 0.5 * step_px) > 0) & (normal != 0).any(axis=1)
     return Rim(
         uv_m=piece.uv_from_rc(rc)[known],
-        outward=border.outward[known],
         xyz_m=(at_rim + 0.5 * SPACING_M * outward)[known],
         along=np.cross(normal, outward)[known],
         view_index=_at(piece.view_index, rc + step_px)[known].astype(np.int16),
