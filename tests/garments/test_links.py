@@ -143,7 +143,7 @@ def test_a_decided_part_is_found_again_on_a_shape_that_was_turned_and_floats() -
     again = found_again(turned, taken)
     assert again is not None
     assert (again == part).all()
-    assert is_decided(turned, links, [taken])
+    assert is_decided(turned, part, [taken])
     kept = dataclasses.replace(taken, taken_off=False)
     assert len(parts_taken_off(turned, [kept, taken])) == 1
     assert parts_taken_off(turned, [taken, kept]) == []
