@@ -9,7 +9,7 @@ from made_up_sheets import exact_graph, grid, neighbours
 
 from flatcloth.core.types import Bool, Float64
 from flatcloth.shape.graph import Graph, z_of
-from flatcloth.shape.joints import doubt_m, false_share, seen_often
+from flatcloth.shape.joints import doubt_m, doubt_of, false_share, seen_often
 from flatcloth.shape.shape import RELIABLE_M
 
 THREE = np.concatenate([grid(10, 10), grid(10, 6, (0.2, 0.0)), grid(8, 5, (0.4, 0.0))])
@@ -21,8 +21,7 @@ APART_M = AWAY_M + AWAY_M.max()
 
 def left_m(evidence: float, sheet: int) -> Float64:
     """The deviation that a joint of some evidence leaves to the nodes of a sheet."""
-    found: Float64 = APART_M[sheet == SHEET] * np.sqrt(false_share(np.array(evidence)))
-    return found
+    return doubt_of(false_share(np.array(evidence)), APART_M[sheet == SHEET])
 
 
 def in_a_row(evidence: tuple[float, float], views: int = 4) -> tuple[Graph, Bool]:
@@ -31,7 +30,7 @@ def in_a_row(evidence: tuple[float, float], views: int = 4) -> tuple[Graph, Bool
     graph = exact_graph(THREE, np.concatenate([neighbours(THREE), joints]).astype(np.int32))
     ends = np.sort(SHEET[graph.pairs], axis=1)
     joins = ends[:, 0] != ends[:, 1]
-    weight = np.where(joins, np.array(evidence)[ends[:, 0] % 2] / 4.0, 1.0)
+    weight = np.where(joins, np.array(evidence)[ends[:, 0] % 2] / 4.0, 10.0)
     return replace(graph, evidence=weight, views=np.where(joins, views, 4)), ends[:, 1] == 2
 
 
