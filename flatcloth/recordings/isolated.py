@@ -46,8 +46,8 @@ def open_isolated(
     Raises
     ------
     RecordingError
-        As ``realsense.turned.open_realsense`` and ``ros.recording.open_ros``, and if the worker fails on
-        the file.
+        If a library is missing, the file or a table of angles is not valid, no view is found, or the
+        worker fails on the file.
     """
     try:
         worker = Worker(__name__, path)

@@ -63,13 +63,7 @@ def _added() -> tuple[Format, ...]:
 
 
 def format_of(path: Path, options: SourceOptions) -> Format | None:
-    """Return the format of a source: the one named by the options, or the first that recognises it.
-
-    Raises
-    ------
-    RecordingError
-        If the options name an unknown format.
-    """
+    """Return the format of a source: the one named by the options, or the first that recognises it."""
     if options.format is None:
         return next((form for form in every_format() if _recognises(form, path)), None)
     for form in every_format():

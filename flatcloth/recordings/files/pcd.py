@@ -56,13 +56,7 @@ class OrganisedCloud:
 
 
 def read_pcd_header(path: Path) -> ImageHeader:
-    """Read the header of an organised PCD file as that of a depth image.
-
-    Raises
-    ------
-    RecordingError
-        If it is missing, damaged, truncated, or not organised.
-    """
+    """Read the header of an organised PCD file as that of a depth image."""
     with os_errors_as(RecordingError, f"{path}: cannot be read", "Restore it."), open_plain(path) as file:
         start = file.read(_HEADER_BYTES)
         size = file.seek(0, 2)
@@ -99,13 +93,7 @@ def read_pcd_header(path: Path) -> ImageHeader:
 
 
 def read_pcd(path: Path) -> OrganisedCloud:
-    """Read an organised cloud: ascii, binary or binary_compressed.
-
-    Raises
-    ------
-    RecordingError
-        If it is missing, damaged, or not organised, or Open3D is missing.
-    """
+    """Read an organised cloud: ascii, binary or binary_compressed."""
     header = read_pcd_header(path)
     found = _worker.ask({}, path).arrays
     size = (header.height, header.width, 3)

@@ -64,11 +64,6 @@ def read_camera(
         The color image gives the size of the images if the file does not.
     options : SourceOptions, optional
         A camera file, or a field of view.
-
-    Raises
-    ------
-    RecordingError
-        If there is no description, or it is not valid.
     """
     header = read_depth_header(first_depth) if first_color == first_depth else read_header(first_color)
     size = (header.width, header.height)

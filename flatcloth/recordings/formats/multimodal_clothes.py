@@ -62,13 +62,7 @@ def areas_below(path: Path) -> list[Path]:
 
 
 def open_area(folder: Path, options: SourceOptions) -> Recording:
-    """Open an area; its angles come from ``turning_deg`` and ``sweep``, or from a table.
-
-    Raises
-    ------
-    RecordingError
-        If images are missing or damaged, or the camera or the angles are unknown.
-    """
+    """Open an area; its angles come from ``turning_deg`` and ``sweep``, or from a table."""
     folder = folder.resolve()
     colors, angles_deg = _sweep(folder, options)
     clouds = [_beside(color, "pc.pcd") for color in colors]

@@ -91,11 +91,6 @@ def open_realsense(
         All views in memory: 2.8 MB each at 640x480 px. Its notes say what was found, and what is wrong with
         the file.
 
-    Raises
-    ------
-    RecordingError
-        If the file or the table cannot be read, or no view is found.
-
     Notes
     -----
     A frame of 480x848 px costs 12 ms of computing, and 30 ms more if it belongs to a view.
