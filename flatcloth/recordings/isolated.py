@@ -107,21 +107,6 @@ ROS = Format(name="ros", what="a ROS .mcap or .bag", recognises=_is_ros, open=_o
 # --- the worker ------------------------------------------------------------------------------
 
 
-class _Reader:
-    """Answers the requests of :func:`open_isolated`: the first one opens, the others read views."""
-
-    def __init__(self) -> None:
-        self._recording: Recording | None = None
-
-    def answer(self, question: Mapping[str, Any], progress: Progress) -> Message:
-        if self._recording is None:
-            self._recording = _opened(question, progress)
-            about = {name: getattr(self._recording, name, ()) for name in _ABOUT}
-            return Message({**about, "intrinsics": dataclasses.asdict(self._recording.intrinsics)})
-        frame = self._recording[question["view"]]
-        return Message({}, {"color": frame.color, "depth_m": frame.depth_m})
-
-
 def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
     path, options = Path(question["path"]), question["options"]
     if question["kind"] == "ros":
@@ -134,5 +119,15 @@ def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
 
 
 def main() -> None:
-    """Answer the requests of :func:`open_isolated` until the input ends."""
-    serve(_Reader().answer, RecordingError)
+    """Answer the requests of :func:`open_isolated` until the input ends: open first, then read views."""
+    recordings: list[Recording] = []
+
+    def answer(question: Mapping[str, Any], progress: Progress) -> Message:
+        if "view" in question:
+            frame = recordings[0][question["view"]]
+            return Message({}, {"color": frame.color, "depth_m": frame.depth_m})
+        recordings.append(_opened(question, progress))
+        about = {name: getattr(recordings[0], name) for name in _ABOUT}
+        return Message({**about, "intrinsics": dataclasses.asdict(recordings[0].intrinsics)})
+
+    serve(answer, RecordingError)
