@@ -39,7 +39,7 @@ def open_isolated(
     path : Path
         File or folder.
     options : mapping
-        The fields of ``realsense.turned.TurnOptions`` that are given, or of ``GivenAngles``.
+        The fields of ``realsense.turned.TurnOptions``, or of ``GivenAngles``; None means not given.
     progress : callable
         Called with the share of the work done.
 
@@ -60,7 +60,8 @@ def open_isolated(
         ):
             return worker.ask(question, progress)
 
-    given = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
+    said = {name: value for name, value in options.items() if value is not None}
+    given = {name: str(value) if isinstance(value, Path) else value for name, value in said.items()}
     about = ask({"kind": kind, "path": str(path), "options": given}, progress).table
     lists = {name: tuple(about[name]) for name in ("notes", "angles_deg")}
     return Recording(
@@ -77,8 +78,7 @@ def _is_realsense(path: Path) -> bool:
 
 def _open_realsense(path: Path, options: SourceOptions) -> Recording:
     options.refuse(str(path), *_REFUSED)
-    given = {"angles": options.angles, "step_deg": options.step_deg}
-    return open_isolated("realsense", path, {k: v for k, v in given.items() if v is not None})
+    return open_isolated("realsense", path, {"angles": options.angles, "step_deg": options.step_deg})
 
 
 def _is_ros(path: Path) -> bool:

@@ -61,13 +61,7 @@ class Manifest:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read and check ``recording.json`` of a recording folder.
-
-    Raises
-    ------
-    RecordingError
-        In one line: file, cause and remedy.
-    """
+    """Read and check ``recording.json`` of a recording folder."""
     folder = folder.resolve()
     path = folder / HEADER
     if not path.is_file():

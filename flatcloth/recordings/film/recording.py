@@ -39,6 +39,11 @@ def views_or_film(
     progress : callable
         Called with the share of a film that has been searched.
 
+    Raises
+    ------
+    RecordingError
+        If the angles do not match the shots, or the item of a film never stands still.
+
     Notes
     -----
     Every frame of a film is read once, to find the stops: about 15 ms each at 640x480 px. The frames of a
