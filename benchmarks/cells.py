@@ -16,7 +16,7 @@ from flatcloth.core.geometry import back_project, camera_from_object, fit_rigid2
 from flatcloth.engine.garment.truth import read_true_points
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.copying import DEPTH_SCALE_M, depth_units
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 from flatcloth.synthesis.cell import Cell
 from flatcloth.synthesis.hanging import PoseErrors
 from flatcloth.synthesis.meshes import read_mesh
@@ -69,7 +69,7 @@ def true_points(views: Views, recorded: str, panel: int) -> list[dict[str, Any]]
     The recording's truth says where a point lies on its flat panel; the pattern coordinates of the mesh lead
     from there to a vertex. As seen from outside of the other panel, left and right are exchanged.
     """
-    recording, truth = Remembered(open_recording(recorded)), read_truth(recorded)
+    recording, truth = Remembered(open_recording(recorded)), Truth(recorded)
     named = read_true_points(Path(recording.location))
     assert named is not None
     cell, mesh, vertices = views.cell, read_mesh(views.mesh), views.cell.points_m

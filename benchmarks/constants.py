@@ -30,7 +30,7 @@ from benchmarks.inputs import Remembered, sources
 from benchmarks.kept_kernels import keep_kernels, stale_kernels
 from benchmarks.output import RESULTS, Options, once, save, say
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 
 if TYPE_CHECKING:
     from flatcloth.core.types import FlattenedView
@@ -105,7 +105,7 @@ class Read:
 
     def __init__(self, source: str) -> None:
         self.name = Path(source).name
-        self.recording, self.truth = Remembered(open_recording(source)), Remembered(read_truth(source))
+        self.recording, self.truth = Remembered(open_recording(source)), Remembered(Truth(source))
         self._as_it_is: dict[str, dict[str, Any]] = {}
         self._noise: dict[str, dict[str, float]] = {}
 

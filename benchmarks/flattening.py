@@ -23,7 +23,7 @@ from flatcloth.core.types import Float64
 from flatcloth.engine.warmup import warm_up
 from flatcloth.flattening.minimisation import energy_of
 from flatcloth.recordings import Recording, open_recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 
 INTERVALS_PX = (12, 6, 2, 1)
 LARGE_PROBLEMS = ("S-curve",)
@@ -120,7 +120,7 @@ def problems(recordings: Sequence[Recording], *, quick: bool) -> Iterator[tuple[
         frame, axis = recording[GARMENT_VIEW], recording.rotation_axis
         if axis is None:
             continue
-        truth = read_truth(recording.location)[GARMENT_VIEW]
+        truth = Truth(recording.location)[GARMENT_VIEW]
         for d in intervals:
             if d > 1:
                 yield None, problem_of(recording.name, frame, axis, truth.flat_uv_m, d, garment=True)

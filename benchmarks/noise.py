@@ -25,7 +25,7 @@ from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.surface import crop_to_item, item_mask, observe_surface
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.truth import TrueView, read_truth
+from flatcloth.recordings.truth import TrueView, Truth
 from flatcloth.registration.axis import resolve_axis
 from flatcloth.synthesis.sensor import DepthSensor, measure_depth
 
@@ -111,7 +111,7 @@ def measured(source: str, quick: bool) -> dict[str, Any]:
             row["as recorded"]["as measured"] = rims(recording, axis, shown)
     if max(row["noise_px"]) > CLEAN_PX:
         return row
-    truth = read_truth(source)
+    truth = Truth(source)
     for name, sensor in SENSORS.items():
         found: dict[str, list[dict[str, float]]] = {"smoothed": [], "as measured": []}
         for n in shown:

@@ -28,7 +28,7 @@ from flatcloth.engine.evaluation import compare
 from flatcloth.export.session import open_session
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 
 VIEWPORT = {"width": 1366, "height": 768}
 WAIT_MS = 600_000
@@ -175,5 +175,5 @@ def _without_masks(source: str, folder: Path) -> dict[str, Any]:
 
 def _accuracy(folder: Path, recording: Recording) -> dict[str, float]:
     """Compare a session's shape with the truth of its recording."""
-    found = compare(open_session(folder).view, read_truth(recording.location), recording).evaluation
+    found = compare(open_session(folder).view, Truth(recording.location), recording).evaluation
     return {f"without_masks_{name}": round(getattr(found, name), 4) for name in _FIGURES}

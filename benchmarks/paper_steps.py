@@ -37,7 +37,7 @@ from flatcloth.methods.paper.occlusion import occluding_edge_length_m
 from flatcloth.methods.registry import register, unregister
 from flatcloth.methods.starting import start_by_view
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 from flatcloth.session.machine import Document, MemorySession, PlacedPart, SessionState, Side
 
 BEFORE_M2 = 0.03
@@ -176,7 +176,7 @@ def z_angle_noise_deg(view: FlattenedView, axis: RotationAxis, smoothing_m: floa
 def rows_of(source: str, variants: Sequence[str]) -> list[dict[str, Any]]:
     """Return a row for each variant of one recording."""
     recording = Remembered(open_recording(source))
-    truth = Remembered(read_truth(recording.location))
+    truth = Remembered(Truth(recording.location))
     rows: list[dict[str, Any]] = []
     first: dict[bool, Integration] = {}
     for name in variants:

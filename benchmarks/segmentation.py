@@ -26,7 +26,7 @@ from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Bool, Float32, Float64
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import Truth, read_truth
+from flatcloth.recordings.truth import Truth
 from flatcloth.segmentation.certainty import CALIBRATION, features
 from flatcloth.segmentation.observed import Observed, gather_evidence, observe
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
@@ -232,7 +232,7 @@ def measured(
 ) -> tuple[dict[str, Any], list[tuple[Float64, Bool, Float64]], list[FirstStroke]]:
     """Measure one recording; ``learn`` from its first strokes, too."""
     recording = open_recording(source)
-    truth = read_truth(source)
+    truth = Truth(source)
     integration = Integration(recording)
     frames = [recording[n] for n in range(len(recording))]
     began, cpu = time.perf_counter(), time.process_time()

@@ -21,7 +21,7 @@ from flatcloth.engine.evaluation import compare
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import masked
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 from flatcloth.segmentation.observed import gather_evidence, observe
 from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
@@ -41,7 +41,7 @@ def run(options: Options) -> None:
 
 def row_of(source: str, counts: tuple[int, ...]) -> dict[str, Any]:
     """Return the figures of a recording with its masks, and without them after so many strokes."""
-    recording, truth = Remembered(open_recording(source)), Remembered(read_truth(source))
+    recording, truth = Remembered(open_recording(source)), Remembered(Truth(source))
     masked = figures(recording, truth, recording)
     integration = Integration(recording)
     frames = [recording[n] for n in range(len(recording))]

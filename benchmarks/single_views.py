@@ -23,7 +23,7 @@ from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.surface import Surface, observe_item
 from flatcloth.flattening.upsampling import Carrier
 from flatcloth.recordings import Recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 
 CONFIG = Config()
 STAGES: dict[Any, tuple[str, ...]] = {
@@ -163,7 +163,7 @@ def noise_share_mm(found: Surface, exact_depth_m: Float64) -> float:
 
 def accuracy_of_views(recording: Recording, *, quick: bool = False) -> dict[str, Any]:
     """Flatten every view of a recording with a truth; medians over the views, and the worst."""
-    truth = read_truth(recording.location)
+    truth = Truth(recording.location)
     axis = recording.rotation_axis
     assert axis is not None
     p95, shares, flips, lost = [], [], 0, 0

@@ -20,7 +20,7 @@ from flatcloth.core.strokes import Decision
 from flatcloth.engine.integration import Integration
 from flatcloth.engine.segmenting import prepare
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 from flatcloth.session.machine import Document
 from flatcloth.viewer.modes.sides import SideController
 
@@ -36,7 +36,7 @@ class Bare(Remembered):
 
 def measured(source: str, strokes: int) -> dict[str, Any]:
     """Measure one recording."""
-    recording, truth = Bare(open_recording(source)), read_truth(source)
+    recording, truth = Bare(open_recording(source)), Truth(source)
     integration = Integration(recording, segmenter=prepare)
     told = threading.Event()
     controller = SideController(integration, lambda job: job(), lambda _changed: told.set())

@@ -16,14 +16,14 @@ from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 from flatcloth.session.machine import Document, MemorySession, SessionState
 
 
 def unattended(source: str) -> tuple[Integration, Document, Remembered]:
     """Integrate a recording by ``robust`` without an operator; return also its truth."""
     integration, document = integrated(Remembered(open_recording(source)))
-    return integration, document, Remembered(read_truth(integration.recording.location))
+    return integration, document, Remembered(Truth(integration.recording.location))
 
 
 def integrated(recording: Any, method: str | None = None) -> tuple[Integration, Document]:
@@ -36,7 +36,7 @@ def integrated(recording: Any, method: str | None = None) -> tuple[Integration, 
 def both_sides(source: str) -> tuple[GarmentService, BothSides, Document, Remembered]:
     """Integrate both sides of a recording by ``robust`` without an operator; return also its truth."""
     recording = Remembered(open_recording(source))
-    return *integrated_sides(recording), Remembered(read_truth(recording.location))
+    return *integrated_sides(recording), Remembered(Truth(recording.location))
 
 
 def integrated_sides(recording: Any) -> tuple[GarmentService, BothSides, Document]:

@@ -28,7 +28,7 @@ from flatcloth.core.errors import EvaluationError, FlatclothError
 from flatcloth.engine.evaluation import compare
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 
 POORER = ("exposure jumps", "views too far apart")
 HOPELESS = (
@@ -88,7 +88,7 @@ def row_of(source: str, mistake: str, strength: float, right: Made) -> dict[str,
         "lengths_far": 0,
     }
     try:
-        found = compare(made.shape.view, read_truth(source), wrong).evaluation
+        found = compare(made.shape.view, Truth(source), wrong).evaluation
     except EvaluationError:
         return row
     if math.isnan(found.firm_share) or not found.firm_share:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.output import Options, save, say
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import TrueView, read_truth
+from flatcloth.recordings.truth import TrueView, Truth
 from flatcloth.validation.kit import Kit, read_kit
 from flatcloth.validation.markers import found_markers
 
@@ -41,7 +41,7 @@ def run(options: Options) -> None:
 
 def markers_of(name: str) -> tuple[dict[str, Any], np.ndarray]:
     """Return the figures of a recording, and by how many pixels the corners that face the camera are off."""
-    recording, truth = open_recording(name), read_truth(name)
+    recording, truth = open_recording(name), Truth(name)
     kit = read_kit(Path(recording.location) / "kit.json")
     row = dict.fromkeys(("facing", "read_of_facing", "found", "wrong"), 0)
     off_px = [np.zeros((0, 4))]

@@ -15,7 +15,7 @@ from flatcloth.engine.garment.truth import compare_garment, read_true_points
 from flatcloth.engine.results.sides_truth import compare_sides
 from flatcloth.export.session_data import SessionData
 from flatcloth.recordings import Recording, open_recording
-from flatcloth.recordings.truth import Truth, read_truth
+from flatcloth.recordings.truth import Truth
 
 
 def evaluate_one(
@@ -46,7 +46,7 @@ def evaluate_one(
         If it cannot be read or integrated, has no truth, or the picture cannot be written.
     """
     recording = open_recording(source)
-    truth = read_truth(recording.location)
+    truth = Truth(recording.location)
     shape = integrate(recording, method=method, progress=progress, cores=1, sides=sides)
     comparison = compare(shape.view, truth, recording)
     if pictures is not None:

@@ -76,5 +76,4 @@ def _opened(options: argparse.Namespace, bar: ProgressBar) -> Recording:
         "angles": options.angles,
         "turning_speed_deg_s": options.turning_speed,
     }
-    opened = open_isolated("realsense", path, {k: v for k, v in given.items() if v is not None}, bar.show)
-    return mended(opened, mends_of(options) or Mends())
+    return mended(open_isolated("realsense", path, given, bar.show), mends_of(options) or Mends())

@@ -1,6 +1,7 @@
 """Recordings, the only input: sources of RGB-D views with a common interface.
 
-Input: a folder, a file or a bundled name. Output: a :class:`Recording`.
+Input: a folder, a file or a bundled name. Output: a :class:`Recording`. Whatever is wrong with a source, all
+functions of this package raise ``RecordingError`` with one line: file, cause and remedy.
 """
 
 from __future__ import annotations

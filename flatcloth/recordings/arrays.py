@@ -162,14 +162,13 @@ def _camera(given: Intrinsics | ArrayLike, size: tuple[int, ...]) -> Intrinsics:
             failing("intrinsics")(
                 f"are of {given.width}x{given.height} px", f"The images are {width}x{height}."
             )
-        focal, center = (given.fx, given.fy), (given.cx, given.cy)
     else:
         k = _numbers("intrinsics", given)
         if k.shape != (3, 3) or k[[0, 1, 2, 2], [1, 0, 0, 1]].any() or k[2, 2] != 1:
             failing("intrinsics")("is no camera matrix", "Give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]].")
-        focal, center = (float(k[0, 0]), float(k[1, 1])), (float(k[0, 2]), float(k[1, 2]))
-
-    return checked_intrinsics((width, height), focal, center, failing("intrinsics"))
+        fx, fy, cx, cy = k[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
+        given = Intrinsics(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
+    return checked_intrinsics(given, failing("intrinsics"))
 
 
 def _axis(given: RotationAxis | tuple[ArrayLike, ArrayLike]) -> RotationAxis:

@@ -16,13 +16,7 @@ from flatcloth.recordings.source import Format, SourceOptions
 
 
 def open_folder(folder: Path) -> Recording:
-    """Open a recording folder, with its ``recording.json``.
-
-    Raises
-    ------
-    RecordingError
-        If ``recording.json`` is not valid, or any of its images is not.
-    """
+    """Open a recording folder, with its ``recording.json``."""
     return image_recording(read_manifest(folder))
 
 

@@ -39,15 +39,15 @@ def open_isolated(
     path : Path
         File or folder.
     options : mapping
-        The fields of ``realsense.turned.TurnOptions`` that are given, or of ``GivenAngles``.
+        The fields of ``realsense.turned.TurnOptions``, or of ``GivenAngles``; None means not given.
     progress : callable
         Called with the share of the work done.
 
     Raises
     ------
     RecordingError
-        As ``realsense.turned.open_realsense`` and ``ros.recording.open_ros``, and if the worker fails on
-        the file.
+        If a library is missing, the file or a table of angles is not valid, no view is found, or the
+        worker fails on the file.
     """
     try:
         worker = Worker(__name__, path)
@@ -60,7 +60,8 @@ def open_isolated(
         ):
             return worker.ask(question, progress)
 
-    given = {name: str(value) if isinstance(value, Path) else value for name, value in options.items()}
+    said = {name: value for name, value in options.items() if value is not None}
+    given = {name: str(value) if isinstance(value, Path) else value for name, value in said.items()}
     about = ask({"kind": kind, "path": str(path), "options": given}, progress).table
     lists = {name: tuple(about[name]) for name in ("notes", "angles_deg")}
     return Recording(
@@ -77,8 +78,7 @@ def _is_realsense(path: Path) -> bool:
 
 def _open_realsense(path: Path, options: SourceOptions) -> Recording:
     options.refuse(str(path), *_REFUSED)
-    given = {"angles": options.angles, "step_deg": options.step_deg}
-    return open_isolated("realsense", path, {k: v for k, v in given.items() if v is not None})
+    return open_isolated("realsense", path, {"angles": options.angles, "step_deg": options.step_deg})
 
 
 def _is_ros(path: Path) -> bool:
@@ -107,21 +107,6 @@ ROS = Format(name="ros", what="a ROS .mcap or .bag", recognises=_is_ros, open=_o
 # --- the worker ------------------------------------------------------------------------------
 
 
-class _Reader:
-    """Answers the requests of :func:`open_isolated`: the first one opens, the others read views."""
-
-    def __init__(self) -> None:
-        self._recording: Recording | None = None
-
-    def answer(self, question: Mapping[str, Any], progress: Progress) -> Message:
-        if self._recording is None:
-            self._recording = _opened(question, progress)
-            about = {name: getattr(self._recording, name, ()) for name in _ABOUT}
-            return Message({**about, "intrinsics": dataclasses.asdict(self._recording.intrinsics)})
-        frame = self._recording[question["view"]]
-        return Message({}, {"color": frame.color, "depth_m": frame.depth_m})
-
-
 def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
     path, options = Path(question["path"]), question["options"]
     if question["kind"] == "ros":
@@ -134,5 +119,15 @@ def _opened(question: Mapping[str, Any], progress: Progress) -> Recording:
 
 
 def main() -> None:
-    """Answer the requests of :func:`open_isolated` until the input ends."""
-    serve(_Reader().answer, RecordingError)
+    """Answer the requests of :func:`open_isolated` until the input ends: open first, then read views."""
+    recordings: list[Recording] = []
+
+    def answer(question: Mapping[str, Any], progress: Progress) -> Message:
+        if "view" in question:
+            frame = recordings[0][question["view"]]
+            return Message({}, {"color": frame.color, "depth_m": frame.depth_m})
+        recordings.append(_opened(question, progress))
+        about = {name: getattr(recordings[0], name) for name in _ABOUT}
+        return Message({**about, "intrinsics": dataclasses.asdict(recordings[0].intrinsics)})
+
+    serve(answer, RecordingError)

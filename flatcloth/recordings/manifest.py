@@ -61,13 +61,7 @@ class Manifest:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read and check ``recording.json`` of a recording folder.
-
-    Raises
-    ------
-    RecordingError
-        In one line: file, cause and remedy.
-    """
+    """Read and check ``recording.json`` of a recording folder."""
     folder = folder.resolve()
     path = folder / HEADER
     if not path.is_file():
@@ -167,9 +161,9 @@ class _Reader:
         return scale
 
     def _camera(self, given: CameraOfHeader) -> tuple[Intrinsics, Lens]:
-        size = (self._size(given.width, "width"), self._size(given.height, "height"))
-        focal, center = (given.fx, given.fy), (given.cx, given.cy)
-        intrinsics = checked_intrinsics(size, focal, center, self._fail, "intrinsics.")
+        width, height = self._size(given.width, "width"), self._size(given.height, "height")
+        camera = Intrinsics(width=width, height=height, fx=given.fx, fy=given.fy, cx=given.cx, cy=given.cy)
+        intrinsics = checked_intrinsics(camera, self._fail, "intrinsics.")
         model, numbers = given.distortion_model, given.distortion
         return intrinsics, checked_lens(intrinsics, numbers, self._fail, "intrinsics.", model)
 

@@ -63,13 +63,7 @@ def _added() -> tuple[Format, ...]:
 
 
 def format_of(path: Path, options: SourceOptions) -> Format | None:
-    """Return the format of a source: the one named by the options, or the first that recognises it.
-
-    Raises
-    ------
-    RecordingError
-        If the options name an unknown format.
-    """
+    """Return the format of a source: the one named by the options, or the first that recognises it."""
     if options.format is None:
         return next((form for form in every_format() if _recognises(form, path)), None)
     for form in every_format():
@@ -88,20 +82,12 @@ def _recognises(form: Format, path: Path) -> bool:
 
 
 def open_by(form: Format, path: Path, options: SourceOptions) -> Recording:
-    """Open a source with a format.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be opened, also if a format of another package fails in any way.
-    """
-    if form in BUILT_IN:
-        return form.open(path, options)
+    """Open a source with a format; those of other packages may fail in any way."""
     try:
         return form.open(path, options)
-    except (RecordingError, MemoryError):
-        raise
     except Exception as error:
+        if form in BUILT_IN or isinstance(error, RecordingError | MemoryError):
+            raise
         _log.exception("The format %s failed to open %s.", form.name, path)
         raise RecordingError(
             f"{path}: the format {form.name} failed ({type(error).__name__}: {error}). "

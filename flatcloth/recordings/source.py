@@ -50,13 +50,7 @@ class SourceOptions:
         return GivenAngles(table=self.angles, step_deg=self.step_deg, factor=factor)
 
     def refuse(self, source: str, *names: str) -> None:
-        """Raise if options were given that do not apply to a source.
-
-        Raises
-        ------
-        RecordingError
-            If one of these options was given.
-        """
+        """Raise ``RecordingError`` if options were given that do not apply to a source."""
         for name in names:
             if getattr(self, name) is not None:
                 raise RecordingError(f"{source}: {_REFUSED[name]}. Leave out {OPTION_NAMES[name]}.")

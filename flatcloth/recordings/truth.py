@@ -11,7 +11,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.core.types import Bool, Float32, Uint8
 from flatcloth.recordings.base import check_index
 from flatcloth.recordings.files import images
-from flatcloth.recordings.manifest import HEADER, Manifest, read_manifest
+from flatcloth.recordings.manifest import HEADER, read_manifest
 
 _UNITS_PER_M = 20000.0
 """The format: 16 bits in units of 0.05 mm ..."""
@@ -36,10 +36,16 @@ class TrueView:
 
 
 class Truth:
-    """The truth of a recording folder; see :func:`read_truth`."""
+    """The truth of a recording folder (``recording.location``): a sequence of :class:`TrueView`.
 
-    def __init__(self, manifest: Manifest) -> None:
-        self._manifest = manifest
+    Raises
+    ------
+    RecordingError
+        If the folder is not a recording, or has no truth.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self._manifest = manifest = read_manifest(Path(folder))
         header, file = manifest.truth, manifest.folder / HEADER
         if header is None or any(v.truth is None for v in manifest.views):
             raise RecordingError(f"{file}: has no truth. Only a synthetic recording can be evaluated.")
@@ -76,14 +82,3 @@ class Truth:
         flat = bgr[..., :0:-1].astype(np.float32) / np.float32(_UNITS_PER_M) - np.float32(_OFFSET_M)
         flat[panel == 0] = np.nan
         return TrueView(panel=panel, outer_face=(code & _OUTER_FACE) != 0, flat_uv_m=flat)
-
-
-def read_truth(folder: str | Path) -> Truth:
-    """Open the truth of a recording folder (``recording.location``); a sequence of :class:`TrueView`.
-
-    Raises
-    ------
-    RecordingError
-        If the folder is not a recording, or has no truth.
-    """
-    return Truth(read_manifest(Path(folder)))

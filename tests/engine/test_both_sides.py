@@ -21,7 +21,7 @@ from flatcloth.export.garment import garment_document, other_points
 from flatcloth.garments.distance import to_edges
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import altered, images_of
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 from flatcloth.session.document import Document
 
 NAME = "trousers-waist-d435"
@@ -46,7 +46,7 @@ def shape(place: str, session: Path):
 
 
 def test_the_other_side_lies_where_the_pattern_has_it(shape, place: str):
-    truth = read_truth(place)
+    truth = Truth(place)
     sides = shape.data.sides
     found = compare_sides(shape.view, sides, truth, open_recording(place))
     assert sides.is_related
@@ -141,7 +141,7 @@ def test_the_papers_method_has_one_side(place: str):
 
 
 def test_masks_that_name_both_sides_are_taken_as_they_are(place: str):
-    recording, truth = open_recording(place), read_truth(place)
+    recording, truth = open_recording(place), Truth(place)
     its = OtherTruth(truth, len(recording))
 
     def named(view: int):

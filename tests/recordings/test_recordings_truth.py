@@ -12,7 +12,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.core.geometry import back_project
 from flatcloth.core.resources import sample_recordings
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_panel_face_and_coordinates_are_decoded(folder: Path) -> None:
-    truth = read_truth(folder)
+    truth = Truth(folder)
     assert (truth.garment, truth.panel_of_interest) == ("towel", 1)
     assert len(truth) == 3
     view = truth[2]
@@ -43,18 +43,18 @@ def test_a_recording_without_truth_says_so(folder: Path) -> None:
             del content["views"][1]["truth"]
         write_header(folder, content)
         with pytest.raises(RecordingError, match="Only a synthetic recording can be evaluated"):
-            read_truth(folder)
+            Truth(folder)
 
 
 @pytest.mark.parametrize("truth", [{}, [], "front", {"panel_of_interest": 3}, {"panel_of_interest": True}])
 def test_a_truth_that_does_not_name_the_panel_is_refused(folder: Path, truth: object) -> None:
     write_header(folder, {**header(), "truth": truth})
     with pytest.raises(RecordingError, match="panel_of_interest is not 1"):
-        read_truth(folder)
+        Truth(folder)
 
 
 def test_truth_images_are_checked(folder: Path) -> None:
-    truth = read_truth(folder)
+    truth = Truth(folder)
     (folder / "truth" / "0.png").unlink()
     write_image(folder / "truth" / "1.png", np.ones((HEIGHT, WIDTH), dtype=np.uint16))
     write_image(folder / "truth" / "2.png", np.ones((HEIGHT, WIDTH - 1, 3), dtype=np.uint16))
@@ -67,7 +67,7 @@ def test_truth_images_are_checked(folder: Path) -> None:
 
 def test_the_bundled_truth_agrees_with_depth_and_mask() -> None:
     recording = open_recording("shirt-sleeve-clean")
-    truth = read_truth(sample_recordings()["shirt-sleeve-clean"])
+    truth = Truth(sample_recordings()["shirt-sleeve-clean"])
     frame, view = recording[4], truth[4]
     assert frame.mask is not None
     assert (view.panel[frame.mask] == truth.panel_of_interest).all()

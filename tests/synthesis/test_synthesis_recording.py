@@ -20,7 +20,7 @@ from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.surface import observe_surface
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.base import Recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 from flatcloth.synthesis.hanging import PoseErrors, hang, turn
 from flatcloth.synthesis.recording import Request, camera_of, synthesize
 from flatcloth.synthesis.stereo import Exposure
@@ -83,7 +83,7 @@ def test_views_agree_in_the_held_frame_with_their_angles_and_truth(tmp_path: Pat
     vertices, triangles, flat = arc(160.0)
     mesh = write_obj(tmp_path / "m.obj", vertices, triangles, flat if texture else None)
     recording = made(tmp_path, mesh, step_deg=30.0)
-    truth, axis = read_truth(recording.location), recording.rotation_axis
+    truth, axis = Truth(recording.location), recording.rotation_axis
     assert axis is not None
     places = []
     for n in (0, 1, 11):
@@ -104,7 +104,7 @@ def test_views_agree_in_the_held_frame_with_their_angles_and_truth(tmp_path: Pat
 
 def test_the_truth_is_seen_from_outside_and_not_mirrored(tmp_path: Path) -> None:
     recording = made(tmp_path)
-    true = read_truth(recording.location)[0].flat_uv_m
+    true = Truth(recording.location)[0].flat_uv_m
     row, col = CAMERA.height // 2, CAMERA.width // 2
     assert true[row, col + 10, 0] > true[row, col - 10, 0]
     assert true[row + 10, col, 1] > true[row - 10, col, 1]
@@ -116,7 +116,7 @@ def test_the_inner_face_is_no_side_of_interest(tmp_path: Path) -> None:
     assert behind.mask is not None
     assert (behind.depth_m > 0).sum() > 500
     assert not behind.mask.any()
-    assert not read_truth(recording.location)[4].outer_face.any()
+    assert not Truth(recording.location)[4].outer_face.any()
     turned = made(tmp_path, inside_out=True, out=tmp_path / "other")[4]
     assert turned.mask is not None
     assert (turned.mask == (turned.depth_m > 0)).all()
@@ -127,7 +127,7 @@ def test_the_method_evaluates_well_on_a_clean_sheet(tmp_path: Path) -> None:
     axis = recording.rotation_axis
     assert axis is not None
     view = flatten(observe_surface(recording[0], axis, SurfaceConfig()), axis, FlatteningConfig()).view
-    figures = compare(view, read_truth(recording.location), recording).evaluation
+    figures = compare(view, Truth(recording.location), recording).evaluation
     assert figures.absolute_p95_mm < 1.0
     assert figures.wrong_side_share == 0
 
@@ -138,7 +138,7 @@ def test_panels_of_groups_are_told_apart(tmp_path: Path) -> None:
     groups = {"front": np.flatnonzero(front), "back": np.flatnonzero(~front)}
     mesh = write_obj(tmp_path / "tube.obj", vertices, triangles, groups=groups)
     recording = made(tmp_path, mesh, held=None, panel="back", step_deg=90.0)
-    truth = read_truth(recording.location)
+    truth = Truth(recording.location)
     assert truth.panel_of_interest == 2
     shown = [np.unique(truth[n].panel[truth[n].outer_face]).tolist() for n in (0, 2)]
     assert shown == [[1], [2]]
@@ -227,7 +227,7 @@ def test_a_noisy_recording_has_millimetres_and_the_truth_of_the_clean_one(tmp_pa
     clean = made(tmp_path, out=tmp_path / "clean")
     d435 = made(tmp_path, out=tmp_path / "noisy", noise="d435")
     assert np.allclose(d435[0].depth_m * 1e3, np.rint(d435[0].depth_m * 1e3), atol=1e-3)
-    true, other = read_truth(clean.location)[0], read_truth(d435.location)[0]
+    true, other = Truth(clean.location)[0], Truth(d435.location)[0]
     assert np.array_equal(true.flat_uv_m, other.flat_uv_m, equal_nan=True)
     mask = d435[0].mask
     assert mask is not None
@@ -318,7 +318,7 @@ def test_only_the_back_named(tmp_path: Path) -> None:
 def test_a_front_alone_is_a_single_layer_whose_other_side_is_its_inner_face(tmp_path: Path) -> None:
     mesh = sheet_obj(tmp_path, groups={"front": np.arange(576)})
     recording = made(tmp_path, mesh, step_deg=90.0)
-    truth = read_truth(recording.location)
+    truth = Truth(recording.location)
     outer = [(truth[n].outer_face & (truth[n].panel == 1)).sum() for n in range(4)]
     inner = [(~truth[n].outer_face & (truth[n].panel == 1)).sum() for n in range(4)]
     assert max(outer) > 100

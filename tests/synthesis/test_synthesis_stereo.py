@@ -11,7 +11,7 @@ from garment_meshes import HEIGHT_M, RADIUS_M, arc, write_obj
 
 from flatcloth.cli import main
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 from flatcloth.synthesis.hanging import PoseErrors, hang, turn, twisted
 from flatcloth.synthesis.stereo import COLOR_ABOVE_M, Exposure, aligned_color, match
 
@@ -82,7 +82,7 @@ def test_a_stereo_recording_is_that_of_the_mesh_with_the_errors_of_matching(tmp_
     neighbours = np.isfinite(error[:, 1:]) & np.isfinite(error[:, :-1])
     assert np.corrcoef(error[:, 1:][neighbours], error[:, :-1][neighbours])[0, 1] > 0.5
     assert np.array_equal(
-        read_truth(stereo.location)[0].flat_uv_m, read_truth(clean.location)[0].flat_uv_m, equal_nan=True
+        Truth(stereo.location)[0].flat_uv_m, Truth(clean.location)[0].flat_uv_m, equal_nan=True
     )
     mask = stereo[0].mask
     assert mask is not None

@@ -14,7 +14,7 @@ from garment_meshes import arc, write_obj
 from flatcloth.cli import main
 from flatcloth.core.errors import FlatclothError
 from flatcloth.recordings import open_recording
-from flatcloth.recordings.truth import read_truth
+from flatcloth.recordings.truth import Truth
 from flatcloth.validation.kit import HEM_M, KitError, dictionary_codes, grid_kit, read_kit, write_kit
 from flatcloth.validation.markers import found_markers
 from flatcloth.validation.printing import pdf_of, svg_of, tiles, whole_pages
@@ -175,7 +175,7 @@ def test_a_printed_recording_keeps_its_kit_and_reads_right_on_both_panels(tmp_pa
     camera = ["--size", "240", "360", "--focal", "500", "--distance", "0.6", "--step", "90"]
     assert main(["synthesize", str(mesh), "--texture", str(file), "--out", str(out), *camera]) == 0
     assert read_kit(out / "kit.json").name == kit.name
-    recording, truth = open_recording(out), read_truth(out)
+    recording, truth = open_recording(out), Truth(out)
     for sheet in (1, 2):
         off_m = []
         for n in range(4):

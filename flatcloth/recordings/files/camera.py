@@ -165,27 +165,12 @@ class Lens:
         return (x + slope * (y - matrix[1, 2])).astype(np.float32) if slope else x, y
 
 
-def checked_intrinsics(
-    size: tuple[int, int],
-    focal: tuple[float, float],
-    center: tuple[float, float],
-    fail: Fail,
-    where: str = "",
-) -> Intrinsics:
-    """Return the camera if its values are possible.
+def checked_intrinsics(camera: Intrinsics, fail: Fail, where: str = "") -> Intrinsics:
+    """Return a camera of finite numbers if they are possible.
 
-    Parameters
-    ----------
-    size : (width, height)
-        Pixels.
-    focal, center : (fx, fy), (cx, cy)
-        Finite numbers, pixels.
-    fail : callable
-        Called with cause and remedy if something is wrong.
-    where : str
-        Prefix of the names in messages.
+    Otherwise ``fail`` is called with cause and remedy, in which ``where`` is the prefix of the names.
     """
-    (width, height), (fx, fy), (cx, cy) = size, focal, center
+    width, height, fx, fy = camera.width, camera.height, camera.fx, camera.fy
     if width * height > MOST_PIXELS:
         fail(
             f"{where}{width}x{height} px are {width * height / 1e6:.0f} megapixels",
@@ -198,10 +183,10 @@ def checked_intrinsics(
     if not 0.5 <= fx / fy <= 2:
         fail(f"{where}fx {fx:g} and fy {fy:g} differ too much", "Give both in pixels.")
     # The principal point of a cropped image may lie outside it, but not far.
-    for name, value, pixels in (("cx", cx, width), ("cy", cy, height)):
+    for name, value, pixels in (("cx", camera.cx, width), ("cy", camera.cy, height)):
         if not -2 * pixels <= value <= 3 * pixels:
             fail(f"{where}{name} is {value:g}", f"Give a pixel position in the {width}x{height} image.")
-    return Intrinsics(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy)
+    return camera
 
 
 def checked_direction(direction: Float64, fail: Fail, where: str = "") -> Float64:

@@ -24,24 +24,12 @@ _worker = KeptWorker(__name__, "OpenEXR", "OpenEXR")
 
 
 def read_exr_header(path: Path) -> ImageHeader:
-    """Read the size and the number of channels; a file with one channel of depth counts as of one channel.
-
-    Raises
-    ------
-    RecordingError
-        If the file is damaged, of more than one part, or announces more than is decoded.
-    """
+    """Read the size and the number of channels; a file with one channel of depth counts as of one channel."""
     return ImageHeader(kind="exr", bits=32, **_worker.ask({"pixels": False}, path).table)
 
 
 def read_exr_pixels(path: Path) -> NDArray[Any]:
-    """Decode the channel of depth (H, W); the header was read before.
-
-    Raises
-    ------
-    RecordingError
-        If the file is damaged, or announces more than is decoded.
-    """
+    """Decode the channel of depth (H, W); the header was read before."""
     return _worker.ask({"pixels": True}, path).arrays["depth"]
 
 

@@ -180,13 +180,7 @@ def decode_raw(path: Path, dtype: np.dtype[Any] | type[np.uint8 | np.uint16]) ->
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return the content of an image file.
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be read, or is larger than any image.
-    """
+    """Return the content of an image file of at most ``MAX_FILE_BYTES``."""
     with os_errors_as(
         RecordingError, f"{path}: cannot be read", "Check that it exists, and its permissions."
     ):

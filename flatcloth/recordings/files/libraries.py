@@ -74,13 +74,7 @@ class KeptWorker:
         self._worker: Worker | None = None
 
     def ask(self, question: Mapping[str, Any], path: Path) -> Message:
-        """Return the answer to a question about a file.
-
-        Raises
-        ------
-        RecordingError
-            If the library is missing, or the worker fails on the file.
-        """
+        """Return the answer to a question about a file."""
         try:
             known = importlib.util.find_spec(self._library) is not None
         except ValueError:

@@ -19,12 +19,7 @@ from flatcloth.core.errors import RecordingError, os_errors_as
 from flatcloth.core.plain_files import open_plain
 from flatcloth.core.subprocess_worker import Message, serve
 from flatcloth.core.types import Float32, Intrinsics, Progress, Uint8
-from flatcloth.recordings.files.camera import (
-    MOST_PIXELS,
-    Lens,
-    checked_intrinsics,
-    checked_lens,
-)
+from flatcloth.recordings.files.camera import MOST_PIXELS, Lens, checked_intrinsics, checked_lens
 from flatcloth.recordings.files.images import ImageHeader, read_bytes
 from flatcloth.recordings.files.libraries import KeptWorker, load_with_libusb
 from flatcloth.recordings.files.text import failing
@@ -56,13 +51,7 @@ class OrganisedCloud:
 
 
 def read_pcd_header(path: Path) -> ImageHeader:
-    """Read the header of an organised PCD file as that of a depth image.
-
-    Raises
-    ------
-    RecordingError
-        If it is missing, damaged, truncated, or not organised.
-    """
+    """Read the header of an organised PCD file as that of a depth image."""
     with os_errors_as(RecordingError, f"{path}: cannot be read", "Restore it."), open_plain(path) as file:
         start = file.read(_HEADER_BYTES)
         size = file.seek(0, 2)
@@ -99,13 +88,7 @@ def read_pcd_header(path: Path) -> ImageHeader:
 
 
 def read_pcd(path: Path) -> OrganisedCloud:
-    """Read an organised cloud: ascii, binary or binary_compressed.
-
-    Raises
-    ------
-    RecordingError
-        If it is missing, damaged, or not organised, or Open3D is missing.
-    """
+    """Read an organised cloud: ascii, binary or binary_compressed."""
     header = read_pcd_header(path)
     found = _worker.ask({}, path).arrays
     size = (header.height, header.width, 3)
@@ -170,8 +153,9 @@ def camera_of(cloud: OrganisedCloud, path: Path) -> tuple[Intrinsics, Lens]:
             f"its points miss their pixels by {_rms(off(found)):.1f} px with any camera",
             "Organise it by the camera's pixels, z forward, in metres; or give --camera-file.",
         )
-    intrinsics = checked_intrinsics((width, height), (found[0], found[1]), (found[2], found[3]), fail)
-    return intrinsics, checked_lens(intrinsics, [float(v) for v in found[4:]], fail)
+    fx, fy, cx, cy, *bent = found.tolist()
+    intrinsics = checked_intrinsics(Intrinsics(width=width, height=height, fx=fx, fy=fy, cx=cx, cy=cy), fail)
+    return intrinsics, checked_lens(intrinsics, bent, fail)
 
 
 def _rms(residual_px: NDArray[np.float64]) -> float:

@@ -83,11 +83,6 @@ def load_table(path: Path) -> Any:
     """Return the content of a file in JSON, or in YAML or XML as ROS and OpenCV write them, as plain objects.
 
     Numbers may be text: YAML 1.1 takes ``1e-05`` for it, and XML has nothing else.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, or is not valid.
     """
     kind, fail = path.suffix.lower().removeprefix("."), failing(path)
     parsers = {"json": parse_json, "yaml": _of_yaml, "yml": _of_yaml, "xml": _of_xml}

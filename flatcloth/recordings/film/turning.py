@@ -40,13 +40,7 @@ class Turning:
 
 
 def constant_turning(speed_deg_s: float, seconds: float) -> Turning:
-    """Return a rotation at constant speed, beginning with the first frame.
-
-    Raises
-    ------
-    RecordingError
-        If the speed is out of range.
-    """
+    """Return a rotation at constant speed, beginning with the first frame."""
     if not math.isfinite(speed_deg_s) or not 0.01 <= abs(speed_deg_s) <= 360:
         raise RecordingError(f"--turning-speed {speed_deg_s:g}: give 0.01 to 360 degrees per second.")
     ends = np.array([0.0, max(seconds, 1e-3)])
@@ -64,11 +58,6 @@ def read_turning(table: Path, first_clock_s: float, seconds: float) -> Turning:
         The camera's clock at the first frame. Times use this clock or count from that frame.
     seconds : float
         Duration of the file.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read, is not such a table, or covers another time.
     """
     rows: list[tuple[float, float]] = []
     for place, (number, cells) in enumerate(read_rows(table)):

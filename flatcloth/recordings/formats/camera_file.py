@@ -26,9 +26,8 @@ from flatcloth.recordings.source import SourceOptions
 
 _STEMS = ("intrinsic", "intrinsics", "camera_intrinsic", "camera", "camera_info", "calibration", "ost")
 _ENDINGS = (".json", ".yaml", ".yml", ".xml", ".txt")
-_KINECT = ((640, 480), (525.0, 525.0), (319.5, 239.5))
-"""Image size, focal lengths and centre of the Kinect's driver default, as the TUM RGB-D data sets give
-them."""
+_KINECT = Intrinsics(width=640, height=480, fx=525.0, fy=525.0, cx=319.5, cy=239.5)
+"""The Kinect's driver default, as the TUM RGB-D data sets give it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,11 +63,6 @@ def read_camera(
         The color image gives the size of the images if the file does not.
     options : SourceOptions, optional
         A camera file, or a field of view.
-
-    Raises
-    ------
-    RecordingError
-        If there is no description, or it is not valid.
     """
     header = read_depth_header(first_depth) if first_color == first_depth else read_header(first_color)
     size = (header.width, header.height)
@@ -85,18 +79,17 @@ def read_camera(
         intrinsics, lens = camera_of(read_pcd(first_depth), first_depth)
         note = f"The camera was computed from the clouds: focal length {intrinsics.fx:.1f} px."
         return Camera(intrinsics=intrinsics, lens=lens, notes=(note,))
-    if size != _KINECT[0]:
+    if size != (_KINECT.width, _KINECT.height):
         raise RecordingError(
             f"{folder}: its camera is not described. Put an intrinsic.json there: width, height, and "
             "intrinsic_matrix as Open3D writes it (by columns), or fx, fy, cx, cy; or give --camera-file "
             "or, approximately, --fov."
         )
-    intrinsics = checked_intrinsics(*_KINECT, failing(folder))
     note = (
         "The camera of this recording is not described; a Kinect's is assumed, with a focal length of "
-        f"{intrinsics.fx:g} px. Put an intrinsic.json into the folder."
+        f"{_KINECT.fx:g} px. Put an intrinsic.json into the folder."
     )
-    return Camera(intrinsics=intrinsics, lens=Lens(intrinsics), notes=(note,))
+    return Camera(intrinsics=_KINECT, lens=Lens(_KINECT), notes=(note,))
 
 
 def _given(size: tuple[int, int], options: SourceOptions) -> Camera | None:
@@ -142,7 +135,8 @@ def _of_fov(size: tuple[int, int], fov_deg: tuple[float, float]) -> Intrinsics:
         fail("not a field of view", "Give two angles in degrees, horizontal and vertical, from 5 to 150.")
     # The image ends half a pixel beyond the centre of its outermost pixels.
     fx, fy = (n / 2 / math.tan(math.radians(angle) / 2) for n, angle in zip(size, fov_deg, strict=True))
-    return checked_intrinsics(size, (fx, fy), ((size[0] - 1) / 2, (size[1] - 1) / 2), fail)
+    cx, cy = ((n - 1) / 2 for n in size)
+    return checked_intrinsics(Intrinsics(width=size[0], height=size[1], fx=fx, fy=fy, cx=cx, cy=cy), fail)
 
 
 def _write(path: Path, table: dict[str, Any]) -> None:
@@ -194,7 +188,8 @@ class _Description:
             )
         fx, fy, cx, cy = (self._number(name) for name in ("fx", "fy", "cx", "cy"))
         skew_px = self._number("skew", 0.0)
-        intrinsics = checked_intrinsics(size, (fx, fy), (cx, cy), self._fail)
+        described = Intrinsics(width=size[0], height=size[1], fx=fx, fy=fy, cx=cx, cy=cy)
+        intrinsics = checked_intrinsics(described, self._fail)
         notes = []
         if self._said.get("rough", ("", False))[1]:
             notes.append(

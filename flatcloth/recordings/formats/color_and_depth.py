@@ -26,13 +26,7 @@ def is_color_and_depth(folder: Path) -> bool:
 
 
 def open_color_and_depth(folder: Path, options: SourceOptions) -> Recording:
-    """Open a folder in Open3D's layout: ``color/``, ``depth/``, ``intrinsic.json``, optionally ``mask/``.
-
-    Raises
-    ------
-    RecordingError
-        If the images do not pair, one of them is not valid, or there are no angles.
-    """
+    """Open a folder in Open3D's layout: ``color/``, ``depth/``, ``intrinsic.json``, optionally ``mask/``."""
     options.refuse(str(folder), "turning_deg", "sweep")
     folder = folder.resolve()
     color_folder = next(folder / name for name in _COLOR_FOLDERS if (folder / name).is_dir())

@@ -48,11 +48,6 @@ def recording_of(
         All color images, also those without partner.
     name : str
         By default the folder's.
-
-    Raises
-    ------
-    RecordingError
-        If an image or the camera is not valid, or the angles are unknown.
     """
     names, every = (
         [color.relative_to(folder).as_posix() for color in some]

@@ -19,7 +19,7 @@ from flatcloth.core.errors import RecordingError
 from flatcloth.recordings.base import Recording
 from flatcloth.recordings.files.images import read_header
 from flatcloth.recordings.files.pcd import read_pcd
-from flatcloth.recordings.film.angles import ANGLES_FILE, Shots
+from flatcloth.recordings.film.angles import ANGLES_FILE
 from flatcloth.recordings.formats.camera_file import camera_files
 from flatcloth.recordings.formats.image_pairs import recording_of
 from flatcloth.recordings.source import OPTION_NAMES, Format, SourceOptions
@@ -62,13 +62,7 @@ def areas_below(path: Path) -> list[Path]:
 
 
 def open_area(folder: Path, options: SourceOptions) -> Recording:
-    """Open an area; its angles come from ``turning_deg`` and ``sweep``, or from a table.
-
-    Raises
-    ------
-    RecordingError
-        If images are missing or damaged, or the camera or the angles are unknown.
-    """
+    """Open an area; its angles come from ``turning_deg`` and ``sweep``, or from a table."""
     folder = folder.resolve()
     colors, angles_deg = _sweep(folder, options)
     clouds = [_beside(color, "pc.pcd") for color in colors]
@@ -109,8 +103,8 @@ def _name(folder: Path) -> str:
 # --- angles ----------------------------------------------------------------------------------
 
 
-def _sweep(folder: Path, options: SourceOptions) -> tuple[list[Path], list[float]]:
-    """Return the color images of the selected sweep, in order, and the angle of each since the first."""
+def _sweep(folder: Path, options: SourceOptions) -> tuple[list[Path], list[float] | None]:
+    """Return the color images of the selected sweep, in order, and their angles if its range is given."""
     found = {
         int(match["number"]): (match["name"], folder / match.string)
         for file in folder.iterdir()
@@ -128,7 +122,12 @@ def _sweep(folder: Path, options: SourceOptions) -> tuple[list[Path], list[float
         raise RecordingError(f"{folder}: has no images of the sweep {'back' if back else 'forth'}.")
     colors = [found[n][1] for n in numbers]
     if options.turning_deg is None:
-        return _as_given(folder, colors, options)
+        if options.angles is None and options.step_deg is None and not (folder / ANGLES_FILE).is_file():
+            raise RecordingError(
+                f"{folder}: the data set does not contain its angles. Give --turning DEG, the angle between "
+                "the first and the last image of a sweep, or --angles FILE.csv."
+            )
+        return colors, None
     for name in ("angles", "step_deg"):
         if getattr(options, name) is not None:
             pair = f"{OPTION_NAMES['turning_deg']} given together with {OPTION_NAMES[name]}"
@@ -140,17 +139,6 @@ def _sweep(folder: Path, options: SourceOptions) -> tuple[list[Path], list[float
     # Images after a full turn repeat earlier angles.
     kept = [(n, c) for n, c in zip(numbers, colors, strict=True) if abs((n - numbers[0]) * step) < 359.99]
     return [c for _, c in kept], [(n - numbers[0]) * step for n, _ in kept]
-
-
-def _as_given(folder: Path, colors: list[Path], options: SourceOptions) -> tuple[list[Path], list[float]]:
-    if options.angles is None and options.step_deg is None and not (folder / ANGLES_FILE).is_file():
-        raise RecordingError(
-            f"{folder}: the data set does not contain its angles. Give --turning DEG, the angle between the "
-            "first and the last image of a sweep, or --angles FILE.csv."
-        )
-    shots = Shots(source=str(folder), count=len(colors), names=[color.name for color in colors])
-    views = options.given_angles.views(shots, folder=folder)
-    return [colors[n] for n, _ in views], [angle for _, angle in views]
 
 
 # --- images ----------------------------------------------------------------------------------

@@ -32,13 +32,7 @@ def is_tum(folder: Path) -> bool:
 
 
 def open_tum(folder: Path, options: SourceOptions) -> Recording:
-    """Open a TUM RGB-D folder: ``associations.txt``, or ``rgb.txt`` and ``depth.txt``; 5000 units per metre.
-
-    Raises
-    ------
-    RecordingError
-        If a list or an image is not valid, or there are no angles.
-    """
+    """Open a TUM RGB-D folder: ``associations.txt``, or ``rgb.txt`` and ``depth.txt``."""
     options.refuse(str(folder), "turning_deg", "sweep")
     folder = folder.resolve()
     listed = next((folder / name for name in _ASSOCIATIONS if (folder / name).is_file()), None)

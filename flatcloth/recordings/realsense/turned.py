@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -66,10 +68,6 @@ class _Look:
     first_clock_s: float = 0.0
     stops: list[Stop] = field(default_factory=list)
 
-    @property
-    def seconds(self) -> float:
-        return self.times_s[-1]
-
 
 def open_realsense(
     path: Path, options: TurnOptions | None = None, progress: Progress = no_progress
@@ -90,11 +88,6 @@ def open_realsense(
     Recording
         All views in memory: 2.8 MB each at 640x480 px. Its notes say what was found, and what is wrong with
         the file.
-
-    Raises
-    ------
-    RecordingError
-        If the file or the table cannot be read, or no view is found.
 
     Notes
     -----
@@ -152,12 +145,12 @@ def _look(player: RealsensePlayer, progress: Progress, apart_frames: float) -> _
 
 
 def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase], str]:
-    turning: Turning | None = None
+    turning, seconds = None, look.times_s[-1]
     if options.turning_speed_deg_s is not None:
-        turning = constant_turning(options.turning_speed_deg_s, look.seconds)
+        turning = constant_turning(options.turning_speed_deg_s, seconds)
         return _while_turning(path, look, turning, options.step_deg)
     if options.angles is not None:
-        turning = read_turning(options.angles.expanduser(), look.first_clock_s, look.seconds)
+        turning = read_turning(options.angles.expanduser(), look.first_clock_s, seconds)
         turned_deg = [turning.during(stop.start_s, stop.end_s)[1] for stop in look.stops]
         if max(turned_deg, default=math.inf) > _TURNS_WHILE_STILL_DEG:
             return _while_turning(path, look, turning, options.step_deg)
@@ -178,7 +171,7 @@ def _phases(path: Path, look: _Look, options: TurnOptions) -> tuple[list[_Phase]
     ]
     kept = distinct(phases, SAME_VIEW_DEG)
     count = len(phases)
-    text = f"{stops_found(count)} in {look.seconds:.1f} s"
+    text = f"{stops_found(count)} in {seconds:.1f} s"
     text += (
         "; the angles are those of the table" if turning else f", assumed {options.step_deg:g} degrees apart"
     )
@@ -218,33 +211,30 @@ def _while_turning(path: Path, look: _Look, turning: Turning, step_deg: float) -
 def _averaged(
     player: RealsensePlayer, look: _Look, phases: list[_Phase], progress: Progress, apart_frames: float
 ) -> list[_View]:
-    """Play again, and average the frames of each phase; phases do not overlap."""
-    views: list[_View] = []
+    """Play again, and average the frames of each phase that measured depth; phases do not overlap."""
     # Start and end on the camera's clock, and the angle.
     waiting = sorted((*(look.first_clock_s + t[n] for n in (0, -1)), angle) for angle, t in phases)
-    pairs: list[Pair] = []
-    early_s = 1.5 / player.fps
-    for pair in player.play(apart_frames):
-        if waiting and pair.clock_s > waiting[0][1] + 1e-6:
-            views += _view(waiting.pop(0)[2], pairs, player.depth_scale_m)
-            pairs, player.filter.active = [], False
-        if not waiting:
-            break
-        if pair.clock_s >= waiting[0][0] - 1e-6:
-            pairs.append(pair)
-        if not player.filter.active and pair.clock_s + early_s >= waiting[0][0]:
-            player.filter.fresh()  # earlier frames show another pose
-            player.filter.active = True
-        progress(0.4 + min(0.6, 0.6 * pair.time_s / max(look.seconds, 1e-3)), f"reading, {pair.time_s:.0f} s")
-    if waiting:
-        views += _view(waiting[0][2], pairs, player.depth_scale_m)
+    early_s, seconds = 1.5 / player.fps, max(look.times_s[-1], 1e-3)
+
+    def seen() -> Iterator[tuple[float, Pair]]:
+        """Yield the frames of phases, each with its angle; they are filtered from just before a phase."""
+        for pair in player.play(apart_frames):
+            if pair.clock_s > waiting[0][1] + 1e-6:
+                del waiting[0]
+                player.filter.active = False
+            if not waiting:
+                return
+            if pair.clock_s >= waiting[0][0] - 1e-6:
+                yield waiting[0][2], pair
+            if not player.filter.active and pair.clock_s + early_s >= waiting[0][0]:
+                player.filter.fresh()  # earlier frames show another pose
+                player.filter.active = True
+            progress(0.4 + min(0.6, 0.6 * pair.time_s / seconds), f"reading, {pair.time_s:.0f} s")
+
+    views: list[_View] = []
+    for angle, frames in groupby(seen(), key=itemgetter(0)):
+        pairs = [pair for _, pair in frames]
+        depth_m = average_depth([p.depth_units for p in pairs]) * np.float32(player.depth_scale_m)
+        if depth_m.any():
+            views.append((angle, ViewImages(average_color([p.color for p in pairs]), depth_m)))
     return views
-
-
-def _view(angle_deg: float, pairs: list[Pair], depth_scale_m: float) -> list[_View]:
-    """Return the view of the frames of a phase; an empty list if no depth was measured."""
-    if not pairs:
-        return []
-    depth_m = average_depth([p.depth_units for p in pairs]) * np.float32(depth_scale_m)
-    color = average_color([p.color for p in pairs])
-    return [(angle_deg, ViewImages(color, depth_m))] if depth_m.any() else []

@@ -83,11 +83,6 @@ class Bag:
     def stamps(self, *topics: str) -> list[list[tuple[Place, float]]]:
         """Return the position of each message of topics, and its time stamp in seconds (0 if it has none).
 
-        Raises
-        ------
-        RecordingError
-            If the file is damaged.
-
         Notes
         -----
         Reads the topics: 0.2 s for 300 MB that are in the system's cache.
@@ -103,13 +98,7 @@ class Bag:
         return list(found.values())
 
     def message(self, topic: str, place: Place | None = None) -> Any:
-        """Return one message of a topic, without a place its first.
-
-        Raises
-        ------
-        RecordingError
-            If it is damaged, or was removed since the recording was opened.
-        """
+        """Return one message of a topic, without a place its first."""
         kind, connections = self._topics[topic]
         start, stop = (None, None) if place is None else (place.written_ns, place.written_ns + 1)
         with self._read_errors(), self._lock:

@@ -49,12 +49,6 @@ def open_ros(path: Path, angles: GivenAngles, progress: Progress = no_progress) 
         Angles of the pairs of color and depth, in order of their time stamps.
     progress : callable
         Called with the share of a film that has been searched.
-
-    Raises
-    ------
-    RecordingError
-        If the library is missing, the file is damaged, it has no color and depth of one camera, or
-        there are no angles.
     """
     path = path.resolve()
     bag = Bag(path)
