@@ -6,8 +6,6 @@ import argparse
 import importlib
 import os
 
-from benchmarks.output import Options
-
 # Modules with ``run(options)``. Those of ``ON_ALL_CORES`` start processes of their own, or measure what the
 # page's threads do together.
 ON_ALL_CORES = ("size", "compiling", "page", "canvas", "batch", "strokes")
@@ -71,29 +69,15 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=3, help="active: start angles of each (default: 3)")
     arguments = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as flatcloth itself does
-    options = Options(
-        arguments.recordings,
-        arguments.quick,
-        arguments.learn,
-        arguments.other,
-        copies=arguments.copies,
-        timed=arguments.timed,
-        views=arguments.views,
-        keep=arguments.keep,
-        meshes=arguments.meshes,
-        against=arguments.against,
-        sensor=arguments.sensor,
-        starts=arguments.starts,
-    )
     # Imported late: the libraries read their number of threads when they are loaded.
     for name in (name for name in ASKED_FOR if name in arguments.name):
-        importlib.import_module(f"benchmarks.{name}").run(options)
-    for names, prepare in ((ON_ALL_CORES, None), (ON_ONE_CORE, pin_to_one_core)):
-        chosen = [name for name in names if name in (arguments.name or names)]
+        importlib.import_module(f"benchmarks.{name}").run(arguments)
+    for group, prepare in ((ON_ALL_CORES, None), (ON_ONE_CORE, pin_to_one_core)):
+        chosen = [name for name in group if name in (arguments.name or group)]
         if chosen and prepare is not None:
             prepare()
         for name in chosen:
-            importlib.import_module(f"benchmarks.{name}").run(options)
+            importlib.import_module(f"benchmarks.{name}").run(arguments)
 
 
 if __name__ == "__main__":

@@ -28,5 +28,6 @@ class Remembered:
 
 
 def sources(recordings: Sequence[str]) -> list[str]:
-    """Return the recordings asked for, or the bundled ones."""
-    return list(recordings) or sorted(str(path) for path in sample_recordings().values())
+    """Return the recordings asked for, or the bundled ones that have a truth."""
+    bundled = sample_recordings().values()
+    return list(recordings) or sorted(str(path) for path in bundled if (path / "truth").is_dir())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import fcntl
 import json
 import os
@@ -9,38 +10,14 @@ import platform
 import subprocess
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 RESULTS = Path(__file__).parent / "results"
 
 
-@dataclass(frozen=True)
-class Options:
-    """What the command line asks of a benchmark.
-
-    ``recordings`` are measured instead of the bundled ones; ``quick`` asks for few problems, one
-    repetition and no result file; ``learn`` for weights that are learned again; ``other`` for an operator
-    who wants the other panel than the recording's own. ``copies``, ``timed`` and ``views`` say how large
-    ``batch`` is. ``keep`` is a folder where benchmarks of whole recordings keep what they measured of each,
-    so that many can be measured in pieces, and where ``states`` makes its recordings. ``against`` names
-    figures of another commit. ``meshes`` are those of ``active`` and ``states``; the ``sensor`` that looks at
-    them, and ``starts``, the number of start angles, those of ``active``.
-    """
-
-    recordings: Sequence[str] = ()
-    quick: bool = False
-    learn: bool = False
-    other: bool = False
-    copies: int = 200
-    timed: int = 200
-    views: int = 0
-    keep: str = ""
-    against: str = ""
-    meshes: Sequence[str] = ()
-    sensor: str = "stereo"
-    starts: int = 3
+Options = argparse.Namespace
+"""What the command line asks of a benchmark: ``python -m benchmarks --help`` says what each option is."""
 
 
 def provenance(recordings: Sequence[str]) -> dict[str, Any]:

@@ -397,4 +397,4 @@ def _draw(found: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    run(Options())
+    run(Options(quick=False))

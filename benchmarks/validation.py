@@ -1,21 +1,27 @@
-"""How many markers of a printed kit are read, how exactly, and if any is wrong; of recordings with truth.
+"""How many markers of a kit are read, how exactly, and if any is wrong; ``validate`` beside ``evaluate``.
 
-``flatcloth synthesize MESH --texture kit.json --sensor stereo --focal 615 --out DIR`` makes such a recording.
+Of recordings by ``flatcloth synthesize MESH --texture kit.json --out DIR``; faults are made in them.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from benchmarks.inputs import Remembered
 from benchmarks.output import Options, save, say
+from flatcloth.engine.evaluation import compare
+from flatcloth.engine.results.sides_truth import OtherTruth
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import TrueView, Truth
+from flatcloth.validation.cell import cell_errors
 from flatcloth.validation.kit import Kit, read_kit
 from flatcloth.validation.markers import found_markers
+from flatcloth.validation.validate import validate
 
 MOST_FACING_DEG = 55.0
 """Markers that face the camera within this angle are asked for."""
@@ -36,7 +42,8 @@ def run(options: Options) -> None:
     total |= {"recording": "all", **spread(np.concatenate(off_px))}
     say(str(total))
     if not options.quick:
-        save("validation", {"markers": [*rows, total]}, options.recordings)
+        found = {"markers": [*rows, total], "compared": [compared(name) for name in options.recordings]}
+        save("validation", found, options.recordings)
 
 
 def markers_of(name: str) -> tuple[dict[str, Any], np.ndarray]:
@@ -47,13 +54,11 @@ def markers_of(name: str) -> tuple[dict[str, Any], np.ndarray]:
     off_px = [np.zeros((0, 4))]
     for n in range(len(recording)):
         places = true_places(truth[n], kit)
-        facing = {
-            i for i, (_, angle_deg, is_whole) in places.items() if is_whole and angle_deg <= MOST_FACING_DEG
-        }
+        facing = {i for i, (_, angle, is_whole) in places.items() if is_whole and angle <= MOST_FACING_DEG}
         seen = found_markers(recording[n].color, kit)
         off = {
             i: np.linalg.norm(corners - places[i][0], axis=1) if i in places else np.full(4, np.inf)
-            for i, corners in zip(seen.ids.tolist(), seen.corners_px, strict=True)
+            for i, corners in seen.items()
         }
         right = {i for i in off if np.median(off[i]) < WRONG_PX}
         row["facing"] += len(facing)
@@ -64,9 +69,35 @@ def markers_of(name: str) -> tuple[dict[str, Any], np.ndarray]:
     return {"recording": Path(name).name, **row, **spread(np.concatenate(off_px))}, np.concatenate(off_px)
 
 
+def compared(name: str) -> dict[str, Any]:
+    """Return the errors by the kit and by the truth, those of the cell, and the size found of faults."""
+    recording, truth = Remembered(open_recording(name)), Truth(name)
+    kit, row = read_kit(Path(recording.location) / "kit.json"), {"recording": recording.name}
+    found = validate(recording, kit, sides="both" if len(set(kit.sheet.values())) > 1 else "one")
+    for side, its_truth in (("this side", truth), ("other side", OtherTruth(truth, len(recording)))):
+        for view, by_kit in (found.pieces[side],) if side in found.pieces else ():
+            true = compare(view, its_truth, recording).evaluation
+            for key in ("absolute_median_mm", "absolute_p95_mm", "relative_p95_mm"):
+                row[f"{side} {key}"] = [getattr(by_kit.evaluation, key), getattr(true, key)]
+    axis, angles = recording.rotation_axis, np.array(recording.angles_deg)
+    turned = np.random.default_rng(1).normal(size=len(angles))
+    moved = replace(axis, point_m=axis.point_m + np.array([0.003, 0.0, 0.004]))
+    for fault, scale, its_axis, its_angles in (
+        ("none", 1.0, axis, angles),
+        ("depth 2 % short", 0.98, axis, angles),
+        ("focal length 3 % large", (1 / 1.03, 1 / 1.03, 1.0), axis, angles),
+        ("axis 5 mm off", 1.0, moved, angles),
+        ("angles 1 degree off", 1.0, axis, angles + turned / turned.std()),
+    ):
+        seen = replace(found.seen, corners_m=found.seen.corners_m * scale)
+        errors = cell_errors(seen, kit, its_axis, recording.held_point_m, its_angles)
+        row[fault] = {e["name"]: [round(e["size"], 2), round(e["std"], 2), e["is_fault"]] for e in errors}
+    return row
+
+
 def spread(off_px: np.ndarray) -> dict[str, float]:
-    rms = float(np.sqrt(np.mean(off_px**2)))
-    return {"median_px": float(np.median(off_px)), "p95_px": float(np.percentile(off_px, 95)), "rms_px": rms}
+    median, p95 = np.percentile(off_px, (50, 95)).tolist()
+    return {"median_px": median, "p95_px": p95, "rms_px": float(np.sqrt(np.mean(off_px**2)))}
 
 
 def true_places(view: TrueView, kit: Kit) -> dict[int, tuple[np.ndarray, float, bool]]:

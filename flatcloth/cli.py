@@ -33,6 +33,7 @@ COMMANDS = (
     "record",
     "synthesize",
     "kit",
+    "validate",
     "schema",
 )
 _OWN_OPTIONS = ("-h", "--help", "--version", "--print-completion")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_source, source_options_of
 from flatcloth.commands.output import report
@@ -44,23 +44,13 @@ def run(options: argparse.Namespace) -> int:
     if options.pictures is not None:
         files = _write_pictures(recording, check, options.pictures)
         lines.append(f"Pictures written to {options.pictures}: {', '.join(files) or 'none'}")
-    document: dict[str, Any] = {
-        "recording": recording.name,
-        "notes": list(recording.notes),
-        **check.to_dict(),
-    }
+    document = {"recording": recording.name, "notes": list(recording.notes), **check.to_dict()}
     report(options, document, lines)
     return 1 if check.certain else 0
 
 
 def _write_pictures(recording: Recording, check: Check, folder: Path) -> list[str]:
-    """Write a picture of each finding that views show, ``sense.png`` and so on; return their names.
-
-    Raises
-    ------
-    RecordingError
-        If the folder has other files, or cannot be written.
-    """
+    """Write a picture of each finding that views show, ``sense.png`` and so on; return their names."""
     from flatcloth.rendering.drawing import png_of
     from flatcloth.rendering.evidence import evidence
 

@@ -167,13 +167,7 @@ def add_mends(parser: argparse._ActionsContainer) -> None:
 
 
 def mends_of(options: argparse.Namespace) -> Mends | None:
-    """Return the mends of the options; None if there are none.
-
-    Raises
-    ------
-    RecordingError
-        If a value is invalid.
-    """
+    """Return the mends of the options; None if there are none. ``RecordingError`` names an invalid value."""
     from flatcloth.recordings.mending import MENDS, Mends, options_of
 
     given = {name: getattr(options, name, None) for name in MENDS}

@@ -129,12 +129,10 @@ def _together(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 
 def _figures(source: str, answer: Any) -> dict[str, Any]:
-    if isinstance(answer, dict) and "recording" in answer:
-        return answer
-    if isinstance(answer, dict) and "error" in answer:
-        raise FlatclothError(answer["error"])
-    reason = answer["reason"] if isinstance(answer, dict) else str(answer)
-    raise FlatclothError(f"{source}: was not evaluated: {reason}")
+    found = answer if isinstance(answer, dict) else {"reason": str(answer)}
+    if "recording" in found:
+        return found
+    raise FlatclothError(found.get("error") or f"{source}: was not evaluated: {found['reason']}")
 
 
 _COLUMNS: tuple[tuple[str, str, str], ...] = (

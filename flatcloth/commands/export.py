@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,6 +41,13 @@ _OUTPUTS = {
     "rerun": ("FILE", "write a recording for rerun (.rrd)"),
     "mcap": ("FILE", "write a recording for Foxglove (.mcap)"),
 }
+_WRITERS = {
+    "figures": ("figures", "write_figures"),
+    "animation": ("animation", "write_animation"),
+    "rerun": ("formats.rerun", "write_rrd"),
+    "mcap": ("formats.mcap", "write_mcap"),
+}
+"""Module of ``flatcloth.export`` and function, loaded when they are wanted."""
 _DRAWN = {"html", "report", "figures", "animation"}
 """The outputs that draw the growth."""
 LIBRARIES = {"rerun": ("rerun", "rerun-sdk", "rerun"), "mcap": ("foxglove", "foxglove-sdk", "foxglove")}
@@ -191,33 +199,15 @@ def _write(
     match name:
         case "data":
             session.data(base_from_camera, rotation_deg).write(path)
-        case "html":
-            from flatcloth.export.page import page
-
-            write_text(path, page(session))
-        case "report":
-            from flatcloth.export.report import report
-
-            write_text(path, report(session))
-        case "figures":
-            from flatcloth.export.figures import write_figures
-
-            write_figures(session, path)
-        case "animation":
-            from flatcloth.export.animation import write_animation
-
-            write_animation(session, path)
+        case "html" | "report":
+            writer = import_module(f"flatcloth.export.{'page' if name == 'html' else name}")
+            write_text(path, writer.page(session) if name == "html" else writer.report(session))
+        case "figures" | "animation" | "rerun" | "mcap":
+            module, function = _WRITERS[name]
+            getattr(import_module(f"flatcloth.export.{module}"), function)(session, path)
         case "grasps":
             grasps = session.data(base_from_camera, rotation_deg).file("grasps.json") or b""
             write_text(path, grasps.decode())
-        case "rerun":
-            from flatcloth.export.formats.rerun import write_rrd
-
-            write_rrd(session, path)
-        case "mcap":
-            from flatcloth.export.formats.mcap import write_mcap
-
-            write_mcap(session, path)
         case "garment":
             if isinstance(session.garment, str):
                 raise GarmentError(session.garment)

@@ -41,14 +41,13 @@ def run(options: argparse.Namespace) -> None:
     """Write the files, and print what they hold."""
     from flatcloth.recordings.files.images import decode_color
     from flatcloth.validation.kit import grid_kit, read_kit, write_kit
-    from flatcloth.validation.photo import measured_kit
+    from flatcloth.validation.markers import measured_kit
     from flatcloth.validation.printing import write_pages
 
+    written = ["kit.json"]
     if options.from_photo:
-        place = options.out / "kit.json"
-        kit = measured_kit(read_kit(place), [decode_color(path) for path in options.from_photo])
-        write_kit(kit, place)
-        written = ["kit.json"]
+        kit = measured_kit(read_kit(options.out / "kit.json"), [decode_color(n) for n in options.from_photo])
+        write_kit(kit, options.out / "kit.json")
     else:
         size_m = options.size or ((0.21, 0.27) if options.stickers else (1.2, 0.8))
         kit = grid_kit(size_m, options.cell / 1e3, options.sides, options.stickers)

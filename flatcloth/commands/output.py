@@ -104,13 +104,7 @@ def is_quiet() -> bool:
 
 @contextlib.contextmanager
 def speaking(options: argparse.Namespace) -> Iterator[None]:
-    """Print the output of commands, as the options want it.
-
-    Raises
-    ------
-    FlatclothError
-        If the log file cannot be written.
-    """
+    """Print the output of commands, as the options want it; ``FlatclothError`` if the log is not writable."""
     root = logging.getLogger()
     level = logging.DEBUG if options.verbose else logging.INFO
     silent = logging.CRITICAL

@@ -33,12 +33,14 @@ def run(options: argparse.Namespace) -> None:
         return
     from flatcloth.export.files import write_text
 
-    written = []
-    for name in NAMES:
-        file = options.out / f"{name}.schema.json"
+    files = {name: options.out / f"{name}.schema.json" for name in NAMES}
+    for name, file in files.items():
         write_text(file, json.dumps(schema_of(name), indent=1) + "\n")
-        written.append(str(file))
-    report(options, {"written": written}, [f"Written to {options.out}: {len(NAMES)} schemas."])
+    report(
+        options,
+        {"written": [*map(str, files.values())]},
+        [f"Written to {options.out}: {len(NAMES)} schemas."],
+    )
 
 
 def schema_of(name: str) -> dict[str, Any]:

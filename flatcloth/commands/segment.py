@@ -38,20 +38,10 @@ def add_strokes(parser: argparse.ArgumentParser) -> None:
 
 def strokes_of(options: argparse.Namespace) -> tuple[Decision, ...]:
     """Read the file of ``--strokes``; without one, there are none."""
-    from flatcloth.core.decoding import parse_json
-    from flatcloth.core.errors import SegmentationError, os_errors_as
-    from flatcloth.core.plain_files import read_plain
     from flatcloth.core.strokes import decisions_from_plain
+    from flatcloth.recordings.files.text import load_table
 
-    if options.strokes is None:
-        return ()
-    with os_errors_as(SegmentationError, f"{options.strokes}: cannot be read", "Give a strokes file."):
-        data = read_plain(options.strokes)
-    try:
-        content = parse_json(data)
-    except ValueError as error:
-        raise SegmentationError(f"{options.strokes}: is not JSON ({error}); give a strokes file.") from error
-    return decisions_from_plain(content, str(options.strokes))
+    return decisions_from_plain(load_table(options.strokes), str(options.strokes)) if options.strokes else ()
 
 
 def run(options: argparse.Namespace) -> None:

@@ -32,8 +32,6 @@ from flatcloth.rendering.drawing import Drawing, data_url
 def report(session: OpenedSession) -> str:
     """Return the report as self-contained HTML."""
     history = session.history
-    style = (static_folder() / "offline" / "report.css").read_text(encoding="utf-8")
-    title = f"{history.header.recording.name}: integration report"
     body = [
         *_head(session),
         *_settings(history.header.effective_config),
@@ -43,19 +41,20 @@ def report(session: OpenedSession) -> str:
         *_picks(session),
         *_figures(session),
     ]
-    return "\n".join(
-        [
-            "<!doctype html>",
-            '<html lang="en"><head><meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f"<title>{escape(title)}</title>",
-            f"<style>\n{style}</style></head>",
-            "<body><main>",
-            *map(printed, body),
-            "</main></body></html>",
-            "",
-        ]
-    )
+    return page_of(f"{history.header.recording.name}: integration report", body)
+
+
+def page_of(title: str, body: Iterable[str]) -> str:
+    """Return self-contained HTML in the style of reports."""
+    style = (static_folder() / "offline" / "report.css").read_text(encoding="utf-8")
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(title)}</title>
+<style>\n{style}</style></head>
+<body><main>
+{"".join(f"{printed(part)}{chr(10)}" for part in body)}</main></body></html>
+"""
 
 
 def differences(config: Config) -> list[tuple[str, Any, Any]]:
@@ -126,7 +125,7 @@ def _settings(config: Config) -> Iterable[str]:
         yield "<p>All settings have their default values.</p>"
         return
     yield "<p>All settings have their default values except these:</p>"
-    yield _table(
+    yield table_html(
         ("setting", "here", "default"), [(name, f"{here}", f"{there}") for name, here, there in changed]
     )
 
@@ -184,7 +183,7 @@ def _both_sides(session: OpenedSession) -> Iterable[str]:
         yield f"<p>{escape(sides)}</p>"
         return
     yield from (_figure(figure, "hero") for figure in figures.both_sides(session))
-    yield _table(("seam", "places", "residual", "views", "verdict"), _seam_rows(sides))
+    yield table_html(("seam", "places", "residual", "views", "verdict"), _seam_rows(sides))
 
 
 def _seam_rows(sides: JoinedSides) -> list[tuple[str, ...]]:
@@ -220,7 +219,7 @@ def _garment(session: OpenedSession) -> Iterable[str]:
         return
     yield from (_figure(figure, "hero") for figure in figures.garment(session))
     sizes = [(_words(d["name"]), f"{d['mm']:.0f} \u00b1 {d['std_mm']:.0f} mm") for d in garment["dimensions"]]
-    yield _table(("dimension", "flat, one standard deviation"), sizes)
+    yield table_html(("dimension", "flat, one standard deviation"), sizes)
     rows = [
         (
             _words(point["name"]),
@@ -230,7 +229,7 @@ def _garment(session: OpenedSession) -> Iterable[str]:
         )
         for point in garment["points"]
     ]
-    yield _table(("named point", "how", "known to", "x y z (mm), object frame"), rows)
+    yield table_html(("named point", "how", "known to", "x y z (mm), object frame"), rows)
 
 
 def _words(name: str) -> str:
@@ -258,7 +257,7 @@ def _picks(session: OpenedSession) -> Iterable[str]:
         " the inward normal; uncertainties are one standard deviation.</p>"
     )
     head = ("no.", "name", "x y z (mm)", "approach", "axis", "opening", "uncertainty", "measured in")
-    yield _table(head, rows)
+    yield table_html(head, rows)
 
 
 def _posed(pose: GraspPose | None) -> tuple[str, str, str, str]:
@@ -292,7 +291,8 @@ def _facts(facts: Sequence[tuple[str, str]]) -> str:
     return f'<dl class="facts">{rows}</dl>'
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def table_html(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of texts."""
     names = "".join(f"<th>{escape(name)}</th>" for name in head)
     lines = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><thead><tr>{names}</tr></thead><tbody>{lines}</tbody></table>"

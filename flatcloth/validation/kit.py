@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
+import cv2
 import msgspec
 import numpy as np
 
@@ -23,128 +23,118 @@ MARKER_SHARE = 0.8
 """Side of a marker over that of its cell. Chosen: leaves one module, an eighth of a marker, around each."""
 _DICTIONARIES = {"DICT_APRILTAG_36h11": 587, "DICT_6X6_1000": 1000}
 """Dictionaries of new kits and their numbers of ids, the safer first."""
+_REMEDY = "Restore the file, or make a kit: flatcloth kit."
 SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 """The corners of a marker in OpenCV's order: clockwise from its own top left; x right, y down."""
+APART_M, NEAR = 100.0, 2.0
+"""Distance of the sheets in the third coordinate, larger than any; neighbours are within so many sides of a
+marker: with their cells side by side or at a corner, and no fold hidden between. Chosen."""
 
 
 class KitError(FlatclothError):
     """A kit cannot be made, read or measured."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Kit:
-    """A fabric of one or two sheets with square markers, each id once.
-
-    ``dictionary`` is its name in ``cv2.aruco``. ``corners_m`` has for each id the corners (4, 2) on the
-    plane of its sheet, x right, y down, seen from the printed face, in the order of ``SQUARE``; ``sheet`` has
-    1, the front or the only one, or 2, the back. ``size_m`` is the width and height of a sheet, from the
-    origin. ``is_measured`` is False for stickers: no marker's place is related to another's.
-    """
-
-    name: str
-    dictionary: str
-    corners_m: dict[int, Float64]
-    sheet: dict[int, int]
-    size_m: tuple[float, float]
-    is_measured: bool
-
-
-Millimetres = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
 Size = Annotated[float, msgspec.Meta(gt=0, le=1e4)]
-Point = tuple[Millimetres, Millimetres]
+Point = tuple[
+    Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)], Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
+]
 
 
-class MarkerOfKit(msgspec.Struct, frozen=True):
-    """One marker of the file."""
+class Marker(msgspec.Struct, frozen=True):
+    """A marker: its corners on its sheet, in the order of ``SQUARE``, seen from the printed face."""
 
     id: Annotated[int, msgspec.Meta(ge=0)]
+    sheet: Literal[1, 2]
     corners_mm: tuple[Point, Point, Point, Point]
-    sheet: Literal[1, 2] = 1
 
 
-class KitFile(msgspec.Struct, frozen=True):
-    """The content of ``kit.json``."""
+class Kit(msgspec.Struct, frozen=True, dict=True):
+    """A fabric of one or two sheets with square markers, each id once; the content of ``kit.json``.
+
+    ``dictionary`` is its name in ``cv2.aruco``. Sheet 1 is the front or the only one, 2 the back; ``size_mm``
+    is their width and height, from the origin, x right, y down. ``is_measured`` is False for stickers: no
+    marker's place is related to another's.
+    """
 
     format: Literal["flatcloth-kit/1"]
+    name: str
     dictionary: str
     size_mm: tuple[Size, Size]
-    markers: Annotated[tuple[MarkerOfKit, ...], msgspec.Meta(min_length=1)]
-    name: str = "kit"
-    is_measured: bool = True
+    is_measured: bool
+    markers: Annotated[list[Marker], msgspec.Meta(min_length=1)]
+
+    @cached_property
+    def corners_m(self) -> dict[int, Float64]:
+        """The corners (4, 2) of each id."""
+        return {marker.id: np.array(marker.corners_mm) / 1e3 for marker in self.markers}
+
+    @cached_property
+    def sheet(self) -> dict[int, int]:
+        """The sheet of each id."""
+        return {marker.id: int(marker.sheet) for marker in self.markers}
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """The width and height of a sheet."""
+        return self.size_mm[0] / 1e3, self.size_mm[1] / 1e3
+
+    @property
+    def reach_m(self) -> float:
+        """The largest distance of neighbouring markers."""
+        return NEAR * math.dist(*self.markers[0].corners_mm[:2]) / 1e3
+
+    def centers(self) -> Float64:
+        """Return the centers (K, 3) of the markers; the third coordinate keeps sheets apart."""
+        return np.array([(*c.mean(axis=0), APART_M * self.sheet[i]) for i, c in self.corners_m.items()])
+
+
+def kit_from(
+    corners_m: dict[int, Float64],
+    sheet: dict[int, int],
+    size_m: tuple[float, float],
+    *,
+    dictionary: str,
+    name: str = "kit",
+    is_measured: bool = True,
+) -> Kit:
+    """Return a kit, to a micrometre."""
+    corners_mm = {i: np.round(1e3 * corners, 3).tolist() for i, corners in corners_m.items()}
+    markers = [Marker(i, 2 if sheet[i] == 2 else 1, corners) for i, corners in corners_mm.items()]
+    size_mm = round(1e3 * size_m[0], 3), round(1e3 * size_m[1], 3)
+    return Kit("flatcloth-kit/1", name, dictionary, size_mm, is_measured, markers)
 
 
 def read_kit(path: Path) -> Kit:
-    """Read and check a ``kit.json``.
-
-    Raises
-    ------
-    KitError, RecordingError
-        If it cannot be read, or is not valid.
-    """
+    """Read and check a ``kit.json``; ``KitError`` or ``RecordingError`` name what is wrong."""
     try:
-        file = fitted(load_table(path), KitFile)
-        known = len(dictionary_codes(file.dictionary))
+        kit = fitted(load_table(path), Kit)
+        known = len(dictionary_codes(kit.dictionary))
     except (MisfitError, KitError) as error:
-        raise KitError(f"{path}: {error}. Restore the file, or make a kit: flatcloth kit.") from error
-    corners: dict[int, Float64] = {}
-    for marker in file.markers:
-        places = np.array(marker.corners_mm) / 1e3
-        first, second = places[[1, 2, 3, 0]] - places, places[[2, 3, 0, 1]] - places
-        if marker.id in corners:
-            cause = "is there twice"
-        elif marker.id >= known:
-            cause = f"is not one of {file.dictionary}, 0 to {known - 1}"
-        elif (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]).min() <= 0:
-            cause = "has corners that do not go around clockwise"
-        else:
-            corners[marker.id] = places
-            continue
-        raise KitError(f"{path}: marker {marker.id} {cause}. Restore the file, or make a kit: flatcloth kit.")
-    return Kit(
-        name=file.name,
-        dictionary=file.dictionary,
-        corners_m=corners,
-        sheet={marker.id: int(marker.sheet) for marker in file.markers},
-        size_m=(file.size_mm[0] / 1e3, file.size_mm[1] / 1e3),
-        is_measured=file.is_measured,
-    )
+        raise KitError(f"{path}: {error}. {_REMEDY}") from error
+    ids = [marker.id for marker in kit.markers]
+    for n, i in enumerate(ids):
+        sides = np.roll(kit.corners_m[i], -1, axis=0) - kit.corners_m[i]
+        turns = np.linalg.det(np.stack([sides, np.roll(sides, -1, axis=0)], axis=1))
+        wrong = {
+            "is there twice": i in ids[:n],
+            f"is not one of {kit.dictionary}, 0 to {known - 1}": i >= known,
+            "has corners that do not go around clockwise": turns.min() <= 0,
+        }
+        if cause := next((cause for cause, is_so in wrong.items() if is_so), None):
+            raise KitError(f"{path}: marker {i} {cause}. {_REMEDY}")
+    return kit
 
 
 def write_kit(kit: Kit, path: Path) -> None:
-    """Write a ``kit.json``, to a micrometre.
-
-    Raises
-    ------
-    KitError
-        If it cannot be written.
-    """
-    markers = [
-        {"id": i, "sheet": kit.sheet[i], "corners_mm": np.round(places * 1e3, 3).tolist()}
-        for i, places in kit.corners_m.items()
-    ]
-    document = {
-        "format": "flatcloth-kit/1",
-        "name": kit.name,
-        "dictionary": kit.dictionary,
-        "size_mm": [round(side * 1e3, 3) for side in kit.size_m],
-        "is_measured": kit.is_measured,
-        "markers": markers,
-    }
+    """Write a ``kit.json``."""
     with os_errors_as(KitError, f"{path}: cannot be written", "Choose a writable folder."):
-        replace_file(path, msgspec.json.format(msgspec.json.encode(document), indent=0))
+        replace_file(path, msgspec.json.format(msgspec.json.encode(kit), indent=0))
 
 
 @lru_cache(maxsize=4)
 def dictionary_codes(name: str) -> Bool:
-    """Return which modules (K, N, N) of the markers of a dictionary are black, with their borders.
-
-    Raises
-    ------
-    KitError
-        If OpenCV has no such dictionary; the text is the cause only.
-    """
-    import cv2
-
+    """Return which modules (K, N, N) of the markers of a dictionary are black, with their borders."""
     if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
         raise KitError(f"{name:.60} is no dictionary of OpenCV")
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
@@ -156,12 +146,7 @@ def grid_kit(size_m: tuple[float, float], cell_m: float, sides: int, stickers: i
     """Return a kit of one or two sheets full of cells; a cell is a marker and its quiet zone.
 
     ``stickers`` are that many cells of one sheet, whose places on a garment are not measured yet. Ids are in
-    the order of reading.
-
-    Raises
-    ------
-    KitError
-        If no cell fits, there are more cells than ids, or no printer has such pages.
+    the order of reading. ``KitError`` says what cannot be printed, and what can.
     """
     given = f"--size {size_m[0]:g}x{size_m[1]:g} --cell {cell_m * 1e3:g}"
     if not (0.005 <= cell_m <= 0.18 and max(size_m) <= 5.0 and (stickers is None or stickers >= 4)):
@@ -179,14 +164,14 @@ def grid_kit(size_m: tuple[float, float], cell_m: float, sides: int, stickers: i
     corner = (np.array(size_m) - np.array([columns, rows]) * cell_m) / 2
     places = {i: i % (columns * rows) for i in range(count)}
     kind = f"{stickers} stickers" if stickers else f"{size_m[0] * 1e3:g} x {size_m[1] * 1e3:g} mm"
-    return Kit(
-        name=f"{kind}, cells of {cell_m * 1e3:g} mm" + ", front and back" * (sides == 2),
-        dictionary=next(name for name, ids in _DICTIONARIES.items() if count <= ids),
-        corners_m={
+    return kit_from(
+        {
             i: corner + (SQUARE * MARKER_SHARE / 2 + 0.5 + np.array([n % columns, n // columns])) * cell_m
             for i, n in places.items()
         },
-        sheet={i: i // (columns * rows) + 1 for i in range(count)},
-        size_m=size_m,
+        {i: i // (columns * rows) + 1 for i in range(count)},
+        size_m,
+        dictionary=next(name for name, ids in _DICTIONARIES.items() if count <= ids),
+        name=f"{kind}, cells of {cell_m * 1e3:g} mm" + ", front and back" * (sides == 2),
         is_measured=stickers is None,
     )

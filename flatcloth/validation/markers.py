@@ -1,24 +1,29 @@
-"""Markers of a kit in a color image: some are read by OpenCV, all are fitted to the image.
+"""Markers of a kit: in a color image, in the views of a recording, and as stickers in photos.
 
-The print is known, so the map from a marker's plane to the image is the one that makes them most alike. That
-finds corners to about 0.1 px, also on bent cloth. The neighbours of a fitted marker are predicted and fitted
-in turn, which needs no reading.
+OpenCV reads some markers of an image. The print is known, so the map from a marker's plane to the image is
+the one that makes them most alike, which finds corners to about 0.1 px, also on bent cloth. The neighbours of
+a fitted marker are predicted and fitted in turn, which needs no reading.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter, deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
+import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
-from flatcloth.core.types import Bool, Float32, Float64, Int32, Uint8
-from flatcloth.validation.kit import SQUARE, Kit, dictionary_codes
+from flatcloth.core.types import Bool, Float32, Float64, Int64, Progress, RgbdFrame, Uint8, no_progress
+from flatcloth.recordings.base import Recording
+from flatcloth.validation.kit import NEAR, SQUARE, Kit, KitError, dictionary_codes, kit_from
 
 _MOST_UP, _LARGE_PX = 3, 2600
 """Images are enlarged to so many times and pixels at most before reading. Chosen: codes of 17 px are read."""
@@ -31,53 +36,47 @@ _BLUR_PX, _LEAST_BLUR = 0.55, 0.1
 """Blur of the print by camera and cloth in pixels, and the least in modules. Measured there: best."""
 _STIFFNESS = (*[1.0] * 5, *[0.01] * 9)
 """Weight against bending at each step. Measured there: the first find a marker, the others follow it."""
-_NEIGHBOURS, _TRIES = 2.0, 3
-"""Neighbours are within so many sides of a marker; so many predictions of one are tried. Chosen."""
+_TRIES = 3
+"""So many predictions of a marker are tried. Chosen."""
+_LEAST_PIXELS, _LEAST_SHARE, _OUTLIER = 24, 0.7, 3.0
+"""Measured pixels inside a marker for its depth, their share, and the deviations beyond which one does not
+count. Chosen: four times the unknowns."""
+_FEWEST, _LEAST_STICKERS = 6, 4
+"""Fewer markers prove nothing; fewer stickers fix a plane badly. Chosen."""
+_MOST_OFF = 0.03
+"""Root mean square by which stickers may differ from squares, a share of their side. Chosen: bent ones differ
+by more, those of a photo taken from 1 m by a hundredth."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Markers:
-    """Markers of an image: ``ids`` (K,), ascending, each once; ``corners_px`` (K, 4, 2), x right, y down.
+def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
+    """Find the markers of a kit in a color image (H, W, 3), RGB; it takes about 5 ms a marker.
 
-    Pixel centers have whole coordinates; corners are in the order of ``Kit.corners_m``.
+    Return the corners (4, 2) of each id, in the order of ``Kit.corners_m``, x right, y down; centers of
+    pixels have whole coordinates.
     """
-
-    ids: Int32
-    corners_px: Float64
-
-
-def found_markers(color: Uint8, kit: Kit) -> Markers:
-    """Find the markers of a kit in a color image (H, W, 3), RGB; it takes about 5 ms a marker."""
-    import cv2
-
     gray = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
     slopes = [cv2.Sobel(gray, cv2.CV_32F, k, 1 - k, scale=1 / 8) for k in (1, 0)]
     image = np.dstack([gray.astype(np.float32), *slopes])
-    prints, around = dictionary_codes(kit.dictionary), _neighbours(kit)
+    prints, ids, centers = dictionary_codes(kit.dictionary), list(kit.corners_m), kit.centers()
+    near = cKDTree(centers).query_ball_point(centers, kit.is_measured * kit.reach_m)
+    around = {i: [ids[n] for n in row] for i, row in zip(ids, near, strict=True)}
     found: dict[int, Float64] = {}
     tries: Counter[int] = Counter()
     waiting = deque(_read(gray, kit))
     while waiting:
         i, guess_px = waiting.popleft()
-        if i in found or tries[i] == _TRIES:
-            continue
         tries[i] += 1
-        corners_px = _fitted(image, prints[i], guess_px)
-        if corners_px is not None:
+        if i in found or tries[i] > _TRIES:
+            continue
+        if (corners_px := _fitted(image, prints[i], guess_px)) is not None:
             found[i] = corners_px
-            motion = cv2.getPerspectiveTransform(
-                kit.corners_m[i].astype(np.float32), corners_px.astype(np.float32)
-            )
+            motion = cv2.getPerspectiveTransform(*np.array([kit.corners_m[i], corners_px], dtype=np.float32))
             waiting += [(n, cv2.perspectiveTransform(kit.corners_m[n][None], motion)[0]) for n in around[i]]
-    ids = sorted(found)
-    corners = np.array([found[i] for i in ids]).reshape(-1, 4, 2)
-    return Markers(ids=np.array(ids, dtype=np.int32), corners_px=corners)
+    return dict(sorted(found.items()))
 
 
 def _read(gray: NDArray[Any], kit: Kit) -> list[tuple[int, Float64]]:
     """Return the ids of the kit that OpenCV reads once, and their corners (4, 2), roughly."""
-    import cv2
-
     up = int(np.clip(_LARGE_PX // max(gray.shape), 1, _MOST_UP))
     large = cv2.resize(gray, None, fx=up, fy=up, interpolation=cv2.INTER_CUBIC)
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, kit.dictionary))
@@ -88,27 +87,14 @@ def _read(gray: NDArray[Any], kit: Kit) -> list[tuple[int, Float64]]:
     return [(i, place) for i, place in zip(ids, places, strict=True) if i in once]
 
 
-def _neighbours(kit: Kit) -> dict[int, list[int]]:
-    """Return the ids beside each marker on its sheet; none if their places are not measured."""
-    ids = list(kit.corners_m)
-    corners = np.stack(list(kit.corners_m.values()))
-    reach_m = _NEIGHBOURS * kit.is_measured * np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
-    # Sheets lie apart in the third coordinate.
-    places = np.column_stack([corners.mean(axis=1), [kit.sheet[i] * 1e3 for i in ids]])
-    near = cKDTree(places).query_ball_point(places, reach_m)
-    return {i: [ids[n] for n in row if ids[n] != i] for i, row in zip(ids, near, strict=True)}
-
-
-def _terms(places: Float64) -> Float64:
-    """Return the terms (N, 6) of a map of second order at places (N, 2) of a marker, its corners at +-1."""
+def terms(places: Float64) -> Float64:
+    """Return the terms (N, 6) of a map of second order at places (N, 2): 1, x, y, xy, x^2, y^2."""
     x, y = places.T
     return np.stack([np.ones_like(x), x, y, x * y, x * x, y * y], axis=-1)
 
 
-@lru_cache(maxsize=16)
-def _sampled(modules: int, samples: int) -> Float64:
-    """Return samples (N, 2) of a marker and half its quiet zone, in modules from its first corner."""
-    along = (np.arange(samples * (modules + 1)) + 0.5) / samples - 0.5
+def _grid(along: Float64) -> Float64:
+    """Return the places (N * N, 2) of a square grid."""
     return np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
 
 
@@ -118,49 +104,143 @@ def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
     Gauss-Newton steps for the map of second order, the contrast, the brightness and its slope that minimise
     the squared differences between print and ``image`` (H, W, 3), which is brightness and its slopes.
     """
-    import cv2
-
     module_px = float(np.linalg.norm(guess_px[2] - guess_px[0])) / math.sqrt(2) / len(black)
-    at = _sampled(len(black), int(np.clip(round(module_px), *_SAMPLES)))
+    samples = int(np.clip(round(module_px), *_SAMPLES))
+    at = _grid((np.arange(samples * (len(black) + 1)) + 0.5) / samples - 0.5)  # with half the quiet zone
     places = at * (2 / len(black)) - 1
     enlarged = np.kron(np.pad(~black, 1, constant_values=True), np.ones((8, 8))).astype(np.float32)
-    blurred = np.asarray(
-        cv2.GaussianBlur(enlarged, (0, 0), 8 * max(_BLUR_PX / module_px, _LEAST_BLUR)), dtype=np.float32
-    )
-    ink = _looked_up(blurred, (at + 1) * 8 - 0.5)
-    terms, corners = _terms(places), _terms(SQUARE)
+    blurred = cv2.GaussianBlur(enlarged, (0, 0), 8 * max(_BLUR_PX / module_px, _LEAST_BLUR))
+    ink = _looked_up(np.asarray(blurred, dtype=np.float32), (at + 1) * 8 - 0.5)
+    sampled, corners = terms(places), terms(SQUARE)
     shade = np.column_stack([-ink, -np.ones(len(at)), -places])
     motion = np.vstack([np.linalg.solve(corners[:, :4], guess_px), np.zeros((2, 2))])
     bends = np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], 2)
     for stiffness in _STIFFNESS:
-        at_px = terms @ motion
+        at_px = sampled @ motion
         if not ((at_px >= 0) & (at_px < image.shape[1::-1])).all():
             return None
         seen = _looked_up(image, at_px)
-        columns = np.hstack([terms * seen[:, 1:2], terms * seen[:, 2:], shade])
+        columns = np.hstack([sampled * seen[:, 1:2], sampled * seen[:, 2:], shade])
         weight = stiffness * seen[:, 0].var() * len(seen) * bends
         right = -columns.T @ seen[:, 0]
         right[:12] -= weight * motion.T.ravel()
         normal = columns.T @ columns + np.diag(np.append(weight, np.zeros(4)))
         motion += np.linalg.lstsq(normal, right)[0][:12].reshape(2, 6).T
     # The code without its border is compared in each half: other codes fit by chance, or a side slips.
-    middles = (np.arange(1.0, len(black) - 1) + 0.5) * (2 / len(black)) - 1
-    inner = _terms(np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2))
+    inner = terms(_grid((np.arange(1.0, len(black) - 1) + 0.5) * (2 / len(black)) - 1))
     pairs = np.stack([_looked_up(image, inner @ motion)[:, 0], ~black[1:-1, 1:-1].ravel()])
     halves = [pairs[:, inner[:, k] * sign > 0] for k in (1, 2) for sign in (1, -1)]
-    is_code = min(_correlation(*half) for half in halves) > _LEAST_CODE
-    is_print = _correlation(ink, _looked_up(image, terms @ motion)[:, 0]) > _LEAST_LIKE
+    with np.errstate(invalid="ignore", divide="ignore"):  # where nothing varies nothing is alike
+        is_code = all(np.corrcoef(half)[0, 1] > _LEAST_CODE for half in halves)
+        is_print = np.corrcoef(ink, _looked_up(image, sampled @ motion)[:, 0])[0, 1] > _LEAST_LIKE
     return corners @ motion if is_code and is_print else None
-
-
-def _correlation(first: Float64, second: Float64) -> float:
-    first, second = first - first.mean(), second - second.mean()
-    return float(first @ second / math.sqrt(max(float((first @ first) * (second @ second)), 1e-9)))
 
 
 def _looked_up(image: Float32, at_px: Float64) -> Float64:
     """Return the values (N,) or (N, K) of an image at places (N, 2)."""
-    import cv2
-
     x, y = np.ascontiguousarray(at_px.T[:, None], dtype=np.float32)
     return np.asarray(cv2.remap(image, x, y, cv2.INTER_CUBIC)[0], dtype=np.float64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sightings:
+    """All sightings of markers, one row each: ``view``, ``marker`` the id (M,), ``corners_px`` (M, 4, 2).
+
+    ``corners_m`` (M, 4, 3) are on a surface of second order that fits the depth inside the marker, camera
+    frame; ``noise_m`` (M,) is the deviation of the depth from it. NaN where too little depth was measured.
+    """
+
+    view: Int64
+    marker: Int64
+    corners_px: Float64
+    corners_m: Float64
+    noise_m: Float64
+
+
+def sightings_of(recording: Recording, kit: Kit, progress: Progress = no_progress) -> Sightings:
+    """Find the markers of a kit in all views; ``KitError`` tells why there are too few."""
+    rows: list[Iterable[object]] = []
+    for n in range(len(recording)):
+        progress(n / len(recording), f"markers of view {n}")
+        frame = recording[n]
+        found = found_markers(frame.color, kit)
+        rows += [(n, marker, corners, *_surface(frame, corners)) for marker, corners in found.items()]
+    columns: list[Any] = [np.array(each) for each in zip(*rows, strict=True)] or [np.zeros(0)] * 5
+    view, marker, corners_px, corners_m, noise_m = columns
+    if len(set(marker)) < _FEWEST:
+        raise KitError(
+            f"{recording.location}: {len(set(marker))} markers of {kit.name} ({kit.dictionary}) found in "
+            f"{len(recording)} views. Give the kit that was printed with --kit, mirror no images, and "
+            "record nearer or sharper, or print larger cells: a marker needs 12 pixels."
+        )
+    return Sightings(view=view, marker=marker, corners_px=corners_px, corners_m=corners_m, noise_m=noise_m)
+
+
+def _surface(frame: RgbdFrame, corners_px: Float64) -> tuple[Float64, float]:
+    """Return the corners (4, 3) and the noise of a marker; NaN if too little is measured inside."""
+    inside = np.zeros(frame.depth_m.shape, dtype=np.uint8)
+    cv2.fillConvexPoly(inside, np.rint(16 * corners_px).astype(np.int32), 1, shift=4)
+    pixels, middle, k = np.argwhere(inside)[:, ::-1], corners_px.mean(axis=0), frame.intrinsics
+    z = frame.depth_m[pixels[:, 1], pixels[:, 0]].astype(np.float64)
+    pixels, z, least = pixels[z > 0], z[z > 0], _LEAST_SHARE * len(z)
+    at, kept = terms(pixels - middle), np.full(len(z), len(z) >= least)
+    if kept.any():
+        kept = np.abs(z - np.median(z)) < np.ptp(corners_px, axis=0).max() * np.median(z) / k.fx
+    for _ in range(3):
+        if kept.sum() < _LEAST_PIXELS:
+            return np.full((4, 3), np.nan), math.nan
+        fit = np.linalg.lstsq(at[kept], z[kept], rcond=None)[0]
+        off = np.abs(z - at @ fit)
+        noise = 1.4826 * float(np.median(off[kept]))
+        kept = off <= _OUTLIER * max(noise, 1e-4)
+    rays = np.column_stack([(corners_px - (k.cx, k.cy)) / (k.fx, k.fy), np.ones(4)])
+    return rays * (terms(corners_px - middle) @ fit)[:, None], noise
+
+
+def measured_kit(kit: Kit, photos: Sequence[Uint8]) -> Kit:
+    """Return a kit of the stickers in one or two photos (H, W, 3), RGB, of the front and of the back."""
+    if len(photos) > 2:
+        raise KitError(f"--from-photo: {len(photos)} photos. Give one of the front, and one of the back.")
+    corners: dict[int, Float64] = {}
+    sheet: dict[int, int] = {}
+    side_m = kit.reach_m / NEAR
+    for number, photo in enumerate(photos, start=1):
+        seen = found_markers(photo, msgspec.structs.replace(kit, is_measured=False))
+        if len(seen) < _LEAST_STICKERS or not sheet.keys().isdisjoint(seen):
+            raise KitError(
+                f"Photo {number}: {len(seen)} stickers are read. Each photo needs {_LEAST_STICKERS} that "
+                "no other one shows; come nearer, or turn the garment over."
+            )
+        places = _flat_places(np.stack(list(seen.values())), side_m)
+        places += side_m - places.min(axis=(0, 1))  # a plain margin
+        corners |= dict(zip(seen, places, strict=True))
+        sheet |= dict.fromkeys(seen, number)
+    width, height = (np.max(list(corners.values()), axis=(0, 1)) + side_m).tolist()
+    return kit_from(corners, sheet, (width, height), dictionary=kit.dictionary, name=kit.name)
+
+
+def _flat_places(corners_px: Float64, side_m: float) -> Float64:
+    """Return the corners (K, 4, 2) on the plane, metres: by the homography that makes squares of them."""
+    image = (corners_px - corners_px.mean(axis=(0, 1))) / np.ptp(corners_px, axis=(0, 1)).max()
+    one, other = np.array(list(itertools.combinations(range(4), 2))).T
+    true_m = side_m * np.where((other - one) == 2, np.sqrt(2), 1.0)  # sides, and two diagonals
+    scale_m = true_m.mean() / np.linalg.norm(image[:, one] - image[:, other], axis=2).mean()
+
+    def flat(parameters: Float64) -> Float64:
+        a, b, c, d, e = parameters
+        motion = np.array([[a * scale_m, b * scale_m, 0], [0, c * scale_m, 0], [d, e, 1]])
+        return np.asarray(cv2.perspectiveTransform(image, motion), dtype=np.float64)
+
+    def differences(parameters: Float64) -> Float64:
+        return np.ravel(
+            np.linalg.norm(flat(parameters)[:, one] - flat(parameters)[:, other], axis=2) - true_m
+        )
+
+    found = least_squares(differences, [1.0, 0.0, 1.0, 0.0, 0.0])
+    off_m = float(np.sqrt(np.square(found.fun).mean()))
+    if off_m > _MOST_OFF * side_m:
+        raise KitError(
+            f"Stickers of the photo differ from squares of {side_m * 1e3:.1f} mm by {off_m * 1e3:.1f} mm. "
+            "Lay the garment flat, and take the photo from above without a wide-angle lens."
+        )
+    return flat(found.x)

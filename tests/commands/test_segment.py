@@ -126,7 +126,7 @@ def test_run_segments_first_and_writes_the_certainty(recording, tmp_path):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("no json", "is not JSON"),
+        ("no json", "not valid JSON"),
         ('{"format": "other"}', 'its "format" must be "flatcloth-strokes/1"'),
         (
             '{"format": "flatcloth-strokes/1", "decisions": [{"kind": "dab"}]}',

@@ -1,0 +1,100 @@
+"""The command validate on the bundled recording of a kit; gray cells in place of markers."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from garment_meshes import arc, write_obj
+
+from flatcloth.api.integrating import integrate
+from flatcloth.cli import main
+from flatcloth.core.resources import sample_recordings
+from flatcloth.core.types import Intrinsics
+from flatcloth.engine.evaluation import compare
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.truth import Truth
+from flatcloth.synthesis.recording import Request, synthesize
+from flatcloth.validation.kit import grid_kit, write_kit
+from flatcloth.validation.printing import printed_cloth
+
+
+def test_the_bundled_kit_is_right_to_a_few_millimetres(tmp_path, capsys):
+    shared, out = tmp_path / "shared.json", tmp_path / "out"
+    given = ["validate", "tshirt-kit", "--sides", "one", "--within", "10"]
+    assert main([*given, "--out", str(out), "--share", str(shared), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["shape"]["median_mm"] < 3
+    assert document["shape"]["p95_mm"] < 10
+    assert document["shape"]["compared_share"] > 0.5
+    assert document == json.loads((out / "validation.json").read_text())
+    page = (out / "validation.html").read_text()
+    assert all(line.partition(":")[0] in page for line in document["lines"][1:3])
+    assert "tshirt-kit" not in shared.read_text()
+    assert json.loads(shared.read_text())["shape"] == document["shape"]
+
+
+@pytest.fixture
+def found(monkeypatch):
+    """What validate finds, without the work."""
+    from flatcloth.validation import validate as module
+
+    def fake(recording, kit, *, within_mm, **_):
+        document = {"is_within": within_mm > 5, "lines": ["said"]}
+        return module.Validation(document=document, seen=None, pieces={})
+
+    monkeypatch.setattr(module, "validate", fake)
+
+
+@pytest.mark.usefixtures("found")
+@pytest.mark.parametrize(("within", "status"), [("6", 0), ("4", 1)])
+def test_the_exit_code_says_whether_what_is_asked_is_met(within, status, capsys):
+    assert main(["validate", "tshirt-kit", "--within", within]) == status
+    assert capsys.readouterr().out == "said\n"
+
+
+def test_what_is_missing_is_told_in_one_line(tmp_path, capsys):
+    assert main(["validate", "shirt-sleeve-clean"]) == 2
+    assert "--kit kit.json" in capsys.readouterr().err
+    write_kit(grid_kit((0.21, 0.27), 0.03, 1, stickers=12), tmp_path / "kit.json")
+    assert main(["validate", "tshirt-kit", "--kit", str(tmp_path / "kit.json")]) == 2
+    assert "--from-photo" in capsys.readouterr().err
+
+
+def test_markers_of_another_kit_are_told_in_one_line(tmp_path, capsys):
+    folder = tmp_path / "few"
+    shutil.copytree(sample_recordings()["tshirt-kit"], folder)
+    header = json.loads((folder / "recording.json").read_text())
+    header["views"] = header["views"][:2]
+    (folder / "recording.json").write_text(json.dumps(header))
+    write_kit(grid_kit((1.2, 0.9), 0.035, 1), tmp_path / "kit.json")
+    assert main(["validate", str(folder), "--kit", str(tmp_path / "kit.json")]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith("flatcloth: ")
+    assert "Give the kit that was printed" in said
+
+
+def test_markers_do_not_help_the_method(tmp_path):
+    kit = grid_kit((0.30, 0.32), 0.03, 1)
+    printed = printed_cloth(kit)
+
+    def gray(uv_m, panel):
+        return np.full((len(uv_m), 3), 0.45)
+
+    vertices, triangles, flat = arc()
+    mesh = write_obj(tmp_path / "arc.obj", vertices, triangles, flat)
+    figures = []
+    for name, texture in (("printed", printed), ("gray", gray)):
+        camera = Intrinsics(width=240, height=320, fx=330.0, fy=330.0, cx=119.5, cy=159.5)
+        request = Request(mesh=mesh, out=tmp_path / name, texture=texture, camera=camera, step_deg=20.0)
+        synthesize(request)
+        recording = open_recording(str(tmp_path / name))
+        shape = integrate(recording, cores=1)
+        figures.append(asdict(compare(shape.view, Truth(recording.location), recording).evaluation))
+    one, other = figures
+    assert one["pixels"] == pytest.approx(other["pixels"], rel=0.03)
+    assert one["absolute_median_mm"] == pytest.approx(other["absolute_median_mm"], abs=0.5)
+    assert one["absolute_p95_mm"] == pytest.approx(other["absolute_p95_mm"], abs=1.0)
