@@ -23,8 +23,9 @@ _PLACE_STD_M, _LENGTH_STD_M = np.array([0.0002, 0.0002, 0.0007]), 0.0005
 """Expected deviations of a marker's place in camera coordinates, and of its diagonals, by which they are
 weighed. Chosen: about those of a D435 at 0.85 m. Deviations of the results come from the residuals."""
 _COMMON_STDS = np.array([0.2, 0.2, 0.03, 0.03, 0.05, 0.05])
+"""Priors of the unknowns of all views, in their order: more than a cell has that works. Chosen."""
 _VIEW_STDS = np.array([0.035, 0.008, 0.008])
-"""Priors of the unknowns, in their order: more than a cell has that works. Chosen."""
+"""Priors of the unknowns of each view: more than a cell has that works. Chosen."""
 _FIRM = 1e3
 """Weight that holds the mean error of all views at zero: it is the axis' or the item's own. By definition."""
 _LEAST_SIGHTINGS, _BEST_SHARE = 50, 0.75
