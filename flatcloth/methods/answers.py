@@ -319,14 +319,15 @@ class JoinedSides:
     ``other`` is its canonical view with its floating pieces, as seen from its own outside; its standard
     deviations are relative to this side's shape, and None if it is not related to that. Where
     ``is_related``, a place (u, v) of its plane times ``MIRROR`` lies on the plane of this side.
-    ``laid`` are floating pieces of this side that seams join to the shape, over cloth of the other side;
-    ``joints`` what seams say against the cloth of this side.
+    ``laid`` are floating pieces of this side that seams join to the shape, over cloth of the other side; the
+    place of the pieces ``unsure`` is not sure. ``joints`` are what seams say against the cloth of this side.
     """
 
     other: Canonical
     seams: tuple[Seam, ...]
     is_related: bool
     laid: tuple[LaidPiece, ...] = ()
+    unsure: frozenset[int] = frozenset()
     joints: tuple[DoubtedJoint, ...] = ()
 
 

@@ -110,9 +110,9 @@ def known_with_pieces(service: GarmentService, document: Document) -> KnownGarme
 
 
 def _with_sure_pieces(known: KnownGarment, service: GarmentService, session: Keeper) -> KnownGarment | str:
-    decided = known.pieces
+    decided, unsure = known.pieces, frozenset() if known.sides is None else known.sides.unsure
     for piece in known.found.pieces if known.found.kind != NONE else ():
-        if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused}:
+        if is_sure(piece) and piece.index not in {*decided.shape_from_piece, *decided.refused, *unsure}:
             session.record(DecidePiece(piece_decision(known.canonical, piece, accepted=True)))
     return service.known(session.state.document)
 

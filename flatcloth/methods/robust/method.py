@@ -54,6 +54,7 @@ from flatcloth.methods.robust.scoring import (
     score_placement,
 )
 from flatcloth.methods.robust.seams.joining import Seamed, join_sides, other_of, seams_of
+from flatcloth.methods.robust.seams.laying import MOST_STD_M
 from flatcloth.methods.robust.shapes import MOST_KEPT, RegisteredViews, Shapes, shape_key
 from flatcloth.methods.starting import overlap_area_m2, start_by_view
 from flatcloth.registration.registered import Registered
@@ -369,7 +370,8 @@ class RobustMethod(Method):
             other=drawn,
             seams=seams_of(joined, (drawn.view, *drawn.floating)),
             is_related=joined.is_related,
-            laid=joined.laid,
+            laid=tuple(piece for piece in joined.laid if piece.std_m <= MOST_STD_M),
+            unsure=frozenset(piece.index for piece in joined.laid if piece.std_m > MOST_STD_M),
             joints=seamed.joints,
         )
 

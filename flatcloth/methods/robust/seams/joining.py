@@ -154,10 +154,10 @@ def other_of(seamed: Seamed, laid: Sequence[LaidPiece] = ()) -> JoinedSide:
     """
     # 5. What hangs on floating pieces with a known place; the other side again on its own plane.
     both, this, std_m = seamed.both, seamed.this, [each.copy() for each in seamed.std_m]
-    laid_before = joined_pieces(both, seamed.floating, std_m[0])
+    laid_before = joined_pieces(both, seamed.floating)
     for known in laid:
         both = with_laid(both, this, seamed.floating[known.index], known, std_m)
-    joined_now = set(joined_pieces(both, seamed.floating, std_m[0])) - {known.index for known in laid}
+    joined_now = set(joined_pieces(both, seamed.floating)) - {known.index for known in laid}
     found = tuple(
         laid_piece(both, this, seamed.floating[k], k, std_m[0]) for k in sorted(joined_now.union(laid_before))
     )

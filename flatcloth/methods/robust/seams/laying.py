@@ -12,7 +12,7 @@ from flatcloth.core.types import FlattenedView, Float64, Int32, Int64, LaidPiece
 from flatcloth.shape.shape import Shape
 
 MOST_STD_M = 0.034
-"""A part whose median deviation is larger has no place that anything determines. Set by hand."""
+"""A piece whose deviation is larger has no place that anything determines. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,16 +36,12 @@ def nodes_on(shape: Shape, piece: FlattenedView) -> Int64:
     return on_cloth
 
 
-def joined_pieces(both: Both, floating: Sequence[Int64], std_m: Float64) -> list[int]:
-    """Return those of the floating pieces of this side, by index, that the main piece of both determines.
+def joined_pieces(both: Both, floating: Sequence[Int64]) -> list[int]:
+    """Return those of the floating pieces of this side, by index, that are in the main piece of both.
 
-    ``floating`` are the nodes of each, ``std_m`` (N,) their deviations.
+    ``floating`` are the nodes of each.
     """
-    return [
-        k
-        for k, own in enumerate(floating)
-        if own.size > 2 and (both.piece[own] == 0).mean() > 0.5 and np.median(std_m[own]) <= MOST_STD_M
-    ]
+    return [k for k, own in enumerate(floating) if own.size > 2 and (both.piece[own] == 0).mean() > 0.5]
 
 
 def laid_piece(both: Both, this: Shape, nodes: Int64, index: int, std_m: Float64) -> LaidPiece:
