@@ -164,7 +164,7 @@ def test_strokes_that_are_none_are_told_in_one_line(recording, tmp_path, capsys,
 def test_a_missing_strokes_file_is_told(recording, tmp_path, capsys):
     file = tmp_path / "none.json"
     assert main(["segment", str(recording), "--out", str(tmp_path / "out"), "--strokes", str(file)]) == 2
-    assert "none.json: cannot be read" in capsys.readouterr().err
+    assert "none.json: missing, or not a file. Restore it" in capsys.readouterr().err
 
 
 def test_masks_are_not_written_over_something_else(recording, tmp_path, capsys):

@@ -52,7 +52,7 @@ def test_the_other_side_lies_where_the_pattern_has_it(shape, place: str):
     assert sides.is_related
     assert found.other_seen > 0.25
     assert found.related_median_mm < 8.0
-    assert found.related_far_share < 0.02
+    assert found.related_far_share < 0.03  # and these are said to be unsure:
     assert found.related_within_3_std_share > 0.97
     assert found.other.wrong_side_share < 0.05
 
