@@ -139,20 +139,12 @@ _MENDS = {
     "angle-factor": {"metavar": "FACTOR", "help": "multiply all angles by this factor"},
     "depth-factor": {"metavar": "FACTOR", "help": "multiply depth by this factor"},
     "focal-factor": {"metavar": "FACTOR", "help": "multiply the focal length by this factor"},
-    "color-scale": {
-        "metavar": "FACTOR",
-        "help": "enlarge color about the middle of the image by this factor",
-    },
+    "color-scale": {"metavar": "FACTOR", "help": "enlarge color about the middle of the image by a factor"},
     "view-angles": {"metavar": "VIEW=DEG,...", "help": "angles of single views, as if recorded"},
     "depth-views": {"metavar": "VIEW=VIEW,...", "help": "views that have the depth of another: 0-34=1-35"},
     "leave-out": {"metavar": "VIEW,...", "help": "views that are not read; later ones count on without them"},
     "rotate": {"choices": ("90", "180", "270"), "help": "turn the images clockwise by these degrees"},
-    "color-shift": {
-        "nargs": 2,
-        "type": float,
-        "metavar": ("RIGHT", "DOWN"),
-        "help": "move color by these pixels",
-    },
+    "color-shift": {"nargs": 2, "type": float, "metavar": ("RIGHT", "DOWN"), "help": "move color by pixels"},
     "as-recorded": _flag("mend nothing, and go on although the check finds that something is wrong"),
 }
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from flatcloth.commands.common import ProgressBar, add_source_options, number, source_options_of
 from flatcloth.commands.output import report
@@ -42,6 +42,8 @@ _OUTPUTS = {
     "mcap": ("FILE", "write a recording for Foxglove (.mcap)"),
 }
 _WRITERS = {
+    "html": ("page", "page"),
+    "report": ("report", "report"),
     "figures": ("figures", "write_figures"),
     "animation": ("animation", "write_animation"),
     "rerun": ("formats.rerun", "write_rrd"),
@@ -191,6 +193,11 @@ def _check(name: str, path: Path) -> None:
         check_replacing(path / "checked" if is_folder else path)
 
 
+def _writer(name: str) -> Any:
+    module, function = _WRITERS[name]
+    return getattr(import_module(f"flatcloth.export.{module}"), function)
+
+
 def _write(
     name: str, session: OpenedSession, path: Path, base_from_camera: Rigid3 | None, rotation_deg: float | None
 ) -> None:
@@ -200,11 +207,9 @@ def _write(
         case "data":
             session.data(base_from_camera, rotation_deg).write(path)
         case "html" | "report":
-            writer = import_module(f"flatcloth.export.{'page' if name == 'html' else name}")
-            write_text(path, writer.page(session) if name == "html" else writer.report(session))
+            write_text(path, _writer(name)(session))
         case "figures" | "animation" | "rerun" | "mcap":
-            module, function = _WRITERS[name]
-            getattr(import_module(f"flatcloth.export.{module}"), function)(session, path)
+            _writer(name)(session, path)
         case "grasps":
             grasps = session.data(base_from_camera, rotation_deg).file("grasps.json") or b""
             write_text(path, grasps.decode())

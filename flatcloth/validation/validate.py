@@ -153,7 +153,7 @@ def validate(
         "flatcloth": __version__,
         "recording": recording.name,
         "kit": kit.name,
-        "sensor": None,
+        "sensor": None,  # for the user to fill in
         "camera": asdict(recording.intrinsics),
         "distance_m": float(np.nanmedian(seen.corners_m[..., 2])),
         "method": shape.data.integration.method,

@@ -70,3 +70,9 @@ def test_pairs_that_do_not_hold_join_nothing() -> None:
     joins_last &= np.ptp(SHEET[graph.pairs], axis=1) > 0
     assert seen_often(graph, ~joins_last)[joins_last].sum() == 0.0
     np.testing.assert_allclose(doubts_m(graph, ~joins_last)[2], left_m(0.0, 2), rtol=0.05)
+
+
+def test_three_deviations_hold_a_doubtful_part_wherever_it_is_and_leave_a_sure_one() -> None:
+    share = np.array([1.0 / 9.0, 0.005, 0.0025, 0.0])
+    assert (3.0 * doubt_of(share, np.full(4, 0.5)) >= [0.5, 0.5, 0.0, 0.0]).all()
+    assert (doubt_of(share, np.full(4, 0.5))[2:] == 0.0).all()
