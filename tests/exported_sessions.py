@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,6 +20,8 @@ from flatcloth.grasping.grips import GripStore
 from flatcloth.recordings import open_recording
 from flatcloth.session.machine import Accept, Command, Event, Propose, Reject, Start, Undo
 from flatcloth.session.store import SessionFolder
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 ANGLES_DEG = (0.0, 30.0, 60.0, 330.0)
 NAME = "cylinder </script><b>&"
@@ -110,3 +115,16 @@ def write_session(folder: Path, recording: Path) -> Path:
 def cylinder_session(folder: Path) -> OpenedSession:
     """Write recording and session into a folder, and open the session for export."""
     return open_session(write_session(folder / "session", write_cylinder(folder / "recording")))
+
+
+@contextlib.contextmanager
+def serving(session: Path, recording: Path, **options: Any) -> Iterator[PageServer]:
+    """Serve a written session of a cylinder."""
+    opened = open_recording(recording)
+    integration = Integration(opened, method="paper")
+    folder = SessionFolder.open(session, opened, integration.config, "paper")
+    try:
+        with PageServer(Opened(integration, folder, **options), port=0) as running:
+            yield running
+    finally:
+        folder.close()

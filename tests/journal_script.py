@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,8 +46,15 @@ SCRIPT: tuple[Command | Event, ...] = (
 )
 
 
-def opened(place: Path) -> SessionFolder:
-    return SessionFolder.open(place, RECORDING, Config(), "paper")
+def opened(place: Path, method: str = "paper") -> SessionFolder:
+    return SessionFolder.open(place, RECORDING, Config(), method)
+
+
+def resumed(place: Path, method: str = "paper") -> SessionState:
+    """The state that a session which was closed comes back with."""
+    folder = opened(place, method)
+    folder.close()
+    return folder.state
 
 
 def states() -> list[SessionState]:
@@ -66,9 +74,9 @@ def idle(state: SessionState) -> SessionState:
     return replace(state, request=None)
 
 
-def played_in(place: Path) -> SessionFolder:
-    """Return an open session in which the whole script was played."""
-    folder = opened(place)
-    for step in SCRIPT:
+def played_in(place: Path, steps: Sequence[Command | Event] = SCRIPT, method: str = "paper") -> SessionFolder:
+    """Return an open session in which steps, or the whole script, were played."""
+    folder = opened(place, method)
+    for step in steps:
         folder.record(step)
     return folder

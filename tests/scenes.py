@@ -8,7 +8,7 @@ import numpy as np
 
 from flatcloth.core.config import FlatteningConfig, SurfaceConfig
 from flatcloth.core.types import Bool, FlattenedView, Float64, Intrinsics, RgbdFrame, Rigid2, RotationAxis
-from flatcloth.flattening.flatten import flatten
+from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.answers import Alignment
 from flatcloth.methods.paper.alignment import align_from, correspond, from_lines
@@ -16,6 +16,7 @@ from flatcloth.methods.paper.matching import Matcher
 
 CAMERA = Intrinsics(width=240, height=240, fx=425.0, fy=425.0, cx=119.5, cy=119.5)
 AXIS = RotationAxis(point_m=np.array([0.0, 0.0, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
+FLATTENING = FlatteningConfig()
 
 
 def rays() -> tuple[Float64, Float64]:
@@ -116,12 +117,13 @@ class Cylinder:
         return np.stack([arc, offset[..., 1]], axis=-1)
 
 
+def flattened(shown: RgbdFrame, config: FlatteningConfig = FLATTENING, **options: float) -> Flattening:
+    return flatten(observe_surface(shown, AXIS, SurfaceConfig()), AXIS, config, **options)
+
+
 def views(*angles_deg: float, **options: object) -> list[FlattenedView]:
     cylinder = Cylinder(angles_deg=angles_deg, **options)  # type: ignore[arg-type]
-    return [
-        flatten(observe_surface(cylinder[n], AXIS, SurfaceConfig()), AXIS, FlatteningConfig()).view
-        for n in range(len(angles_deg))
-    ]
+    return [flattened(cylinder[n]).view for n in range(len(angles_deg))]
 
 
 def aligned_by_z_angle(current: FlattenedView, new: FlattenedView, turn_deg: float) -> Alignment:

@@ -58,8 +58,9 @@ def test_importing_loads_nothing_else() -> None:
 
 def test_opening_a_recording_loads_no_numerics_and_integrating_no_page() -> None:
     code = "import sys, flatcloth; flatcloth.{}; print(*sys.modules)"
-    opening = set(run(code.format("open_recording")).split())
-    assert not {"scipy", "numba", "viser", "open3d", "matplotlib"} & opening
+    opening = set(run(code.format("open_recording('shirt-sleeve-clean')")).split())
+    assert not {"scipy", "numba", "viser", "matplotlib"} & opening
+    assert not {"cv2", "open3d", "pyrealsense2", "rosbags", "OpenEXR", "sqlite3"} & opening, "other kinds"
     integrating = set(run(code.format("integrate")).split())
     assert not {"viser", "starlette", "uvicorn", "open3d", "matplotlib"} & integrating
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import errno
 import json
 import math
 import os
@@ -14,7 +12,6 @@ import subprocess
 import sys
 import time
 from collections.abc import AsyncIterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +20,8 @@ import psutil
 import pytest
 import uvicorn
 from exported_sessions import write_cylinder
+from full_disks import fill_disk
+from route_client import RouteClient
 
 from flatcloth.batch.report import command_of, report_html, write_report
 from flatcloth.batch.review import decide, read_verdicts, reliability
@@ -190,17 +189,7 @@ def test_a_verdict_that_does_not_fit_on_the_disk_is_refused_and_leaves_no_half_l
 ) -> None:
     decide(out, "sure", "accepted")
     whole = (out / "review.jsonl").read_bytes()
-    write = os.write
-    wrote: list[int] = []
-
-    def short(fd: int, data: bytes) -> int:
-        """The disk takes 10 bytes more, then none."""
-        if wrote:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        wrote.append(write(fd, data[:10]))
-        return wrote[0]
-
-    monkeypatch.setattr(os, "write", short)
+    fill_disk(monkeypatch)
     with pytest.raises(JournalError, match=r"not kept.*No space left"):
         decide(out, "less", "accepted")
     monkeypatch.undo()
@@ -226,34 +215,14 @@ def pages() -> Pages:
     return Pages()
 
 
-class Asker:
-    """Asks an application, in a thread of its own."""
-
-    def __init__(self, app: Any) -> None:
-        self._app = app
-
-    def _ask(self, method: str, path: str, **given: Any) -> httpx.Response:
-        async def ask() -> httpx.Response:
-            transport = httpx.ASGITransport(app=self._app)
-            async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
-                return await client.request(method, path, **given)
-
-        with ThreadPoolExecutor(1) as thread:
-            return thread.submit(asyncio.run, ask()).result()
-
-    def get(self, path: str, **given: Any) -> httpx.Response:
-        return self._ask("GET", path, **given)
-
-    def post(self, path: str, **given: Any) -> httpx.Response:
-        return self._ask("POST", path, **given)
-
-
 @pytest.fixture
-def client(out: Path, pages: Pages) -> Asker:
-    return Asker(Guard(review_app(out, pages), own_names("127.0.0.1"), None, 80))
+def client(out: Path, pages: Pages) -> RouteClient:
+    return RouteClient(app=Guard(review_app(out, pages), own_names("127.0.0.1"), None, 80))
 
 
-def test_served_the_page_keeps_verdicts_and_opens_sessions(client: Asker, out: Path, pages: Pages) -> None:
+def test_served_the_page_keeps_verdicts_and_opens_sessions(
+    client: RouteClient, out: Path, pages: Pages
+) -> None:
     assert data_of(client.get("/").text)["served"] is True
     assert client.post("/verdict", json={"name": "sure", "verdict": "accepted"}).status_code == 200
     assert read_verdicts(out).decided == {"sure": "accepted"}
@@ -269,7 +238,7 @@ async def endless() -> AsyncIterator[bytes]:
         yield b" " * 1000
 
 
-def test_served_it_refuses_what_is_not_its_own(client: Asker, out: Path, pages: Pages) -> None:
+def test_served_it_refuses_what_is_not_its_own(client: RouteClient, out: Path, pages: Pages) -> None:
     said = {"name": "sure", "verdict": "accepted"}
     foreign = {"Origin": "http://evil.example"}
     assert client.post("/verdict", json=said, headers=foreign).status_code == 403
@@ -310,7 +279,7 @@ def test_served_it_needs_the_token_of_the_printed_address(
     assert line["token"] == found[2]
     assert line["url"].endswith(found[1])
     assert Path(line["page"]).is_file()
-    client = Asker(served[0])
+    client = RouteClient(app=served[0])
     for path in ("/", "/?token=wrong"):
         assert client.get(path).status_code == 403
     assert client.post("/open", json={"name": "sure"}).status_code == 403

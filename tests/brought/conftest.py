@@ -12,27 +12,25 @@ import numpy as np
 import pytest
 
 from flatcloth.cli import main
+from flatcloth.core.types import RgbdFrame
 from flatcloth.recordings import open_recording
 
-BUNDLED = Path(__file__).parents[2] / "recordings" / "shirt-corner-d435"
 EVERY = 4
 """Each so many-th row and column is kept."""
+
+
+def millimetres(frame: RgbdFrame, every: int) -> Any:
+    return (1000 * frame.depth_m[::every, ::every]).round().astype(np.uint16)
 
 
 @pytest.fixture(scope="session")
 def small_views() -> tuple[dict[str, float], list[tuple[Any, Any]]]:
     """The camera, and color (B G R) and depth (mm) of three views."""
-    about = json.loads((BUNDLED / "recording.json").read_text())
-    given = about["intrinsics"]
-    camera = {name: given[name] / EVERY for name in ("width", "height", "fx", "fy", "cx", "cy")}
-    views = [
-        tuple(
-            cv2.imread(str(BUNDLED / view[kind]), cv2.IMREAD_UNCHANGED)[::EVERY, ::EVERY]
-            for kind in ("color", "depth")
-        )
-        for view in about["views"][:3]
-    ]
-    return camera | {"width": int(camera["width"]), "height": int(camera["height"])}, views  # type: ignore[return-value]
+    recording = open_recording("shirt-corner-d435")
+    k, frames = recording.intrinsics, [recording[n] for n in range(3)]
+    camera = {name: getattr(k, name) / EVERY for name in ("fx", "fy", "cx", "cy")}
+    size = {"width": k.width // EVERY, "height": k.height // EVERY}
+    return size | camera, [(f.color[::EVERY, ::EVERY, ::-1], millimetres(f, EVERY)) for f in frames]
 
 
 @pytest.fixture
@@ -99,9 +97,10 @@ def half_views() -> tuple[dict[str, float], list[tuple[Any, Any, Any]]]:
     for n in range(len(recording)):
         frame = recording[n]
         color = cv2.resize(frame.color, None, fx=1 / HALF, fy=1 / HALF, interpolation=cv2.INTER_AREA)
-        depth = (1000 * frame.depth_m[::HALF, ::HALF]).round().astype(np.uint16)
         assert frame.mask is not None
-        views.append((color[..., ::-1], depth, 255 * frame.mask[::HALF, ::HALF].astype(np.uint8)))
+        views.append(
+            (color[..., ::-1], millimetres(frame, HALF), 255 * frame.mask[::HALF, ::HALF].astype(np.uint8))
+        )
     camera = {"width": k.width // HALF, "height": k.height // HALF, "fx": k.fx / HALF, "fy": k.fy / HALF}
     return {**camera, "cx": k.cx / HALF - 0.25, "cy": k.cy / HALF - 0.25, "depth_scale": 1000}, views
 

@@ -17,8 +17,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 from ros_bags import COLOR, DEPTH, START_S, Compressed, Image, Info, Message, write
 
 from flatcloth.cli import main
+from flatcloth.recordings import open_recording
 
-BUNDLED = Path(__file__).parents[2] / "recordings" / "shirt-sleeve-clean"
 INFO = "/camera/color/camera_info"
 STEP = 8
 """Every eighth pixel of the bundled recording."""
@@ -26,14 +26,13 @@ STEP = 8
 
 def bundled() -> tuple[list[np.ndarray], list[np.ndarray], Info]:
     """Return color (H, W, 3) RGB and depth (H, W) in metres of three views, small, and their camera."""
-    about = json.loads((BUNDLED / "recording.json").read_text())
-    k = about["intrinsics"]
-    color, depth = [], []
-    for listed in about["views"][:3]:
-        color.append(np.ascontiguousarray(cv2.imread(str(BUNDLED / listed["color"]))[::STEP, ::STEP, ::-1]))
-        units = cv2.imread(str(BUNDLED / listed["depth"]), cv2.IMREAD_UNCHANGED)[::STEP, ::STEP]
-        depth.append((units * about["depth_scale_m"]).astype(np.float32))
-    camera = (k["fx"] / STEP, 0.0, k["cx"] / STEP, 0.0, k["fy"] / STEP, k["cy"] / STEP, 0.0, 0.0, 1.0)
+    recording = open_recording("shirt-sleeve-clean")
+    k, frames = recording.intrinsics, [recording[n] for n in range(3)]
+    color, depth = (
+        [np.ascontiguousarray(a[::STEP, ::STEP]) for a in images]
+        for images in ([frame.color for frame in frames], [frame.depth_m for frame in frames])
+    )
+    camera = (k.fx / STEP, 0.0, k.cx / STEP, 0.0, k.fy / STEP, k.cy / STEP, 0.0, 0.0, 1.0)
     return color, depth, Info(k=camera, size=depth[0].shape[::-1])
 
 

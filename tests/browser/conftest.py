@@ -253,6 +253,15 @@ class Tab:
             [x, y],
         )
 
+    def drag(self, start: tuple[float, float], *through: tuple[float, float]) -> None:
+        """Press at a place of the page, move through others, and let go at the last."""
+        mouse = self.page.mouse
+        mouse.move(*start)
+        mouse.down()
+        for x, y in through:
+            mouse.move(x, y, steps=5)
+        mouse.up()
+
     def mark(self) -> tuple[float, float]:
         """Return where the current pick is marked over the scene, in pixels of the page, once it is."""
         mark = self.page.wait_for_function(

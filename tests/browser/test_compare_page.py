@@ -94,10 +94,8 @@ def test_the_wipe_shows_the_shape_left_of_it_and_the_proposal_right_of_it(cloth)
     stage = tab.page.locator("#stage").bounding_box()
     for share, seen in ((0.999, [True, False, True]), (0.001, [False, True, True])):
         box = handle.bounding_box()
-        tab.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 90)
-        tab.page.mouse.down()
-        tab.page.mouse.move(stage["x"] + share * stage["width"], box["y"] + 90, steps=4)
-        tab.page.mouse.up()
+        y = box["y"] + 90
+        tab.drag((box["x"] + box["width"] / 2, y), (stage["x"] + share * stage["width"], y))
         assert at.seen() == seen
     assert tab.state()["picks"] == []  # dragging the wipe picks nothing
 

@@ -53,13 +53,10 @@ def ghosts_and_handles(tab):
     tab.step()
     places = tab.page.evaluate("flatcloth.handles.places")
     canvas = tab.page.locator("#canvas").bounding_box()
-    mouse = tab.page.mouse
 
     def drag(at, dx, dy):
-        mouse.move(canvas["x"] + at["x"], canvas["y"] + at["y"])
-        mouse.down()
-        mouse.move(canvas["x"] + at["x"] + dx, canvas["y"] + at["y"] + dy, steps=4)
-        mouse.up()
+        x, y = canvas["x"] + at["x"], canvas["y"] + at["y"]
+        tab.drag((x, y), (x + dx, y + dy))
 
     drag({"x": canvas["width"] - 8, "y": canvas["height"] - 8}, -30, 0)
     assert tab.state()["pending"]["nudge"]["u_mm"] == 0.0

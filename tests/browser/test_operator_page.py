@@ -40,10 +40,7 @@ class ByMouse:
         )
         x, y, far = at
         x = self.tab.on_proposal(x, y)
-        self.page.mouse.move(x, y)
-        self.page.mouse.down()
-        self.page.mouse.move(x + far, y + 5, steps=5)
-        self.page.mouse.up()
+        self.tab.drag((x, y), (x + far, y + 5))
 
     def reopen(self, view):
         self.press(f"view-{view}")

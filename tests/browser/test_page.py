@@ -122,11 +122,7 @@ def test_dragging_the_proposal_is_one_decision(open_tab):
              return flatcloth.toScreen(u + d * l.cols / 2, v + d * l.rows / 2); }"""
     )
     x, y = tab.on_proposal(at["x"], at["y"]), at["y"]  # the middle of its grid may be a hole
-    tab.page.mouse.move(x, y)
-    tab.page.mouse.down()
-    tab.page.mouse.move(x + 10, y + 20, steps=4)
-    tab.page.mouse.move(x + 30, y + 20, steps=4)
-    tab.page.mouse.up()
+    tab.drag((x, y), (x + 10, y + 20), (x + 30, y + 20))
     tab.until("flatcloth.state.pending.nudge.u_mm > 0")
     nudge = tab.state()["pending"]["nudge"]
     assert nudge["v_mm"] == pytest.approx(nudge["u_mm"] * 20 / 30, rel=0.02)

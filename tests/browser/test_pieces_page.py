@@ -105,10 +105,7 @@ def test_a_proposal_lies_by_its_piece_and_a_piece_is_dragged_onto_the_shape_by_h
     # Dragged to the middle of the shape, it is meant there.
     revision = overlay["revision"]
     start = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", center)
-    tab.page.mouse.move(start["x"], start["y"])
-    tab.page.mouse.down()
-    tab.page.mouse.move(start["x"] - 60, start["y"] + 40, steps=4)
-    tab.page.mouse.up()
+    tab.drag((start["x"], start["y"]), (start["x"] - 60, start["y"] + 40))
     tab.until(f"flatcloth.overlayRevision > {revision}")
     moved = tab.state()["layers"]["overlay"]["center_uv_m"]
     assert moved[0] < center[0] - 0.01

@@ -111,10 +111,7 @@ def test_pairs_of_points_are_picked_dragged_weighed_removed_and_fitted(open_tab)
 
     # A marker is dragged off: the fit gets worse, and its weight can be taken from it.
     x, y = chosen[2]
-    tab.page.mouse.move(x - back, y)
-    tab.page.mouse.down()
-    tab.page.mouse.move(x - back, y + 30, steps=3)
-    tab.page.mouse.up()
+    tab.drag((x - back, y), (x - back, y + 30))
     fit = tab.page.locator("#pairs [data-action=fit_pairs]")
     button = "document.querySelector('#pairs [data-action=fit_pairs]')"
     rms = f"Number({button}.textContent.match(/([0-9.]+) mm/)?.[1])"

@@ -43,10 +43,7 @@ def test_a_session_is_reviewed_and_its_data_are_taken_away(open_tab, tmp_path: P
         "all => all.length === 2 && all.every((i) => i.naturalWidth > 10)"
     )
     from_, to = cell.bounding_box(), page.locator(f"[data-id='view-{start['index']}']").bounding_box()
-    page.mouse.move(from_["x"] + 5, from_["y"] + 30)
-    page.mouse.down()
-    page.mouse.move(to["x"] + 20, to["y"] + 30, steps=4)
-    page.mouse.up()
+    tab.drag((from_["x"] + 5, from_["y"] + 30), (to["x"] + 20, to["y"] + 30))
     assert turned(tab) == start["index"]
     assert tab.state()["pending"] is None
     expect(page.locator("#view-card")).to_be_hidden()

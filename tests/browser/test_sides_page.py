@@ -29,10 +29,14 @@ def program(bare: Path, program_of, tmp_path: Path):
     return program_of(str(bare), tmp_path / "session")
 
 
-def ready(tab) -> None:
+@pytest.fixture
+def tab(open_tab):
+    """A tab in which the sides are known and drawn."""
+    tab = open_tab()
     tab.until(KNOWN)
     tab.until("flatcloth.phase === 'ready'")
     tab.until("flatcloth.sources.drawn && flatcloth.sources.drawn.labels")
+    return tab
 
 
 def middle(tab) -> tuple[float, float]:
@@ -41,16 +45,11 @@ def middle(tab) -> tuple[float, float]:
     return box["x"] + 0.5 * box["width"], box["y"] + 0.35 * box["height"]
 
 
-def test_cloth_is_painted_with_the_mouse_and_undone(open_tab) -> None:
-    tab = open_tab()
-    ready(tab)
+def test_cloth_is_painted_with_the_mouse_and_undone(tab) -> None:
     tab.page.keyboard.press("Shift+S")
     tab.until("flatcloth.sides.kind === 'this'")
     x, y = middle(tab)
-    tab.page.mouse.move(x, y)
-    tab.page.mouse.down()
-    tab.page.mouse.move(x, y + 12, steps=4)
-    tab.page.mouse.up()
+    tab.drag((x, y), (x, y + 12))
     tab.until(f"flatcloth.state.sides.n_strokes === 1 && {IDLE}")
     # Each view has a small picture of its labels, as they are now.
     tab.until(
@@ -68,9 +67,7 @@ def test_cloth_is_painted_with_the_mouse_and_undone(open_tab) -> None:
     tab.until("flatcloth.state.sides.n_strokes === 0")
 
 
-def test_cloth_is_painted_with_keys_alone_and_the_next_place_is_found(open_tab) -> None:
-    tab = open_tab()
-    ready(tab)
+def test_cloth_is_painted_with_keys_alone_and_the_next_place_is_found(tab) -> None:
     tab.page.keyboard.press("Shift+W")
     tab.until("flatcloth.sources.drawn && document.querySelector('.toast, #toasts *')")
     # From place to place and back, and two fingers on it: no stroke, a closer look.
@@ -116,9 +113,7 @@ def two_fingers_zoom(tab, canvas: str, shown: str) -> None:
     assert tab.state()["sides"]["n_strokes"] == 0
 
 
-def test_a_finger_paints_and_strokes_outlast_a_kill(open_tab, program) -> None:
-    tab = open_tab()
-    ready(tab)
+def test_a_finger_paints_and_strokes_outlast_a_kill(tab, program) -> None:
     tab.page.keyboard.press("Shift+S")
     tab.until("flatcloth.sides.kind === 'this'")
     x, y = middle(tab)
@@ -142,9 +137,7 @@ def test_a_finger_paints_and_strokes_outlast_a_kill(open_tab, program) -> None:
         again.stop()
 
 
-def test_the_source_image_shows_all_of_the_item_also_what_is_undecided(open_tab) -> None:
-    tab = open_tab()
-    ready(tab)
+def test_the_source_image_shows_all_of_the_item_also_what_is_undecided(tab) -> None:
     tab.page.keyboard.press("Shift+W")
     tab.until("flatcloth.sources.aim !== null")
     view = tab.page.evaluate("flatcloth.sources.aim.view")
@@ -158,9 +151,7 @@ def test_the_source_image_shows_all_of_the_item_also_what_is_undecided(open_tab)
         assert shown[start] <= at < shown[start] + shown[size]
 
 
-def test_another_start_view_is_chosen_when_strokes_leave_the_first_too_little(open_tab) -> None:
-    tab = open_tab()
-    ready(tab)
+def test_another_start_view_is_chosen_when_strokes_leave_the_first_too_little(tab) -> None:
     start = tab.state()["start_view"]
     box = tab.page.evaluate(f"fetch('/sides/{start}/box.json').then((answer) => answer.json())")
     rows, cols = ((box[a], box[a] + box[n]) for a, n in (("top", "height"), ("left", "width")))

@@ -39,7 +39,7 @@ from flatcloth.session.machine import (
 
 def three_accepted(made: Integration) -> SessionState:
     """Views 1, 2 and 3 laid one after the other on view 0."""
-    state = done(made, SessionState(len(STEPS)), Start(0))
+    state = done(made, SessionState(len(made.recording)), Start(0))
     for view in (1, 2, 3):
         state = done(made, state, Propose(view), Accept(view))
     assert [a.view_index for a in state.document.accepted] == [1, 2, 3]
@@ -243,9 +243,7 @@ def test_a_floating_piece_is_placed_by_hand_and_is_part_of_the_shape_then() -> N
 def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_placed_by_hand() -> None:
     # Views 0 and 1 share cloth, and so do 2 and 3 on the other side.
     made = integration("robust", angles_deg=(0.0, 20.0, 170.0, 190.0), span_deg=(-180.0, 180.0))
-    state = done(made, SessionState(4), Start(0))
-    for view in (1, 2, 3):
-        state = done(made, state, Propose(view), Accept(view))
+    state = three_accepted(made)
     apart = made.canonical(state.document)
     (piece,) = lay_out(apart).pieces
     assert piece.views == (2, 3)
@@ -267,9 +265,7 @@ def test_a_piece_of_several_views_comes_as_a_whole_when_one_component_of_it_is_p
 
 def test_a_piece_that_outgrows_the_shape_becomes_the_shape() -> None:
     made = integration("robust", angles_deg=(0.0, 150.0, 170.0, 190.0), span_deg=(-180.0, 180.0))
-    state = done(made, SessionState(4), Start(0))
-    for view in (1, 2, 3):
-        state = done(made, state, Propose(view), Accept(view))
+    state = three_accepted(made)
     shape = made.canonical(state.document)
     assert set(np.unique(shape.view.view_index[shape.view.valid])) == {1, 2, 3}
     assert shape.view.placement_std_m is not None

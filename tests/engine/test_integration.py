@@ -266,11 +266,15 @@ def test_flattening_ahead_changes_no_result(monkeypatch: pytest.MonkeyPatch) -> 
         np.testing.assert_array_equal(getattr(view, name), getattr(same, name))
 
 
-def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_again() -> None:
-    made = sheet_integration("robust")
+def one_accepted(made: Integration) -> SessionState:
     state = done(made, started(made, 0), Propose())
     assert state.document.pending is not None
-    state = apply(state, Accept(state.document.pending.view_index))
+    return apply(state, Accept(state.document.pending.view_index))
+
+
+def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_again() -> None:
+    made = sheet_integration("robust")
+    state = one_accepted(made)
     whole, cloth = made.canonical(state.document), made.cloth(state.document)
     assert cloth is not None
     placed = np.isfinite(cloth.uv_m[:, 0])
@@ -298,9 +302,7 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
 
 def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     made = sheet_integration("robust")
-    state = done(made, started(made, 0), Propose())
-    assert state.document.pending is not None
-    state = apply(state, Accept(state.document.pending.view_index))
+    state = one_accepted(made)
     whole, cloth = made.canonical(state.document).view, made.cloth(state.document)
     assert cloth is not None
     assert whole.placement_std_m is not None

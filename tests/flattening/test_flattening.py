@@ -2,23 +2,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import AXIS, CAMERA, Cylinder, box, frame, plane, rays
+from scenes import AXIS, CAMERA, Cylinder, box, flattened, frame, plane, rays
 
-from flatcloth.core.config import FlatteningConfig, SurfaceConfig
+from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import FlatteningError
 from flatcloth.core.geometry import object_from_camera
-from flatcloth.core.types import RgbdFrame
 from flatcloth.engine.evaluation import trimmed_fit
-from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.minimisation import energy_of, minimise
 from flatcloth.flattening.sampling import path_on_surface, widened
-from flatcloth.flattening.surface import observe_surface
 
 CONFIG = FlatteningConfig()
-
-
-def flattened(shown: RgbdFrame, config: FlatteningConfig = CONFIG, **options: float) -> Flattening:
-    return flatten(observe_surface(shown, AXIS, SurfaceConfig()), AXIS, config, **options)
 
 
 def lattice(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

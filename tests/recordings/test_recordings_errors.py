@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import struct
 import zlib
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -48,26 +50,12 @@ def read_everything(folder: Path) -> None:
 def put(*path: Any) -> Callable[[dict[str, Any]], None]:
     """Return a change of the header: the last argument is the value, those before it the way to it."""
     *way, last, value = path
-
-    def change(content: dict[str, Any]) -> None:
-        place: Any = content
-        for key in way:
-            place = place[key]
-        place[last] = value
-
-    return change
+    return lambda content: operator.setitem(reduce(operator.getitem, way, content), last, value)
 
 
 def remove(*path: Any) -> Callable[[dict[str, Any]], None]:
     *way, last = path
-
-    def change(content: dict[str, Any]) -> None:
-        place: Any = content
-        for key in way:
-            place = place[key]
-        del place[last]
-
-    return change
+    return lambda content: operator.delitem(reduce(operator.getitem, way, content), last)
 
 
 HEADER_FAULTS: list[tuple[Callable[[dict[str, Any]], None], str]] = [
@@ -353,7 +341,5 @@ def test_a_link_to_itself_is_refused(folder: Path) -> None:
 
 
 def test_a_message_is_never_flooded_by_the_value(folder: Path) -> None:
-    content = header()
-    content["format"] = "x" * 100_000
-    write_header(folder, content)
+    write_header(folder, header() | {"format": "x" * 100_000})
     assert len(refused(folder, "format is")) < len(str(folder)) + 200

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from full_disks import full
 from tiny_recordings import HEIGHT, WIDTH, write_recording
 
 from flatcloth.core.errors import RecordingError
@@ -112,10 +113,6 @@ def test_a_full_disk_is_told_and_the_view_can_be_repeated(
 ) -> None:
     with writing(tmp_path) as made:
         made.add(0, color(0), depth(0))
-
-        def full(_fd: int) -> None:
-            raise OSError(28, "No space left on device")
-
         monkeypatch.setattr("flatcloth.recordings.writer.os.fsync", full)
         with pytest.raises(RecordingError, match=r"view 1 cannot be written .No space left on device.*saved"):
             made.add(10, color(1), depth(1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from journal_script import after
 
 from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.session.garment import (
@@ -21,7 +22,7 @@ from flatcloth.session.garment import (
     SetKind,
 )
 from flatcloth.session.journal import decode, encode
-from flatcloth.session.machine import Redo, Restart, SessionState, Start, Started, Undo, apply
+from flatcloth.session.machine import Redo, Restart, Start, Started, Undo, apply
 
 CLOTH = ClothPlaces(((0.0, 0.1, 0.8), (0.1, 0.1, 0.8), (0.0, 0.2, 0.8)), ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1)))
 HOLD = HoldPoint(HeldPoint("neck_left", (0.2, 0.3), CLOTH))
@@ -30,15 +31,8 @@ LINK = DecideLink(DoubtedPart(True, CLOTH, CLOTH, 0.2))
 SEAM = DecideSeam(DecidedSeam(False, CLOTH.points_m))
 
 
-def states(*commands):
-    state = SessionState(n_views=4)
-    for command in commands:
-        state = apply(state, command)
-    return state
-
-
 def test_decisions_are_undone_and_redone_one_by_one() -> None:
-    state = states(SetKind("tshirt"), HOLD, PIECE, LINK)
+    state = after(SetKind("tshirt"), HOLD, PIECE, LINK)
     assert state.document.garment.parts == (LINK.part,)
     assert state.undo[-1].name == "take a part off by the garment"
     state = apply(state, Undo())
@@ -55,7 +49,7 @@ def test_decisions_are_undone_and_redone_one_by_one() -> None:
 
 def test_a_point_held_again_moves_and_another_kind_lets_all_points_go() -> None:
     there = HoldPoint(dataclasses.replace(HOLD.point, uv_m=(0.5, 0.5)))
-    state = states(HOLD, there)
+    state = after(HOLD, there)
     assert [held.uv_m for held in state.document.garment.held] == [(0.5, 0.5)]
     assert apply(state, ReleasePoints("neck_left")).document.garment.held == ()
     assert apply(state, SetKind("towel")).document.garment.held == ()
@@ -63,7 +57,7 @@ def test_a_point_held_again_moves_and_another_kind_lets_all_points_go() -> None:
 
 def test_a_seam_is_cut_and_kept_again_and_undone_and_no_shape_of_this_side_depends_on_it() -> None:
     kept = DecideSeam(dataclasses.replace(SEAM.seam, kept=True))
-    begun = states(Start())
+    begun = after(Start())
     state = apply(apply(begun, SEAM), kept)
     assert [item.name for item in state.undo[-2:]] == ["cut a seam", "keep a seam"]
     assert state.document.garment.seams == (SEAM.seam, kept.seam)
@@ -72,7 +66,7 @@ def test_a_seam_is_cut_and_kept_again_and_undone_and_no_shape_of_this_side_depen
 
 
 def test_a_running_computation_goes_on_and_a_restart_keeps_what_was_said() -> None:
-    asked = apply(SessionState(n_views=4), Start())
+    asked = after(Start())
     decided = apply(asked, SetKind("skirt"))
     assert decided.request == asked.request
     started = apply(decided, Started(1, 2))
@@ -94,7 +88,7 @@ def test_the_journal_gives_back_what_was_decided(command) -> None:
 )
 def test_what_changes_nothing_is_refused_with_a_reason(command) -> None:
     with pytest.raises(IllegalDecisionError, match=r"already|held"):
-        states(command)
+        after(command)
 
 
 @pytest.mark.parametrize(
@@ -113,4 +107,4 @@ def test_what_changes_nothing_is_refused_with_a_reason(command) -> None:
 )
 def test_places_and_names_that_no_garment_has_are_refused(command) -> None:
     with pytest.raises(OutOfBoundsError):
-        states(command)
+        after(command)

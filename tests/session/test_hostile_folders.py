@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from journal_script import RECORDING, SCRIPT, idle, opened, played_in, states
+from full_disks import full
+from journal_script import SCRIPT, after, idle, opened, played_in, states
 
-from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBoundsError
 from flatcloth.core.plain_files import open_own, replace_file
 from flatcloth.core.types import Rigid2
@@ -26,13 +26,11 @@ from flatcloth.session.machine import (
     PlacedPart,
     Propose,
     Proposed,
-    SessionState,
     Start,
     Started,
     Undo,
     apply,
 )
-from flatcloth.session.store import SessionFolder
 
 # --- while it is open -----------------------------------------------------------------------------
 
@@ -69,9 +67,7 @@ def rename(place: Path) -> None:
 def test_no_decision_is_lost_when_the_journal_is_taken_away(
     place: Path, harm: Callable[[Path], None]
 ) -> None:
-    folder = opened(place)
-    for step in SCRIPT[:6]:
-        folder.record(step)
+    folder = played_in(place, SCRIPT[:6])
     pick = folder.add_pick("cuff", np.zeros(3), np.ones(3), 0, (1.0, 2.0))
     harm(place)
     for step in SCRIPT[6:]:
@@ -83,7 +79,7 @@ def test_no_decision_is_lost_when_the_journal_is_taken_away(
     assert f"--session {fresh}" in notice
     assert folder.take_notices() == ()
     folder.close()
-    again = SessionFolder.open(fresh, RECORDING, Config(), "paper")
+    again = opened(fresh)
     assert again.state == states()[-1]
     assert [p.name for p in again.picks] == [pick.name]
     again.close()
@@ -106,9 +102,6 @@ def test_where_there_is_no_room_for_a_fresh_folder_the_decision_is_refused(
     folder = opened(place)
     folder.record(SCRIPT[0])
     shutil.rmtree(place)
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, "mkdir", full)
@@ -183,7 +176,7 @@ def test_a_pipe_or_device_in_place_of_a_file_does_not_block(place: Path) -> None
 
 
 def test_nobody_else_reads_a_session(place: Path) -> None:
-    SessionFolder.open(place, RECORDING, Config(), "paper").close()
+    opened(place).close()
     assert place.stat().st_mode & 0o077 == 0
 
 
@@ -202,9 +195,6 @@ def test_a_folder_of_another_user_is_told(
 def test_a_write_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "cloud.ply").write_text("old")
 
-    def full(_fd: int) -> None:
-        raise OSError(28, "No space left on device")
-
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space"):
         replace_file(tmp_path / "cloud.ply", b"new")
@@ -216,9 +206,7 @@ def test_a_write_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: p
 
 @pytest.mark.parametrize("by", [Rigid2(0.0, 11.0, 0.0), Rigid2(0.0, 1e9, 0.0), Rigid2(0.0, 0.0, -1e308)])
 def test_a_view_cannot_be_moved_to_where_no_garment_reaches(place: Path, by: Rigid2) -> None:
-    folder = opened(place)
-    for step in SCRIPT[:4]:
-        folder.record(step)
+    folder = played_in(place, SCRIPT[:4])
     before = (place / "journal.jsonl").read_bytes()
     with pytest.raises(OutOfBoundsError, match=r"a garment.s plane reaches 10 m\. Move it by less"):
         folder.record(Nudge(1, by))
@@ -250,18 +238,14 @@ FAR = Rigid2(0.0, 1e5, 0.0)
 def test_no_answer_is_about_a_view_that_does_not_exist_or_lies_beyond_any_plane(
     answer: tuple[Command | Event, ...],
 ) -> None:
-    state = apply(SessionState(n_views=36), Start())
-    for step in answer[:-1]:
-        state = apply(state, step)
+    state = after(Start(), *answer[:-1], n_views=36)
     with pytest.raises(OutOfBoundsError):
         apply(state, answer[-1])
 
 
 def absurd_journal(place: Path) -> bytes:
     """A journal as a version without bounds wrote it: the sixth line moves a view out of this world."""
-    folder = opened(place)
-    for step in SCRIPT[:5]:
-        folder.record(step)
+    folder = played_in(place, SCRIPT[:5])
     lines, link = [], folder._replay.link
     for number, entry in enumerate((Nudge(1, Rigid2(0.0, 1e9, 0.0)), Nudge(1, Rigid2(0.0, 1e308, 0.0))), 6):
         line, link = encode(number, entry, None, link)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from journal_script import SCRIPT, idle, opened, states
+from journal_script import SCRIPT, idle, opened, played_in, resumed, states
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError, JournalError
@@ -26,7 +26,6 @@ from flatcloth.session.machine import (
     Proposed,
     SessionState,
     Start,
-    Started,
     Undo,
     apply,
 )
@@ -105,10 +104,7 @@ def test_lines_of_another_session_are_noticed(played: SessionFolder, place: Path
     played.close()
     lines = (place / "journal.jsonl").read_bytes().splitlines(keepends=True)
     other = place.with_name("other")
-    folder = opened(other)
-    for step in (*SCRIPT[:4], Nudge(1, Rigid2(0.2)), *SCRIPT[5:]):
-        folder.record(step)
-    folder.close()
+    played_in(other, (*SCRIPT[:4], Nudge(1, Rigid2(0.2)), *SCRIPT[5:])).close()
     theirs = (other / "journal.jsonl").read_bytes().splitlines(keepends=True)
     (place / "journal.jsonl").write_bytes(b"".join([*lines[:7], *theirs[7:]]))
     with pytest.raises(JournalError, match=r"line 8 is damaged .its checksum"):
@@ -141,28 +137,20 @@ def test_every_line_is_json_with_number_time_and_kind(played: SessionFolder, pla
 
 
 def test_score_parts_are_kept_for_the_reader_and_do_not_disturb_replaying(place: Path) -> None:
-    folder = opened(place)
-    for step in SCRIPT[:3]:
-        folder.record(step)
+    folder = played_in(place, SCRIPT[:3])
     folder.record(SCRIPT[3], {"intensity_correlation": 0.8, "height_rms_mm": math.inf})
     folder.close()
     last = json.loads((place / "journal.jsonl").read_text().splitlines()[-1])
     assert last["score_parts"] == {"intensity_correlation": 0.8, "height_rms_mm": None}
-    again = opened(place)
-    assert again.state == states()[4]
-    again.close()
+    assert resumed(place) == states()[4]
 
 
 def test_a_computation_in_flight_is_given_up_on_resuming_and_the_session_goes_on(place: Path) -> None:
-    folder = opened(place)
-    for step in SCRIPT[:7]:
-        folder.record(step)
+    folder = played_in(place, SCRIPT[:7])
     assert folder.state.phase is Phase.COMPUTING
     folder.close()
     for _ in range(2):  # also when it is resumed again
-        folder = opened(place)
-        assert folder.state == idle(states()[7])
-        folder.close()
+        assert resumed(place) == idle(states()[7])
     folder = opened(place)
     folder.record(Proposed(3, 4, Rigid2()))  # nobody asks any more
     assert folder.state == idle(states()[7])
@@ -171,9 +159,7 @@ def test_a_computation_in_flight_is_given_up_on_resuming_and_the_session_goes_on
     expected = folder.state
     assert expected.phase is Phase.DECIDING
     folder.close()
-    folder = opened(place)
-    assert folder.state == expected
-    folder.close()
+    assert resumed(place) == expected
 
 
 def test_a_journal_cut_at_any_byte_resumes_to_what_was_whole(played: SessionFolder, place: Path) -> None:
@@ -205,9 +191,7 @@ def test_a_decision_after_a_torn_line_is_legible(
     assert [r.levelname for r in caplog.records] == ["WARNING"]
     folder.record(Undo())
     folder.close()
-    folder = opened(place)
-    assert folder.state == apply(states()[-1], Undo())
-    folder.close()
+    assert resumed(place) == apply(states()[-1], Undo())
 
 
 @pytest.mark.parametrize(
@@ -254,9 +238,7 @@ def test_an_illegal_command_and_a_late_answer_leave_no_line(played: SessionFolde
 
 
 def test_numbers_that_cannot_be_read_back_are_refused(place: Path) -> None:
-    folder = opened(place)
-    for step in SCRIPT[:3]:
-        folder.record(step)
+    folder = played_in(place, SCRIPT[:3])
     before = (place / "journal.jsonl").read_bytes()
     with pytest.raises(JournalError, match="not finite"):
         folder.record(Proposed(2, 1, Rigid2(math.nan, 0.0, 0.0)))
@@ -313,11 +295,6 @@ def test_a_pick_that_is_not_in_the_list_is_refused(place: Path) -> None:
 
 def test_further_parts_of_a_proposal_come_back_from_the_journal(place: Path) -> None:
     also = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.5, 0.0)))
-    folder = opened(place)
     proposed = Proposed(2, 1, Rigid2(), score=0.9, also=also)
-    for step in (Start(), Started(1, 0), Propose(), proposed, LeaveOut(1, 0, 1), Undo(), Accept(1)):
-        folder.record(step)
-    folder.close()
-    resumed = opened(place)
-    assert [a.also for a in resumed.state.document.accepted] == [also]
-    resumed.close()
+    played_in(place, (*SCRIPT[:3], proposed, LeaveOut(1, 0, 1), Undo(), Accept(1))).close()
+    assert [a.also for a in resumed(place).document.accepted] == [also]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import subprocess
@@ -10,7 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from journal_script import RECORDING, opened, states
+from full_disks import fill_disk
+from journal_script import RECORDING, opened, resumed, states
 from tiny_recordings import MemoryRecording
 
 from flatcloth.core.config import Config, PlanningConfig
@@ -124,16 +124,7 @@ def test_a_full_disk_refuses_the_decision_and_leaves_the_journal_whole(
     played: SessionFolder, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = (place / "journal.jsonl").read_bytes()
-    write = os.write
-    calls = []
-
-    def half(fd: int, data: bytes) -> int:
-        calls.append(data)
-        if len(calls) == 1:
-            return write(fd, data[:10])
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "write", half)
+    fill_disk(monkeypatch)
     with pytest.raises(JournalError, match="No space left on device"):
         played.record(Undo())
     monkeypatch.undo()
@@ -141,9 +132,7 @@ def test_a_full_disk_refuses_the_decision_and_leaves_the_journal_whole(
     assert (place / "journal.jsonl").read_bytes() == before
     played.record(Undo())
     played.close()
-    again = opened(place)
-    assert again.state == apply(states()[-1], Undo())
-    again.close()
+    assert resumed(place) == apply(states()[-1], Undo())
 
 
 def test_each_line_is_on_the_disk_before_the_decision_counts(

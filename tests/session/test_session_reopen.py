@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 import pytest
-from journal_script import after, opened
+from journal_script import after, opened, played_in, resumed
 
 from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.core.types import Rigid2
@@ -269,31 +269,23 @@ AGAIN: tuple[Command | Event, ...] = (
 
 
 def test_a_session_killed_at_any_line_resumes_as_it_was(tmp_path: Path) -> None:
-    folder = opened(tmp_path / "whole")
+    folder = opened(tmp_path)
     states = [folder.state]
     for step in AGAIN:
         folder.record(step)
         states.append(folder.state)
     folder.close()
-    lines = (tmp_path / "whole" / "journal.jsonl").read_bytes().splitlines(keepends=True)
-    header = (tmp_path / "whole" / "session.json").read_bytes()
+    journal = tmp_path / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
     assert len(lines) == len(AGAIN)
     for n in range(len(lines) + 1):
-        place = tmp_path / f"killed-{n}"
-        place.mkdir()
-        (place / "session.json").write_bytes(header)
         cut = lines[n][: len(lines[n]) // 2] if n < len(lines) else b""
-        (place / "journal.jsonl").write_bytes(b"".join(lines[:n]) + cut)
-        resumed = opened(place)
-        expected = apply(states[n], Cancel()) if states[n].request else states[n]
-        assert resumed.state == expected
-        resumed.close()
+        journal.write_bytes(b"".join(lines[:n]) + cut)
+        assert resumed(tmp_path) == (apply(states[n], Cancel()) if states[n].request else states[n])
 
 
 def test_journals_of_earlier_versions_are_read(tmp_path: Path) -> None:
-    folder = opened(tmp_path)
-    for step in (*PENDING, Nudge(1, at(0.05)), Accept(1)):
-        folder.record(step)
+    folder = played_in(tmp_path, (*PENDING, Nudge(1, at(0.05)), Accept(1)))
     expected = folder.state
     folder.close()
     path = tmp_path / "journal.jsonl"
@@ -308,7 +300,5 @@ def test_journals_of_earlier_versions_are_read(tmp_path: Path) -> None:
     del header["id"]
     (tmp_path / "session.json").write_text(json.dumps(header))
     assert "how" not in path.read_text()
-    resumed = opened(tmp_path)
-    assert resumed.state == expected
-    assert resumed.state.document.accepted == (Accepted(1, at(0.05) @ at(0.1), fixed=True),)
-    resumed.close()
+    assert resumed(tmp_path) == expected
+    assert expected.document.accepted == (Accepted(1, at(0.05) @ at(0.1), fixed=True),)

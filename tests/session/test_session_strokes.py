@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tiny_recordings import MemoryRecording
+from journal_script import after, played_in, resumed
 
-from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError
 from flatcloth.core.strokes import Cut, ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
@@ -25,7 +24,6 @@ from flatcloth.session.machine import (
     Undo,
     apply,
 )
-from flatcloth.session.store import SessionFolder
 
 THIS = ImageStroke(side="this", view_index=1, points_rc=((1.0, 2.0), (3.0, 4.0)))
 OTHER = SpaceStroke(side="other", points_m=((0.0, 0.1, 0.8),), normals=((0.0, 0.0, -1.0),))
@@ -38,16 +36,8 @@ CUT = Cut(
 
 
 def with_one_view() -> SessionState:
-    state = SessionState(6)
-    for step in (
-        Start(),
-        Started(1, 2),
-        Propose(),
-        Proposed(2, 3, Rigid2(0.1, 0.2, 0.3), None, 0.8),
-        Accept(3),
-    ):
-        state = apply(state, step)
-    return state
+    proposed = Proposed(2, 3, Rigid2(0.1, 0.2, 0.3), None, 0.8)
+    return after(Start(), Started(1, 2), Propose(), proposed, Accept(3))
 
 
 def test_the_views_of_the_shape_are_laid_anew_after_a_stroke() -> None:
@@ -95,11 +85,6 @@ def test_a_stroke_on_a_view_that_does_not_exist_is_refused() -> None:
 
 
 def test_the_journal_keeps_every_kind_of_stroke(tmp_path: Path) -> None:
-    recording = MemoryRecording()
-    folder = SessionFolder.open(tmp_path, recording, Config(), "robust")
-    for stroke in (THIS, OTHER, CUT):
-        folder.record(paint(stroke))
-    folder.close()
-    folder = SessionFolder.open(tmp_path, recording, Config(), "robust")
-    assert folder.state.document.strokes == (THIS, OTHER, CUT)
-    folder.close()
+    strokes = (THIS, OTHER, CUT)
+    played_in(tmp_path, [paint(stroke) for stroke in strokes], "robust").close()
+    assert resumed(tmp_path, "robust").document.strokes == strokes

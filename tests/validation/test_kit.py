@@ -22,12 +22,6 @@ from flatcloth.validation.printing import pdf_of, svg_of, tiles, whole_pages
 PX_PER_MM = 8.0
 
 
-@pytest.fixture
-def kit_file(tmp_path):
-    write_kit(grid_kit((0.1, 0.07), 0.02, 1), tmp_path / "kit.json")
-    return tmp_path / "kit.json"
-
-
 def test_a_kit_reads_as_it_was_written(tmp_path):
     kit = grid_kit((0.5, 0.4), 0.03, 2)
     write_kit(kit, tmp_path / "kit.json")
@@ -77,7 +71,9 @@ def test_too_many_cells_are_refused_with_a_cell_that_fits():
         (lambda kit: kit["size_mm"].__setitem__(0, float("nan")), "size_mm[0] is not a finite number"),
     ],
 )  # fmt: skip
-def test_a_wrong_file_is_named_in_one_line_with_a_remedy(kit_file, change, said):
+def test_a_wrong_file_is_named_in_one_line_with_a_remedy(tmp_path, change, said):
+    kit_file = tmp_path / "kit.json"
+    write_kit(grid_kit((0.1, 0.07), 0.02, 1), kit_file)
     document = json.loads(kit_file.read_text())
     change(document)
     kit_file.write_text(json.dumps(document))

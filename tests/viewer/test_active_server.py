@@ -191,7 +191,7 @@ class Served:
 
     def post(self, body: Any) -> httpx.Response:
         data = body if isinstance(body, bytes) else json.dumps(body).encode()
-        return self._client.post("/robot/view", data)
+        return self._client.post("/robot/view", content=data)
 
 
 def raw(values: np.ndarray) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import re
@@ -18,7 +17,7 @@ from xml.etree import ElementTree
 import httpx
 import numpy as np
 import pytest
-from exported_sessions import write_cylinder, write_session
+from exported_sessions import serving, write_cylinder, write_session
 from page_tabs import WAIT_S, Tab, get, post
 from viewer_fakes import MemoryFolder
 
@@ -28,7 +27,6 @@ from flatcloth.engine.integration import Integration
 from flatcloth.export.page import page
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.recordings import open_recording
-from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.routes import exports
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
@@ -38,18 +36,6 @@ from flatcloth.viewer.server.workspace import Opened
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("server")
     return write_session(folder / "session", write_cylinder(folder / "recording"))
-
-
-@contextlib.contextmanager
-def serving(place: Path, recording: Path) -> Iterator[PageServer]:
-    opened = open_recording(recording)
-    integration = Integration(opened, method="paper")
-    folder = SessionFolder.open(place, opened, integration.config, "paper")
-    try:
-        with PageServer(Opened(integration, folder), port=0) as running:
-            yield running
-    finally:
-        folder.close()
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ import httpx
 import jsonschema
 import numpy as np
 import pytest
-from exported_sessions import Operator, write_cylinder, write_session
+from exported_sessions import Operator, serving, write_cylinder, write_session
 from page_tabs import WAIT_S, open_socket, post
 from scipy.spatial.transform import Rotation
 
@@ -42,19 +42,12 @@ def server(tmp_path_factory: pytest.TempPathFactory):
     place = tmp_path_factory.mktemp("robot")
     recording = write_cylinder(place / "recording")
     session = write_session(place / "session", recording)
-    opened = open_recording(recording)
-    integration = Integration(opened, method="paper")
-    folder = SessionFolder.open(session, opened, integration.config, "paper")
     base_from_camera = Rigid3(np.eye(3), np.array([1.0, 2.0, 3.0]))
-    try:
-        shown = Opened(integration, folder, base_from_camera=base_from_camera)
-        with PageServer(shown, port=0) as running:
-            for _ in range(200):
-                if ask(running, "/robot/grasps").status_code == 200:
-                    break
-            yield running
-    finally:
-        folder.close()
+    with serving(session, recording, base_from_camera=base_from_camera) as running:
+        for _ in range(200):
+            if ask(running, "/robot/grasps").status_code == 200:
+                break
+        yield running
 
 
 def ask(server: PageServer, path: str, token: str | None = None) -> httpx.Response:

@@ -2,11 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import AXIS, Cylinder, box, frame, plane, rays
+from scenes import AXIS, Cylinder, box, flattened, frame, plane, rays
 
-from flatcloth.core.config import FlatteningConfig, PlanningConfig, SurfaceConfig
+from flatcloth.core.config import PlanningConfig, SurfaceConfig
 from flatcloth.core.types import RgbdFrame, Rigid2
-from flatcloth.flattening.flatten import Flattening, flatten
 from flatcloth.flattening.surface import observe_surface
 from flatcloth.methods.answers import ColumnCurves
 from flatcloth.methods.paper.occlusion import occluding_edge_length_m
@@ -21,10 +20,6 @@ from flatcloth.session.machine import Side
 
 CONFIG = PlanningConfig()
 ANGLES = tuple(float(a) for a in range(0, 360, 10))
-
-
-def flattened(shown: RgbdFrame) -> Flattening:
-    return flatten(observe_surface(shown, AXIS, SurfaceConfig()), AXIS, FlatteningConfig())
 
 
 def linear_curves(
