@@ -1,7 +1,7 @@
 """Which sets of matches are seams, and which cloth between them joins falsely: all configurations.
 
 A configuration says which sets of a pair of pieces are true. Two true sets that place the pieces differently
-need cloth between them that joins falsely. Its logarithm of the probability, up to a constant, is the sum of
+need cloth between them that joins falsely. The logarithm of its probability, up to a constant, is the sum of
 the log odds of the true sets and of those of the false joints that they need. There are few sets, so all
 configurations are looked at.
 """

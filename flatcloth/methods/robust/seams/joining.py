@@ -38,7 +38,7 @@ from flatcloth.shape.pieces import both_ends
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 _SEAM_EVIDENCE = 0.1
-"""Evidence of each pair at a seam. Chosen: the 30 matches that join pieces have more than joins any two."""
+"""Evidence of each pair at a seam. Chosen: all pairs of the smallest set have what joins two pieces."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -321,19 +321,19 @@ def _doubted(
     number = np.full(len(second), -1)
     number[second >= n + m] = link_of_seam[second[second >= n + m] - n - m]
 
-    def limit(pairs: Bool, false: float, *, raise_: bool) -> None:
+    def joined(pairs: Bool, false: float, *, at_most: bool) -> None:
         total, wanted = evidence[pairs].sum(), evidence_of(false)
-        if total > 0.0 and (raise_ or wanted < total):
+        if total > 0.0 and not (at_most and wanted >= total):
             evidence[pairs] = np.maximum(evidence[pairs] * wanted / total, 1e-9)
 
     for k, link in enumerate(links):
         for is_this in (True, False):
-            limit((number == k) & ((first < n) == is_this) & holds, 1.0 - link.probability, raise_=True)
+            joined((number == k) & ((first < n) == is_this) & holds, 1.0 - link.probability, at_most=False)
     for joint in joints:
         at, begin = (n, 0) if joint.side == 0 else (m, n)
         inside = holds & (first >= begin) & (second < begin + at)
         part = joint.part[np.clip(graph.pairs - begin, 0, at - 1)]
-        limit(inside & (part[:, 0] != part[:, 1]), joint.false, raise_=False)
+        joined(inside & (part[:, 0] != part[:, 1]), joint.false, at_most=True)
     return evidence
 
 
