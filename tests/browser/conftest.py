@@ -71,13 +71,6 @@ def flat_chromium(launch: Callable[[list[str]], Browser]) -> Iterator[Browser]:
         yield browser
 
 
-@pytest.fixture(scope="session", autouse=True)
-def interruptible() -> None:
-    """Let the programs hear Ctrl-C even if the tests run as a background job, which is deaf to it."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
 class Program:
     """The program, serving a recording on a free port until it is stopped by Ctrl-C.
 

@@ -42,22 +42,21 @@ def doubts_m(graph: Graph, holds: Bool | None = None) -> list[Float64]:
 
 
 def test_cloth_is_as_doubtful_as_the_weakest_joint_between_it_and_the_middle() -> None:
-    graph, _ = in_a_row((3.0, 0.4))
+    graph, _ = in_a_row((12.0, 10.0))
     middle, next_, last = doubts_m(graph)
-    np.testing.assert_allclose(next_, left_m(3.0, 1), rtol=0.05)
-    np.testing.assert_allclose(last, left_m(0.4, 2), rtol=0.05)
+    np.testing.assert_allclose(next_, left_m(12.0, 1), rtol=0.05)
+    np.testing.assert_allclose(last, left_m(10.0, 2), rtol=0.1)
     assert middle.max() < 0.05 * APART_M.max()
-    weak_first = doubts_m(in_a_row((0.4, 3.0))[0])
+    weak_first = doubts_m(in_a_row((10.0, 12.0))[0])
     np.testing.assert_allclose(weak_first[2], last, rtol=0.05)  # it hangs on the weak one, too
 
 
 def test_pairs_that_half_as_many_views_see_count_a_quarter() -> None:
-    graph, _ = in_a_row((4.0, 4.0), views=2)
-    every = np.ones(len(graph.pairs), dtype=bool)
-    counted = seen_often(graph, every) / graph.evidence
+    graph, _ = in_a_row((40.0, 40.0), views=2)
+    counted = seen_often(graph, np.ones(len(graph.pairs), dtype=bool)) / graph.evidence
     np.testing.assert_allclose(counted[graph.views == 2], 0.25, rtol=0.05)
     np.testing.assert_array_equal(counted[graph.views == 4], 1.0)
-    np.testing.assert_allclose(doubts_m(graph)[2], left_m(1.0, 2), rtol=0.05)
+    np.testing.assert_allclose(doubts_m(graph)[2], left_m(10.0, 2), rtol=0.1)
 
 
 def test_cloth_that_many_pairs_join_is_not_doubted() -> None:
@@ -73,6 +72,5 @@ def test_pairs_that_do_not_hold_join_nothing() -> None:
 
 
 def test_three_deviations_hold_a_doubtful_part_wherever_it_is_and_leave_a_sure_one() -> None:
-    share = np.array([1.0 / 9.0, 0.005, 0.0025, 0.0])
-    assert (3.0 * doubt_of(share, np.full(4, 0.5)) >= [0.5, 0.5, 0.0, 0.0]).all()
-    assert (doubt_of(share, np.full(4, 0.5))[2:] == 0.0).all()
+    left = doubt_of(np.array([1.0 / 9.0, 0.005, 0.0025, 0.0]), np.full(4, 0.5))
+    np.testing.assert_allclose(left, [0.2, 0.2, 0.0, 0.0])  # three of 0.2 m reach 0.5 m and a fifth more
