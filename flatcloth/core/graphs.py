@@ -80,20 +80,20 @@ def grouped(group: Int32 | Int64, groups: int) -> tuple[Int32, Int32]:
 
 @njit(cache=True, nogil=True)
 def cell_of(x: int, y: int, z: int, cells: int) -> int:
-    """Return the cell of a square or cube: multiples of large primes (Teschner and others, 2003).
+    """Return the cell of a cube: multiples of large primes (Teschner and others, 2003).
 
-    ``cells``, a power of two, is their number; many squares or cubes lead to each.
+    ``cells``, a power of two, is their number; many cubes lead to each.
     """
     return ((x * 73856093) ^ (y * 19349663) ^ (z * 83492791)) & (cells - 1)
 
 
 @njit(cache=True, nogil=True)
 def by_cell(places: Float64, size: float, cells: int) -> tuple[Int32, Int32]:
-    """Return where each cell begins (cells + 1,), and places (N, 2) or (N, 3) in the order of their cells."""
-    cell, has_depth = np.empty(len(places), dtype=np.int64), places.shape[1] > 2
+    """Return where each cell begins (cells + 1,), and places (N, 3) in the order of their cells."""
+    cell = np.empty(len(places), dtype=np.int64)
     for n in range(len(places)):
-        z = math.floor(places[n, 2] / size) if has_depth else 0
-        cell[n] = cell_of(math.floor(places[n, 0] / size), math.floor(places[n, 1] / size), z, cells)
+        x, y, z = places[n]
+        cell[n] = cell_of(math.floor(x / size), math.floor(y / size), math.floor(z / size), cells)
     return grouped(cell, cells)
 
 

@@ -1,4 +1,4 @@
-"""The refinement of a placement, against the same steps with a search for the nearest nodes in each."""
+"""The refinement of a placement, against steps of Gauss-Newton with all derivatives in space."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from flatcloth.core.types import Float64, Rigid2
-from flatcloth.methods.nearest import NearPoints
-from flatcloth.methods.refining import Nodes, Samples, fitted
+from flatcloth.methods.refining import Nodes, fitted
 
 WITHIN_M = 0.01
+Samples = tuple[Float64, Float64, Float64]
 
 
 def bent_cloth(random: np.random.Generator, places: Float64) -> tuple[Float64, Float64, Float64]:
@@ -27,23 +27,22 @@ def given(seed: int) -> tuple[Nodes, Samples]:
     random = np.random.default_rng(seed)
     uv = random.uniform(-0.15, 0.15, (2000, 2))
     xyz, normal, frames = bent_cloth(random, uv)
-    near = NearPoints(uv, WITHIN_M)
-    nodes = Nodes(uv, xyz, normal, frames, near.cell_uv_m, near.first, near.by_cell, near.within_m)
+    nodes = Nodes(uv_m=uv, xyz_m=xyz, normal=normal, frames=frames, within_m=WITHIN_M)
     own = random.uniform(-0.05, 0.16, (400, 2))
     there, facing, _ = bent_cloth(random, own)
-    return nodes, Samples(own, there, facing)
+    return nodes, (own, there, facing)
 
 
 def plain_step(nodes: Nodes, samples: Samples, motion: Rigid2, radius_m: float) -> tuple[Rigid2, Float64]:
     """Return the motion after one step of Gauss-Newton, and its information."""
-    uv = motion.apply(samples.uv_m)
-    nearest = NearPoints(nodes.uv_m, WITHIN_M).nearest(uv)
-    on = np.flatnonzero(nearest >= 0)
-    n = nearest[on]
+    uv = motion.apply(samples[0])
+    away = np.linalg.norm(uv[:, None] - nodes.uv_m, axis=2)
+    on, n = np.flatnonzero(away.min(axis=1) < WITHIN_M), away.argmin(axis=1)
+    n = n[on]
     off = uv[on] - nodes.uv_m[n]
-    apart = samples.xyz_m[on] - nodes.xyz_m[n] - np.einsum("nij,nj->ni", nodes.frames[n], off)
+    apart = samples[1][on] - nodes.xyz_m[n] - np.einsum("nij,nj->ni", nodes.frames[n], off)
     weight = 1.0 / (1.0 + np.square(apart).sum(axis=1) / radius_m**2) ** 2
-    weight[(samples.normal[on] * nodes.normal[n]).sum(axis=1) <= 0.5] = 0.0
+    weight[(samples[2][on] * nodes.normal[n]).sum(axis=1) <= 0.5] = 0.0
     middle = uv[on].mean(axis=0)
     arm = uv[on] - middle
     turn = np.einsum("nij,nj->ni", nodes.frames[n], np.stack([-arm[:, 1], arm[:, 0]], axis=1))
@@ -54,7 +53,7 @@ def plain_step(nodes: Nodes, samples: Samples, motion: Rigid2, radius_m: float) 
 
 
 @pytest.mark.parametrize("initial", [Rigid2(), Rigid2(0.1, 0.01, -0.004), Rigid2(-0.4, 0.03, 0.05)])
-def test_the_rounds_are_those_of_a_search_in_each_round(initial: Rigid2) -> None:
+def test_the_rounds_are_steps_of_gauss_newton(initial: Rigid2) -> None:
     nodes, samples = given(4)
     motion, radius_m, settled = initial, 0.02, None
     for rounds in range(1, 6):
@@ -78,6 +77,6 @@ def test_samples_beside_the_surface_tell_no_motion() -> None:
 
 def test_samples_of_the_other_side_of_the_cloth_tell_no_motion() -> None:
     nodes, samples = given(6)
-    motion, information = fitted(nodes, samples._replace(normal=-samples.normal), Rigid2(), (0.02, 0.004), 8)
+    motion, information = fitted(nodes, (*samples[:2], -samples[2]), Rigid2(), (0.02, 0.004), 8)
     assert motion == Rigid2()
     assert information is None

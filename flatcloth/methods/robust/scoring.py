@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from flatcloth.core.geometry import Rigid3, height_m, nearest_isometries
 from flatcloth.core.types import Bool, Float64, Int32, Rigid2, RotationAxis
@@ -20,9 +21,8 @@ from flatcloth.flattening.patches import median
 from flatcloth.flattening.sampling import CORRELATED_M, LEAST_INTERVAL_M
 from flatcloth.flattening.surface import Surface
 from flatcloth.methods.answers import AlignmentScore, ClothPairs
-from flatcloth.methods.nearest import NearPoints
 from flatcloth.methods.neighbours import neighbourhoods_of
-from flatcloth.methods.refining import Nodes, Samples, fitted
+from flatcloth.methods.refining import Nodes, fitted
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.shape.shape import PLACE_STD_M, Shape
 
@@ -69,24 +69,17 @@ class ReferenceShape:
         placed, normal, turned = shape.has_place, shape.nodes.normal, neighbourhoods_of(shape).turned
         off_plane = normal[:, :, None] * np.einsum("ni,nij->nj", normal, turned)[:, None, :]
         frames = nearest_isometries(turned - off_plane)  # from the plane to each node's tangent plane
-        uv_m = shape.all_uv_m[placed]
-        self._near = near = NearPoints(uv_m, LEAST_INTERVAL_M)
         self.nodes = Nodes(
-            uv_m, shape.nodes.xyz_m[placed], normal[placed], frames[placed],
-            near.cell_uv_m, near.first, near.by_cell, near.within_m,
-        )  # fmt: skip
+            uv_m=shape.all_uv_m[placed],
+            xyz_m=shape.nodes.xyz_m[placed],
+            normal=normal[placed],
+            frames=frames[placed],
+            within_m=LEAST_INTERVAL_M,
+        )
 
     def node_uv(self, node: Int32) -> Float64:
         """Return the positions of nodes (K,), NaN for those without one (or index -1)."""
         return np.where((node >= 0)[:, None], self.all_uv_m[node], np.nan)
-
-    def surface_at(self, uv_m: Float64) -> tuple[Bool, Int32, Float64]:
-        """Return which positions (K, 2) of the plane are covered, and by which node (M,) and xyz (M, 3)."""
-        nearest, nodes = self._near.nearest(uv_m), self.nodes
-        covered = nearest >= 0
-        at = nearest[covered]
-        offset = uv_m[covered] - nodes.uv_m[at]
-        return covered, at, nodes.xyz_m[at] + np.einsum("nij,nj->ni", nodes.frames[at], offset)
 
 
 def score_placement(
@@ -103,7 +96,7 @@ def score_placement(
         distance in space.
     """
     uv = shape_from_component.apply(sampled.uv_m)
-    covered, node, there = reference.surface_at(uv)
+    covered, node, there = reference.nodes.surface_at(uv)
     at = np.flatnonzero(covered).astype(np.int32)
     each_m2 = sampled.area_m2 / max(len(uv), 1)
     overlap_m2 = at.size * each_m2
@@ -174,7 +167,7 @@ def refine(
     three are infinite.
     """
     scale = reference.place_std_m
-    samples = Samples(sampled.uv_m, sampled.xyz_m, sampled.normal)
+    samples = sampled.uv_m, sampled.xyz_m, sampled.normal
     motion, hessian = fitted(reference.nodes, samples, initial, (_REFINE_RADIUS_M, scale), rounds)
     if hessian is None:
         return motion, np.full(3, np.inf)
@@ -214,6 +207,7 @@ def sample_component(
     )
     node = np.full(len(rc), -1, dtype=np.int32)
     if len(associated_rc):
-        nearest = NearPoints(associated_rc, 2.0).nearest(rc.astype(np.float64))
-        node[nearest >= 0] = associated_node[nearest[nearest >= 0]]
+        away_px, nearest = cKDTree(associated_rc).query(rc, distance_upper_bound=2.0)
+        near = np.isfinite(away_px)
+        node[near] = associated_node[nearest[near]]
     return SampledComponent(uv_m=uv_m, xyz_m=xyz, normal=normal, node=node, area_m2=area_m2)

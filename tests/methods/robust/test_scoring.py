@@ -76,7 +76,7 @@ def test_cloth_is_other_cloth_if_it_faces_another_way_or_lies_elsewhere_in_space
     reference: ReferenceShape, component: SampledComponent
 ) -> None:
     half = np.arange(len(component.uv_m)) % 2 == 0
-    covered, _, _ = reference.surface_at(component.uv_m)
+    covered, _, _ = reference.nodes.surface_at(component.uv_m)
     share = half[covered].mean()
     turned = replace(component, normal=np.where(half[:, None], -1.0, 1.0) * component.normal)
     score = score_placement(reference, turned, Rigid2())
