@@ -164,7 +164,9 @@ def integrate(
         service = GarmentService(integration, both)
         run = Run(integration, keeper)
         if (show := on_view) is not None:
-            run.on_view = lambda decision: show(decision, Shape(_growing(service, keeper)))
+            run.on_view = lambda decision: show(
+                decision, Shape(replace(_data(service, keeper, {}), is_growing=True))
+            )
         with _timed(seconds, "integrating"):
             document = run.finish(watched, cores or len(os.sched_getaffinity(0))).document
             integration.canonical(document)
@@ -174,7 +176,8 @@ def integrate(
         with _timed(seconds, "garment"):
             watched(1.0, "recognising the garment")
             _recognise(service, keeper)
-        scores = {**(earlier_scores(folder) if folder else {}), **_scores_of(run)}
+        scores = dict(earlier_scores(folder)) if folder else {}
+        scores |= {d.view_index: d.score for d in run.decisions if d.accepted and math.isfinite(d.score)}
         data = replace(_data(service, keeper, scores), both=None if both is None else both.of)
     return Shape(data, tuple(run.decisions), seconds)
 
@@ -217,10 +220,6 @@ def _data(
     return SessionData(integration, document, keeper.picks, frames, scores, service)
 
 
-def _growing(service: GarmentService, keeper: MemorySession | SessionFolder) -> SessionData:
-    return replace(_data(service, keeper, {}), is_growing=True)
-
-
 def _recognise(service: GarmentService, keeper: MemorySession | SessionFolder) -> None:
     """Place the pieces whose place on the garment is sure, and keep for lists how far the session is."""
     place_sure_pieces(service, keeper)
@@ -229,10 +228,6 @@ def _recognise(service: GarmentService, keeper: MemorySession | SessionFolder) -
         sheet, known = sheet_of(service.integration.canonical(document), document), service.known(document)
         kind = "" if isinstance(known, str) else known.kind
         keep_summary(keeper.folder, document, sheet.shape_m2, sheet.floating_m2, kind)
-
-
-def _scores_of(run: Run) -> dict[int, float]:
-    return {d.view_index: d.score for d in run.decisions if d.accepted and math.isfinite(d.score)}
 
 
 def _cancelled_by(cancel: Callable[[], bool] | None, progress: Progress) -> Progress:

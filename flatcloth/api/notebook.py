@@ -15,7 +15,6 @@ from flatcloth.export.garment import upright_rad
 from flatcloth.rendering.drawing import data_url
 
 if TYPE_CHECKING:
-    from flatcloth.core.types import Bool, FlattenedView
     from flatcloth.export.session_data import SessionData
     from flatcloth.grasping.grasps import GraspPose
     from flatcloth.session.journal import Pick
@@ -27,14 +26,6 @@ class Shown(Protocol):
     @property
     def data(self) -> SessionData:
         """The recording with its decisions."""
-
-    @property
-    def view(self) -> FlattenedView:
-        """The shape."""
-
-    @property
-    def valid(self) -> Bool:
-        """(H, W) True on cloth."""
 
     def lines(self) -> list[str]:
         """Return the summary."""
@@ -54,7 +45,7 @@ _WIDTH_PX = 360
 
 def html_of(shape: Shown) -> str:
     """Return the flat image with the named points and picks, and the summary, as HTML."""
-    rows, cols = shape.valid.shape
+    rows, cols = shape.data.canonical.view.valid.shape
     radius = max(rows, cols) / 90
     circle = f'r="{radius:.1f}" fill="#fff" stroke="#000"'
     marks = "".join(
@@ -75,7 +66,7 @@ def html_of(shape: Shown) -> str:
 def turned_upright(shape: Shown) -> tuple[str, str]:
     """Return the transform that turns the picture upright, and the box around the cloth, as SVG has them."""
     turn_rad = upright_rad(shape.data.garment)
-    pixels = np.argwhere(shape.valid)[:, ::-1] + 0.5
+    pixels = np.argwhere(shape.data.canonical.view.valid)[:, ::-1] + 0.5
     turned = Rigid2(theta_rad=turn_rad).apply(pixels)
     low, high = turned.min(axis=0) - _MARGIN_PX, turned.max(axis=0) + _MARGIN_PX
     box = " ".join(f"{number:.1f}" for number in (*low, *(high - low)))
@@ -84,7 +75,7 @@ def turned_upright(shape: Shown) -> tuple[str, str]:
 
 def image_of(shape: Shown) -> str:
     """Return the flat image as a data URL."""
-    return data_url(png_bytes(shape.view.rgb, shape.view.valid), "image/png")
+    return data_url(png_bytes(shape.data.canonical.view.rgb, shape.data.canonical.view.valid), "image/png")
 
 
 def marks_of(shape: Shown) -> list[dict[str, Any]]:
@@ -93,7 +84,7 @@ def marks_of(shape: Shown) -> list[dict[str, Any]]:
 
     found = []
     for point in (*shape.named_points().values(), *shape.data.picks):
-        (row, col), distance_m = pixel_of_point(shape.view, point.position_held_m)
+        (row, col), distance_m = pixel_of_point(shape.data.canonical.view, point.position_held_m)
         if distance_m <= LOST_AT_M:
             found.append({"name": point.name, "row": row, "col": col, "by_hand": False})
     return found
@@ -124,7 +115,7 @@ def widget_of(shape: Shown) -> Any:
 
         def __init__(self) -> None:
             turn, box = turned_upright(shape)
-            size, points = list(shape.valid.shape), marks_of(shape)
+            size, points = list(shape.data.canonical.view.valid.shape), marks_of(shape)
             super().__init__(image=image_of(shape), turn=turn, box=box, size=size, points=points)
             self.poses: dict[str, GraspPose] = {}
 

@@ -17,6 +17,7 @@ from flatcloth.core.types import Bool, FlattenedView, Float32, Float64, Rotation
 from flatcloth.engine.headless import ViewDecision
 from flatcloth.engine.outcome import lines_of as outcome_lines
 from flatcloth.engine.outcome import other_side_lines
+from flatcloth.engine.results.joints import Joint, alternatives, joints_of
 from flatcloth.export.data import this_from_other
 from flatcloth.export.garment import garment_points, other_points
 from flatcloth.export.garment import lines_of as garment_lines
@@ -138,6 +139,19 @@ class Shape:
     def report(self) -> dict[str, Any]:
         """The content of ``outcome.json``: views, areas, uncertainty, garment; ready for JSON."""
         return self.data.outcome
+
+    def joints(self) -> list[Joint]:
+        """Return where parts of the shape hang on the rest by little evidence, the most doubtful first.
+
+        Empty with the method ``paper``, which weighs no evidence.
+        """
+        document = self.data.document
+        cloth = self.data.integration.cloth(document)
+        return [] if cloth is None else joints_of(cloth, decisions=document.garment.parts)
+
+    def alternatives(self) -> list[tuple[float, Joint | None]]:
+        """Return what the shape may be, with probabilities: None as it is; a joint, if that is false."""
+        return alternatives(self.joints())
 
     def garment(self) -> Recognition:
         """Return the recognised garment: kind, probabilities, dimensions and named points.

@@ -16,6 +16,7 @@ from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.integration import Integration
+from flatcloth.engine.results.joints import joints_of
 from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.segmenting import summary
@@ -74,6 +75,7 @@ def outcome_of(
         "floating_cm2": [round(1e4 * piece.view.area_m2, 1) for piece in pieces if piece.placed is None],
         "floating": [_floating(piece) for piece in pieces],
         **uncertainty(shape),
+        "joints": _joints(integration, document, shape.area_m2),
         "pixels": pixel_counts(integration, document),
         **_cameras(integration, document),
         **_segmentation(integration),
@@ -102,6 +104,22 @@ def _floating(piece: SheetPiece) -> dict[str, Any]:
         "reason": piece.reason,
         "views": list(piece.views),
     }
+
+
+def _joints(integration: Integration, document: Document, area_m2: float) -> list[dict[str, Any]]:
+    """Return where parts of the shape hang on the rest by little evidence, the most doubtful first."""
+    cloth = integration.cloth(document)
+    found = [] if cloth is None else joints_of(cloth, decisions=document.garment.parts)
+    return [
+        {
+            "area_cm2": round(1e4 * joint.share * area_m2, 1),
+            "share": round(joint.share, 4),
+            "probability": round(joint.probability, 4),
+            "evidence": round(joint.evidence, 2),
+            "views": [held.view_index for held in joint.views],
+        }
+        for joint in found
+    ]
 
 
 def _segmentation(integration: Integration) -> dict[str, Any]:
@@ -151,6 +169,10 @@ def lines_of(outcome: dict[str, Any]) -> list[str]:
             f"Placement uncertainty: {outcome['placement_std_median_mm']:.1f} mm (median std); "
             f"{outcome['firm_share']:.0%} reliable."
         )
+    if any(joint["probability"] < 1.0 for joint in outcome["joints"]):
+        joint, *_ = outcome["joints"]
+        hanging = f"{joint['area_cm2']:.0f} cm2, {joint['share']:.0%} of the cloth,"
+        lines.append(f"{hanging} hang on one joint that is right with {joint['probability']:.1%}.")
     if "cameras" in outcome:
         lines.append(outcome["cameras"]["found"])
     if "segmentation" in outcome:
@@ -219,7 +241,10 @@ def other_side_lines(entry: dict[str, Any]) -> list[str]:
         return [entry["reason"]]
     joined = [seam for seam in entry["seams"] if seam["joins"]]
     length_cm = sum(seam["length_mm"] for seam in joined) / 10
-    relation = f"joined along {length_cm:.0f} cm of seams" if entry["is_related"] else "joined by no seam"
+    relation = "joined by no seam"
+    if entry["is_related"]:
+        sure = max(seam["probability"] for seam in joined)
+        relation = f"joined along {length_cm:.0f} cm of seams, the surest right with {sure:.1%}"
     line = f"Other side: {entry['area_cm2']:.0f} cm2, {relation}"
     if "firm_share" in entry:
         line += f"; {entry['firm_share']:.0%} reliable"

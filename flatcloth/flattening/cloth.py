@@ -29,11 +29,12 @@ class Cloth(SurfaceEdges):
     """How the shape hangs together, by a method that weighs its edges; samples of other pieces have no place.
 
     ``evidence`` (M,) that both ends of a pair are one sheet, from 0; ``view_index`` (M,) int32 the view that
-    saw it.
+    saw it; ``is_noisy`` if that takes layers that touch for one.
     """
 
     evidence: Float64
     view_index: Int32
+    is_noisy: bool = False
 
     @property
     def placed(self) -> Bool:

@@ -249,21 +249,21 @@ def found_again(cloth: Cloth, decision: DoubtedPart) -> Bool | None:
 
 def is_decided(cloth: Cloth, part: Bool, decisions: Sequence[DoubtedPart]) -> bool:
     """Return whether one of the decisions is about a part (N,)."""
-    return any(is_same_part(part, other) for _, other in _last_decisions(cloth, decisions))
+    return any(is_same_part(part, other) for _, other in last_decisions(cloth, decisions))
 
 
 def kept_parts(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[Bool]:
     """Return the samples (N,) of each part that the operator keeps on the shape."""
-    last = _last_decisions(cloth, decisions)
+    last = last_decisions(cloth, decisions)
     return [part for decision, part in last if not decision.taken_off and not decision.std_m]
 
 
 def parts_taken_off(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[Bool]:
     """Return the samples (N,) of each part that is taken off now; of a part, the last decision counts."""
-    return [part for decision, part in _last_decisions(cloth, decisions) if decision.taken_off]
+    return [part for decision, part in last_decisions(cloth, decisions) if decision.taken_off]
 
 
-def _last_decisions(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[tuple[DoubtedPart, Bool]]:
+def last_decisions(cloth: Cloth, decisions: Sequence[DoubtedPart]) -> list[tuple[DoubtedPart, Bool]]:
     """Return the last decision about each part that is found again, and its samples (N,)."""
     found: list[tuple[DoubtedPart, Bool]] = []
     for decision in decisions:
@@ -284,7 +284,7 @@ def with_doubts(view: FlattenedView, cloth: Cloth, decisions: Sequence[DoubtedPa
 
     Joined or lying elsewhere are two hypotheses; the variance of a place is that between them.
     """
-    doubted = [(d.std_m, part) for d, part in _last_decisions(cloth, decisions) if d.std_m]
+    doubted = [(d.std_m, part) for d, part in last_decisions(cloth, decisions) if d.std_m]
     if not doubted or view.placement_std_m is None:
         return view
     std = view.placement_std_m.copy()

@@ -152,7 +152,8 @@ def _shape(
     #    sensor may have made.
     std_m = deviations_m(laid.at, graph, main, ripples=ripples)
     if is_noisy:
-        std_m = np.hypot(std_m, doubt_m(graph, seen_often(graph, laid.holds), laid.piece == 0, laid.z))
+        evidence = seen_often(np.where(laid.holds, graph.evidence, 0.0), graph.views)
+        std_m = np.hypot(std_m, doubt_m(graph.pairs, evidence, laid.piece == 0, laid.z))
     return Shape(
         nodes=seen.nodes,
         observations=seen.observations,

@@ -13,7 +13,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.spatial import cKDTree
 
-from flatcloth.core.compiled import njit
 from flatcloth.core.geometry import Rigid3, tangent_basis
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
 from flatcloth.shape.observations import Nodes, Observation
@@ -85,17 +84,16 @@ def graph_of(
     """
     edges = np.concatenate([s.node[s.edges] for s in observations]).astype(np.int32, copy=False)
     std_m = np.concatenate([s.edge_std_m for s in observations])
+    pairs, pair = pairs_once(edges)
     links = Links(
         edges=edges,
-        pair=np.empty(len(edges), dtype=np.int32),
+        pair=pair,
         observation=np.repeat(
             np.arange(len(observations), dtype=np.int32), [len(s.edges) for s in observations]
         ),
         length_m=np.concatenate([s.edge_length_m for s in observations]),
         evidence=np.concatenate([s.edge_evidence for s in observations]),
     )
-    first = pairs_once(len(nodes), edges, links.pair)
-    pairs = np.sort(edges[first], axis=1)
     offset = np.concatenate(
         [
             s.offset * view_frames(nodes, s, pose)[s.edges]
@@ -230,48 +228,12 @@ def pairs_as_laid(
     )
 
 
-@njit(cache=True, nogil=True)
-def pairs_once(n: int, edges: Int32, pair: Int32) -> Int32:
-    """Find the different pairs among those that several views contribute.
+def pairs_once(edges: Int32) -> tuple[Int32, Int32]:
+    """Return the different ones (P, 2) of pairs (M, 2) of nodes, the lower node first and sorted.
 
-    Parameters
-    ----------
-    n : int
-        Number of nodes.
-    edges : (M, 2) int32
-        Pairs of nodes, in either order.
-    pair : (M,) int32
-        Set to which of the different pairs each is.
-
-    Returns
-    -------
-    (P,) int32
-        The first occurrence of each different pair, sorted by its lower node, then by the higher one.
+    The second (M,) says which of them each pair is, in whichever order it names its ends.
     """
-    m = edges.shape[0]
-    order, sorted_ = np.arange(m).astype(np.int32), np.empty(m, dtype=np.int32)
-    for is_lower in (False, True):  # a counting sort by the higher node, then a stable one by the lower
-        at = np.zeros(n + 1, dtype=np.int64)
-        for e in range(m):
-            a, b = edges[e, 0], edges[e, 1]
-            at[(min(a, b) if is_lower else max(a, b)) + 1] += 1
-        at = np.cumsum(at)
-        for k in range(m):
-            e = order[k]
-            a, b = edges[e, 0], edges[e, 1]
-            node = min(a, b) if is_lower else max(a, b)
-            sorted_[at[node]] = e
-            at[node] += 1
-        order, sorted_ = sorted_, order
-    first, count = np.empty(m, dtype=np.int32), 0
-    for k in range(m):
-        e = order[k]
-        low, high = min(edges[e, 0], edges[e, 1]), max(edges[e, 0], edges[e, 1])
-        if count:
-            f = first[count - 1]
-            if min(edges[f, 0], edges[f, 1]) == low and max(edges[f, 0], edges[f, 1]) == high:
-                pair[e] = count - 1
-                continue
-        first[count], pair[e] = e, count
-        count += 1
-    return first[:count]
+    low, high = np.sort(edges.astype(np.int64), axis=1).T
+    count = int(high.max(initial=0)) + 1
+    key, pair = np.unique(low * count + high, return_inverse=True)
+    return np.stack(np.divmod(key, count), axis=1).astype(np.int32), pair.astype(np.int32)

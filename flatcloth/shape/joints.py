@@ -8,6 +8,7 @@ crossed by pairs that few views see (``docs/robust.md``).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -15,7 +16,6 @@ from scipy.sparse.csgraph import depth_first_order, minimum_spanning_tree
 
 from flatcloth.core.compiled import njit
 from flatcloth.core.types import Bool, Complex128, Float64, Int32, Int64
-from flatcloth.shape.graph import Graph
 from flatcloth.shape.pieces import LEAST_EVIDENCE, LEAST_PIECE, both_ends
 
 _FALSE_SHARE = 1.0 / 9.0
@@ -28,19 +28,37 @@ _REACH = 1.2
 """The item is so much larger than what is seen of it. Chosen: parts of shirts lie beyond its other end."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """Where a ``part`` (N,) of the nodes hangs on the rest: by pairs with so much ``evidence`` together.
+
+    ``false`` is the probability that they join it falsely.
+    """
+
+    part: Bool
+    evidence: float
+    false: float
+
+
 def doubt_m(
-    graph: Graph, evidence: Float64, own: Bool, z: Complex128, reference: Bool | None = None
+    pairs: Int32, evidence: Float64, own: Bool, z: Complex128, reference: Bool | None = None
 ) -> Float64:
     """Return the deviation (N,) that the joints of a piece, ``own``, leave to each node; 0 for others.
 
-    ``evidence`` (P,) is that of :func:`seen_often`, or of what else is known about a joint. Deviations are
-    from the middle of the piece, or of the ``reference`` (N,).
+    ``evidence`` (P,) of the ``pairs`` (P, 2) is that of :func:`seen_often`, or of what else is known about a
+    joint. Deviations are from the middle of the piece, or of the ``reference`` (N,).
 
     A part is joined rightly, or it may be anywhere on the item, whose places are ``z`` (N,): as far off as
     the item's other end.
     """
     away_m = np.abs(z - z[own].mean())
-    joined_by = _joined_by(graph, evidence, own, own if reference is None else own & reference)
+    node, before, size, joins = _branches_of(pairs, evidence, own, reference)
+    weakest = np.where(size < LEAST_PIECE, np.inf, joins)
+    weakest[0] = np.inf
+    for k in range(1, len(node)):
+        weakest[k] = min(weakest[k], weakest[before[k]])
+    joined_by = np.where(own, 0.0, np.inf)  # nothing joins what the tree does not reach
+    joined_by[node] = weakest
     return doubt_of(false_share(joined_by), away_m + away_m[own].max())
 
 
@@ -59,13 +77,13 @@ def false_share(evidence: Float64) -> Float64:
     return false
 
 
-def seen_often(graph: Graph, holds: Bool) -> Float64:
-    """Return the evidence of pairs (P,), less by the square where fewer views see one than usually.
+def seen_often(evidence: Float64, views: Int64) -> Float64:
+    """Return the evidence of pairs (P,), less by the square where fewer ``views`` (P,) see one than usually.
 
-    0 for pairs that do not hold (P,).
+    Pairs that do not hold have none.
     """
-    usual = np.average(graph.views[holds], weights=graph.evidence[holds])
-    return np.where(holds, graph.evidence * np.square(np.minimum(1.0, graph.views / usual)), 0.0)
+    usual = np.average(views, weights=evidence)
+    return evidence * np.square(np.minimum(1.0, views / usual))
 
 
 def evidence_of(false: float) -> float:
@@ -73,45 +91,69 @@ def evidence_of(false: float) -> float:
     return LEAST_EVIDENCE * math.sqrt(max(_FALSE_SHARE / max(false, 1e-12) - 1.0, 0.0))
 
 
-def _joined_by(graph: Graph, evidence: Float64, own: Bool, reference: Bool) -> Float64:
-    """Return the evidence (N,) of the weakest joint between each node and the middle of the reference.
+def joints_of(pairs: Int32, evidence: Float64, own: Bool, reference: Bool | None = None) -> list[Joint]:
+    """Return the joints of a piece that may be false, that with most doubtful cloth first.
 
-    A tree of the pairs with most evidence, their triangles' included, crosses a joint once, since there is
-    more on either side. So the cut of each branch is looked at, as in "Minimum cuts in near-linear time"
-    (Karger, 2000).
+    Arguments are those of :func:`doubt_m`, whose doubt this explains. Of branches that have most of their
+    nodes in common the weakest is the joint, and cloth behind it has no other one.
     """
-    used = (evidence > 0.0) & both_ends(own, graph.pairs)
-    pairs, count = (np.cumsum(own) - 1)[graph.pairs[used]], np.count_nonzero(own)
-    evidence = evidence[used]
-    joined = coo_array((evidence, pairs.T), shape=(count, count)).tocsr()
+    node, _, size, joins = _branches_of(pairs, evidence, own, reference)
+    weak, found = (size >= LEAST_PIECE) & (joins < evidence_of(0.5 * _NEGLIGIBLE)), list[int]()
+    for k in np.argsort(np.where(weak, joins, np.inf), kind="stable")[: weak.sum()].tolist():
+        behind = any(a <= k < a + size[a] for a in found)
+        same = any(k <= a < k + size[k] and 2 * size[a] > size[k] for a in found)
+        if k and not (behind or same):
+            found.append(k)
+    parts = np.zeros((len(found), len(own)), dtype=np.bool_)
+    for part, k in zip(parts, found, strict=True):
+        part[node[k : k + size[k]]] = True
+    false = false_share(joins[found])
+    return [
+        Joint(part=parts[n], evidence=float(joins[found[n]]), false=float(false[n]))
+        for n in np.argsort(-false * parts.sum(axis=1), kind="stable")
+    ]
+
+
+def _branches_of(
+    pairs: Int32, evidence: Float64, own: Bool, reference: Bool | None
+) -> tuple[Int64, Int64, Int64, Float64]:
+    """Return the branches (K,) of cloth that hang on the middle of the reference, each after what holds it.
+
+    The first node of each, whose others follow; the branch that it hangs on; the number of its nodes; and the
+    evidence that joins it to the rest. A tree of the pairs with most evidence, their triangles' included,
+    crosses a joint once, since there is more on either side. So the cut of each branch is looked at, as in
+    "Minimum cuts in near-linear time" (Karger, 2000).
+    """
+    used, node = (evidence > 0.0) & both_ends(own, pairs), np.flatnonzero(own)
+    evidence, ends = evidence[used], (np.cumsum(own) - 1)[pairs[used]]
+    joined = coo_array((evidence, ends.T), shape=(len(node), len(node))).tocsr()
     both_ways = joined + joined.T
     tree = minimum_spanning_tree(-joined - joined * (both_ways @ both_ways))
-    middle, counts = 0, reference[own]
+    middle, counts = 0, (own if reference is None else reference)[node]
     for _ in range(2):  # the second time from the last node that more than half of the reference hangs on
         order, parent = depth_first_order(tree, middle, directed=False)
-        size, weakest = _branches(order, parent, pairs, evidence)
-        before = np.concatenate([[0], np.cumsum(counts[order])])
-        hanging = before[np.arange(len(order)) + size] - before[:-1]
-        middle = int(order[np.flatnonzero(2 * hanging > before[-1])[-1]])
-    found, within = np.full(len(own), np.inf), np.zeros(count)  # nothing joins what the tree does not reach
-    within[order] = weakest
-    found[own] = within
-    return found
+        at = np.full(len(node), -1)
+        at[order] = np.arange(len(order))
+        before = at[np.maximum(parent[order], 0)]
+        size, leaves = _branches(at, before, ends, evidence)
+        hanging = np.concatenate([[0], np.cumsum(counts[order])])
+        hanging = hanging[np.arange(len(order)) + size] - hanging[:-1]
+        middle = int(order[np.flatnonzero(2 * hanging > counts[order].sum())[-1]])
+    return node[order], before, size, leaves
 
 
 @njit(cache=True, nogil=True)
-def _branches(order: Int32, parent: Int32, pairs: Int64, evidence: Float64) -> tuple[Int64, Float64]:
-    """Return the nodes (K,) of each branch of a tree, and the weakest cut (K,) between it and the root.
+def _branches(at: Int64, before: Int64, pairs: Int64, evidence: Float64) -> tuple[Int64, Float64]:
+    """Return the nodes (K,) of each branch of a tree, and the evidence (K,) that joins it to the rest.
 
-    ``order`` (K,) is that of a search in depth, so that each branch is a range of it. What leaves a branch is
-    what its nodes have, but for both ends of the pairs that meet in it. Smaller branches than
-    ``LEAST_PIECE`` are not cut.
+    ``at`` is the place of each node in a search in depth, -1 for none, so that each branch is a range of
+    places; ``before`` (K,) the place that each hangs on. What leaves a branch is what its nodes have, but for
+    both ends of the pairs that meet in it.
     """
-    count = len(order)
-    at, size, leaves = np.full(len(parent), -1), np.ones(count, dtype=np.int64), np.zeros(count)
-    at[order] = np.arange(count)
+    count = len(before)
+    size, leaves = np.ones(count, dtype=np.int64), np.zeros(count)
     for k in range(count - 1, 0, -1):
-        size[at[parent[order[k]]]] += size[k]
+        size[before[k]] += size[k]
     for e in range(len(pairs)):
         k, other = at[pairs[e, 0]], at[pairs[e, 1]]
         if min(k, other) < 0:
@@ -119,13 +161,8 @@ def _branches(order: Int32, parent: Int32, pairs: Int64, evidence: Float64) -> t
         leaves[k] += evidence[e]
         leaves[other] += evidence[e]
         while not k <= other < k + size[k]:
-            k = at[parent[order[k]]]
+            k = before[k]
         leaves[k] -= 2.0 * evidence[e]
     for k in range(count - 1, 0, -1):
-        leaves[at[parent[order[k]]]] += leaves[k]
-    weakest = np.full(count, np.inf)
-    for k in range(1, count):
-        weakest[k] = weakest[at[parent[order[k]]]]
-        if size[k] >= LEAST_PIECE:
-            weakest[k] = min(weakest[k], leaves[k])
-    return size, weakest
+        leaves[before[k]] += leaves[k]
+    return size, leaves

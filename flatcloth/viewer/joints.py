@@ -18,7 +18,6 @@ from flatcloth.engine.integration import Integration
 from flatcloth.engine.results.joints import HeldBy, Joint, joints_of
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part, pixels_of_part
-from flatcloth.garments.links import WEAK_EVIDENCE
 from flatcloth.grasping.visibility import Visibility
 from flatcloth.session.garment import DecideLink
 from flatcloth.session.machine import Document
@@ -107,7 +106,7 @@ class JointService:
                 JointInfo(
                     area_cm2=1e4 * own.area_m2,
                     evidence=joint.evidence,
-                    weak=joint.evidence < WEAK_EVIDENCE,
+                    weak=joint.is_doubtful,
                     probability=joint.probability,
                     kept=joint.is_kept,
                     outline_uv_m=outline_of(own),

@@ -5,7 +5,7 @@ import { nearest } from "../canvas/geometry.js";
 import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { byId, closeButton, heading, make, rebuild, smallButton, swatch } from "../page/dom.js";
-import { cm2, count, number, percent } from "../page/format.js";
+import { cm2, count, number } from "../page/format.js";
 
 const HIT_PX = 10;
 const MOST_ROWS = 8;
@@ -71,8 +71,8 @@ export class JointsPanel extends PagePart {
         make(
           "p.note",
           joints.length
-            ? "Where the least evidence joins parts of the shape, the weakest first. Click cloth to ask about it."
-            : "No part of the shape is joined by less evidence than it has within.",
+            ? "Parts that hang on the rest by little evidence, the most doubtful first. Click cloth to ask about it."
+            : "No part of the shape hangs on so little evidence that it is in doubt.",
         ),
       this.notice && make("p.note", { role: "status" }, this.notice),
       make("ul", ...joints.map((joint, n) => this.row(joint, n, waits))),
@@ -81,7 +81,7 @@ export class JointsPanel extends PagePart {
 
   row(/** @type {JointInfo} */ joint, /** @type {number} */ n, /** @type {boolean} */ waits) {
     const on = n === this.chosen;
-    const sure = joint.kept ? "kept" : joint.weak ? "weak" : "firm";
+    const sure = joint.kept ? "kept" : joint.weak ? `${number(100 * joint.probability, 1)} % sure` : "firm";
     return make(
       "li",
       make(
@@ -104,17 +104,14 @@ export class JointsPanel extends PagePart {
   /** What holds a part, and the decision about it. */
   detail(/** @type {JointInfo} */ joint, /** @type {number} */ n, /** @type {boolean} */ waits) {
     const pairs = joint.views.reduce((sum, view) => sum + view.pairs, 0);
-    const weak = joint.weak ? "as little as false links have (below 2)" : "more than false links have (below 2)";
     return make(
       "div.seam-detail",
       { role: "group", label: `Part ${n + 1}` },
       make(
         "p.note",
         `Held by ${count(pairs, "pair")} of ${count(joint.views.length, "view")}. ` +
-          `Evidence for each row of samples: ${number(joint.evidence, 1)}, ${weak}.`,
+          `Their evidence, ${number(joint.evidence, 1)}, is right with ${number(100 * joint.probability, 1)} %.`,
       ),
-      joint.probability !== null &&
-        make("p.note.warn", `By the garment it is right with ${percent(joint.probability)}.`),
       joint.kept && make("p.note", "You kept it."),
       make("div.group", this.decide("Cut here", true, n, waits), this.decide("Keep", false, n, waits)),
       make(

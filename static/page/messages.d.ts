@@ -1173,7 +1173,7 @@ export interface JointInfo {
   area_cm2: number;
   evidence: number;
   weak: boolean;
-  probability: number | null;
+  probability: number;
   kept: boolean;
   outline_uv_m: [number, number][][];
   seam_uv_m: [number, number][];

@@ -1,4 +1,4 @@
-"""Where a part of a shape is joined by little evidence is found, with the views that hold it and how well."""
+"""Where a part of a shape is joined by little evidence is found, how surely, and which views hold it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from flatcloth.engine.results.joints import joints_of
+from flatcloth.engine.results.joints import alternatives, joints_of
 from flatcloth.flattening.cloth import Cloth
-from flatcloth.garments.deciding import decided_part
+from flatcloth.garments.deciding import contradicted_part, decided_part
 from flatcloth.garments.links import DoubtedLink
+from flatcloth.shape.joints import false_share
 
 WEAK, OFF_M = 0.05, 0.004
 
@@ -32,26 +33,40 @@ def cloth() -> Cloth:
         evidence=np.where(across, WEAK, np.where(steep, 0.3, 1.0)),
         length_m=length + np.where(across, OFF_M, 0.0),
         view_index=np.where(across, 7, 2).astype(np.int32),
+        is_noisy=True,
     )
 
 
 def test_a_weakly_joined_part_is_found_with_the_view_the_pairs_and_the_residuals_that_hold_it(cloth) -> None:
     (joint,) = joints_of(cloth)
     assert (joint.part == (cloth.uv_m[:, 0] < 0.114)).all()
-    assert joint.probability is None
+    assert joint.share == pytest.approx(1 / 3)
     (held,) = joint.views
     assert (held.view_index, held.pairs) == (7, 20 + 2 * 19)
+    assert joint.evidence == pytest.approx(WEAK * held.pairs)
     assert held.residual_m == pytest.approx((OFF_M, OFF_M))
     assert np.allclose(joint.seam_uv_m[:, 0], 9.5 * 0.012)
     even = replace(cloth, evidence=np.ones(len(cloth.edges)))
     assert joints_of(even) == []
 
 
-def test_a_link_that_no_garment_allows_has_its_probability_and_a_kept_part_says_so(cloth) -> None:
+def test_a_joint_is_as_probable_as_its_evidence_says_and_certain_without_noise(cloth) -> None:
+    (joint,) = joints_of(cloth)
+    assert joint.probability == pytest.approx(1.0 - float(false_share(np.array(joint.evidence))))
+    (right, none), (wrong, elsewhere) = alternatives([joint])
+    assert (none, elsewhere) == (None, joint)
+    assert (right, wrong) == pytest.approx((joint.probability, 1.0 - joint.probability))
+    (certain,) = joints_of(replace(cloth, is_noisy=False))
+    assert (certain.probability, certain.is_doubtful) == (1.0, False)
+    assert alternatives([certain]) == [(1.0, None)]
+
+
+def test_a_part_has_the_probability_that_a_garment_or_a_seam_leaves_it_until_it_is_kept(cloth) -> None:
     (found,) = joints_of(cloth)
     doubted = DoubtedLink(part=found.part, probability=0.1, area_m2=0.03)
-    kept = decided_part(cloth, found.link, taken_off=False)
-    (joint,) = joints_of(cloth, [doubted], [kept])
-    assert (joint.probability, joint.is_kept) == (0.1, True)
-    (joint,) = joints_of(cloth, [], [decided_part(cloth, found.link, taken_off=True)])
-    assert not joint.is_kept
+    (joint,) = joints_of(cloth, [doubted])
+    assert (joint.probability, joint.is_kept) == (0.1, False)
+    (joint,) = joints_of(cloth, [], [contradicted_part(cloth, found.part, 0.7, 0.1)])
+    assert (joint.probability, joint.is_kept) == (0.7, False)
+    (joint,) = joints_of(cloth, [doubted], [decided_part(cloth, found.link, taken_off=False)])
+    assert (joint.probability, joint.is_kept) == (1.0, True)

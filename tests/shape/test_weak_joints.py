@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from made_up_sheets import exact_graph, grid, neighbours
 
 from flatcloth.core.types import Bool, Float64
 from flatcloth.shape.graph import Graph, z_of
-from flatcloth.shape.joints import doubt_m, doubt_of, false_share, seen_often
+from flatcloth.shape.joints import doubt_m, doubt_of, false_share, joints_of, seen_often
 from flatcloth.shape.shape import RELIABLE_M
 
 THREE = np.concatenate([grid(10, 10), grid(10, 6, (0.2, 0.0)), grid(8, 5, (0.4, 0.0))])
@@ -37,7 +38,8 @@ def in_a_row(evidence: tuple[float, float], views: int = 4) -> tuple[Graph, Bool
 def doubts_m(graph: Graph, holds: Bool | None = None) -> list[Float64]:
     """The doubt of the nodes of each sheet."""
     holds = np.ones(len(graph.pairs), dtype=bool) if holds is None else holds
-    off_m = doubt_m(graph, seen_often(graph, holds), ALL, z_of(THREE))
+    evidence = seen_often(np.where(holds, graph.evidence, 0.0), graph.views)
+    off_m = doubt_m(graph.pairs, evidence, ALL, z_of(THREE))
     return [off_m[n == SHEET] for n in range(3)]
 
 
@@ -53,21 +55,34 @@ def test_cloth_is_as_doubtful_as_the_weakest_joint_between_it_and_the_middle() -
 
 def test_pairs_that_half_as_many_views_see_count_a_quarter() -> None:
     graph, _ = in_a_row((40.0, 40.0), views=2)
-    counted = seen_often(graph, np.ones(len(graph.pairs), dtype=bool)) / graph.evidence
+    counted = seen_often(graph.evidence, graph.views) / graph.evidence
     np.testing.assert_allclose(counted[graph.views == 2], 0.25, rtol=0.05)
     np.testing.assert_array_equal(counted[graph.views == 4], 1.0)
     np.testing.assert_allclose(doubts_m(graph)[2], left_m(10.0, 2), rtol=0.1)
 
 
 def test_cloth_that_many_pairs_join_is_not_doubted() -> None:
-    for off_m in doubts_m(in_a_row((30.0, 300.0))[0]):
+    graph, _ = in_a_row((30.0, 300.0))
+    for off_m in doubts_m(graph):
         assert off_m.max() < RELIABLE_M
+    assert not joints_of(graph.pairs, graph.evidence, ALL)
+
+
+def test_a_joint_is_what_hangs_on_it_and_cloth_behind_a_weaker_one_has_no_other() -> None:
+    graph, _ = in_a_row((10.0, 4.0))
+    weaker, first = joints_of(graph.pairs, graph.evidence, ALL)
+    np.testing.assert_array_equal(np.unique(SHEET[weaker.part]), [2])
+    np.testing.assert_array_equal(np.unique(SHEET[first.part]), [1, 2])
+    assert (round(weaker.evidence, 6), round(first.evidence, 6)) == (4.0, 10.0)
+    assert weaker.false == false_share(np.array(4.0))
+    graph, _ = in_a_row((4.0, 10.0))
+    (only,) = joints_of(graph.pairs, graph.evidence, ALL)
+    assert only.evidence == pytest.approx(4.0)
 
 
 def test_pairs_that_do_not_hold_join_nothing() -> None:
     graph, joins_last = in_a_row((30.0, 30.0))
     joins_last &= np.ptp(SHEET[graph.pairs], axis=1) > 0
-    assert seen_often(graph, ~joins_last)[joins_last].sum() == 0.0
     np.testing.assert_allclose(doubts_m(graph, ~joins_last)[2], left_m(0.0, 2), rtol=0.05)
 
 

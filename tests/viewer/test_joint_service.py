@@ -39,7 +39,15 @@ class _Integration:
         evidence = np.where(across, 0.05, np.where(steep, 0.3, 1.0))
         length = np.linalg.norm(uv[edges[:, 0]] - uv[edges[:, 1]], axis=1)
         seen = np.ones(len(edges), dtype=np.int32)
-        found = Cloth(uv_m=uv, xyz_m=xyz, edges=edges, evidence=evidence, length_m=length, view_index=seen)
+        found = Cloth(
+            uv_m=uv,
+            xyz_m=xyz,
+            edges=edges,
+            evidence=evidence,
+            length_m=length,
+            view_index=seen,
+            is_noisy=True,
+        )
         return found if self.has_cloth else None
 
     def canonical(self, _document: Document) -> Any:

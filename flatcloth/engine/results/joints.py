@@ -1,7 +1,8 @@
-"""What holds the parts of a shape: where the least evidence joins them, and the views that saw it."""
+"""What holds the parts of a shape: where little evidence joins them, how surely, and by which views."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,9 +10,12 @@ import numpy as np
 
 from flatcloth.core.types import Bool, Float64, Int64
 from flatcloth.flattening.cloth import Cloth
-from flatcloth.garments.deciding import is_same_part, kept_parts
-from flatcloth.garments.links import DoubtedLink, evidence_per_row, weakly_joined
+from flatcloth.garments.deciding import is_same_part, kept_parts, last_decisions
+from flatcloth.garments.evidence import LEAST_AREA_M2
+from flatcloth.garments.links import DoubtedLink
 from flatcloth.session.garment import DoubtedPart
+from flatcloth.shape import joints
+from flatcloth.shape.graph import pairs_once
 
 _MOST = 0.9  # by definition: nine tenths of the residuals are below
 
@@ -32,33 +36,40 @@ class HeldBy:
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """Where a part of the shape is joined to the rest.
+    """Where a part of the shape hangs on the rest.
 
-    ``part`` (N,) are its samples; ``evidence`` joins it for each row of samples; ``probability`` that the
-    link is right, None if no garment was fitted without it; ``seam_uv_m`` (K, 2) and ``seam_xyz_m`` (K, 3)
-    are the middles of the different pairs across; ``views`` have most pairs first. ``is_kept``: the operator
-    decided so.
+    ``part`` (N,) are its samples, ``share`` of all; ``evidence`` joins it, ``probability`` that rightly;
+    ``seam_uv_m`` (K, 2) and ``seam_xyz_m`` (K, 3) are the middles of the different pairs across; ``views``
+    have most pairs first. ``is_kept``: the operator decided so.
     """
 
     part: Bool
+    share: float
     evidence: float
-    probability: float | None
+    probability: float
     seam_uv_m: Float64
     seam_xyz_m: Float64
     views: tuple[HeldBy, ...]
     is_kept: bool
 
     @property
+    def is_doubtful(self) -> bool:
+        """Whether the joint is false so probably that cloth that hangs on it is not called reliable."""
+        return self.probability < 1.0
+
+    @property
     def link(self) -> DoubtedLink:
-        """The joint as a link to decide about; without a garment, either is as likely."""
-        chance = 0.5 if self.probability is None else self.probability
-        return DoubtedLink(part=self.part, probability=chance, area_m2=0.0, evidence=self.evidence)
+        """The joint as a link to decide about."""
+        return DoubtedLink(part=self.part, probability=self.probability, area_m2=0.0, evidence=self.evidence)
 
 
 def joints_of(
     cloth: Cloth, doubted: Sequence[DoubtedLink] = (), decisions: Sequence[DoubtedPart] = ()
 ) -> list[Joint]:
-    """Return where parts of a shape are joined by the least evidence, the weakest first.
+    """Return where parts of a shape hang on the rest by little evidence, that with most doubtful cloth first.
+
+    A part that a garment or a seam contradicts has the probability that these leave it; one that the operator
+    keeps is right. Without noise none is joined falsely.
 
     Parameters
     ----------
@@ -69,30 +80,49 @@ def joints_of(
     decisions : sequence of DoubtedPart
         What was decided about parts.
     """
-    parts = [link.part for link in doubted]
-    for part in weakly_joined(cloth):
-        if not any(is_same_part(part, other) for other in parts):
-            parts.append(part)
-    kept = kept_parts(cloth, decisions) if decisions else []
-    joints = []
-    for part in parts:
+    joined = np.flatnonzero(cloth.joined)
+    pairs, pair = pairs_once(cloth.edges[joined])
+    evidence = np.bincount(pair, cloth.evidence[joined]).astype(np.float64)
+    each = joints.seen_often(evidence, np.bincount(pair))
+    parts = [(link.part, link.probability) for link in doubted]
+    parts += [
+        (part, decided.probability) for decided, part in last_decisions(cloth, decisions) if decided.std_m
+    ]
+    for joint in joints.joints_of(pairs, each, cloth.placed):
+        if not any(is_same_part(joint.part, part) for part, _ in parts):
+            parts.append((joint.part, 1.0 - joint.false * cloth.is_noisy))
+    kept, least = kept_parts(cloth, decisions), LEAST_AREA_M2 / cloth.spacing_m**2
+    found = []
+    for part, probability in parts:
         across = np.flatnonzero(cloth.joined & (part[cloth.edges[:, 0]] != part[cloth.edges[:, 1]]))
-        if not across.size:
+        if not across.size or np.count_nonzero(part) < least:
             continue
-        chance = next((link.probability for link in doubted if is_same_part(link.part, part)), None)
-        once = np.unique(np.sort(cloth.edges[across], axis=1), axis=0)
-        joints.append(
+        apart = part[pairs[:, 0]] != part[pairs[:, 1]]
+        is_kept = any(is_same_part(part, other) for other in kept)
+        found.append(
             Joint(
                 part=part,
-                evidence=evidence_per_row(cloth, part),
-                probability=chance,
-                seam_uv_m=cloth.uv_m[once].mean(axis=1),
-                seam_xyz_m=cloth.xyz_m[once].mean(axis=1),
+                share=np.count_nonzero(part) / np.count_nonzero(cloth.placed),
+                evidence=float(each[apart].sum()),
+                probability=1.0 if is_kept else probability,
+                seam_uv_m=cloth.uv_m[pairs[apart]].mean(axis=1),
+                seam_xyz_m=cloth.xyz_m[pairs[apart]].mean(axis=1),
                 views=_views(cloth, across),
-                is_kept=any(is_same_part(part, other) for other in kept),
+                is_kept=is_kept,
             )
         )
-    return sorted(joints, key=lambda joint: joint.evidence)
+    return sorted(found, key=lambda joint: (-joint.share * (1.0 - joint.probability), joint.evidence))
+
+
+def alternatives(found: Sequence[Joint]) -> list[tuple[float, Joint | None]]:
+    """Return what the shape may be, the most probable first, each with its probability.
+
+    None is the shape as it is; a joint: it is false, and the part that hangs on it lies elsewhere. What is
+    left to 1 are shapes with several false joints.
+    """
+    right = math.prod(joint.probability for joint in found)
+    wrong = [(right * (1.0 - j.probability) / max(j.probability, 1e-9), j) for j in found if j.is_doubtful]
+    return sorted([(right, None), *wrong], key=lambda each: -each[0])
 
 
 def _views(cloth: Cloth, across: Int64) -> tuple[HeldBy, ...]:

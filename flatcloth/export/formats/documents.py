@@ -177,6 +177,16 @@ class FloatingEntry(Written, frozen=True):
     views: list[int]
 
 
+class JointEntry(Written, frozen=True):
+    """Where a part hangs on the rest by little evidence; ``probability`` that it does so rightly."""
+
+    area_cm2: float
+    share: float
+    probability: float
+    evidence: float
+    views: list[int]
+
+
 class CameraEntry(Written, frozen=True):
     """The registered pose of a view: its difference from the recorded one, and its standard deviation."""
 
@@ -222,6 +232,7 @@ class SeamEntry(Written, frozen=True):
     other_piece: int
     joins: bool
     reason: str
+    probability: float
     length_mm: float
     matches: int
     residual_mm: float
@@ -263,6 +274,7 @@ class OutcomeDocument(Written, frozen=True):
     area_cm2: float
     floating_cm2: list[float]
     floating: list[FloatingEntry]
+    joints: list[JointEntry]
     pixels: dict[str, int]
     garment: GarmentEntry
     placement_std_median_mm: float | None = None

@@ -479,4 +479,5 @@ def _edges_of(shape: Shape, piece: int = 0) -> Cloth:
         length_m=shape.links.length_m,
         evidence=shape.evidence,
         view_index=np.array(shape.views, dtype=np.int32)[shape.links.observation],
+        is_noisy=any(seen.is_noisy for seen in shape.observations),
     )

@@ -179,14 +179,13 @@ class HeldByView(Sent, frozen=True):
 class JointInfo(Sent, frozen=True):
     """Where a part of the shape is joined to the rest, and what holds it.
 
-    ``evidence`` for each row of samples, ``weak``: as false links have it; ``probability`` that the link is
-    right by the garment, None: no garment says anything.
+    ``evidence`` joins it, ``probability`` that rightly; it is ``weak`` if that leaves a doubt.
     """
 
     area_cm2: float
     evidence: float
     weak: bool
-    probability: float | None
+    probability: float
     kept: bool
     outline_uv_m: list[list[UV]]
     seam_uv_m: list[UV]

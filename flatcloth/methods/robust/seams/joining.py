@@ -315,7 +315,7 @@ def _doubted(
     joints: Sequence[Joint],
 ) -> Float64:
     """Return the evidence of the pairs (P,) of both sides: of seams and of joints as probable as they are."""
-    evidence = seen_often(graph, holds)
+    evidence = seen_often(np.where(holds, graph.evidence, 0.0), graph.views)
     first, second = graph.pairs.T
     n, m = nodes
     number = np.full(len(second), -1)
@@ -361,7 +361,7 @@ def _on_plane(this: Shape, graph: Graph, laid: LaidOut, evidence: Float64) -> tu
     reference[own] = True
     std_m = deviations_m(laid.at, graph, piece == 0, reference)
     if any(view.is_noisy for view in this.observations):
-        std_m = np.hypot(std_m, doubt_m(graph, evidence, piece == 0, laid.z, reference))
+        std_m = np.hypot(std_m, doubt_m(graph.pairs, evidence, piece == 0, laid.z, reference))
     return Both(all_uv_m=uv, piece=piece), std_m
 
 

@@ -279,7 +279,7 @@ class Cloth:
     def __init__(self, shape: Shape) -> None:
         used = np.flatnonzero(shape.holds)
         self.shape, self.pairs = shape, shape.graph.pairs[used]
-        self.evidence = seen_often(shape.graph, shape.holds)[used]
+        self.evidence = seen_often(shape.graph.evidence[used], shape.graph.views[used])
 
 
 def joint_between(side: int, cloth: Cloth, one: Int64, other: Int64) -> Joint:
