@@ -20,7 +20,7 @@ const BLENDINGS = {
   "soft-light": "Soft light",
 };
 
-const ONE_ALONE = "A frame of live mode has one layer; choose it by its name";
+const ONE_ALONE = "A frame of a camera has one layer; choose it by its name";
 
 export class LayerList {
   /** `looking` keeps how each layer is looked at. */
@@ -38,7 +38,7 @@ export class LayerList {
 
   update(/** @type {State} */ state) {
     this.tellScene(state);
-    const above = state.layers && !state.live ? this.above : [];
+    const above = state.layers && !state.capture ? this.above : [];
     for (const [name, picture] of this.pictures) {
       if (above.includes(name)) continue;
       picture.clear();
@@ -86,24 +86,24 @@ export class LayerList {
 
   // --- the list --------------------------------------------------------------------------------
 
-  /** The rows; `legends` by layer. In live mode each frame has one layer, the chosen one, in its own colours. */
-  build(/** @type {Record<string, Legend> | null | undefined} */ legends, live = false) {
-    const rows = LAYERS.map((name) => this.row(name, legends?.[name], live));
+  /** The rows; `legends` by layer. A frame of a camera has one layer, the chosen one, in its own colours. */
+  build(/** @type {Record<string, Legend> | null | undefined} */ legends, camera = false) {
+    const rows = LAYERS.map((name) => this.row(name, legends?.[name], camera));
     return make("ul.layer-list", { label: "Layers" }, ...rows);
   }
 
-  /** @param {string} name @param {Legend | undefined} legend @param {boolean} live */
-  row(name, legend, live) {
+  /** @param {string} name @param {Legend | undefined} legend @param {boolean} camera */
+  row(name, legend, camera) {
     const chosen = name === this.page.layer;
     const { shown, opacity, blending } = this.looking.of(name);
     const { title } = this.page.action(layerAction(name));
-    const visible = chosen || (shown && !live);
+    const visible = chosen || (shown && !camera);
     const set = (/** @type {Partial<LayerLook>} */ change) => this.looking.set(name, change);
-    const why = chosen ? "The chosen layer is always shown" : live ? ONE_ALONE : null;
+    const why = chosen ? "The chosen layer is always shown" : camera ? ONE_ALONE : null;
     const choose = {
       pressed: chosen,
       key: `layer-row-${name}`,
-      tip: live ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
+      tip: camera ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
       click: () => this.page.run(layerAction(name)),
     };
     return make(
@@ -116,7 +116,7 @@ export class LayerList {
         tip: why ?? "Show it over the others",
       }),
       make("button", choose, title),
-      this.bar(name, legend, visible, live),
+      this.bar(name, legend, visible, camera),
       visible && [
         slider([0, 1, 0.05], opacity, {
           label: `${title}: opacity`,
@@ -138,10 +138,10 @@ export class LayerList {
 
   /**
    * The colours with the values at both ends, as the layer is looked at.
-   * @param {string} name @param {Legend | undefined} legend @param {boolean} visible @param {boolean} live
+   * @param {string} name @param {Legend | undefined} legend @param {boolean} visible @param {boolean} camera
    */
-  bar(name, legend, visible, live) {
-    const looked = live ? legend : visible ? this.looking.legend(name, legend) : null;
+  bar(name, legend, visible, camera) {
+    const looked = camera ? legend : visible ? this.looking.legend(name, legend) : null;
     if (looked?.kind !== "ramp") return make("span.bar-place");
     const background = `linear-gradient(to right, ${looked.colors.join(", ")})`;
     const digits = looked.high - looked.low < 10 ? 1 : 0;

@@ -262,14 +262,10 @@ export interface Look {
   high?: number;
 }
 
-/** Live mode: play or pause, turn round, change the rate, or show a frame by hand. */
+/** Show the newest frame of the camera, or hold the present one. */
 export interface Play {
   type: "play";
-  playing?: boolean | null;
-  forward?: boolean | null;
-  fps?: number | null;
-  frame?: number | null;
-  step?: number | null;
+  playing: boolean;
 }
 
 /** Guided capture: begin, keep, repeat, turned, aim (at ``angle_deg``) or finish. */
@@ -279,7 +275,7 @@ export interface Capture {
   angle_deg?: number | null;
 }
 
-/** Live mode: the tab has drawn what it was sent, and takes the next frame with this layer. */
+/** With a camera: the tab has drawn what it was sent, and takes the next frame with this layer. */
 export interface Ready {
   type: "ready";
   layer: string;
@@ -373,7 +369,7 @@ export type ClientMessage =
 export interface PageState {
   type: "state";
   revision: number;
-  mode: "live" | "session";
+  mode: "camera" | "session";
   phase: string;
   method: string;
   recording: RecordingInfo;
@@ -407,7 +403,6 @@ export interface PageState {
   sides: SidesInfo | null;
   garment: GarmentInfo | null;
   other: OtherSideInfo | null;
-  live: LiveInfo | null;
   capture: CaptureStatus | null;
   active: ActiveStatus | null;
 }
@@ -830,18 +825,12 @@ export interface SeamInfo {
   decided: "cut" | "keep" | null;
 }
 
-/** How the recording is played in live mode. */
-export interface LiveInfo {
-  playing: boolean;
-  forward: boolean;
-  fps: number;
-}
-
 /** The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed. */
 export interface CaptureStatus {
   type: "capture";
   camera: string;
   camera_fps: number;
+  playing: boolean;
   ended: string | null;
   warnings: string[];
   folder: string;
@@ -1000,19 +989,12 @@ export interface Switched {
   type: "switched";
 }
 
-/** A frame of live mode; its picture follows in the same message, unless ``grid`` is None. */
+/** A frame of a camera; its picture follows in the same message, unless ``grid`` is None. */
 export interface FrameInfo {
   type: "frame";
   sequence: number;
-  view_index: number;
-  angle_deg: number;
   reason: string;
-  flatten_ms: number | null;
-  playing: boolean;
-  forward: boolean;
-  layer: string;
   grid: Grid | null;
-  area_cm2: number | null;
   legend: Legend | null;
   pick_uv_m: [number, number] | null;
 }

@@ -233,8 +233,8 @@ def test_a_measure_is_answered_with_its_three_lengths(server):
         ('{"type": "rename_pick", "id": 1, "name": "\\ud800"}', "not JSON"),
         ('{"type": "set", "advance": ' + "[" * 50_000, "not JSON"),
         ("x" * 200_000, "too long"),
-        ('{"type": "play", "playing": true}', "not in live mode"),
-        ('{"type": "play", "fps": 0}', "fps is 0; expected a number > 0"),
+        ('{"type": "play", "playing": true}', "no camera"),
+        ('{"type": "brush", "radius_m": 0}', "radius_m is 0; expected a number > 0"),
         ('{"type": "ready", "layer": "x"}', "Unknown layer"),
     ],
 )

@@ -48,7 +48,7 @@ from flatcloth.viewer.modes.review import ReviewService
 from flatcloth.viewer.modes.session_work import Answer, SessionWork
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import garment, messages
-from flatcloth.viewer.protocol.actions import NOT_LIVE
+from flatcloth.viewer.protocol.actions import NO_CAMERA
 from flatcloth.viewer.protocol.allowed import command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
@@ -222,7 +222,7 @@ class Application(PageController):
                 self._page_status = replace(self._page_status, auto=AutoInfo(running=running))
                 self._settle()
             case _:
-                raise FlatclothError(NOT_LIVE)
+                raise FlatclothError(NO_CAMERA)
 
     def _decide(self, client: int, do: messages.Do) -> None:
         if do.action == "step" and self._page_status.trouble:

@@ -1,4 +1,4 @@
-"""Makes the parts of the page's state: what a session or live mode adds to it, layers, the proposal."""
+"""Makes the parts of the page's state: what a session adds to it, layers, the proposal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ from flatcloth.viewer.protocol.state import (
     HypothesisInfo,
     JoinedPieceInfo,
     Layers,
-    LiveInfo,
     OverlayInfo,
     PendingInfo,
     PendingPart,
@@ -46,20 +45,6 @@ class PageStatus:
     progress: Progress | None = None
     log: tuple[Note, ...] = ()
     trouble: str = ""  # why the shape of the present document cannot be drawn
-
-
-def of_live(angles_deg: tuple[float, ...], live: LiveInfo, frame: int | None) -> dict[str, Any]:
-    """Return the fields of the state of live mode, whose frames are sent apart from it."""
-    rows = (ViewRow(index=i, angle_deg=angle, state="unused") for i, angle in enumerate(angles_deg))
-    return {
-        "mode": "live",
-        "phase": "live",
-        "live": live,
-        "actions": action_table(None),
-        "present_view": frame,
-        "angle_deg": None if frame is None else angles_deg[frame],
-        "views": tuple(rows),
-    }
 
 
 def of_session(

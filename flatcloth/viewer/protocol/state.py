@@ -342,14 +342,6 @@ class AutoInfo(Sent, frozen=True):
         return self.running and not self.waits_for
 
 
-class LiveInfo(Sent, frozen=True):
-    """How the recording is played in live mode."""
-
-    playing: bool
-    forward: bool
-    fps: float
-
-
 class CapturedView(Sent, frozen=True):
     """The view that was captured last."""
 
@@ -361,10 +353,14 @@ class CapturedView(Sent, frozen=True):
 
 
 class CaptureStatus(Sent, tag_field="type", tag="capture", frozen=True):
-    """The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed."""
+    """The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed.
+
+    ``playing``: its newest frame is shown; otherwise one frame is held.
+    """
 
     camera: str
     camera_fps: float
+    playing: bool
     ended: str | None
     warnings: tuple[str, ...]
     folder: str
@@ -387,7 +383,7 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     """The whole state of the page. What the present mode does not have is None, or the default."""
 
     revision: int
-    mode: Literal["session", "live"]
+    mode: Literal["session", "camera"]
     phase: str
     method: str
     recording: RecordingInfo
@@ -421,6 +417,5 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     sides: SidesInfo | None = None
     garment: GarmentInfo | None = None
     other: OtherSideInfo | None = None
-    live: LiveInfo | None = None
     capture: CaptureStatus | None = None
     active: ActiveStatus | None = None
