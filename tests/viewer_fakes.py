@@ -281,7 +281,7 @@ class MemoryFolder:
         self.full = False
         self._next = 1
 
-    def record(self, command: Any, score_parts: Any = None) -> None:
+    def record(self, command: Any) -> None:
         if self.full:
             raise JournalError("journal.jsonl: cannot be written (disk full). Free disk space and repeat it.")
         match command:

@@ -641,17 +641,12 @@ export interface PendingInfo {
   why: string;
   again: boolean;
   nudge: Motion;
-  parts: Record<string, number | null>;
-  reason: string;
-  rotation_deg: number | null;
   pieces: PendingPart[];
   also: PlacedPartInfo[];
   extends: string | null;
   brings: JoinedPieceInfo | null;
   foreseen: Foreseen | null;
   checks: Check[];
-  margin: number | null;
-  cameras: string;
   undetermined: string[];
   hypotheses: HypothesisInfo[];
   ghosts: GhostInfo[];

@@ -44,7 +44,6 @@ def test_step_accept_undo_redo(server, folder):
     with Tab(server) as tab:
         state = tab.proposed()
         assert state["views"][1]["state"] == "pending"
-        assert state["pending"]["parts"]["overlap_cm2"] == 42.0
         assert not state["drawing"]
         tab.say(type="do", action="accept", view_index=1)
         seen: list[dict[str, Any]] = []
@@ -81,9 +80,7 @@ def test_a_nudge_is_one_undo_item_and_the_score_follows(server):
     with Tab(server) as tab:
         tab.proposed()
         tab.say(type="move", view_index=1, u_m=0.004)
-        state = tab.state_where(lambda s: s["pending"]["parts"].get("height_rms_mm"))
-        assert state["pending"]["parts"]["height_rms_mm"] == pytest.approx(4.0)
-        assert state["pending"]["score"] == pytest.approx(0.76)
+        state = tab.state_where(lambda s: s["pending"]["score"] == pytest.approx(0.76))
         assert state["pending"]["nudge"]["u_mm"] == pytest.approx(4.0)
         tab.say(type="do", action="undo")
         state = tab.state_where(lambda s: s["pending"]["nudge"]["u_mm"] == 0)

@@ -13,7 +13,6 @@ from msgspec import structs
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.sheet import Sheet, floating_file, label_of, other_floating_file
 from flatcloth.engine.warmup import is_compiling
-from flatcloth.registration.registered import describe
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
@@ -141,11 +140,8 @@ def _pending(document: Document, picture: Picture | None) -> PendingInfo | None:
 
 def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     """Return what the method has computed for a proposal, as fields of it."""
-    plan, placement = overlay.proposal.plan, overlay.proposal.placement
+    placement = overlay.proposal.placement
     return {
-        "parts": {name: float(value) for name, value in overlay.score.parts.items()},
-        "reason": "" if plan is None else plan.reason,
-        "rotation_deg": None if plan is None else float(plan.rotation_deg),
         "pieces": tuple(
             PendingPart(
                 component=part.component,
@@ -165,11 +161,9 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
 
 
 def _hypotheses(overlay: Overlay) -> dict[str, Any]:
-    """Return the further results of the method ``robust``: margin, undetermined directions, hypotheses."""
+    """Return the further results of the method ``robust``: undetermined directions, hypotheses."""
     placement, own = overlay.proposal.placement, np.array(overlay.own_center_uv_m)
     return {
-        "cameras": "" if placement.cameras is None else describe(placement.cameras),
-        "margin": float(placement.margin),
         "undetermined": tuple(placement.hypotheses[0].undetermined),
         "hypotheses": tuple(
             HypothesisInfo(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import msgspec
-
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.garment import GarmentInfo, SeamInfo
@@ -199,17 +197,12 @@ class PendingInfo(Sent, frozen=True):
     why: str
     again: bool
     nudge: Motion
-    parts: dict[str, float | None] = msgspec.field(default_factory=dict)
-    reason: str = ""
-    rotation_deg: float | None = None
     pieces: tuple[PendingPart, ...] = ()
     also: tuple[PlacedPartInfo, ...] = ()
     extends: str | None = None
     brings: JoinedPieceInfo | None = None
     foreseen: Foreseen | None = None
     checks: tuple[Check, ...] = ()
-    margin: float | None = None
-    cameras: str = ""
     undetermined: tuple[str, ...] = ()
     hypotheses: tuple[HypothesisInfo, ...] = ()
     ghosts: tuple[GhostInfo, ...] = ()
