@@ -1,7 +1,7 @@
-// The layers as a list: which are shown, how opaque, how they mix, and their colour bars. The chosen layer lies at the
+// The layers as a list: which are shown, how opaque, and their colour bars. The chosen layer lies at the
 // bottom and colours the 3D scene as well; others that are shown lie over it, in the order of the list.
 
-import { choice, make, slider, tickBox } from "../page/dom.js";
+import { make, slider, tickBox } from "../page/dom.js";
 import { number } from "../page/format.js";
 import { Picture } from "./picture.js";
 
@@ -10,15 +10,6 @@ export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incid
 
 /** The action that chooses a layer. */
 export const layerAction = (/** @type {string} */ layer) => `layer_${layer}`;
-
-/** How a layer mixes with what lies below it: the words, and the canvas's name for it. */
-const BLENDINGS = {
-  "source-over": "Normal",
-  multiply: "Multiply",
-  screen: "Screen",
-  lighter: "Add",
-  "soft-light": "Soft light",
-};
 
 const ONE_ALONE = "A frame of a camera has one layer; choose it by its name";
 
@@ -75,13 +66,10 @@ export class LayerList {
     for (const name of this.above) {
       const shown = this.pictures.get(name)?.shown;
       if (!shown) continue;
-      const { opacity, blending } = this.looking.of(name);
-      context.globalAlpha = pale * opacity;
-      context.globalCompositeOperation = blending;
+      context.globalAlpha = pale * this.looking.of(name).opacity;
       canvas.drawPicture(shown, shown.image);
     }
     context.globalAlpha = pale;
-    context.globalCompositeOperation = "source-over";
   }
 
   // --- the list --------------------------------------------------------------------------------
@@ -95,7 +83,7 @@ export class LayerList {
   /** @param {string} name @param {Legend | undefined} legend @param {boolean} camera */
   row(name, legend, camera) {
     const chosen = name === this.page.layer;
-    const { shown, opacity, blending } = this.looking.of(name);
+    const { shown, opacity } = this.looking.of(name);
     const { title } = this.page.action(layerAction(name));
     const visible = chosen || (shown && !camera);
     const set = (/** @type {Partial<LayerLook>} */ change) => this.looking.set(name, change);
@@ -117,7 +105,7 @@ export class LayerList {
       }),
       make("button", choose, title),
       this.bar(name, legend, visible, camera),
-      visible && [
+      visible &&
         slider([0, 1, 0.05], opacity, {
           label: `${title}: opacity`,
           key: `layer-opacity-${name}`,
@@ -125,14 +113,6 @@ export class LayerList {
           input: (event) => this.looking.setQuietly(name, { opacity: event.target.valueAsNumber }),
           change: (event) => set({ opacity: event.target.valueAsNumber }),
         }),
-        !chosen &&
-          choice(Object.entries(BLENDINGS), blending, {
-            label: `${title}: blending`,
-            key: `layer-blending-${name}`,
-            tip: "How it mixes with what lies below it",
-            change: ({ target }) => set({ blending: /** @type {LayerLook["blending"]} */ (target.value) }),
-          }),
-      ],
     );
   }
 

@@ -16,7 +16,7 @@ const ENDS = /** @type {("low" | "high")[]} */ (["low", "high"]);
 /** @type {Record<string, string>} */
 const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler" };
 /** @type {LayerLook} */
-const PLAIN = { map: "", low: 0, high: 1, shown: false, opacity: 1, blending: "source-over" };
+const PLAIN = { map: "", low: 0, high: 1, shown: false, opacity: 1 };
 
 /** Keeps how each layer is looked at. */
 export class Looking extends PagePart {

@@ -103,11 +103,10 @@ export interface Preview {
   id: number;
 }
 
-/** Lay the pending view at the place of one of its hypotheses; ``index`` 0 is the best. */
-export interface Choose {
-  type: "choose";
+/** Lay the pending view back at the best place that the method has found. */
+export interface BackToBest {
+  type: "back_to_best";
   view_index: number;
-  index: number;
 }
 
 /** Place another connected part of the pending view, the largest being 0. */
@@ -336,7 +335,7 @@ export type ClientMessage =
   | Do
   | Move
   | Preview
-  | Choose
+  | BackToBest
   | TakePart
   | LeaveOut
   | PlacePiece
@@ -636,7 +635,7 @@ export interface Progress {
 export interface PendingInfo {
   view_index: number;
   side: string | null;
-  proposed_score: number | null;
+  best_score: number | null;
   score: number | null;
   why: string;
   again: boolean;
@@ -648,7 +647,6 @@ export interface PendingInfo {
   foreseen: Foreseen | null;
   checks: Check[];
   undetermined: string[];
-  hypotheses: HypothesisInfo[];
   ghosts: GhostInfo[];
 }
 
@@ -700,15 +698,6 @@ export interface Check {
   unit: string;
   passed: boolean | null;
   place_uv_m: [number, number] | null;
-}
-
-/** A place that the method found for the proposal. */
-export interface HypothesisInfo {
-  theta_deg: number;
-  u_mm: number;
-  v_mm: number;
-  source: string;
-  score: number | null;
 }
 
 /** Where a piece placed by hand would lie by the garment, or by seams, with its deviation there. */

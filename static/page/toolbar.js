@@ -21,9 +21,9 @@ import { PagePart } from "./page.js";
 import { actionSection, keySection, showKeys } from "./keys.js";
 
 const CAMERA = ["capture_pause"];
-const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];
+const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto"];
 /** @type {Record<string, string>} */
-const MORE = { reject: "reject_menu", redo: "history", auto: "auto_until" };
+const MORE = { reject: "reject_menu", auto: "auto_until" };
 const PAGE = ["home", "teach", "export", "settings", "palette", "help"];
 /** @type {[number, number][]} */
 const STEPS = [

@@ -6,6 +6,8 @@ import { drawName } from "../garment/marks.js";
 import { button, buttonOf, byId, make, rebuild, valueRows, values } from "../page/dom.js";
 import { cm2, degrees, floatingOf, number, vector } from "../page/format.js";
 
+const SEEN = 0.05; // mm, or degrees: what is shown as 0.0 is no move
+
 export class ProposalPanel extends PagePart {
   armed = /** @type {string | null} */ (null); // where Accept was pressed though the score is low
   /** @type {{ view: number; area: number; step: number; revision: number; added_cm2: number } | null} */
@@ -96,11 +98,12 @@ function showProposal(state, send, show) {
           " It joins the shape once a view connects them.",
       ),
     scoreOf(pending.score, limit),
-    values([
-      "moved",
-      `${vector([nudge.u_mm, nudge.v_mm])} mm  ${degrees(nudge.theta_deg)}`,
-      "What you have moved the proposal by: its centre by u, v on the plane, and clockwise",
-    ]),
+    (Math.hypot(nudge.u_mm, nudge.v_mm) >= SEEN || Math.abs(nudge.theta_deg) >= SEEN) &&
+      values([
+        "moved",
+        `${vector([nudge.u_mm, nudge.v_mm])} mm  ${degrees(nudge.theta_deg)}`,
+        "What you have moved the proposal by: its centre by u, v on the plane, and clockwise",
+      ]),
     foreseen(pending.foreseen),
     checkList(pending.checks, show),
     pending.undetermined.length > 0 && make("p.note", `Not determined: ${pending.undetermined.join(", ")}`),

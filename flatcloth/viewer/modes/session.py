@@ -189,9 +189,9 @@ class Application(PageController):
                 self._refine(client, view)
             case messages.Pairs():
                 self._fit(client, message)
-            case messages.Choose(view_index=view, index=index):
+            case messages.BackToBest(view_index=view):
                 pending = repair.meant(self._state.document, view)
-                self._by_hand(session_work.chosen(pending, self._overlay, index))
+                self._by_hand(session_work.back_to_best(pending, self._overlay))
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
             case messages.ShowEdges(show=show):

@@ -71,11 +71,10 @@ class Move(Said, tag="move", frozen=True, kw_only=True):
     v_m: Metres = 0.0
 
 
-class Choose(Said, tag="choose", frozen=True, kw_only=True):
-    """Lay the pending view at the place of one of its hypotheses; ``index`` 0 is the best."""
+class BackToBest(Said, tag="back_to_best", frozen=True, kw_only=True):
+    """Lay the pending view back at the best place that the method has found."""
 
     view_index: Count
-    index: Count
 
 
 class Preview(Move, tag="preview", frozen=True, kw_only=True):

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from msgspec import structs
 
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.sheet import Sheet, floating_file, label_of, other_floating_file
 from flatcloth.engine.warmup import is_compiling
+from flatcloth.methods.answers import Hypothesis
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
@@ -24,7 +24,6 @@ from flatcloth.viewer.protocol.state import (
     AutoInfo,
     AwaitedRequest,
     FloatingPiece,
-    HypothesisInfo,
     JoinedPieceInfo,
     Layers,
     OverlayInfo,
@@ -129,12 +128,11 @@ def _pending(document: Document, picture: Picture | None) -> PendingInfo | None:
     return PendingInfo(
         view_index=pending.view_index,
         side=None if pending.side is None else pending.side.value,
-        proposed_score=pending.score,
         score=pending.score if overlay is None else overlay.score.total,
         nudge=_motion(_about_center(pending, overlay)),
         why=pending.why,
         again=pending.again is not None,
-        **({} if overlay is None else _computed(pending, overlay)),
+        **{"best_score": pending.score, **({} if overlay is None else _computed(pending, overlay))},
     )
 
 
@@ -156,24 +154,13 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
         "brings": _joined(overlay),
         "foreseen": overlay.foreseen,
         "checks": overlay.checks,
-        **(_hypotheses(overlay) if placement.hypotheses else {}),
+        **(_best(placement.hypotheses[0]) if placement.hypotheses else {}),
     }
 
 
-def _hypotheses(overlay: Overlay) -> dict[str, Any]:
-    """Return the further results of the method ``robust``: undetermined directions, hypotheses."""
-    placement, own = overlay.proposal.placement, np.array(overlay.own_center_uv_m)
-    return {
-        "undetermined": tuple(placement.hypotheses[0].undetermined),
-        "hypotheses": tuple(
-            HypothesisInfo(
-                source=h.source,
-                score=h.score.total,
-                **structs.asdict(_motion(overlay.sheet.shown(h.current_from_new, own))),
-            )
-            for h in placement.hypotheses
-        ),
-    }
+def _best(place: Hypothesis) -> dict[str, Any]:
+    """Return what the method ``robust`` tells of the best place."""
+    return {"best_score": place.score.total, "undetermined": tuple(place.undetermined)}
 
 
 def _joined(overlay: Overlay) -> JoinedPieceInfo | None:

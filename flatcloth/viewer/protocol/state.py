@@ -172,13 +172,6 @@ class Check(Sent, frozen=True):
     place_uv_m: UV | None
 
 
-class HypothesisInfo(Motion, frozen=True):
-    """A place that the method found for the proposal."""
-
-    source: str
-    score: float | None
-
-
 class GhostInfo(Sent, frozen=True):
     """Where a piece placed by hand would lie by the garment, or by seams, with its deviation there."""
 
@@ -188,11 +181,14 @@ class GhostInfo(Sent, frozen=True):
 
 
 class PendingInfo(Sent, frozen=True):
-    """The proposal. What the method computes with it has a default while it is being drawn."""
+    """The proposal. What the method computes with it has a default while it is being drawn.
+
+    ``best_score`` is that of the best place that the method has found.
+    """
 
     view_index: int
     side: str | None
-    proposed_score: float | None
+    best_score: float | None
     score: float | None
     why: str
     again: bool
@@ -204,7 +200,6 @@ class PendingInfo(Sent, frozen=True):
     foreseen: Foreseen | None = None
     checks: tuple[Check, ...] = ()
     undetermined: tuple[str, ...] = ()
-    hypotheses: tuple[HypothesisInfo, ...] = ()
     ghosts: tuple[GhostInfo, ...] = ()
 
 
