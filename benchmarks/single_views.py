@@ -35,7 +35,7 @@ STAGES: dict[Any, tuple[str, ...]] = {
 
 
 def whole_frame(frame: RgbdFrame, axis: RotationAxis) -> Flattening:
-    """Turn one frame into its flattened view at d = 6 alone, as live mode does, from the pixel start."""
+    """Turn one frame into its flattened view at d = 6 alone, as for a camera, from the pixel start."""
     config = CONFIG
     found = observe_item(frame, axis, config.surface)
     finest = replace(config.flattening, sampling_intervals_px=config.flattening.sampling_intervals_px[-1:])

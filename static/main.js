@@ -26,13 +26,13 @@ import { StatusLines } from "./page/status.js";
 import { seen } from "./both/seen.js";
 import { applyTheme, onTheme, toggleTheme } from "./page/theme.js";
 import { RejectMenu, showHelp, Toolbar } from "./page/toolbar.js";
+import { CapturePanel } from "./panels/capture.js";
 import { PANELS } from "./panels/index.js";
-import { LiveBar } from "./panels/live.js";
 import { showLegend } from "./panels/readout.js";
 import { Repair } from "./panels/repair.js";
 import { ReviewList } from "./review/list.js";
 import { ResultPanel } from "./review/result.js";
-import { markPresent, Timeline } from "./review/timeline.js";
+import { Timeline } from "./review/timeline.js";
 import { Verdicts } from "./review/verdicts.js";
 import { answerDrops } from "./start/drop.js";
 import { Teaching } from "./teaching/teaching.js";
@@ -42,14 +42,14 @@ byId("unloaded").remove();
 const LEAST_MOVE_M = 0.00005; // what is shown as 0.0 mm and 0.0° is no move
 const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
 
-let askedLayer = /** @type {string | null} */ (null); // in live mode: what the next frame was asked for with
+let askedLayer = /** @type {string | null} */ (null); // with a camera: what the next frame was asked for with
 
 const page = new Page({ send, notify, run, show });
 const canvas = (page.canvas = new FlatCanvas({
-  // In live mode the frame that was clicked is the one that is meant, not the one that is on its way.
+  // With a camera the frame that was clicked is the one that is meant, not the one that is on its way.
   pick: (u, v) =>
     page.offer("click", u, v) ||
-    send({ type: "pick", ...canvas.located(u, v), ...(page.isLive ? { revision: canvas.layerRevision } : {}) }),
+    send({ type: "pick", ...canvas.located(u, v), ...(page.hasCamera ? { revision: canvas.layerRevision } : {}) }),
   hover: (u, v) => hover.at(u === null ? null : { u_m: u, v_m: v }),
   nudge: (by) => sendMove(by),
   mayDrag: () => Boolean(page.state?.pending),
@@ -68,7 +68,7 @@ page.add(new StatusLines(page));
 for (const Panel of PANELS) page.add(new Panel(page));
 const repair = page.add(new Repair(page, nudges));
 page.add(new Handles(page, () => repair.picking));
-const liveBar = page.add(new LiveBar(page, drawFrame));
+const capture = /** @type {CapturePanel} */ (page.panels.find((panel) => panel instanceof CapturePanel));
 page.verdicts = page.add(new Verdicts(page, decide));
 page.add(new Timeline(page, chooseView));
 page.add(new ReviewList(page));
@@ -95,7 +95,7 @@ const connection = new Connection({
     else if (message.type === "note") takeNote(message);
     page.take(message);
   },
-  frame: (buffer) => liveBar.take(buffer, askFrame),
+  frame: (buffer) => capture.takeFrame(buffer, drawFrame, askFrame),
   opened(again) {
     byId("banner").hidden = true;
     askedLayer = null;
@@ -131,18 +131,17 @@ function show(/** @type {State} */ state) {
   page.thisSide = state;
   page.state = seen(state, canvas.side);
   page.each("update", page.state);
-  if (page.isLive) showLive(state);
+  if (page.hasCamera) showFrame(state);
   else showLayer(page.state);
   takeServerLog(state.log);
 }
 
-function showLive(/** @type {State} */ state) {
+function showFrame(/** @type {State} */ state) {
   // While playing, each frame brings the place of the current pick; the others would lag behind.
-  const playing = Boolean(state.live?.playing);
+  const playing = Boolean(state.capture?.playing);
   if (!playing) canvas.pick = state.pick?.in_shape ? state.pick : null;
   canvas.showMarks(playing ? [] : state.picks);
-  if (liveBar.frame) markPresent(liveBar.frame.view_index);
-  looking.show(page.layer, liveBar.frame?.legend ?? null, true);
+  looking.show(page.layer, capture.frame?.legend ?? null, true);
   if (askedLayer !== page.layer) askFrame();
 }
 
@@ -153,11 +152,10 @@ function askFrame() {
 }
 
 function drawFrame(/** @type {FrameInfo} */ frame, /** @type {Shown | null} */ shown) {
-  canvas.showFrame(shown, frame.view_index, frame.pick_uv_m);
+  canvas.showFrame(shown, 0, frame.pick_uv_m);
   canvas.draw(); // at once: this is an animation frame, and what is acknowledged has been drawn
   showLegend(frame.legend);
   looking.show(page.layer, frame.legend, true);
-  markPresent(frame.view_index);
   showWords(byId("empty"), shown ? "" : frame.reason);
 }
 
@@ -192,7 +190,6 @@ function decide(/** @type {string} */ name, more = {}) {
 
 function chooseView(/** @type {ViewRow} */ view) {
   if (page.state.capture) return notify("info", view.why_not ?? "");
-  if (page.isLive) return send({ type: "play", frame: view.index });
   page.verdicts.press(view);
 }
 
@@ -255,7 +252,7 @@ const PAGE_ACTIONS = {
 const modesNow = () => [
   ...(teaching.status.open ? ["teaching"] : []),
   ...(page.state.capture || page.state.active ? ["capture"] : []),
-  page.isLive ? "live" : "session",
+  ...(page.hasCamera ? [] : ["session"]),
 ];
 
 function sendMove(/** @type {By} */ by) {
@@ -281,8 +278,7 @@ const shown = {
   step: () => page.state?.step ?? 0,
   phase: () => page.state?.phase ?? null,
   pick: () => page.state?.pick ?? null,
-  frame: () => liveBar.frame,
-  fps: () => liveBar.fps,
+  frame: () => capture.frame,
   teaching: () => teaching.status,
   layerRevision: () => canvas.layerRevision,
   marksDrawn: () => canvas.marksDrawn.map(({ id }) => id),

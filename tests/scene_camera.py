@@ -14,7 +14,7 @@ from flatcloth.cameras import CameraError, CameraFrame
 from flatcloth.cameras.feed import CameraFeed
 from flatcloth.core.types import Intrinsics
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.playing.camera import camera_recording
+from flatcloth.engine.live import camera_recording
 from flatcloth.session.store import SessionFolder
 
 

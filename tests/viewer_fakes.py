@@ -16,7 +16,7 @@ import numpy as np
 from flatcloth.core.config import Config
 from flatcloth.core.errors import GarmentError, JournalError
 from flatcloth.core.types import FlattenedView, Intrinsics, Progress, Rigid2, RotationAxis
-from flatcloth.engine.playing.recording import LiveFrame
+from flatcloth.engine.live import LiveFrame
 from flatcloth.engine.repair import RefinedScore
 from flatcloth.engine.views import ViewCloud
 from flatcloth.methods.answers import AlignmentScore, Canonical
@@ -245,30 +245,30 @@ class CylinderIntegration:
         return Proposed(request.token, view, Rigid2(), Side.LEFT, self.scores, also=self.also)
 
 
-class CylinderPlayer:
-    """Flattens exactly and at once; ``errors`` are raised for their views, ``shown`` are all asked for."""
+class CylinderCamera:
+    """Flattens exactly and at once; each frame shows the cylinder turned by one more view.
+
+    ``errors`` are raised in the place of frames, by their number; ``asked`` is how many were wanted.
+    """
 
     def __init__(self, integration: CylinderIntegration) -> None:
         self._integration = integration
-        self._asked = threading.Condition()
+        self._changed = threading.Condition()
         self.errors: dict[int, Exception] = {}
-        self.shown: list[int] = []
+        self.asked = 0
 
-    def show(self, view_index: int) -> LiveFrame:
-        with self._asked:
-            self.shown.append(view_index)
-            self._asked.notify_all()
-        if view_index in self.errors:
-            raise self.errors[view_index]
-        made = self._integration
-        return LiveFrame(
-            view=cylinder_view({view_index: made._held_angle(view_index)}), cloud=made.cloud(view_index),
-            flatten_ms=12.5,
-        )  # fmt: skip
+    def newest(self) -> LiveFrame:
+        with self._changed:
+            frame, self.asked = self.asked, self.asked + 1
+            self._changed.notify_all()
+        if frame in self.errors:
+            raise self.errors[frame]
+        made, view = self._integration, frame % 12
+        return LiveFrame(view=cylinder_view({view: made._held_angle(view)}), cloud=made.cloud(view))
 
     def wait_for(self, count: int) -> None:
-        with self._asked:
-            assert self._asked.wait_for(lambda: len(self.shown) >= count, timeout=20)
+        with self._changed:
+            assert self._changed.wait_for(lambda: self.asked >= count, timeout=20)
 
 
 class MemoryFolder:
@@ -281,7 +281,7 @@ class MemoryFolder:
         self.full = False
         self._next = 1
 
-    def record(self, command: Any, score_parts: Any = None) -> None:
+    def record(self, command: Any) -> None:
         if self.full:
             raise JournalError("journal.jsonl: cannot be written (disk full). Free disk space and repeat it.")
         match command:

@@ -51,7 +51,6 @@ class Opener:
         if chosen.kind == "cell":
             return opened_cell(argparse.Namespace(**{**vars(self._options), "cell": "", "out": None}))
         options = argparse.Namespace(**vars(self._options))
-        options.live = False
         if chosen.header is None:
             return _opened(options, chosen.source, None, current, chosen)
         options.method = chosen.header.method
@@ -66,7 +65,6 @@ def _opened(
     chosen: Chosen | None = None,
 ) -> Opened | None:
     from flatcloth.api.integrating import integration_of
-    from flatcloth.engine.playing.recording import LivePlayer
     from flatcloth.engine.warmup import begin_ahead, compile_beside
     from flatcloth.recordings import open_recording
     from flatcloth.session.axis_file import settle_axis
@@ -89,23 +87,11 @@ def _opened(
     try:
         settle_axis(folder.folder, integration.views)
         compile_beside()
-        if not options.live:
-            begin_ahead(integration, folder.state)
+        begin_ahead(integration, folder.state)
         # The scene's library loads only now, while the first shape is being computed.
-        from flatcloth.viewer.modes.live import DEFAULT_FPS, LiveApplication
         from flatcloth.viewer.server.workspace import Opened
 
-        controller = None
-        if options.live:
-            player, fps = LivePlayer(integration), options.fps or DEFAULT_FPS
-            controller = functools.partial(LiveApplication, integration, folder, player=player, fps=fps)
-        return Opened(
-            integration,
-            folder,
-            controller=controller,
-            base_from_camera=hand_eye_of(options),
-            close=folder.close,
-        )
+        return Opened(integration, folder, base_from_camera=hand_eye_of(options), close=folder.close)
     except BaseException:
         folder.close()
         raise
@@ -133,7 +119,7 @@ def opened_camera(options: argparse.Namespace, serial: str) -> Opened:
     from flatcloth.cameras import capture, open_camera
     from flatcloth.cameras.feed import CameraFeed
     from flatcloth.engine.integration import Integration
-    from flatcloth.engine.playing.camera import camera_recording
+    from flatcloth.engine.live import camera_recording
     from flatcloth.session.axis_file import settle_axis
     from flatcloth.session.header import default_session_folder
     from flatcloth.session.store import SessionFolder
@@ -287,7 +273,7 @@ def first_of_camera(options: argparse.Namespace) -> Callable[[], Opened] | None:
         If options contradict each other.
     """
     if options.cell is not None:
-        for name in ("source", "camera", "live", "session"):
+        for name in ("source", "camera", "session"):
             if getattr(options, name) not in (None, False):
                 raise FlatclothError(f"--cell shows a simulated cell; it does not go with --{name}.")
         return lambda: opened_cell(options)
@@ -296,9 +282,9 @@ def first_of_camera(options: argparse.Namespace) -> Callable[[], Opened] | None:
         if given:
             raise FlatclothError(f"--{given[0]} needs --camera; give both, or neither.")
         return None
-    if options.source is not None or options.live:
+    if options.source is not None:
         raise FlatclothError(
-            f"{options.source or '--live'}: --camera shows a camera instead of a recording; give only one of"
+            f"{options.source}: --camera shows a camera instead of a recording; give only one of"
             " them. A RealSense file is played in the place of a camera by --camera FILE."
         )
     opener = opened_camera if options.goal is None else opened_looking_camera

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from flatcloth.commands.active import add_address, add_cell, add_goal
-from flatcloth.commands.common import add_method, add_source, number, whole
+from flatcloth.commands.common import add_method, add_source, whole
 from flatcloth.commands.export import add_hand_eye
 from flatcloth.commands.opening import add_camera, first_of_camera, opened_recording, page_options
 from flatcloth.core.errors import FlatclothError
@@ -18,7 +18,6 @@ EXAMPLES = """examples:
   flatcloth view --root ~/recordings           the same, also of the folders below this one
   flatcloth view trousers-waist-d435
   flatcloth view my-recording --port 9000 --session my-session
-  flatcloth view shirt-corner-d435 --live                 play it as if live
   flatcloth view --camera --out my-recording --step 10    a RealSense camera, and guided capture"""
 
 
@@ -60,17 +59,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="session folder, resumed if it exists (default: one per recording in the user's state folder)",
     )
 
-    parser.add_argument(
-        "--live",
-        action="store_true",
-        help="play the recording as if live, flattening each frame; nothing is decided",
-    )
-    parser.add_argument(
-        "--fps",
-        type=number(lambda fps: 0 < fps <= 240, "is not a frame rate; give a number above 0, up to 240"),
-        metavar="N",
-        help="with --live: initial frames per second (default: 30)",
-    )
+    parser.add_argument("--live", action="store_true", help=argparse.SUPPRESS)
     add_camera(parser)
     add_goal(parser.add_argument_group("active loop (with --cell, or --camera and --goal)"))
     add_cell(parser)
@@ -80,13 +69,14 @@ def run(options: argparse.Namespace) -> None:
     """Serve the page until it is stopped."""
     from flatcloth.viewer.server.app import serve
 
-    if options.fps is not None and not options.live:
-        raise FlatclothError("--fps needs --live; give both, or neither.")
+    if options.live:
+        raise FlatclothError(
+            "--live is no longer an option: open the recording without it, and press Space to play its views."
+        )
     first, page = first_of_camera(options), page_options(options)
     if options.source is not None:
         serve(first=lambda: opened_recording(options, options.source, options.session), **page)
         return
-    given = [name for name in ("live", "session") if getattr(options, name)] if first is None else []
-    if given:
-        raise FlatclothError(f"--{given[0]} needs SOURCE; name a recording, or open one on the page.")
+    if first is None and options.session:
+        raise FlatclothError("--session needs SOURCE; name a recording, or open one on the page.")
     serve(first=first, **page)

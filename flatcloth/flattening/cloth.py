@@ -28,8 +28,7 @@ class SurfaceEdges:
 class Cloth(SurfaceEdges):
     """How the shape hangs together, by a method that weighs its edges; samples of other pieces have no place.
 
-    ``evidence`` (M,) that both ends of a pair are one sheet, from 0; ``view_index`` (M,) int32 the view that
-    saw it; ``is_noisy`` if that takes layers that touch for one.
+    ``evidence`` (M,) that a pair is one sheet; ``view_index`` (M,) saw it; noise may join layers that touch.
     """
 
     evidence: Float64

@@ -17,7 +17,7 @@ from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, LaidPiece
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.evidence import PieceEvidence
 from flatcloth.garments.fit import APART_M, HELD_STD_M, Pull, thinned
-from flatcloth.garments.links import DoubtedLink, side_of
+from flatcloth.garments.links import side_of
 from flatcloth.garments.named_points import KNOWN_STD_M, POINT_NEAR_M, dimensions_of, pixel_near, points_of
 from flatcloth.garments.placing import place_pieces
 from flatcloth.garments.recognition import NONE, Recognition, held_fit
@@ -206,27 +206,18 @@ def _now_from_then(cloth: ClothPlaces, view: FlattenedView) -> Rigid2 | None:
 
 
 def decided_part(
-    cloth: Cloth, link: DoubtedLink, *, taken_off: bool, is_doubted: bool = False
+    cloth: Cloth, part: Bool, probability: float, *, taken_off: bool, std_m: float = 0.0
 ) -> DoubtedPart:
-    """Return a decision about a part, tied to its cloth and to that of the rest; or that it is doubted."""
-    std_m = link.std_m if is_doubted else 0.0
-    return _about_part(cloth, link.part, taken_off, float(link.probability), std_m)
+    """Return a decision about a part (N,), tied to its cloth and to that of the rest.
 
-
-def contradicted_part(cloth: Cloth, part: Bool, probability: float, std_m: float) -> DoubtedPart:
-    """Return the decision about a part (N,) whose place seams contradict: taken off, or else unsure."""
-    return _about_part(cloth, part, not std_m, probability, std_m)
-
-
-def _about_part(
-    cloth: Cloth, part: Bool, taken_off: bool, probability: float, std_m: float = 0.0
-) -> DoubtedPart:
+    It is taken off, or kept; with ``std_m``, the deviation that this leaves, it stays in doubt.
+    """
     rest = cloth.placed & ~part
     return DoubtedPart(
         taken_off=taken_off,
         part=_tied(cloth.xyz_m[part], cloth.uv_m[part]),
         rest=_tied(cloth.xyz_m[rest], cloth.uv_m[rest]),
-        probability=probability,
+        probability=float(probability),
         std_m=std_m,
     )
 

@@ -109,9 +109,7 @@ class _Envelope(msgspec.Struct):
     time: str = ""
 
 
-def encode(
-    number: int, entry: Entry, score_parts: Mapping[str, float] | None = None, link: int = 0
-) -> tuple[bytes, int]:
+def encode(number: int, entry: Entry, link: int = 0) -> tuple[bytes, int]:
     """Return the line of an entry, newline included, and its checksum.
 
     ``number`` counts from 1; ``link`` is the checksum of the line before.
@@ -123,8 +121,6 @@ def encode(
     """
     now = datetime.now(UTC).isoformat(timespec="milliseconds")
     table = {"line": number, "time": now, "kind": _NAMES[type(entry)], **vars(entry)}
-    if score_parts is not None:
-        table["score_parts"] = dict(score_parts)
     body = msgspec.json.encode(table, enc_hook=_plain)
     decode(number, body)
     seal = zlib.crc32(body, link)

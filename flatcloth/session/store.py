@@ -10,7 +10,6 @@ import contextlib
 import itertools
 import logging
 import os
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -131,10 +130,8 @@ class SessionFolder:
         state = replace(self.state, n_views=len(recording))
         self._replay = replace(self._replay, state=state)
 
-    def record(self, entry: Entry, score_parts: Mapping[str, float] | None = None) -> None:
+    def record(self, entry: Entry) -> None:
         """Append an entry and wait until it is on disk; a stale answer is dropped.
-
-        ``score_parts`` are added to a proposal for readers of the journal; replaying ignores them.
 
         Raises
         ------
@@ -145,7 +142,7 @@ class SessionFolder:
         """
         after = self._replay.after(entry)
         if after is not self._replay:
-            self._replay = after.with_line(self._append(entry, score_parts))
+            self._replay = after.with_line(self._append(entry))
 
     def add_pick(
         self,
@@ -235,12 +232,12 @@ class SessionFolder:
         replace_file(path, data)
         return path
 
-    def _append(self, entry: Entry, score_parts: Mapping[str, float] | None) -> int:
+    def _append(self, entry: Entry) -> int:
         """Write an entry as the next line, and return its checksum."""
         if not self._journal.is_open:
             raise JournalError(f"{self._folder}: the session is closed. Open it again.")
         try:
-            line, link = encode(self._replay.lines + 1, entry, score_parts, self._replay.link)
+            line, link = encode(self._replay.lines + 1, entry, self._replay.link)
         except ValueError as error:
             raise JournalError(
                 f"The decision has numbers that are not finite, or text that is not Unicode ({entry!r:.200})."

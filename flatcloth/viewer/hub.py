@@ -43,7 +43,7 @@ class Tab:
         self.news.set()
 
     def put_frame(self, data: bytes) -> None:
-        """Queue a frame of live mode; it replaces one that has not been sent."""
+        """Queue a frame of a camera; it replaces one that has not been sent."""
         self._frame = data
         self.news.set()
 

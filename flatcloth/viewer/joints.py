@@ -67,7 +67,8 @@ class JointService:
         cloth, joints = self._joints(document)
         if asked.index >= len(joints):
             raise FlatclothError(CHANGED)
-        return DecideLink(decided_part(cloth, joints[asked.index].link, taken_off=asked.cut))
+        joint = joints[asked.index]
+        return DecideLink(decided_part(cloth, joint.part, joint.probability, taken_off=asked.cut))
 
     def _document(self, revision: int) -> Document:
         picture = self._picture()

@@ -103,7 +103,7 @@ export class BothSides extends PagePart {
 
   showChip() {
     const { side } = this.canvas;
-    this.chip.hidden = side === "this" || this.page.isLive;
+    this.chip.hidden = side === "this" || this.page.hasCamera;
     this.chip.textContent = "Other side, as seen from outside";
   }
 
@@ -294,7 +294,7 @@ export class BothSides extends PagePart {
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { places, other, showsSeams, chosen } = this;
-    if (!places || !other || this.page.isLive) return;
+    if (!places || !other || this.page.hasCamera) return;
     if (other.is_related) this.drawBehind(style, places);
     if (!showsSeams) return;
     const seams = other.seams.map(({ why }, n) => ({ at: this.everywhere(n), doubted: Boolean(why) }));

@@ -54,7 +54,7 @@ export class FlatCanvas {
     this.layer = new Picture(() => this.refit());
     this.overlay = new Picture((anew) => this.overlayReady(anew));
     this.fitted = true; // until the operator pans or zooms
-    this.boxes = /** @type {Map<number, Box>} */ (new Map()); // of live mode: where each view lay last
+    this.boxes = /** @type {Map<number, Box>} */ (new Map()); // where each frame or view lay last
     this.extent = /** @type {Box | null} */ (null); // what all of them need together
     this.marks = /** @type {{ id: number | null; uv_m: UV }[]} */ ([]);
     this.marksDrawn = this.marks; // for tests
@@ -126,7 +126,8 @@ export class FlatCanvas {
   }
 
   /**
-   * Live mode: show a frame (or none) where it lies on its plane. The zoom holds all frames, and stays still.
+   * Show a frame of a camera, or a view of the offline page (or none) where it lies on its plane; the zoom
+   * holds all of them.
    * @param {Shown | null} shown @param {number} view @param {UV | null} pickUv
    */
   showFrame(shown, view, pickUv) {
@@ -140,7 +141,7 @@ export class FlatCanvas {
     this.refit();
   }
 
-  /** Live mode: the picks that lie on the frame; none while frames pass by faster than the picks are sent. */
+  /** With a camera: the picks that lie on the frame; none while frames pass by faster than the picks are sent. */
   showMarks(/** @type {{ id: number | null; uv_m: UV | null; side?: SideName }[]} */ picks) {
     this.marks = picks.flatMap(({ id, uv_m, side }) => {
       const at = uv_m && this.shownAt(side ?? "this", uv_m);

@@ -1,7 +1,7 @@
-// The layers as a list: which are shown, how opaque, how they mix, and their colour bars. The chosen layer lies at the
+// The layers as a list: which are shown, how opaque, and their colour bars. The chosen layer lies at the
 // bottom and colours the 3D scene as well; others that are shown lie over it, in the order of the list.
 
-import { choice, make, slider, tickBox } from "../page/dom.js";
+import { make, slider, tickBox } from "../page/dom.js";
 import { number } from "../page/format.js";
 import { Picture } from "./picture.js";
 
@@ -11,16 +11,7 @@ export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incid
 /** The action that chooses a layer. */
 export const layerAction = (/** @type {string} */ layer) => `layer_${layer}`;
 
-/** How a layer mixes with what lies below it: the words, and the canvas's name for it. */
-const BLENDINGS = {
-  "source-over": "Normal",
-  multiply: "Multiply",
-  screen: "Screen",
-  lighter: "Add",
-  "soft-light": "Soft light",
-};
-
-const ONE_ALONE = "A frame of live mode has one layer; choose it by its name";
+const ONE_ALONE = "A frame of a camera has one layer; choose it by its name";
 
 export class LayerList {
   /** `looking` keeps how each layer is looked at. */
@@ -38,7 +29,7 @@ export class LayerList {
 
   update(/** @type {State} */ state) {
     this.tellScene(state);
-    const above = state.layers && !state.live ? this.above : [];
+    const above = state.layers && !state.capture ? this.above : [];
     for (const [name, picture] of this.pictures) {
       if (above.includes(name)) continue;
       picture.clear();
@@ -75,35 +66,32 @@ export class LayerList {
     for (const name of this.above) {
       const shown = this.pictures.get(name)?.shown;
       if (!shown) continue;
-      const { opacity, blending } = this.looking.of(name);
-      context.globalAlpha = pale * opacity;
-      context.globalCompositeOperation = blending;
+      context.globalAlpha = pale * this.looking.of(name).opacity;
       canvas.drawPicture(shown, shown.image);
     }
     context.globalAlpha = pale;
-    context.globalCompositeOperation = "source-over";
   }
 
   // --- the list --------------------------------------------------------------------------------
 
-  /** The rows; `legends` by layer. In live mode each frame has one layer, the chosen one, in its own colours. */
-  build(/** @type {Record<string, Legend> | null | undefined} */ legends, live = false) {
-    const rows = LAYERS.map((name) => this.row(name, legends?.[name], live));
+  /** The rows; `legends` by layer. A frame of a camera has one layer, the chosen one, in its own colours. */
+  build(/** @type {Record<string, Legend> | null | undefined} */ legends, camera = false) {
+    const rows = LAYERS.map((name) => this.row(name, legends?.[name], camera));
     return make("ul.layer-list", { label: "Layers" }, ...rows);
   }
 
-  /** @param {string} name @param {Legend | undefined} legend @param {boolean} live */
-  row(name, legend, live) {
+  /** @param {string} name @param {Legend | undefined} legend @param {boolean} camera */
+  row(name, legend, camera) {
     const chosen = name === this.page.layer;
-    const { shown, opacity, blending } = this.looking.of(name);
+    const { shown, opacity } = this.looking.of(name);
     const { title } = this.page.action(layerAction(name));
-    const visible = chosen || (shown && !live);
+    const visible = chosen || (shown && !camera);
     const set = (/** @type {Partial<LayerLook>} */ change) => this.looking.set(name, change);
-    const why = chosen ? "The chosen layer is always shown" : live ? ONE_ALONE : null;
+    const why = chosen ? "The chosen layer is always shown" : camera ? ONE_ALONE : null;
     const choose = {
       pressed: chosen,
       key: `layer-row-${name}`,
-      tip: live ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
+      tip: camera ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
       click: () => this.page.run(layerAction(name)),
     };
     return make(
@@ -116,8 +104,8 @@ export class LayerList {
         tip: why ?? "Show it over the others",
       }),
       make("button", choose, title),
-      this.bar(name, legend, visible, live),
-      visible && [
+      this.bar(name, legend, visible, camera),
+      visible &&
         slider([0, 1, 0.05], opacity, {
           label: `${title}: opacity`,
           key: `layer-opacity-${name}`,
@@ -125,23 +113,15 @@ export class LayerList {
           input: (event) => this.looking.setQuietly(name, { opacity: event.target.valueAsNumber }),
           change: (event) => set({ opacity: event.target.valueAsNumber }),
         }),
-        !chosen &&
-          choice(Object.entries(BLENDINGS), blending, {
-            label: `${title}: blending`,
-            key: `layer-blending-${name}`,
-            tip: "How it mixes with what lies below it",
-            change: ({ target }) => set({ blending: /** @type {LayerLook["blending"]} */ (target.value) }),
-          }),
-      ],
     );
   }
 
   /**
    * The colours with the values at both ends, as the layer is looked at.
-   * @param {string} name @param {Legend | undefined} legend @param {boolean} visible @param {boolean} live
+   * @param {string} name @param {Legend | undefined} legend @param {boolean} visible @param {boolean} camera
    */
-  bar(name, legend, visible, live) {
-    const looked = live ? legend : visible ? this.looking.legend(name, legend) : null;
+  bar(name, legend, visible, camera) {
+    const looked = camera ? legend : visible ? this.looking.legend(name, legend) : null;
     if (looked?.kind !== "ramp") return make("span.bar-place");
     const background = `linear-gradient(to right, ${looked.colors.join(", ")})`;
     const digits = looked.high - looked.low < 10 ? 1 : 0;

@@ -16,7 +16,7 @@ const ENDS = /** @type {("low" | "high")[]} */ (["low", "high"]);
 /** @type {Record<string, string>} */
 const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler" };
 /** @type {LayerLook} */
-const PLAIN = { map: "", low: 0, high: 1, shown: false, opacity: 1, blending: "source-over" };
+const PLAIN = { map: "", low: 0, high: 1, shown: false, opacity: 1 };
 
 /** Keeps how each layer is looked at. */
 export class Looking extends PagePart {
@@ -117,7 +117,7 @@ export class Looking extends PagePart {
     context.globalAlpha = pale * this.of(this.page.layer).opacity;
     if (canvas.layer.shown) canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image);
     context.globalAlpha = pale;
-    if (!this.page.isLive) this.list.paint(canvas);
+    if (!this.page.hasCamera) this.list.paint(canvas);
   }
 
   /** How a layer is looked at, as part of an address. */
@@ -156,25 +156,25 @@ export class Looking extends PagePart {
 
   /**
    * Show the panel for a layer with its legend (null: it has no numbers), and the legends of all.
-   * @param {string} layer @param {Legend | null | undefined} legend @param {boolean} live
+   * @param {string} layer @param {Legend | null | undefined} legend @param {boolean} camera
    */
-  show(layer, legend, live, /** @type {Record<string, Legend> | null | undefined} */ legends = null) {
+  show(layer, legend, camera, /** @type {Record<string, Legend> | null | undefined} */ legends = null) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
     const setting = this.of(layer);
     const ramp = legend?.kind === "ramp";
     const all = [...this.settings.entries()];
-    rebuild(panel, [layer, legend, all, Object.keys(this.maps), live, legends, this.page.layer], () => [
+    rebuild(panel, [layer, legend, all, Object.keys(this.maps), camera, legends, this.page.layer], () => [
       make("h2", "Layers"),
-      this.list.build(live && legend ? { [layer]: legend } : legends, live),
+      this.list.build(camera && legend ? { [layer]: legend } : legends, camera),
       make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
       button("Reset", () => this.reset(), {
         class: "last",
         key: "look-reset",
         tip: "As it is: not turned, not flipped, no grid, each layer's own colours",
       }),
-      !live && [
+      !camera && [
         ramp ? this.mapField(layer, setting) : null,
         ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : []),
       ],

@@ -35,7 +35,7 @@ export class GarmentDrawing {
   /** What is drawn: the dragged outline, or the one that was found; null: nothing. */
   get drawn() {
     const { panel } = this;
-    if (!panel.shown || !panel.found?.kind || this.page.isLive) return null;
+    if (!panel.shown || !panel.found?.kind || this.page.hasCamera) return null;
     return this.preview ?? panel.found;
   }
 
@@ -100,7 +100,7 @@ export class GarmentDrawing {
 
   /** The outlines of the parts whose links are doubted. */
   drawLinks(/** @type {Style} */ style) {
-    if (!this.panel.shown || this.page.isLive) return;
+    if (!this.panel.shown || this.page.hasCamera) return;
     const color = style.getPropertyValue("--warn");
     for (const { outline_uv_m } of this.panel.found?.links ?? [])
       for (const loop of outline_uv_m) strokeLoop(this.page.canvas, loop, color, 2, { dash: [6, 4] });

@@ -47,7 +47,7 @@ export class JointsPanel extends PagePart {
   }
 
   update(/** @type {State} */ state) {
-    this.section.hidden = !this.shown || !state.layers || state.mode === "live";
+    this.section.hidden = !this.shown || !state.layers || state.mode === "camera";
     if (this.section.hidden) return;
     const revision = this.page.thisSide.layers?.revision;
     if (this.fetched.want(revision ? `joints/${revision}.json` : null)) this.chosen = null;
@@ -200,7 +200,7 @@ export class JointsPanel extends PagePart {
 
   drawOver(/** @type {Context} */ context, /** @type {Style} */ style) {
     const { joints, chosen, shown } = this;
-    if (!shown || this.page.isLive || this.canvas.side === "other") return;
+    if (!shown || this.page.hasCamera || this.canvas.side === "other") return;
     for (const loop of chosen === null ? [] : joints[chosen].outline_uv_m)
       strokeLoop(this.canvas, loop, style.getPropertyValue("--accent"), 2, { rim: 1.5, dash: [6, 4] });
     const seams = joints.map((joint) => ({ at: this.seamOf(joint), doubted: joint.weak }));

@@ -13,12 +13,12 @@ export class Hover extends PagePart {
   );
 
   /** What lies under a pointer that rests may be something else now. */
-  update(/** @type {State} */ { layers, pending, live }) {
+  update(/** @type {State} */ { layers, pending, capture }) {
     const { side } = this.page.canvas;
     const about = JSON.stringify([side, layers?.revision, layers?.overlay?.revision, pending?.view_index]);
     if (about === this.about) return;
     this.about = about;
-    if (this.last && !live) this.question.ask(this.last);
+    if (this.last && !capture) this.question.ask(this.last);
   }
 
   /** The pointer is at a place of the plane, or has left it. */
@@ -38,7 +38,7 @@ export class Hover extends PagePart {
 
   show(/** @type {HoverAnswer} */ answer) {
     // Once it is decided the proposal is no longer asked about, though it may still be drawn.
-    const decided = !this.page.state?.pending && !this.page.isLive;
+    const decided = !this.page.state?.pending && !this.page.hasCamera;
     this.page.each("hovered", decided ? { ...answer, proposal: null } : answer);
   }
 }

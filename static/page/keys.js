@@ -4,7 +4,7 @@ import { byId, make, taken, targetOf } from "./dom.js";
 import { keyName } from "./format.js";
 import { isMove } from "../canvas/nudges.js";
 
-const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen", "live_back", "live_forward"];
+const REPEATED = ["zoom_in", "zoom_out", "turn_left_seen", "turn_right_seen"];
 
 /**
  * Returns the listener, for frames that want it as well.
@@ -43,7 +43,7 @@ export function startKeys(page) {
 }
 
 /**
- * The modes that are open come first; of the others, live mode and capture leave their keys to the browser.
+ * The modes that are open come first; of the others, capture leaves its keys to the browser.
  * @param {State} state @param {string[]} modes @param {string} key
  */
 function actionOf(state, modes, key) {

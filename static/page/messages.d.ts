@@ -103,11 +103,10 @@ export interface Preview {
   id: number;
 }
 
-/** Lay the pending view at the place of one of its hypotheses; ``index`` 0 is the best. */
-export interface Choose {
-  type: "choose";
+/** Lay the pending view back at the best place that the method has found. */
+export interface BackToBest {
+  type: "back_to_best";
   view_index: number;
-  index: number;
 }
 
 /** Place another connected part of the pending view, the largest being 0. */
@@ -262,14 +261,10 @@ export interface Look {
   high?: number;
 }
 
-/** Live mode: play or pause, turn round, change the rate, or show a frame by hand. */
+/** Show the newest frame of the camera, or hold the present one. */
 export interface Play {
   type: "play";
-  playing?: boolean | null;
-  forward?: boolean | null;
-  fps?: number | null;
-  frame?: number | null;
-  step?: number | null;
+  playing: boolean;
 }
 
 /** Guided capture: begin, keep, repeat, turned, aim (at ``angle_deg``) or finish. */
@@ -279,7 +274,7 @@ export interface Capture {
   angle_deg?: number | null;
 }
 
-/** Live mode: the tab has drawn what it was sent, and takes the next frame with this layer. */
+/** With a camera: the tab has drawn what it was sent, and takes the next frame with this layer. */
 export interface Ready {
   type: "ready";
   layer: string;
@@ -340,7 +335,7 @@ export type ClientMessage =
   | Do
   | Move
   | Preview
-  | Choose
+  | BackToBest
   | TakePart
   | LeaveOut
   | PlacePiece
@@ -373,7 +368,7 @@ export type ClientMessage =
 export interface PageState {
   type: "state";
   revision: number;
-  mode: "live" | "session";
+  mode: "camera" | "session";
   phase: string;
   method: string;
   recording: RecordingInfo;
@@ -407,7 +402,6 @@ export interface PageState {
   sides: SidesInfo | null;
   garment: GarmentInfo | null;
   other: OtherSideInfo | null;
-  live: LiveInfo | null;
   capture: CaptureStatus | null;
   active: ActiveStatus | null;
 }
@@ -641,24 +635,18 @@ export interface Progress {
 export interface PendingInfo {
   view_index: number;
   side: string | null;
-  proposed_score: number | null;
+  best_score: number | null;
   score: number | null;
   why: string;
   again: boolean;
   nudge: Motion;
-  parts: Record<string, number | null>;
-  reason: string;
-  rotation_deg: number | null;
   pieces: PendingPart[];
   also: PlacedPartInfo[];
   extends: string | null;
   brings: JoinedPieceInfo | null;
   foreseen: Foreseen | null;
   checks: Check[];
-  margin: number | null;
-  cameras: string;
   undetermined: string[];
-  hypotheses: HypothesisInfo[];
   ghosts: GhostInfo[];
 }
 
@@ -710,15 +698,6 @@ export interface Check {
   unit: string;
   passed: boolean | null;
   place_uv_m: [number, number] | null;
-}
-
-/** A place that the method found for the proposal. */
-export interface HypothesisInfo {
-  theta_deg: number;
-  u_mm: number;
-  v_mm: number;
-  source: string;
-  score: number | null;
 }
 
 /** Where a piece placed by hand would lie by the garment, or by seams, with its deviation there. */
@@ -830,18 +809,12 @@ export interface SeamInfo {
   decided: "cut" | "keep" | null;
 }
 
-/** How the recording is played in live mode. */
-export interface LiveInfo {
-  playing: boolean;
-  forward: boolean;
-  fps: number;
-}
-
 /** The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed. */
 export interface CaptureStatus {
   type: "capture";
   camera: string;
   camera_fps: number;
+  playing: boolean;
   ended: string | null;
   warnings: string[];
   folder: string;
@@ -1000,19 +973,12 @@ export interface Switched {
   type: "switched";
 }
 
-/** A frame of live mode; its picture follows in the same message, unless ``grid`` is None. */
+/** A frame of a camera; its picture follows in the same message, unless ``grid`` is None. */
 export interface FrameInfo {
   type: "frame";
   sequence: number;
-  view_index: number;
-  angle_deg: number;
   reason: string;
-  flatten_ms: number | null;
-  playing: boolean;
-  forward: boolean;
-  layer: string;
   grid: Grid | null;
-  area_cm2: number | null;
   legend: Legend | null;
   pick_uv_m: [number, number] | null;
 }

@@ -102,8 +102,8 @@ export class SceneMarks extends PagePart {
   }
 
   ask(/** @type {number} */ id, /** @type {Ray} */ ray) {
-    const { layers, live } = this.page.state ?? {};
-    return Boolean(layers) && !live?.playing && this.page.send({ type: "hover_ray", id, ...ray });
+    const { layers, capture } = this.page.state ?? {};
+    return Boolean(layers) && !capture?.playing && this.page.send({ type: "hover_ray", id, ...ray });
   }
 
   show(/** @type {XYZ | null} */ xyz, /** @type {UV | null} */ uv) {

@@ -17,8 +17,8 @@ export class StatusLines extends PagePart {
     setText(byId("recording"), `${name} · ${count(n_views, "view")} · method ${state.method}`);
     byId("recording").dataset.tip = description || name;
     document.title = `${name} · flatcloth`;
-    byId("live").hidden = state.mode !== "live";
-    byId("hint").hidden = state.mode === "live";
+    byId("live").hidden = state.mode !== "camera";
+    byId("hint").hidden = state.mode === "camera";
     setText(byId("hint"), hint(this.page.thisSide)); // of this side, also while the garment is turned over
     this.showProgress(state.progress);
     this.showNotes(state);
@@ -81,7 +81,7 @@ function hint(/** @type {State} */ state) {
   const auto = running ? `Auto (G stops it) goes on ${until}. ` : "";
   if (auto && state.phase !== "computing") return `${auto}${area}`;
   if (ended && state.phase === "ready") return `Auto has ended: ${ended} Step (S) goes on.${area}`;
-  if (state.mode === "live") return "";
+  if (state.mode === "camera") return "";
   switch (state.phase) {
     case "computing":
       if (!request || request.kind === "start") return "Choosing and flattening the start view.";

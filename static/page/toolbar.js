@@ -20,10 +20,10 @@ import { LAYERS, layerAction } from "../canvas/layer_list.js";
 import { PagePart } from "./page.js";
 import { actionSection, keySection, showKeys } from "./keys.js";
 
-const LIVE = ["live_back", "live_play", "live_forward", "|", "live_turn"];
-const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto", "restart"];
+const CAMERA = ["capture_pause"];
+const SESSION = ["step", "accept", "reject", "skip", "|", "undo", "redo", "|", "auto"];
 /** @type {Record<string, string>} */
-const MORE = { reject: "reject_menu", redo: "history", auto: "auto_until" };
+const MORE = { reject: "reject_menu", auto: "auto_until" };
 const PAGE = ["home", "teach", "export", "settings", "palette", "help"];
 /** @type {[number, number][]} */
 const STEPS = [
@@ -36,15 +36,15 @@ const STEPS_TIP =
   "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged.";
 const QUALITY = ["stretch", "incidence", "density", "place"];
 /** @type {Record<string, string>} */
-const SIGNS = { zoom_out: "−", zoom_in: "+", live_back: "◂", live_forward: "▸" };
+const SIGNS = { zoom_out: "−", zoom_in: "+" };
 
 export class Toolbar extends PagePart {
   update(/** @type {State} */ state) {
-    const live = state.mode === "live";
-    this.build("actions", live ? LIVE : SESSION);
-    byId("actions").setAttribute("aria-label", live ? "Playing" : "Session");
+    const camera = state.mode === "camera";
+    this.build("actions", camera ? CAMERA : SESSION);
+    byId("actions").setAttribute("aria-label", camera ? "Camera" : "Session");
     this.build("page-actions", PAGE);
-    this.buildLayers(live);
+    this.buildLayers(camera);
     this.buildOverlay();
     this.build("zoom-tools", ["zoom_out", "zoom_in", "fit"]);
     for (const action of state.actions)
@@ -53,15 +53,9 @@ export class Toolbar extends PagePart {
     for (const { pressed } of this.page.panels)
       for (const [name, on] of Object.entries(pressed ?? {})) setPressed(buttonOf(name), on);
     byId("canvas").classList.toggle("measuring", this.page.ruler.on);
-    if (state.live) this.updateLive(state.live);
+    if (state.capture) setTitle("capture_pause", state.capture.playing ? "Pause" : "Go on");
     else this.updateSession(state);
     for (const layer of LAYERS) setPressed(buttonOf(layerAction(layer)), this.page.layer === layer);
-  }
-
-  updateLive(/** @type {NonNullable<State["live"]>} */ live) {
-    setTitle("live_play", live.playing ? "Pause" : "Play");
-    buttonOf("live_play").classList.toggle("primary", !live.playing);
-    setTitle("live_turn", live.forward ? "Forward" : "Backward");
   }
 
   updateSession(/** @type {State} */ state) {
@@ -94,12 +88,12 @@ export class Toolbar extends PagePart {
     return button;
   }
 
-  buildLayers(/** @type {boolean} */ live) {
-    const quality = QUALITY.filter((layer) => !live || layer !== "place"); // a single view has no placement
+  buildLayers(/** @type {boolean} */ camera) {
+    const quality = QUALITY.filter((layer) => !camera || layer !== "place"); // a single view has no placement
     const others = LAYERS.filter((layer) => !QUALITY.includes(layer));
     this.build("layers", others.map(layerAction));
     this.build("quality-layers", quality.map(layerAction));
-    this.build("look-tools", live ? ["look"] : ["look", "turn_over"]);
+    this.build("look-tools", camera ? ["look"] : ["look", "turn_over"]);
   }
 
   buildOverlay() {
@@ -197,8 +191,7 @@ const GROUPS = {
   view: ["Views", ""],
   page: ["Page", ""],
   teaching: ["Teaching", ""],
-  live: ["Live mode", "live"],
-  capture: ["Capture (with --camera)", "live"],
+  capture: ["Capture (with --camera)", "camera"],
 };
 /** @type {HelpRow[]} */
 const POINTER = [
@@ -213,7 +206,7 @@ export function showHelp(/** @type {ActionRow[]} */ actions, /** @type {string} 
   const place = (/** @type {string} */ of) => (of === mode ? 0 : of === "" ? 1 : 2);
   const groups = Object.entries(GROUPS).sort(([, a], [, b]) => place(a[1]) - place(b[1]));
   const sections = groups.map(([group, [title, of]]) => {
-    const note = of === "" || of === mode || title.includes("(") ? "" : ` (with${of === "live" ? "" : "out"} --live)`;
+    const note = of === "session" && of !== mode ? " (of a recording)" : "";
     return actionSection(title + note, group, actions);
   });
   showKeys([...sections, keySection("Pointer", POINTER)]);

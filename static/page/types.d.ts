@@ -173,7 +173,7 @@ declare global {
   type Rect = { x: number; y: number; w: number; h: number };
 
   /** How a layer is looked at; low and high are shares of its range. */
-  type LayerLook = { map: string; low: number; high: number; shown: boolean; opacity: number; blending: GlobalCompositeOperation };
+  type LayerLook = { map: string; low: number; high: number; shown: boolean; opacity: number };
   /** A picture that is shown, where it lies. */
   type Shown = {
     revision: number;

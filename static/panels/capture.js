@@ -1,6 +1,9 @@
-// A camera's page: what it sees wrong, and the guided capture: turn, hold still, keep or repeat.
+// A camera's page: its frames as they come, what it sees wrong, and the guided capture: turn, hold still, keep or
+// repeat.
 
 import { PagePart } from "../page/page.js";
+import { boxOf } from "../canvas/geometry.js";
+import { opened } from "../offline/parcel.js";
 import { button, buttonOf, byId, field, make, numberBox, rebuild, setAllowed, setText } from "../page/dom.js";
 import { count, degrees, number } from "../page/format.js";
 
@@ -12,11 +15,16 @@ const BUTTONS = { turn: ["capture_turned"], review: ["capture_keep", "capture_re
 export class CapturePanel extends PagePart {
   name = "capture";
   /** @type {NonNullable<Panel["actions"]>} */
-  actions = Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.send(ACTIONS[name])]));
+  actions = {
+    ...Object.fromEntries(Object.keys(ACTIONS).map((name) => [name, () => this.send(ACTIONS[name])])),
+    capture_pause: () => this.page.send({ type: "play", playing: !this.page.state.capture?.playing }),
+  };
   /** @type {Panel["messages"]} */
   messages = { capture: (message) => this.page.state?.capture && this.take(message) };
   table = /** @type {ActionRow[]} */ ([]); // its actions as the server tells them
   status = /** @type {CaptureStatus | null} */ (null);
+  frame = /** @type {FrameInfo | null} */ (null); // what is shown
+  arrived = 0;
 
   /** Take a state of the page; without a camera there is nothing to show. */
   update(/** @type {State} */ state) {
@@ -25,8 +33,29 @@ export class CapturePanel extends PagePart {
     byId("capture").hidden = !there;
     if (!state.capture) return;
     this.table = state.actions.filter((action) => action.name in ACTIONS);
-    document.querySelector(".on-air")?.setAttribute("data-tip", "What the camera sees now.");
+    setText(byId("on-air"), state.capture.playing ? "Live" : "Held");
+    setText(byId("camera-name"), state.capture.camera);
     this.take(state.capture);
+  }
+
+  /**
+   * Decode and draw a frame; the server sends the next one only after `then`.
+   * @param {ArrayBuffer} buffer @param {(frame: FrameInfo, shown: Shown | null) => void} draw @param {() => void} then
+   */
+  async takeFrame(buffer, draw, then) {
+    const { values, pictures } = opened(new Uint8Array(buffer));
+    const frame = /** @type {FrameInfo} */ (values);
+    const arrival = ++this.arrived;
+    const image = pictures.frame ? await createImageBitmap(pictures.frame).catch(() => null) : null;
+    const { grid } = frame;
+    const shown = image && grid && { revision: frame.sequence, grid, box: boxOf(grid), image };
+    requestAnimationFrame(() => {
+      // Decoding may finish out of order: a change of layer overtakes the frame before it.
+      if (arrival !== this.arrived) return;
+      this.frame = frame;
+      draw(frame, shown);
+      then();
+    });
   }
 
   /** Take how the capture stands; this comes several times a second. */

@@ -5,17 +5,8 @@ import { drawDot } from "../canvas/marks.js";
 import { drawName } from "../garment/marks.js";
 import { button, buttonOf, byId, make, rebuild, valueRows, values } from "../page/dom.js";
 import { cm2, degrees, floatingOf, number, vector } from "../page/format.js";
-import { KeptSwitch } from "../page/theme.js";
 
-const partsOpen = new KeptSwitch("parts-open");
-
-function unitless(/** @type {string} */ name) {
-  /** @type {Record<string, string>} */
-  const units = { mm: "mm", cm2: "cm²", deg: "°", px: "px", m: "m", m2: "m²" };
-  const words = name.split("_");
-  const unit = units[words[words.length - 1]];
-  return [(unit ? words.slice(0, -1) : words).join(" "), unit ? ` ${unit}` : ""];
-}
+const SEEN = 0.05; // mm, or degrees: what is shown as 0.0 is no move
 
 export class ProposalPanel extends PagePart {
   armed = /** @type {string | null} */ (null); // where Accept was pressed though the score is low
@@ -107,12 +98,12 @@ function showProposal(state, send, show) {
           " It joins the shape once a view connects them.",
       ),
     scoreOf(pending.score, limit),
-    partsOfScore(pending),
-    values([
-      "moved",
-      `${vector([nudge.u_mm, nudge.v_mm])} mm  ${degrees(nudge.theta_deg)}`,
-      "What you have moved the proposal by: its centre by u, v on the plane, and clockwise",
-    ]),
+    (Math.hypot(nudge.u_mm, nudge.v_mm) >= SEEN || Math.abs(nudge.theta_deg) >= SEEN) &&
+      values([
+        "moved",
+        `${vector([nudge.u_mm, nudge.v_mm])} mm  ${degrees(nudge.theta_deg)}`,
+        "What you have moved the proposal by: its centre by u, v on the plane, and clockwise",
+      ]),
     foreseen(pending.foreseen),
     checkList(pending.checks, show),
     pending.undetermined.length > 0 && make("p.note", `Not determined: ${pending.undetermined.join(", ")}`),
@@ -129,29 +120,6 @@ function scoreOf(/** @type {number | null} */ score, /** @type {number} */ limit
     make("meter", { min: 0, max: 1, value: score ?? 0, label: "Score" }),
     make("strong", score === null ? "no score" : number(score, 2)),
     make("span", low ? "below Auto's limit" : "score"),
-  );
-}
-
-function partsOfScore(/** @type {Pending} */ { parts, cameras, reason }) {
-  return make(
-    "details#parts-of-score.parts",
-    { open: partsOpen.on, toggle: (event) => (partsOpen.on = event.target.open) },
-    make("summary", "Parts of the score"),
-    values(
-      ...Object.entries(parts).map(([name, value]) => {
-        const [words, unit] = unitless(name);
-        const text = value === null ? "–" : `${number(value, Math.abs(value) >= 100 ? 0 : 2)}${unit}`;
-        return /** @type {ValueRow} */ ([words, text, PARTS[name] ?? words]);
-      }),
-    ),
-    reason &&
-      make(
-        "p.note",
-        { tip: "What the planner expected of this view, before it was laid on the shape" },
-        `Planned for: ${reason}`,
-      ),
-    cameras &&
-      make("p.note", { tip: "What the registration of all views in space found" }, cameras.replaceAll("+-", "±")),
   );
 }
 
@@ -208,21 +176,6 @@ const CHECKS = {
   apart: "Median distance in space between proposal and shape where both have cloth",
   twice: "Share of the cloth seen in both that would lie 15 mm or more from its place in the shape",
   outline: "Share of the cloth seen in both that would lie outside the outline of the shape",
-};
-
-/** @type {Record<string, string>} what the parts of the score mean, by their names in both methods */
-const PARTS = {
-  place_agreement: "Agreement of the positions in space where both have cloth: 1 is the same place",
-  height_agreement: "Agreement of the height along the turning axis: 1 is the same height",
-  outline_agreement: CHECKS.outline.replace("outside", "within"),
-  other_cloth_share: "Share of the overlap where the two are different cloth: far apart in space, or facing away",
-  twice_share: CHECKS.twice,
-  place_median_mm: CHECKS.apart,
-  overlap_cm2: "Cloth of the proposal that lies on the shape",
-  overlap_share: "The same as a share of the proposal",
-  z_angle_agreement: "Agreement of the Z-angles after the rotation: 1 is the same; other cloth has another one",
-  intensity_agreement: "Agreement of the brightness, beyond that of pixels paired by chance: 1 is the same",
-  height_rms_mm: "Root of the mean squared difference of the heights along the turning axis",
 };
 
 // --- the further parts that accepting a proposal places too ------------------------------------------

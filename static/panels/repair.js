@@ -66,11 +66,7 @@ export class Repair {
   }
 
   backToBest() {
-    if (!this.pending) return;
-    const { hypotheses, view_index, nudge } = this.pending;
-    if (hypotheses.length) return this.page.send({ type: "choose", view_index, index: 0 });
-    const back = { theta_rad: (-nudge.theta_deg * Math.PI) / 180, u_m: -nudge.u_mm / 1000, v_m: -nudge.v_mm / 1000 };
-    this.page.send({ type: "move", view_index, ...back });
+    if (this.view !== null) this.page.send({ type: "back_to_best", view_index: this.view });
   }
 
   /** The connected parts of the view, if it has several: which one is placed. */
@@ -133,7 +129,7 @@ export class Repair {
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
     const here = fit(message.score, message.apart_mm);
     const refined = fit(message.refined_score, message.refined_apart_mm);
-    const best = this.pending.hypotheses[0]?.score ?? this.pending.proposed_score;
+    const best = this.pending.best_score;
     const [score, refinedScore] = [message.score ?? 0, message.refined_score ?? 0];
     const gains = refinedScore - score >= LEAST_GAIN;
     const far = best !== null && Math.max(score, refinedScore) < best - FAR_BELOW;

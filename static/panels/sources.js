@@ -101,7 +101,7 @@ export class SourcePanel extends PagePart {
   }
 
   update(/** @type {State} */ state) {
-    this.panel.hidden = Boolean(state.capture) || state.present_view === null || Boolean(state.live?.playing);
+    this.panel.hidden = state.present_view === null;
     if (this.panel.hidden) return;
     if (state.present_view !== this.present) this.pinned = this.page.lookedAt = null;
     this.present = state.present_view;

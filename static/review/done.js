@@ -19,7 +19,7 @@ export class DonePanel extends PagePart {
   }
 
   update(/** @type {State} */ { done, undone, mode }) {
-    this.section.hidden = !this.shown || mode === "live";
+    this.section.hidden = !this.shown || mode === "camera";
     if (this.section.hidden) return;
     rebuild(this.section, [done, undone], () => [
       heading(

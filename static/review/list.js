@@ -53,7 +53,7 @@ export class ReviewList extends PagePart {
   }
 
   update(/** @type {State} */ state) {
-    if (!state.review) this.section.hidden = true; // live mode and capture decide nothing
+    if (!state.review) this.section.hidden = true; // a camera decides nothing
     if (this.section.hidden) return;
     const key = [state.views, state.review?.token, this.filter, this.sort, this.falling];
     rebuild(this.section, key, () => this.build(state));

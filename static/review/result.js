@@ -8,6 +8,7 @@ import { cm2, count, endOf, floatingOf, mm, number, percent } from "../page/form
 import { doubtsOf, flagsOf } from "./timeline.js";
 
 const MOST = 4; // of each list
+const LEAST_CM2 = 1; // less is not worth a line
 
 export class ResultPanel extends PagePart {
   name = "result";
@@ -121,10 +122,11 @@ export class ResultPanel extends PagePart {
 
   leftOut(/** @type {Found} */ found) {
     const total = found.left_out.reduce((sum, left) => sum + left.area_cm2, 0);
-    const reasons = [...new Set(found.left_out.map((left) => left.reason))];
+    const large = found.left_out.filter((left) => left.area_cm2 >= LEAST_CM2);
+    const reasons = [...new Set(large.map((left) => left.reason))];
     return [
       make("h3", "Seen but left out", make("span", cm2(total))),
-      ...reasons.flatMap((reason) => this.leftFor(reason, found.left_out)),
+      ...reasons.flatMap((reason) => this.leftFor(reason, large)),
       reasons.length ? null : make("p.note", "None: the result has all the cloth that its views show."),
     ];
   }

@@ -17,9 +17,12 @@ export const STATES = {
 export const ACCEPTED = ["accepted", "fixed"];
 export const DECIDED = [...ACCEPTED, "rejected", "skipped", "later"];
 const DRAG_PX = 5;
+const TOOLS = ["play_views", "review", "result"];
+const PLAY_MS = 400; // a view; its image is there in less
 
 export class Timeline {
   name = "timeline";
+  actions = { play_views: () => this.play() };
 
   /** `choose(view)` is what a press on a view means. */
   constructor(/** @type {Page} */ page, /** @type {(view: ViewRow) => void} */ choose) {
@@ -30,6 +33,8 @@ export class Timeline {
     this.scrubbed = /** @type {number | null} */ (null); // view that the item was turned to
     this.from = /** @type {number | null} */ (null); // where the pointer went down
     this.dragged = this.listed = false;
+    this.timer = /** @type {number | null} */ (null); // while the views are played
+    this.present = /** @type {number | null} */ (null);
     this.row.addEventListener("pointerdown", (event) => (this.from = event.button === 0 ? event.clientX : null));
     this.row.addEventListener("pointermove", (event) => this.drag(event));
     this.row.addEventListener("click", (event) => this.dragged && taken(event), true);
@@ -38,23 +43,23 @@ export class Timeline {
   }
 
   update(/** @type {State} */ state) {
-    const live = state.mode === "live";
-    const small = live || Boolean(state.capture);
+    const small = Boolean(state.capture);
     const labels = [this.page.brush?.addressOf(0), this.page.brush?.certain];
     this.listed = !byId("review-list").hidden; // the list has the pictures then
     rebuild(this.row, [state.views, state.review?.token, labels, this.listed], () =>
       state.views.map((view) => this.cell(view, state)),
     );
-    rebuild(this.tools, [small], () => (small ? [] : ["review", "result"].map((name) => this.page.button(name))));
-    if (!live) markPresent(state.present_view); // in live mode each frame does
+    rebuild(this.tools, [small], () => (small ? [] : TOOLS.map((name) => this.page.button(name))));
+    markPresent(state.present_view);
+    if (state.present_view !== this.present) this.stop();
+    this.present = state.present_view;
   }
 
   cell(/** @type {ViewRow} */ view, /** @type {State} */ state) {
-    const live = state.mode === "live";
     const [sign] = STATES[view.state];
     const decided = DECIDED.includes(view.state);
-    const about = live ? `View ${view.index}, ${number(view.angle_deg, 0)}°` : aboutView(view, state);
-    const labelled = live || state.capture ? null : this.page.brush?.thumbsOf(view.index);
+    const about = aboutView(view, state);
+    const labelled = state.capture ? null : this.page.brush?.thumbsOf(view.index);
     const shown = (isFlattened(view) || labelled) && state.review && !this.listed;
     return make(
       "button",
@@ -67,7 +72,7 @@ export class Timeline {
         click: () => this.choose(view),
       },
       shown && make("span.pair", ...this.pictures(view, state, labelled)),
-      live ? make("span.sign", String(view.index)) : drawn("span.sign", view.flagged ? "⚑" : sign),
+      drawn("span.sign", view.flagged ? "⚑" : sign),
       shown && view.order && drawn("span.order", String(view.order)),
       shown && scoreBar(view.score, view.flagged),
       make(
@@ -91,7 +96,7 @@ export class Timeline {
   // --- turning the item --------------------------------------------------------------------------
 
   drag(/** @type {PointerEvent} */ event) {
-    if (this.from === null || !event.buttons || this.page.isLive || this.page.state?.capture) return;
+    if (this.from === null || !event.buttons || this.page.hasCamera) return;
     if (!this.dragged && Math.abs(event.clientX - this.from) < DRAG_PX) return;
     this.dragged = true;
     const cell = document.elementFromPoint(event.clientX, this.row.getBoundingClientRect().top + 12);
@@ -112,7 +117,7 @@ export class Timeline {
   key(/** @type {KeyboardEvent} */ event) {
     const { state } = this.page;
     const by = { ArrowLeft: -1, ArrowRight: 1, Home: -1e9, End: 1e9 }[event.key];
-    if (!by || state?.pending || state?.capture || this.page.isLive) return;
+    if (!by || state?.pending || this.page.hasCamera) return;
     const next = within(
       this.cells.findIndex((cell) => cell === document.activeElement) + by,
       0,
@@ -126,10 +131,44 @@ export class Timeline {
 
   turnTo(/** @type {number} */ index) {
     if (this.scrubbed === index) return;
+    this.mark(index);
+    this.page.send({ type: "turn_to", view_index: index });
+  }
+
+  mark(/** @type {number} */ index) {
     this.row.querySelector(".scrubbed")?.classList.remove("scrubbed");
     this.row.children[index]?.classList.add("scrubbed");
     this.scrubbed = index;
-    this.page.send({ type: "turn_to", view_index: index });
+  }
+
+  // --- playing the views -------------------------------------------------------------------------
+
+  get pressed() {
+    return { play_views: this.timer !== null };
+  }
+
+  /** Go once round all views, each with its image; again: stop. */
+  play() {
+    if (this.timer !== null) return this.stop();
+    const count = this.cells.length;
+    const first = this.page.lookedAt ?? this.present ?? 0;
+    let steps = 0;
+    this.page.playing = true;
+    this.timer = setInterval(() => {
+      const view = (first + ++steps) % count;
+      if (steps === count) this.stop();
+      this.page.each("goToView", view);
+      this.mark(view);
+      this.cells[view].scrollIntoView({ block: "nearest", inline: "nearest" });
+    }, PLAY_MS);
+    this.page.changed();
+  }
+
+  stop() {
+    if (this.timer === null) return;
+    clearInterval(this.timer);
+    this.timer = null;
+    this.page.playing = false;
   }
 }
 
@@ -185,7 +224,6 @@ function aboutView(/** @type {ViewRow} */ view, /** @type {State} */ state) {
 
 function whatAPressDoes(/** @type {ViewRow} */ view, /** @type {State} */ state) {
   if (state.capture) return "\nOn disk.";
-  if (state.mode === "live") return "\nClick: show this frame.";
   if (DECIDED.includes(view.state)) return "\nClick: look at the decision, reopen it. Drag: turn the item.";
   if (view.why_not === null) return "\nClick: propose this view. Drag: turn the item.";
   return view.state === "unused" ? `\nNot now: ${view.why_not}` : "";

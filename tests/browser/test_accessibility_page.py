@@ -30,7 +30,6 @@ def test_no_serious_finding_in_what_an_operator_sees(open_tab, scheme):
     tab.step()
     keys.press("p")
     keys.press("w")
-    tab.page.locator("#parts-of-score summary").click()
     found["proposal, wiped, with pairs"] = tab.findings()
     keys.press("p")
     keys.press("d")

@@ -1,4 +1,4 @@
-"""What placed a proposal: curves linked to the canvas, lines, strained edges, hypotheses."""
+"""What placed a proposal: curves linked to the canvas, lines, strained edges."""
 
 from __future__ import annotations
 

@@ -373,13 +373,3 @@ def test_the_operator_page_turns_the_grip_and_hands_out_the_offline_page(
         page.get_by_role("button", name="Show Pick 1").click()
         expect(page.locator("#pick")).to_contain_text("65 mm")
         expect(page.locator("#hint")).to_contain_text("Step 1 of 1")
-
-
-@pytest.mark.parametrize("program", ["recordings/shirt-corner-d435 --live"], indirect=True, ids=["live"])
-def test_what_cannot_be_taken_away_is_told(open_tab: Callable[..., Tab]) -> None:
-    tab = open_tab()
-    tab.until("flatcloth.frame !== null")
-    tab.page.keyboard.press("x")
-    tab.page.get_by_role("button", name="Report").click()
-    tab.page.locator(".toast.error", has_text="the session has no start view").wait_for()
-    tab.page.get_by_role("button", name="Close").click()

@@ -95,7 +95,7 @@ def open_lesson(open_tab):
     def open_one(width=1280, height=720, scheme="light", motion="reduce"):
         tab = open_tab(width, height, scheme)
         tab.page.emulate_media(reduced_motion=motion, color_scheme=scheme)
-        tab.until("flatcloth.phase === 'live' || flatcloth.phase === 'ready' && flatcloth.layerRevision > 0")
+        tab.until("flatcloth.phase === 'ready' && flatcloth.layerRevision > 0")
         return Lesson(tab)
 
     return open_one
@@ -253,22 +253,6 @@ def test_the_search_is_followed(open_lesson):
     assert after <= before if stands else after >= before
     assert float(lesson.fact("Shifted by").split()[0]) > 0  # what is tried is followed all the same
     assert int(lesson.fact("Places tried")) > 5000
-
-
-@pytest.mark.parametrize("program", ["recordings/shirt-sleeve-clean --live"], indirect=True, ids=["live"])
-def test_it_opens_in_live_mode_and_the_recording_stays_as_it_was(open_lesson):
-    lesson = open_lesson()
-    page = lesson.page
-    page.keyboard.press("Space")
-    lesson.tab.until("!flatcloth.state.live.playing")
-    lesson.open()
-    page.keyboard.press("Space")
-    page.keyboard.press(".")
-    page.keyboard.press("PageDown")
-    lesson.drawn(2)
-    page.keyboard.press("Escape")
-    lesson.until("!t.open")
-    assert not lesson.tab.state()["live"]["playing"]
 
 
 @pytest.mark.parametrize("program", ["--cell"], indirect=True, ids=["cell"])

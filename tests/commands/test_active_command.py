@@ -83,7 +83,7 @@ def test_the_start_screen_opens_the_bundled_cell_with_its_first_view_in_the_user
         opened.close()
 
 
-@pytest.mark.parametrize("other", [["--camera"], ["shirt-sleeve-clean"], ["--live"]])
+@pytest.mark.parametrize("other", [["--camera"], ["shirt-sleeve-clean"]])
 def test_a_cell_goes_with_no_other_source(capsys: pytest.CaptureFixture[str], other: list[str]) -> None:
     assert main(["view", *other, "--cell"]) == 2
     assert "it does not go with --" in capsys.readouterr().err

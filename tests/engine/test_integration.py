@@ -279,7 +279,7 @@ def test_a_part_that_is_taken_off_floats_beside_the_shape_and_undo_joins_it_agai
     assert cloth is not None
     placed = np.isfinite(cloth.uv_m[:, 0])
     part = placed & (cloth.uv_m[:, 1] > np.nanpercentile(cloth.uv_m[:, 1], 70))
-    decision = decided_part(cloth, DoubtedLink(part=part, probability=0.2, area_m2=0.01), taken_off=True)
+    decision = decided_part(cloth, part, 0.2, taken_off=True)
     off = apply(state, DecideLink(decision))
     shape = made.canonical(off.document)
     assert made.canonical(off.document) is shape
@@ -309,7 +309,9 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     middle = np.nanpercentile(cloth.uv_m[:, 1], 70)
     link = DoubtedLink(part=cloth.uv_m[:, 1] > middle, probability=0.84, area_m2=0.01, moved_m=0.5)
     assert link.std_m == pytest.approx(0.4 * 0.5)
-    doubted = apply(state, DecideLink(decided_part(cloth, link, taken_off=False, is_doubted=True)))
+    doubted = apply(
+        state, DecideLink(decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m))
+    )
     view = made.canonical(doubted.document).view
     assert view.placement_std_m is not None
     np.testing.assert_array_equal(view.valid, whole.valid)
@@ -318,7 +320,7 @@ def test_what_a_doubted_link_joins_is_unsure_until_somebody_keeps_it() -> None:
     before, std = whole.placement_std_m[view.valid], view.placement_std_m[view.valid]
     np.testing.assert_allclose(std[below], np.hypot(before[below], 0.2), rtol=1e-5)
     np.testing.assert_array_equal(std[above], before[above])
-    kept = apply(doubted, DecideLink(decided_part(cloth, link, taken_off=False)))
+    kept = apply(doubted, DecideLink(decided_part(cloth, link.part, link.probability, taken_off=False)))
     same = made.canonical(kept.document).view.placement_std_m
     assert same is not None
     np.testing.assert_array_equal(same[view.valid], before)

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from flatcloth.engine.results.joints import alternatives, joints_of
 from flatcloth.flattening.cloth import Cloth
-from flatcloth.garments.deciding import contradicted_part, decided_part
+from flatcloth.garments.deciding import decided_part
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.shape.joints import false_share
 
@@ -66,7 +66,7 @@ def test_a_part_has_the_probability_that_a_garment_or_a_seam_leaves_it_until_it_
     doubted = DoubtedLink(part=found.part, probability=0.1, area_m2=0.03)
     (joint,) = joints_of(cloth, [doubted])
     assert (joint.probability, joint.is_kept) == (0.1, False)
-    (joint,) = joints_of(cloth, [], [contradicted_part(cloth, found.part, 0.7, 0.1)])
+    (joint,) = joints_of(cloth, [], [decided_part(cloth, found.part, 0.7, taken_off=False, std_m=0.1)])
     assert (joint.probability, joint.is_kept) == (0.7, False)
-    (joint,) = joints_of(cloth, [doubted], [decided_part(cloth, found.link, taken_off=False)])
+    (joint,) = joints_of(cloth, [doubted], [decided_part(cloth, found.part, 1.0, taken_off=False)])
     assert (joint.probability, joint.is_kept) == (1.0, True)

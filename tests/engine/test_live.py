@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import cast
 
 import numpy as np
@@ -13,22 +14,26 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import RgbdFrame
 from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.playing.camera import CameraPlayer
-from flatcloth.engine.playing.recording import LivePlayer
+from flatcloth.engine.live import LiveFlattening
 from flatcloth.flattening.flatten import flatten
 from flatcloth.flattening.surface import observe_item
 
 TURN = tuple(float(a) for a in range(0, 60, 5))
 
 
+def flattening(frames: Iterable[RgbdFrame], config: Config | None = None) -> LiveFlattening:
+    """What flattens the frames of a camera that sees these one after the other."""
+    return LiveFlattening(Integration(Cylinder(), config), cast("CameraFeed", FramesOnly(frames)))
+
+
 def test_the_plane_stands_still_while_the_item_turns() -> None:
     cylinder = Cylinder(angles_deg=TURN)
-    player = LivePlayer(Integration(cylinder))
+    live = flattening(cylinder)
     drift = []
-    for view in range(len(TURN)):
-        shown = player.show(view)
-        flat = shown.view.uv_from_rc(np.argwhere(shown.view.valid))
-        true = cylinder.flat_uv_m(shown.view.xyz_m[shown.view.valid].astype(float))
+    for _ in TURN:
+        view = live.newest().view
+        flat = view.uv_from_rc(np.argwhere(view.valid))
+        true = cylinder.flat_uv_m(view.xyz_m[view.valid].astype(float))
         error = np.linalg.norm(trimmed_fit(flat, true) - true, axis=1)
         assert np.percentile(error, 95) < 1e-3
         drift.append(np.median(flat - true, axis=0))
@@ -36,19 +41,18 @@ def test_the_plane_stands_still_while_the_item_turns() -> None:
     assert np.linalg.norm(np.diff(drift, axis=0), axis=1).max() < 2e-3
 
 
-def test_a_view_without_cloth_is_an_error_and_the_next_one_starts_anew() -> None:
-    player = LivePlayer(Integration(Cylinder(angles_deg=(0.0, 180.0, 10.0), span_deg=(-60.0, 60.0))))
-    player.show(0)
-    with pytest.raises(FlatclothError, match="View 1"):
-        player.show(1)
-    assert player.show(2).view.valid.any()
+def test_a_frame_without_cloth_is_an_error_and_the_next_one_starts_anew() -> None:
+    seen, hidden, again = Cylinder(angles_deg=(0.0, 180.0, 10.0), span_deg=(-60.0, 60.0))
+    live = flattening((seen, hidden, again))
+    live.newest()
+    with pytest.raises(FlatclothError):
+        live.newest()
+    assert live.newest().view.valid.any()
 
 
 def test_only_the_finest_interval_is_used() -> None:
     config = Config(flattening=FlatteningConfig(sampling_intervals_px=(24, 12, 6)))
-    shown = LivePlayer(Integration(Cylinder(), config)).show(0)
-    assert shown.view.area_m2 > 0.05
-    assert shown.flatten_ms > 0
+    assert flattening(Cylinder(), config).newest().view.area_m2 > 0.05
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "delaunay"])
@@ -95,20 +99,24 @@ def test_both_interpolations_agree_inside_and_the_smooth_one_reaches_further() -
 
 def test_a_camera_shows_the_item_without_the_gripper() -> None:
     (view,) = plate((0.0,), gripper=True)
-    shown = CameraPlayer(Integration(Cylinder()), cast("CameraFeed", OneFrame(view.frame))).show(0)
+    shown = flattening([view.frame]).newest()
     row, col = np.rint(shown.view.source_rc[shown.view.valid]).astype(int).T
     assert view.front[row, col].all()
     assert len(np.unique(row)) > 0.9 * view.front.any(axis=1).sum()
     assert len(shown.cloud.xyz_m) > view.front.sum()  # the cloud shows what the camera sees
 
 
-class OneFrame:
-    """A camera that always sees the same."""
+class FramesOnly:
+    """A camera that sees these frames, one after the other."""
 
-    def __init__(self, frame: RgbdFrame) -> None:
-        self.frame, self.camera, self.time_s = frame, None, 0.0
+    camera = None
 
-    def newest(self, _than_s: float | None, _timeout_s: float) -> OneFrame:
+    def __init__(self, frames: Iterable[RgbdFrame]) -> None:
+        self._frames = iter(frames)
+        self.time_s = 0.0
+
+    def newest(self, _than_s: float | None, _timeout_s: float) -> FramesOnly:
+        self.frame = next(self._frames)
         return self
 
     def rgbd(self, _camera: object) -> RgbdFrame:

@@ -137,8 +137,7 @@ def test_a_decided_part_is_found_again_on_a_shape_that_was_turned_and_floats() -
     cloth = sheet(20, 30, weak_after=9)
     (core, other), *_ = basins(cloth)
     part = side_of(cloth, core, other)
-    links = DoubtedLink(part=part, probability=0.3, area_m2=0.01)
-    taken = decided_part(cloth, links, taken_off=True)
+    taken = decided_part(cloth, part, 0.3, taken_off=True)
     turned = dataclasses.replace(cloth, uv_m=Rigid2(1.0, 0.3, 0.2).apply(cloth.uv_m))
     again = found_again(turned, taken)
     assert again is not None

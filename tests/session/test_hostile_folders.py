@@ -248,7 +248,7 @@ def absurd_journal(place: Path) -> bytes:
     folder = played_in(place, SCRIPT[:5])
     lines, link = [], folder._replay.link
     for number, entry in enumerate((Nudge(1, Rigid2(0.0, 1e9, 0.0)), Nudge(1, Rigid2(0.0, 1e308, 0.0))), 6):
-        line, link = encode(number, entry, None, link)
+        line, link = encode(number, entry, link)
         lines.append(line)
     folder.close()
     with (place / "journal.jsonl").open("ab") as file:

@@ -136,15 +136,6 @@ def test_every_line_is_json_with_number_time_and_kind(played: SessionFolder, pla
     assert lines[7]["score"] is None
 
 
-def test_score_parts_are_kept_for_the_reader_and_do_not_disturb_replaying(place: Path) -> None:
-    folder = played_in(place, SCRIPT[:3])
-    folder.record(SCRIPT[3], {"intensity_correlation": 0.8, "height_rms_mm": math.inf})
-    folder.close()
-    last = json.loads((place / "journal.jsonl").read_text().splitlines()[-1])
-    assert last["score_parts"] == {"intensity_correlation": 0.8, "height_rms_mm": None}
-    assert resumed(place) == states()[4]
-
-
 def test_a_computation_in_flight_is_given_up_on_resuming_and_the_session_goes_on(place: Path) -> None:
     folder = played_in(place, SCRIPT[:7])
     assert folder.state.phase is Phase.COMPUTING

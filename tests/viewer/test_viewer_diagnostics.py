@@ -1,4 +1,4 @@
-"""What the page is told of why a proposal lies where it does, and the pictures of its hypotheses."""
+"""What the page is told of why a proposal lies where it does."""
 
 from __future__ import annotations
 

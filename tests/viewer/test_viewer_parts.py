@@ -45,7 +45,7 @@ def luma(rgb):
     return rgb.astype(float) @ [0.2126, 0.7152, 0.0722]
 
 
-@pytest.mark.parametrize("mode", ["session", "live", "capture", "teaching"])
+@pytest.mark.parametrize("mode", ["session", "capture", "teaching"])
 def test_every_key_means_one_action_in_a_mode_and_none_is_the_browsers(mode):
     keys = [key for action in ACTIONS if action.mode in ("", mode) for key in action.keys]
     assert len(keys) == len(set(keys))
@@ -66,13 +66,13 @@ def test_the_table_says_why_not():
 
 def test_each_mode_says_that_the_others_actions_are_not_its_own():
     session = {a.name: a for a in action_table(SessionState(n_views=3))}
-    live = {a.name: a for a in action_table(None)}
-    assert "--live" in session["live_play"].why_not
-    assert live["live_play"].why_not is None
+    camera = {a.name: a for a in action_table(None)}
+    assert "--camera" in session["capture_pause"].why_not
+    assert camera["capture_pause"].why_not is None
     for name in ("step", "accept", "auto", "left", "blink"):
-        assert "live mode" in live[name].why_not
-        assert live[name].mode == "session"
-    assert live["layer_stretch"].why_not is None
+        assert "open a recording to decide" in camera[name].why_not
+        assert camera[name].mode == "session"
+    assert camera["layer_stretch"].why_not is None
 
 
 def test_a_step_of_a_session_without_start_view_is_its_start():

@@ -44,7 +44,6 @@ def test_step_accept_undo_redo(server, folder):
     with Tab(server) as tab:
         state = tab.proposed()
         assert state["views"][1]["state"] == "pending"
-        assert state["pending"]["parts"]["overlap_cm2"] == 42.0
         assert not state["drawing"]
         tab.say(type="do", action="accept", view_index=1)
         seen: list[dict[str, Any]] = []
@@ -81,9 +80,7 @@ def test_a_nudge_is_one_undo_item_and_the_score_follows(server):
     with Tab(server) as tab:
         tab.proposed()
         tab.say(type="move", view_index=1, u_m=0.004)
-        state = tab.state_where(lambda s: s["pending"]["parts"].get("height_rms_mm"))
-        assert state["pending"]["parts"]["height_rms_mm"] == pytest.approx(4.0)
-        assert state["pending"]["score"] == pytest.approx(0.76)
+        state = tab.state_where(lambda s: s["pending"]["score"] == pytest.approx(0.76))
         assert state["pending"]["nudge"]["u_mm"] == pytest.approx(4.0)
         tab.say(type="do", action="undo")
         state = tab.state_where(lambda s: s["pending"]["nudge"]["u_mm"] == 0)
@@ -233,8 +230,8 @@ def test_a_measure_is_answered_with_its_three_lengths(server):
         ('{"type": "rename_pick", "id": 1, "name": "\\ud800"}', "not JSON"),
         ('{"type": "set", "advance": ' + "[" * 50_000, "not JSON"),
         ("x" * 200_000, "too long"),
-        ('{"type": "play", "playing": true}', "not in live mode"),
-        ('{"type": "play", "fps": 0}', "fps is 0; expected a number > 0"),
+        ('{"type": "play", "playing": true}', "no camera"),
+        ('{"type": "brush", "radius_m": 0}', "radius_m is 0; expected a number > 0"),
         ('{"type": "ready", "layer": "x"}', "Unknown layer"),
     ],
 )

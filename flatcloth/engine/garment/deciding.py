@@ -8,7 +8,7 @@ import numpy as np
 
 from flatcloth.core.types import Float64
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
-from flatcloth.garments.deciding import contradicted_part, decided_part, is_decided, placed_piece
+from flatcloth.garments.deciding import decided_part, is_decided, placed_piece
 from flatcloth.garments.links import DoubtedLink, is_wrong
 from flatcloth.garments.placing import Placed
 from flatcloth.garments.recognition import NONE, is_sure
@@ -48,7 +48,12 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
         known = service.known(session.state.document)
     if isinstance(known, str):
         return known
-    _record_doubts(session, known)
+    before = session.state.document.garment.parts
+    for link in known.links:
+        cloth = known.cloth
+        if cloth is not None and link.std_m and not is_decided(cloth, link.part, before):
+            decision = decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m)
+            session.record(DecideLink(decision))
     return _with_sure_pieces(known, service, session)
 
 
@@ -96,7 +101,9 @@ def _decide_joints(service: GarmentService, session: Keeper) -> None:
             if not (joint.is_false or std_m) or not part.any():
                 continue
             if not is_decided(cloth, part, document.garment.parts):
-                session.record(DecideLink(contradicted_part(cloth, part, 1.0 - joint.false, std_m)))
+                right = 1.0 - joint.false
+                decision = decided_part(cloth, part, right, taken_off=joint.is_false, std_m=std_m)
+                session.record(DecideLink(decision))
         if not any(joint.is_false for joint in joints):
             break
 
@@ -117,19 +124,10 @@ def _with_sure_pieces(known: KnownGarment, service: GarmentService, session: Kee
     return service.known(session.state.document)
 
 
-def _record_doubts(session: Keeper, known: KnownGarment) -> None:
-    """Record which links are doubted, once."""
-    before = session.state.document.garment.parts
-    for link in known.links:
-        cloth = known.cloth
-        if cloth is not None and link.std_m and not is_decided(cloth, link.part, before):
-            session.record(DecideLink(decided_part(cloth, link, taken_off=False, is_doubted=True)))
-
-
 def link_decision(known: KnownGarment, link: DoubtedLink, *, taken_off: bool) -> DecideLink:
     """Return the decision about a link that no garment allows."""
     assert known.cloth is not None, "links are doubted on known cloth"
-    return DecideLink(decided_part(known.cloth, link, taken_off=taken_off))
+    return DecideLink(decided_part(known.cloth, link.part, link.probability, taken_off=taken_off))
 
 
 def piece_decision(canonical: Canonical, piece: Placed, *, accepted: bool) -> PlacedPiece:

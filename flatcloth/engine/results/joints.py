@@ -57,11 +57,6 @@ class Joint:
         """Whether the joint is false so probably that cloth that hangs on it is not called reliable."""
         return self.probability < 1.0
 
-    @property
-    def link(self) -> DoubtedLink:
-        """The joint as a link to decide about."""
-        return DoubtedLink(part=self.part, probability=self.probability, area_m2=0.0, evidence=self.evidence)
-
 
 def joints_of(
     cloth: Cloth, doubted: Sequence[DoubtedLink] = (), decisions: Sequence[DoubtedPart] = ()

@@ -1,8 +1,8 @@
 """The page of a camera: its live cloud and flattened view, and the guided capture.
 
-Three threads are involved. The camera's thread processes every frame; work that takes longer than a frame
-runs on a second thread. The page's thread and the web server's give commands. One lock protects the state of
-the capture.
+The camera's thread processes every frame; work that takes longer than a frame runs on a second thread, the
+flattening on a third (:mod:`flatcloth.viewer.modes.live`). The page's thread and the web server's give
+commands. One lock protects the state of the capture.
 """
 
 from __future__ import annotations
@@ -11,11 +11,13 @@ import logging
 import math
 import threading
 import time
+from collections import deque
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from msgspec import structs
 
@@ -27,20 +29,28 @@ from flatcloth.cameras.feed import CameraFeed
 from flatcloth.cameras.guided_capture import GuidedCapture, TakenView, writer_for
 from flatcloth.checking.check import check_recording
 from flatcloth.core.errors import FlatclothError, IllegalDecisionError
+from flatcloth.core.parcel import Parcel
+from flatcloth.core.types import Floats
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.playing.camera import CameraPlayer, cloud_of
+from flatcloth.engine.live import LiveFlattening, cloud_of
+from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 from flatcloth.recordings import open_recording
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS, apply_table
+from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.hub import Hub
-from flatcloth.viewer.modes.live import LiveApplication
-from flatcloth.viewer.modes.player import RateMeter, Shown
+from flatcloth.viewer.modes.controller import PageController
+from flatcloth.viewer.modes.live import LiveLoop, Shown
 from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.actions import Action
+from flatcloth.viewer.protocol.actions import ONLY_A_CAMERA, Action
+from flatcloth.viewer.protocol.allowed import action_table
 from flatcloth.viewer.protocol.answers import FrameInfo
+from flatcloth.viewer.protocol.picture import Picture
+from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
 from flatcloth.viewer.protocol.state import CapturedView, CaptureStatus, PageState, ViewRow
 from flatcloth.viewer.scene.scene import Scene
+from flatcloth.viewer.worker import Worker
 
 _log = logging.getLogger(__name__)
 
@@ -48,15 +58,15 @@ STATUS_INTERVAL_S = 0.1
 """Intervals of the status, and of the checks of the image. Chosen."""
 LOOK_INTERVAL_S = 0.5
 """See ``STATUS_INTERVAL_S``."""
+STATE_INTERVAL_S = 0.25
+"""Interval of updates of picks and numbers while playing; when paused they are immediate. Chosen."""
+RATE_WINDOW_S = 1.0
+"""Time over which the camera's rate is measured. Chosen."""
 REFRAME_M = 0.15
 """If the item moves this far from the centre of the 3D view, the view is framed again."""
 
-_NO_FRAMES = "A camera has no frames to go to."
 _NO_RECORDING = "A camera shows one frame only; open the captured recording with view."
 _NOT_WITH_A_CAMERA = {
-    "live_back": _NO_FRAMES,
-    "live_forward": _NO_FRAMES,
-    "live_turn": _NO_FRAMES,
     "teach": _NO_RECORDING,
     "export": _NO_RECORDING,
     "source_image": _NO_RECORDING,
@@ -81,13 +91,13 @@ class CaptureSettings:
     resume: bool = False
 
 
-class CaptureApplication(LiveApplication):
+class CaptureApplication(PageController):
     """The page of a camera; see :class:`flatcloth.viewer.modes.controller.PageController`.
 
     Parameters
     ----------
     integration, folder, scene_view, sink
-        The integration is that of a :func:`flatcloth.engine.playing.camera.camera_recording`.
+        The integration is that of a :func:`flatcloth.engine.live.camera_recording`.
     feed : CameraFeed
         The camera; it is started and stopped with the page.
     settings : CaptureSettings
@@ -103,9 +113,16 @@ class CaptureApplication(LiveApplication):
         feed: CameraFeed,
         settings: CaptureSettings,
     ) -> None:
-        player = CameraPlayer(integration, feed)
-        super().__init__(integration, folder, scene_view, sink, player, feed.camera.fps)
+        super().__init__(integration, folder, scene_view, sink)
         self._feed, self._settings = feed, settings
+        self._state_at_s = 0.0
+        self._shown: Shown | None = None
+        self._background = Worker("flatcloth-background")
+        self._loop = LiveLoop(
+            LiveFlattening(integration, feed).newest,
+            deliver=self._deliver,
+            report=lambda text: self._put(None, lambda: self._tell(None, "error", text)),
+        )
         self._lock = threading.Lock()
         self._guided: GuidedCapture | None = None
         self._view_number = 0
@@ -115,7 +132,7 @@ class CaptureApplication(LiveApplication):
         self._warnings: tuple[str, ...] = ()
         self._doubts: tuple[str, ...] = ()
         self._checked_views = 0
-        self._meter = RateMeter()
+        self._came_s: deque[float] = deque()  # the frames of the last second
         self._camera_fps = 0.0
         self._reported_s = self._looked_s = 0.0
         self._framed_at: np.ndarray[Any, Any] | None = None
@@ -125,21 +142,32 @@ class CaptureApplication(LiveApplication):
     def start(self) -> None:
         """Start the camera."""
         self._feed.start()
-        super().start()
+        self._put(None, self._begin)
+        self._loop.start()
+
+    def _begin(self) -> None:
+        self._scene_view.follow(self._page_settings.now.follow)
+        self._publish()
 
     def stop(self) -> None:
         """Stop the camera and all threads; kept views are on disk."""
         self._feed.stop(timeout_s=5.0)
-        super().stop()
+        self._loop.stop(timeout_s=5.0)
+        self._front.stop(timeout_s=5.0)
+        self._background.stop(timeout_s=2.0)
         with self._lock:
             if self._guided is not None:
                 self._guided.close()
+
+    def leave(self, client: int) -> None:
+        """Handle the closing of a tab."""
+        self._loop.leave(client)
 
     # --- the camera's thread -------------------------------------------------------------------
 
     def _on_frame(self, frame: CameraFrame) -> None:
         now_s = time.monotonic()
-        self._camera_fps = self._meter.count(now_s)
+        self._camera_fps = self._rate(now_s)
         changed = False
         with self._lock:
             if self._guided is not None:
@@ -155,13 +183,22 @@ class CaptureApplication(LiveApplication):
         if changed or now_s - self._reported_s >= STATUS_INTERVAL_S:
             self._reported_s = now_s
             self._sink.tell(None, self.status())
-        if not self._busy.is_set() and self._loop.head.playing:
+        if not self._busy.is_set() and self._loop.playing:
             self._busy.set()
             self._background.put(lambda: self._look(frame, now_s))
 
+    def _rate(self, now_s: float) -> float:
+        """Count a frame, and return the frames per second of the last second."""
+        came_s = self._came_s
+        came_s.append(now_s)
+        while now_s - came_s[0] > RATE_WINDOW_S:
+            came_s.popleft()
+        span_s = now_s - came_s[0]
+        return (len(came_s) - 1) / span_s if span_s > 0 else 0.0
+
     def _on_end(self, text: str) -> None:
         self._ended = text
-        self._loop.hold(None)
+        self._loop.hold()
         self._put(None, lambda: self._tell(None, "error", text))
 
     # --- the second thread -----------------------------------------------------------------------------
@@ -201,11 +238,42 @@ class CaptureApplication(LiveApplication):
         self._doubts = tuple(finding.line for finding in found if finding.stops)
         self._sink.tell(None, self.status())
 
-    def _put_on_stage(self, shown: Shown) -> None:
-        pass  # the cloud is shown at the camera's rate, not at that of the flattening
+    # --- the loop's thread ---------------------------------------------------------------------
 
-    def _prepare(self, frame: int) -> object:
-        return None  # a camera's next frame cannot be read ahead
+    def _deliver(self, shown: Shown, tabs: dict[int, str]) -> None:
+        self._shown, self.picture = shown, shown.picture
+        frames = {layer: self._frame(shown, layer) for layer in set(tabs.values())}
+        for client, layer in tabs.items():
+            self._sink.send_frame(client, frames[layer])
+        now_s = time.monotonic()
+        if not self._loop.playing or now_s - self._state_at_s > STATE_INTERVAL_S:
+            self._state_at_s = now_s
+            self._put(None, self._publish)
+
+    def _frame(self, shown: Shown, layer: str) -> bytes:
+        picture, axis = shown.picture, self._integration.axis
+        info = FrameInfo(sequence=shown.sequence, reason=shown.reason)
+        if picture is None:
+            return _parcel(info).pack()
+        info = structs.replace(
+            info,
+            grid=Grid(**grid_of(picture.view)),
+            legend=typed(layers.legend(picture.view, layer, axis, (0.0,)), Legend),
+            pick_uv_m=self._pick_uv_m(picture),
+        )
+        parcel, rgba = _parcel(info), layers.rgba(picture.view, layer, axis, 1)
+        parcel.picture("frame", layers.png(rgba), rgba.shape[:2])
+        return parcel.pack()
+
+    def _pick_uv_m(self, picture: Picture) -> UV | None:
+        current = self._picks.current
+        if current is None or not picture.view.valid.any():
+            return None
+        rc, distance_m = pixel_of_point(picture.view, current.pick.position_held_m)
+        if distance_m > LOST_AT_M:
+            return None
+        u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
+        return u_m, v_m
 
     # --- commands ------------------------------------------------------------------------------
 
@@ -214,10 +282,37 @@ class CaptureApplication(LiveApplication):
             case messages.Capture(action=action, angle_deg=angle_deg):
                 self.act(action, angle_deg)
                 self._publish()
-            case messages.Play() if message.frame is not None or message.step is not None:
-                raise IllegalDecisionError(_NO_FRAMES)
+            case messages.Ready(layer=layer):
+                self._loop.ready(client, layer)
+            case messages.Play(playing=playing):
+                if playing:
+                    self._loop.play()
+                else:
+                    # A frame flattened ahead must not appear after the pause.
+                    self._loop.hold(None if self._shown is None else self._shown.sequence)
+                self._publish()
+            case messages.PickAt(u_m=u, v_m=v, revision=revision):
+                self._picks.add(self._held(revision), u, v)
+                self._publish()
             case _:
-                super()._take(client, message)
+                raise IllegalDecisionError(ONLY_A_CAMERA)
+
+    def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
+        shown = self._shown
+        points_m = self._scene_view.visible_points()
+        if shown is not None and self._picks.add_on_ray(shown.picture, points_m, origin_m, direction):
+            self._held(shown.sequence)
+            self._publish()
+
+    def _held(self, sequence: int | None) -> Picture:
+        """Pause at the clicked frame, and return it."""
+        if sequence is None and self._shown is not None:
+            sequence = self._shown.sequence
+        shown = self._loop.hold(sequence)
+        if shown is None or shown.picture is None:
+            raise FlatclothError("This frame shows no cloth to pick; wait for the next one.")
+        self._shown, self.picture = shown, shown.picture
+        return shown.picture
 
     def act(self, action: str, angle_deg: float | None = None, keeps_itself: bool = False) -> None:
         """Execute an action of the operator or of a program; may be called from any thread.
@@ -309,6 +404,7 @@ class CaptureApplication(LiveApplication):
             return CaptureStatus(
                 camera=self._feed.camera.name,
                 camera_fps=round(self._camera_fps, 1),
+                playing=self._loop.playing,
                 ended=self._ended,
                 warnings=(*self._warnings, *self._doubts),
                 folder=str(self._settings.folder),
@@ -328,22 +424,22 @@ class CaptureApplication(LiveApplication):
             )
 
     def _page_state(self) -> PageState:
-        state, status = super()._page_state(), self.status()
+        status = self.status()
         kept = tuple(
             ViewRow(index=i, angle_deg=angle, state="accepted", why_not="It is on disk.")
             for i, angle in enumerate(status.kept_deg)
         )
-        return structs.replace(
-            state,
+        state = self._state_of(
+            None if self._shown is None else self._shown.picture,
+            mode="camera",
+            phase="camera",
             capture=status,
             views=kept,
             present_view=None,
-            recording=structs.replace(state.recording, n_views=len(kept)),
-            actions=tuple(_allowed(action, status) for action in state.actions),
+            angle_deg=None,
+            actions=tuple(_allowed(action, status) for action in action_table(None)),
         )
-
-    def _frame_info(self, shown: Shown, layer: str) -> FrameInfo:
-        return structs.replace(super()._frame_info(shown, layer), view_index=-1)
+        return structs.replace(state, recording=structs.replace(state.recording, n_views=len(kept)))
 
     def announce(self) -> None:
         """Send the state to every tab after a program (not the page) has changed it."""
@@ -352,6 +448,11 @@ class CaptureApplication(LiveApplication):
 
 def _place(state: Capture) -> tuple[Phase, int, float]:
     return state.phase, len(state.kept_deg), state.target_deg
+
+
+def _parcel(info: FrameInfo) -> Parcel:
+    """Return what is sent with a frame; encoding makes NaN null."""
+    return Parcel(msgspec.json.decode(encoded(info)))
 
 
 _ALLOWED = {
@@ -364,7 +465,7 @@ _ALLOWED = {
 
 def _allowed(action: Action, status: CaptureStatus) -> Action:
     """Return an action with the reason why a camera's page does not allow it now."""
-    if action.mode == "capture":
+    if action.name in status.why_not:
         return structs.replace(action, why_not=status.why_not[action.name])
     return structs.replace(action, why_not=_NOT_WITH_A_CAMERA.get(action.name, action.why_not))
 

@@ -127,7 +127,7 @@ class PageController(ABC):
     def stop(self) -> None:
         """Stop all threads."""
 
-    def leave(self, client: int) -> None:  # noqa: B027 - only live mode has something to do
+    def leave(self, client: int) -> None:  # noqa: B027 - only a camera has something to do
         """Handle the closing of a tab."""
 
     def receive(self, client: int, text: str) -> None:

@@ -1,233 +1,180 @@
-"""Live mode of the page: a recording is played, inspected and picked on, without decisions."""
+"""The thread that flattens the newest frame of a camera and delivers it to the tabs.
+
+A frame is flattened only after a tab has taken the previous one, and a tab receives a frame only after it has
+drawn its last one: slow tabs miss frames, and nothing is queued.
+"""
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
-import msgspec
-import numpy as np
-from msgspec import structs
-
-from flatcloth.core.errors import FlatclothError, IllegalDecisionError
-from flatcloth.core.parcel import Parcel
-from flatcloth.core.types import Floats
-from flatcloth.engine.integration import Integration
-from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
-from flatcloth.rendering import layers
-from flatcloth.rendering.pictures import grid_of
-from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.hub import Hub
-from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.modes.player import LiveLoop, Player, Playhead, Shown
-from flatcloth.viewer.protocol import messages
-from flatcloth.viewer.protocol.actions import IN_LIVE_MODE
-from flatcloth.viewer.protocol.answers import FrameInfo
+from flatcloth.core.errors import FlatclothError
+from flatcloth.engine.live import LiveFrame
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.protocol.sent import UV, Grid, Legend, encoded, typed
-from flatcloth.viewer.protocol.snapshot import of_live
-from flatcloth.viewer.protocol.state import LiveInfo, PageState
-from flatcloth.viewer.scene.scene import Scene
-from flatcloth.viewer.worker import Worker, attempt
 
-DEFAULT_FPS = 30.0
-"""Rate of a film without a recorded rate: that of a D435."""
-STATE_INTERVAL_S = 0.25
-"""Interval of updates of picks and numbers while playing; when paused they are immediate."""
+_log = logging.getLogger(__name__)
+
+FRAMES_KEPT = 8
+"""Number of past frames that a click may refer to."""
 
 
-class LiveApplication(PageController):
-    """Plays a recording; :class:`flatcloth.viewer.modes.player.LiveLoop` is its thread.
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """A shown frame. ``picture`` is None if it could not be flattened; ``reason`` gives the cause.
+
+    ``sequence`` changes with every new display, also when an older frame is shown again.
+    """
+
+    sequence: int
+    picture: Picture | None
+    reason: str = ""
+
+
+class LiveLoop:
+    """Shows a camera; all public methods may be called from any thread.
 
     Parameters
     ----------
-    integration, folder, scene_view, sink
-        See :class:`flatcloth.viewer.modes.controller.PageController`.
-    player : Player
-        Flattens the frames.
-    fps : float
-        Initial frames per second.
+    newest : callable
+        Flattens the newest frame; called on the loop's thread.
+    deliver : callable
+        ``deliver(shown, tabs)`` sends a frame to the tabs (number to layer) that are ready for it.
+    report : callable
+        Called with the text of an unexpected error; the loop then pauses.
     """
 
     def __init__(
         self,
-        integration: Integration,
-        folder: SessionFolder,
-        scene_view: Scene,
-        sink: Hub,
-        player: Player,
-        fps: float = DEFAULT_FPS,
+        newest: Callable[[], LiveFrame],
+        *,
+        deliver: Callable[[Shown, dict[int, str]], None],
+        report: Callable[[str], None],
     ) -> None:
-        super().__init__(integration, folder, scene_view, sink)
-        self._state_at_s = 0.0
-        self._shown: Shown | None = None
-        self._staged: Shown | None = None
-        self._background = Worker("flatcloth-background")
-        self._loop = LiveLoop(
-            player,
-            integration.recording.angles_deg,
-            fps,
-            prepare=self._prepare,
-            deliver=self._deliver,
-            report=lambda text: self._put(None, lambda: self._tell(None, "error", text)),
-        )
+        self._newest, self._deliver, self._report = newest, deliver, report
+        self._changed = threading.Condition()
+        self.playing = True
+        self._waiting: dict[int, str] = {}
+        self._taken: dict[int, tuple[int, str]] = {}
+        self._kept: deque[Shown] = deque(maxlen=FRAMES_KEPT)
+        self._sequence = 0
+        self._holds = 0
+        self._stopped = False
+        self._thread = threading.Thread(target=self._run, name="flatcloth-live", daemon=True)
+
+    @property
+    def shown(self) -> Shown | None:
+        """The frame that was flattened last."""
+        return self._kept[-1] if self._kept else None
 
     def start(self) -> None:
-        """Start playing; without masks, the side of interest is found meanwhile."""
-        self._put(None, self._begin)
-        self._loop.start()
-        if self._integration.views.sides is not None:
-            self._background.put(self._find_sides)
+        """Begin to play."""
+        self._thread.start()
 
-    def _find_sides(self) -> None:
-        """Find the side of interest in all views, with the session's strokes."""
-        look = "Looking for the side of interest in all views; until then, the whole item is shown."
-        self._put(None, lambda: self._tell(None, "info", look))
-        strokes = self._folder.state.document.strokes
-        masks = attempt(lambda: self._integration.views.segment(strokes), "finding the side of interest")
-        if isinstance(masks, str):
-            text = f"{masks} All of the item is shown."
-            self._put(None, lambda: self._tell(None, "warning", text))
-            return
-        assert masks is not None
-        found = masks.segmentation.text
-        self._put(None, lambda: self._tell(None, "info", found))
-        self._loop.again()
+    def stop(self, timeout_s: float) -> None:
+        """Stop after the frame that is being flattened."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join(timeout_s)
 
-    def _prepare(self, frame: int) -> object:
-        """Read a frame ahead, on a second thread."""
-        return self._integration.views.cloud(frame)
+    def play(self) -> None:
+        """Go on with the newest frame."""
+        with self._changed:
+            self.playing = True
+            self._changed.notify()
 
-    def stop(self) -> None:
-        """Stop playing, and both threads."""
-        self._loop.stop(timeout_s=5.0)
-        self._front.stop(timeout_s=5.0)
-        self._background.stop(timeout_s=2.0)
+    def hold(self, sequence: int | None = None) -> Shown | None:
+        """Pause at a recently shown frame, or at the last one, and return it."""
+        with self._changed:
+            self.playing = False
+            self._holds += 1
+            kept = [s for s in self._kept if s.sequence == sequence] or list(self._kept)[-1:]
+            if not kept:
+                return None
+            shown = kept[0]
+            if shown is not self._kept[-1]:
+                self._sequence += 1
+                shown = replace(shown, sequence=self._sequence)
+                self._kept.append(shown)
+            self._changed.notify()
+            return shown
+
+    def ready(self, client: int, layer: str) -> None:
+        """Note that a tab has drawn its last frame, and the layer it wants next."""
+        with self._changed:
+            self._waiting[client] = layer
+            self._changed.notify()
 
     def leave(self, client: int) -> None:
-        """Handle the closing of a tab."""
-        self._loop.leave(client)
+        """Remove a tab."""
+        with self._changed:
+            self._waiting.pop(client, None)
+            self._taken.pop(client, None)
 
-    # --- the page's own thread ---------------------------------------------------------------
+    # --- the loop's thread -------------------------------------------------------------------
 
-    def _begin(self) -> None:
-        self._scene_view.follow(self._page_settings.now.follow)
-        self._publish()
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._stopped or self._receivers() or self._is_wanted())
+                if self._stopped:
+                    return
+                shown, receivers, holds = self.shown, self._receivers(), self._holds
+                for client, layer in receivers.items():
+                    assert shown is not None
+                    self._taken[client] = (shown.sequence, layer)
+                    del self._waiting[client]
+            try:
+                if shown is not None and receivers:
+                    self._deliver(shown, receivers)
+                else:
+                    self._show(holds)
+            except Exception as error:  # noqa: BLE001 - reported and logged
+                self._fail(error)
 
-    def _take(self, client: int, message: messages.Message) -> None:
-        match message:
-            case messages.Ready(layer=layer):
-                self._loop.ready(client, layer)
-            case messages.Play():
-                by_hand = message.frame is not None or message.step is not None
-                if self._loop.head.playing and self._shown and (by_hand or message.playing is False):
-                    # A frame flattened ahead must not appear after the pause.
-                    self._loop.hold(self._shown.sequence)
-                self._loop.change(lambda head: _changed(head, message))
-                self._publish()
-            case messages.PickAt(u_m=u, v_m=v, revision=revision):
-                self._picks.add(self._held(revision), u, v)
-                self._publish()
-            case _:
-                raise IllegalDecisionError(IN_LIVE_MODE)
+    def _receivers(self) -> dict[int, str]:
+        """Return the tabs that are ready for a newer frame, or for another layer."""
+        if self.shown is None:
+            return {}
+        sequence = self.shown.sequence
+        return {c: layer for c, layer in self._waiting.items() if self._taken.get(c) != (sequence, layer)}
 
-    def _pick_on_ray(self, origin_m: Floats, direction: Floats) -> None:
-        shown = self._shown
-        points_m = self._scene_view.visible_points()
-        if shown is not None and self._picks.add_on_ray(shown.picture, points_m, origin_m, direction):
-            self._held(shown.sequence)
-            self._publish()
+    def _is_wanted(self) -> bool:
+        """Whether to flatten the next frame: at most one while the tabs draw the last one."""
+        if self.shown is None:
+            return self.playing and bool(self._waiting)
+        return self.playing and any(s == self.shown.sequence for s, _ in self._taken.values())
 
-    def _held(self, sequence: int | None) -> Picture:
-        """Pause at the clicked frame, and return it."""
-        if sequence is None and self._shown is not None:
-            sequence = self._shown.sequence
-        shown = self._loop.hold(sequence)
-        if shown is None or shown.picture is None:
-            raise FlatclothError("This frame shows no cloth to pick; go to another one.")
-        self._shown, self.picture = shown, shown.picture
-        return shown.picture
+    def _show(self, holds: int) -> None:
+        picture, reason = None, ""
+        try:
+            frame = self._newest()
+        except FlatclothError as error:
+            reason = str(error)
+        else:
+            picture = Picture(
+                revision=0, view=frame.view, present_view=0, angle_deg=0.0,
+                cloud=frame.cloud, energies=(), legends={},
+            )  # fmt: skip
+        with self._changed:
+            if holds == self._holds:  # otherwise an earlier frame was picked in the meantime, and stays
+                self._keep(picture, reason)
 
-    def _page_state(self) -> PageState:
-        head, shown = self._loop.head, self._shown
-        live = LiveInfo(playing=head.playing, forward=head.forward, fps=head.fps)
-        picture, frame = (None, None) if shown is None else (shown.picture, shown.frame)
-        return self._state_of(picture, **of_live(self._integration.recording.angles_deg, live, frame))
+    def _keep(self, picture: Picture | None, reason: str) -> None:
+        self._sequence += 1
+        if picture is not None:
+            picture = replace(picture, revision=self._sequence)
+        self._kept.append(Shown(sequence=self._sequence, picture=picture, reason=reason))
 
-    # --- the loop's threads ------------------------------------------------------------------
-
-    def _deliver(self, shown: Shown, tabs: dict[int, str]) -> None:
-        self._shown, self.picture = shown, shown.picture
-        if shown is not self._staged:
-            self._staged = shown
-            self._put_on_stage(shown)
-        frames = {layer: self._frame(shown, layer) for layer in set(tabs.values())}
-        for client, layer in tabs.items():
-            self._sink.send_frame(client, frames[layer])
-        now_s = time.monotonic()
-        if not self._loop.head.playing or now_s - self._state_at_s > STATE_INTERVAL_S:
-            self._state_at_s = now_s
-            self._put(None, self._publish)
-
-    def _put_on_stage(self, shown: Shown) -> None:
-        self._scene_view.play(shown.picture)
-
-    def _frame(self, shown: Shown, layer: str) -> bytes:
-        picture, integration = shown.picture, self._integration
-        info = self._frame_info(shown, layer)
-        if picture is None:
-            return _parcel(info).pack()
-        axis, angles_deg = integration.axis, integration.recording.angles_deg
-        info = structs.replace(
-            info,
-            grid=Grid(**grid_of(picture.view)),
-            area_cm2=picture.view.area_m2 * 1e4,
-            legend=typed(layers.legend(picture.view, layer, axis, angles_deg), Legend),
-            pick_uv_m=self._pick_uv_m(picture),
-        )
-        parcel, rgba = _parcel(info), layers.rgba(picture.view, layer, axis, len(angles_deg))
-        parcel.picture("frame", layers.png(rgba), rgba.shape[:2])
-        return parcel.pack()
-
-    def _frame_info(self, shown: Shown, layer: str) -> FrameInfo:
-        """Return the data sent with every frame, also with one that could not be flattened."""
-        head = self._loop.head
-        return FrameInfo(
-            sequence=shown.sequence,
-            view_index=shown.frame,
-            angle_deg=shown.angle_deg,
-            reason=shown.reason,
-            flatten_ms=shown.flatten_ms,
-            playing=head.playing,
-            forward=head.forward,
-            layer=layer,
-        )
-
-    def _pick_uv_m(self, picture: Picture) -> UV | None:
-        current = self._picks.current
-        if current is None or not picture.view.valid.any():
-            return None
-        rc, distance_m = pixel_of_point(picture.view, current.pick.position_held_m)
-        if distance_m > LOST_AT_M:
-            return None
-        u_m, v_m = picture.view.uv_from_rc(np.array(rc)).tolist()
-        return u_m, v_m
-
-
-def _parcel(info: FrameInfo) -> Parcel:
-    """Return what is sent with a frame; encoding makes NaN null."""
-    return Parcel(msgspec.json.decode(encoded(info)))
-
-
-def _changed(head: Playhead, wish: messages.Play) -> Playhead:
-    if wish.fps is not None:
-        head = replace(head, fps=wish.fps)
-    if wish.forward is not None:
-        head = head.turned(wish.forward)
-    if wish.frame is not None or wish.step is not None:
-        # Stepping by hand pauses the player.
-        frame = head.frame if wish.frame is None else wish.frame
-        head = replace(head.at(frame + (wish.step or 0)), playing=False)
-    if wish.playing is not None:
-        head = replace(head, playing=wish.playing)
-    return head
+    def _fail(self, error: Exception) -> None:
+        _log.error("showing the camera failed", exc_info=error)
+        text = f"Unexpected error while showing the camera: {error!r}. See the terminal."
+        with self._changed:
+            self.playing = False
+            self._keep(None, text)
+        self._report(text)

@@ -48,7 +48,7 @@ from flatcloth.viewer.modes.review import ReviewService
 from flatcloth.viewer.modes.session_work import Answer, SessionWork
 from flatcloth.viewer.modes.sides import SideController
 from flatcloth.viewer.protocol import garment, messages
-from flatcloth.viewer.protocol.actions import NOT_LIVE
+from flatcloth.viewer.protocol.actions import NO_CAMERA
 from flatcloth.viewer.protocol.allowed import command_of
 from flatcloth.viewer.protocol.picture import Overlay, Picture
 from flatcloth.viewer.protocol.sent import NoteLevel
@@ -189,9 +189,9 @@ class Application(PageController):
                 self._refine(client, view)
             case messages.Pairs():
                 self._fit(client, message)
-            case messages.Choose(view_index=view, index=index):
+            case messages.BackToBest(view_index=view):
                 pending = repair.meant(self._state.document, view)
-                self._by_hand(session_work.chosen(pending, self._overlay, index))
+                self._by_hand(session_work.back_to_best(pending, self._overlay))
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
             case messages.ShowEdges(show=show):
@@ -222,7 +222,7 @@ class Application(PageController):
                 self._page_status = replace(self._page_status, auto=AutoInfo(running=running))
                 self._settle()
             case _:
-                raise FlatclothError(NOT_LIVE)
+                raise FlatclothError(NO_CAMERA)
 
     def _decide(self, client: int, do: messages.Do) -> None:
         if do.action == "step" and self._page_status.trouble:

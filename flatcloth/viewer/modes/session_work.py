@@ -244,21 +244,19 @@ def keep_axis(axis: RotationAxis, folder: SessionFolder) -> None:
     folder.keep_axis(axis)
 
 
-def chosen(pending: Pending, overlay: Overlay | None, index: int) -> Nudge:
-    """Return the decision that moves a proposal to one of its hypotheses.
+def back_to_best(pending: Pending, overlay: Overlay | None) -> Nudge:
+    """Return the decision that moves a proposal to the best place that the method has found.
 
     Raises
     ------
     FlatclothError
-        If the proposal is not drawn yet, or has no such hypothesis.
+        If the proposal is not drawn yet.
     """
     if overlay is None or overlay.proposal.view_index != pending.view_index:
-        raise FlatclothError("The proposal is being drawn; choose its place again in a moment.")
+        raise FlatclothError("The proposal is being drawn; lay it back again in a moment.")
     hypotheses = overlay.proposal.placement.hypotheses
-    if not 0 <= index < len(hypotheses):
-        raise FlatclothError(f"The proposal has {len(hypotheses)} hypotheses, none numbered {index}.")
-    target = hypotheses[index].current_from_new
-    return Nudge(pending.view_index, target @ pending.current_from_new.inverse())
+    best = hypotheses[0].current_from_new if hypotheses else pending.proposed
+    return Nudge(pending.view_index, best @ pending.current_from_new.inverse())
 
 
 def placed(document: Document, overlay: Overlay | None) -> tuple[Pending, Overlay] | None:

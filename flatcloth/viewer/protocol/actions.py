@@ -11,9 +11,8 @@ REJECT_REASONS = ("too small", "wrong place", "bad depth", "wrong side", "other"
 
 DEFAULT_REASON = "wrong place"
 
-IN_LIVE_MODE = "This is live mode, which only plays the recording; start without --live to decide."
+ONLY_A_CAMERA = "The page shows a camera, where nothing is decided; open a recording to decide."
 NO_CAMERA = "There is no camera; start with view --camera to capture with one."
-NOT_LIVE = "The program is not in live mode; start it with --live to play the recording."
 
 
 class Action(Sent, frozen=True, kw_only=False):
@@ -23,7 +22,7 @@ class Action(Sent, frozen=True, kw_only=False):
     is printed on the button. ``Space`` and ``Ctrl+z`` are written as such. The same key may have
     another meaning in another mode. ``group`` is ``session`` (the server decides whether it is
     allowed), ``proposal`` (needs a pending view), ``timeline`` (applies to views chosen there),
-    ``live`` (playing), ``capture`` (with a camera), ``view`` or ``page`` (always allowed), or
+    ``capture`` (with a camera), ``view`` or ``page`` (always allowed), or
     ``teaching`` (while it is open). ``mode`` is that of the group, one of ``_MODES``, or "" if it is always
     available.
     """
@@ -46,7 +45,6 @@ _MODES = {
     "proposal": "session",
     "timeline": "session",
     "sides": "session",
-    "live": "live",
     "capture": "capture",
     "teaching": "teaching",
 }
@@ -94,6 +92,13 @@ ACTIONS: tuple[Action, ...] = (
         "Reopen",
         ("Ctrl+e",),
         "Decide again about the view chosen on the timeline; views accepted later follow.",
+        "timeline",
+    ),
+    Action(
+        "play_views",
+        "Play",
+        ("Space",),
+        "Turn the item once through all views, each with its image; again: stop.",
         "timeline",
     ),
     Action(
@@ -183,10 +188,7 @@ ACTIONS: tuple[Action, ...] = (
         "Show the diagnostics of the proposal: pairs of cloth or curves, lines, strained edges.",
         "proposal",
     ),
-    Action("live_play", "Play", ("Space",), "Live mode: play or pause the recording.", "live"),
-    Action("live_back", "Frame back", (",",), "Live mode: pause and show the previous frame.", "live"),
-    Action("live_forward", "Frame forward", (".",), "Live mode: pause and show the next frame.", "live"),
-    Action("live_turn", "Direction", ("d",), "Live mode: reverse the direction.", "live"),
+    Action("capture_pause", "Pause", ("Space",), "Capture: hold the picture, or go on.", "capture"),
     Action(
         "capture_turned", "It is there", ("i",), "Capture: the item is at the requested angle.", "capture"
     ),

@@ -26,9 +26,8 @@ from flatcloth.session.machine import (
 from flatcloth.viewer.protocol.actions import (
     ACTIONS,
     DEFAULT_REASON,
-    IN_LIVE_MODE,
     NO_CAMERA,
-    NOT_LIVE,
+    ONLY_A_CAMERA,
     Action,
 )
 
@@ -74,8 +73,6 @@ def why_not(name: str, state: SessionState) -> str | None:
             return state.document.finished
         return None
     action = next(a for a in ACTIONS if a.name == name)
-    if action.mode == "live":
-        return NOT_LIVE
     if action.mode == "capture":
         return NO_CAMERA
     if action.group == "timeline":
@@ -89,6 +86,8 @@ def why_not(name: str, state: SessionState) -> str | None:
 
 def _why_not_timeline(name: str, state: SessionState) -> str | None:
     document = state.document
+    if name == "play_views":
+        return None if document.start_view is not None else "Nothing is flattened yet; step first."
     if name == "lowest_score":
         return None if document.accepted else "No view has been accepted yet."
     if name == "reopen":
@@ -104,17 +103,20 @@ def _description(action: Action, state: SessionState | None) -> str:
     return f"{action.title}: {items[-1].name}." if items else action.description
 
 
+def _why_not_with_a_camera(action: Action) -> str | None:
+    return ONLY_A_CAMERA if action.mode == "session" else None
+
+
 def action_table(state: SessionState | None) -> tuple[Action, ...]:
     """Return the table for the page, with the reason if an action is not allowed now.
 
-    Without a state it is the table of live mode, which has no decisions.
+    Without a state it is the table of a camera's page, which has no decisions.
     """
-    live = {"session": IN_LIVE_MODE, "capture": NO_CAMERA}
     return tuple(
         structs.replace(
             action,
             description=_description(action, state),
-            why_not=live.get(action.mode) if state is None else why_not(action.name, state),
+            why_not=_why_not_with_a_camera(action) if state is None else why_not(action.name, state),
         )
         for action in ACTIONS
     )

@@ -1,4 +1,4 @@
-"""What the server sends to tabs besides the state: answers to questions, frames of live mode, events."""
+"""What the server sends to tabs besides the state: answers to questions, frames of a camera, events."""
 
 from __future__ import annotations
 
@@ -299,18 +299,11 @@ class DiagnosticsInfo(Sent, frozen=True):
 
 
 class FrameInfo(Sent, tag_field="type", tag="frame", frozen=True):
-    """A frame of live mode; its picture follows in the same message, unless ``grid`` is None."""
+    """A frame of a camera; its picture follows in the same message, unless ``grid`` is None."""
 
     sequence: int
-    view_index: int
-    angle_deg: float
     reason: str
-    flatten_ms: float | None
-    playing: bool
-    forward: bool
-    layer: str
     grid: Grid | None = None
-    area_cm2: float | None = None
     legend: Legend | None = None
     pick_uv_m: UV | None = None
 

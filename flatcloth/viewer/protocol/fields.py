@@ -12,7 +12,6 @@ from flatcloth.session.document import MAX_EXTENT_M
 # Limits of what a page may send. Chosen: far above what the page's own controls send.
 MAX_MESSAGE_CHARS = 100_000  # of a whole message
 MAX_NAME_CHARS = 80  # of a pick
-MAX_FPS = 240.0  # of live mode
 MAX_PAIRS = 50  # of points of cloth, of which two fix a place
 MAX_ANGLE_DEG = 3600.0  # of any angle: ten turns
 MAX_STROKE_POINTS = 1000  # of one stroke

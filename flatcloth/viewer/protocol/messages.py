@@ -19,7 +19,6 @@ from flatcloth.rendering.layers import LAYERS
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.fields import (
-    MAX_FPS,
     MAX_MESSAGE_CHARS,
     MAX_NAME_CHARS,
     BrushRadius,
@@ -72,11 +71,10 @@ class Move(Said, tag="move", frozen=True, kw_only=True):
     v_m: Metres = 0.0
 
 
-class Choose(Said, tag="choose", frozen=True, kw_only=True):
-    """Lay the pending view at the place of one of its hypotheses; ``index`` 0 is the best."""
+class BackToBest(Said, tag="back_to_best", frozen=True, kw_only=True):
+    """Lay the pending view back at the best place that the method has found."""
 
     view_index: Count
-    index: Count
 
 
 class Preview(Move, tag="preview", frozen=True, kw_only=True):
@@ -166,7 +164,7 @@ class Measure(Said, tag="measure", frozen=True, kw_only=True):
 class PickAt(Said, tag="pick", frozen=True, kw_only=True):
     """Pick the cloth at (or nearest to) a place of the plane.
 
-    ``revision`` is that of the picture the user saw; it matters for the frames of live mode only, which
+    ``revision`` is that of the picture the user saw; it matters for the frames of a camera only, which
     change fast.
     """
 
@@ -248,13 +246,9 @@ class Look(Said, tag="look", frozen=True, kw_only=True):
 
 
 class Play(Said, tag="play", frozen=True, kw_only=True):
-    """Live mode: play or pause, turn round, change the rate, or show a frame by hand."""
+    """Show the newest frame of the camera, or hold the present one."""
 
-    playing: bool | None = None
-    forward: bool | None = None
-    fps: Annotated[float, Meta(gt=0.0, le=MAX_FPS)] | None = None
-    frame: Count | None = None
-    step: Count | None = None
+    playing: bool
 
 
 class Capture(Said, tag="capture", frozen=True, kw_only=True):
@@ -265,7 +259,7 @@ class Capture(Said, tag="capture", frozen=True, kw_only=True):
 
 
 class Ready(Said, tag="ready", frozen=True, kw_only=True):
-    """Live mode: the tab has drawn what it was sent, and takes the next frame with this layer."""
+    """With a camera: the tab has drawn what it was sent, and takes the next frame with this layer."""
 
     layer: str
 

@@ -97,10 +97,10 @@ class OtherSheet:
 class Picture:
     """The picture of a document; ``revision`` changes whenever the flattened ``view`` does.
 
-    ``view`` holds the shape and its floating pieces, as the ``sheet`` has laid them out; a frame of live
-    mode has no sheet.
+    ``view`` holds the shape and its floating pieces, as the ``sheet`` has laid them out; a frame of
+    a camera has no sheet.
 
-    ``document`` is None for a frame that is played in live mode; ``other`` is the other side, if it is known.
+    ``document`` is None for a frame of a camera; ``other`` is the other side, if it is known.
     """
 
     revision: int

@@ -1,4 +1,4 @@
-"""Makes the parts of the page's state: what a session or live mode adds to it, layers, the proposal."""
+"""Makes the parts of the page's state: what a session adds to it, layers, the proposal."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from msgspec import structs
 
 from flatcloth.core.types import Rigid2
 from flatcloth.engine.sheet import Sheet, floating_file, label_of, other_floating_file
 from flatcloth.engine.warmup import is_compiling
-from flatcloth.registration.registered import describe
+from flatcloth.methods.answers import Hypothesis
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
@@ -25,10 +24,8 @@ from flatcloth.viewer.protocol.state import (
     AutoInfo,
     AwaitedRequest,
     FloatingPiece,
-    HypothesisInfo,
     JoinedPieceInfo,
     Layers,
-    LiveInfo,
     OverlayInfo,
     PendingInfo,
     PendingPart,
@@ -46,20 +43,6 @@ class PageStatus:
     progress: Progress | None = None
     log: tuple[Note, ...] = ()
     trouble: str = ""  # why the shape of the present document cannot be drawn
-
-
-def of_live(angles_deg: tuple[float, ...], live: LiveInfo, frame: int | None) -> dict[str, Any]:
-    """Return the fields of the state of live mode, whose frames are sent apart from it."""
-    rows = (ViewRow(index=i, angle_deg=angle, state="unused") for i, angle in enumerate(angles_deg))
-    return {
-        "mode": "live",
-        "phase": "live",
-        "live": live,
-        "actions": action_table(None),
-        "present_view": frame,
-        "angle_deg": None if frame is None else angles_deg[frame],
-        "views": tuple(rows),
-    }
 
 
 def of_session(
@@ -145,22 +128,18 @@ def _pending(document: Document, picture: Picture | None) -> PendingInfo | None:
     return PendingInfo(
         view_index=pending.view_index,
         side=None if pending.side is None else pending.side.value,
-        proposed_score=pending.score,
         score=pending.score if overlay is None else overlay.score.total,
         nudge=_motion(_about_center(pending, overlay)),
         why=pending.why,
         again=pending.again is not None,
-        **({} if overlay is None else _computed(pending, overlay)),
+        **{"best_score": pending.score, **({} if overlay is None else _computed(pending, overlay))},
     )
 
 
 def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
     """Return what the method has computed for a proposal, as fields of it."""
-    plan, placement = overlay.proposal.plan, overlay.proposal.placement
+    placement = overlay.proposal.placement
     return {
-        "parts": {name: float(value) for name, value in overlay.score.parts.items()},
-        "reason": "" if plan is None else plan.reason,
-        "rotation_deg": None if plan is None else float(plan.rotation_deg),
         "pieces": tuple(
             PendingPart(
                 component=part.component,
@@ -175,26 +154,13 @@ def _computed(pending: Pending, overlay: Overlay) -> dict[str, Any]:
         "brings": _joined(overlay),
         "foreseen": overlay.foreseen,
         "checks": overlay.checks,
-        **(_hypotheses(overlay) if placement.hypotheses else {}),
+        **(_best(placement.hypotheses[0]) if placement.hypotheses else {}),
     }
 
 
-def _hypotheses(overlay: Overlay) -> dict[str, Any]:
-    """Return the further results of the method ``robust``: margin, undetermined directions, hypotheses."""
-    placement, own = overlay.proposal.placement, np.array(overlay.own_center_uv_m)
-    return {
-        "cameras": "" if placement.cameras is None else describe(placement.cameras),
-        "margin": float(placement.margin),
-        "undetermined": tuple(placement.hypotheses[0].undetermined),
-        "hypotheses": tuple(
-            HypothesisInfo(
-                source=h.source,
-                score=h.score.total,
-                **structs.asdict(_motion(overlay.sheet.shown(h.current_from_new, own))),
-            )
-            for h in placement.hypotheses
-        ),
-    }
+def _best(place: Hypothesis) -> dict[str, Any]:
+    """Return what the method ``robust`` tells of the best place."""
+    return {"best_score": place.score.total, "undetermined": tuple(place.undetermined)}
 
 
 def _joined(overlay: Overlay) -> JoinedPieceInfo | None:

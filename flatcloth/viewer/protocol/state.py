@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import msgspec
-
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.actions import Action
 from flatcloth.viewer.protocol.garment import GarmentInfo, SeamInfo
@@ -174,13 +172,6 @@ class Check(Sent, frozen=True):
     place_uv_m: UV | None
 
 
-class HypothesisInfo(Motion, frozen=True):
-    """A place that the method found for the proposal."""
-
-    source: str
-    score: float | None
-
-
 class GhostInfo(Sent, frozen=True):
     """Where a piece placed by hand would lie by the garment, or by seams, with its deviation there."""
 
@@ -190,28 +181,25 @@ class GhostInfo(Sent, frozen=True):
 
 
 class PendingInfo(Sent, frozen=True):
-    """The proposal. What the method computes with it has a default while it is being drawn."""
+    """The proposal. What the method computes with it has a default while it is being drawn.
+
+    ``best_score`` is that of the best place that the method has found.
+    """
 
     view_index: int
     side: str | None
-    proposed_score: float | None
+    best_score: float | None
     score: float | None
     why: str
     again: bool
     nudge: Motion
-    parts: dict[str, float | None] = msgspec.field(default_factory=dict)
-    reason: str = ""
-    rotation_deg: float | None = None
     pieces: tuple[PendingPart, ...] = ()
     also: tuple[PlacedPartInfo, ...] = ()
     extends: str | None = None
     brings: JoinedPieceInfo | None = None
     foreseen: Foreseen | None = None
     checks: tuple[Check, ...] = ()
-    margin: float | None = None
-    cameras: str = ""
     undetermined: tuple[str, ...] = ()
-    hypotheses: tuple[HypothesisInfo, ...] = ()
     ghosts: tuple[GhostInfo, ...] = ()
 
 
@@ -342,14 +330,6 @@ class AutoInfo(Sent, frozen=True):
         return self.running and not self.waits_for
 
 
-class LiveInfo(Sent, frozen=True):
-    """How the recording is played in live mode."""
-
-    playing: bool
-    forward: bool
-    fps: float
-
-
 class CapturedView(Sent, frozen=True):
     """The view that was captured last."""
 
@@ -361,10 +341,14 @@ class CapturedView(Sent, frozen=True):
 
 
 class CaptureStatus(Sent, tag_field="type", tag="capture", frozen=True):
-    """The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed."""
+    """The status of the camera and of a guided capture; ``why_not`` is by action, None: allowed.
+
+    ``playing``: its newest frame is shown; otherwise one frame is held.
+    """
 
     camera: str
     camera_fps: float
+    playing: bool
     ended: str | None
     warnings: tuple[str, ...]
     folder: str
@@ -387,7 +371,7 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     """The whole state of the page. What the present mode does not have is None, or the default."""
 
     revision: int
-    mode: Literal["session", "live"]
+    mode: Literal["session", "camera"]
     phase: str
     method: str
     recording: RecordingInfo
@@ -421,6 +405,5 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     sides: SidesInfo | None = None
     garment: GarmentInfo | None = None
     other: OtherSideInfo | None = None
-    live: LiveInfo | None = None
     capture: CaptureStatus | None = None
     active: ActiveStatus | None = None

@@ -21,15 +21,12 @@ from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.rendering.layers import Appearance
 from flatcloth.viewer.protocol.picture import Picture
 from flatcloth.viewer.scene.axis_panel import AxisPanel
-from flatcloth.viewer.scene.clouds import HELD, LIVE, NOTHING, Cloud, CloudPanel, clouds_of, dimmed
+from flatcloth.viewer.scene.clouds import HELD, LIVE, NOTHING, Cloud, CloudPanel, clouds_of
 from flatcloth.viewer.scene.panels import Panels
 from flatcloth.viewer.scene.private_viser import PrivateViser
 
 MAX_POINTS = 60_000
 """More points make the browser slow without showing more."""
-
-MAX_LIVE_POINTS = 25_000
-"""Points of a played frame; browsers cannot receive more at this rate."""
 
 FRAME_MARGIN = 1.15
 """Share of the window that the item fills, inverted. Chosen."""
@@ -115,22 +112,6 @@ class Scene:
             self._panels.show(picture)
         self._server.flush()
 
-    def play(self, picture: Picture | None) -> None:
-        """Show a frame of a recording in live mode: only its points, subsampled, framed once."""
-        with self._lock, self._server.atomic():
-            if picture is None:
-                self._fill(LIVE, NOTHING)
-            else:
-                live = picture.cloud
-                keep = _evenly(len(live.xyz_m), MAX_LIVE_POINTS)
-                shades = dimmed(live.rgb[keep], live.of_interest[keep])
-                self._fill(LIVE, Cloud(live.xyz_m[keep], shades, 0.0022))
-                if self._view_from is None:
-                    self._frame_view(picture.angle_deg, picture.present_view)
-                else:
-                    self._turn_camera(picture)
-        self._server.flush()
-
     def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
         """Show the cloud of a camera in its own frame; ``anew`` resets the view to show all of it."""
         with self._lock, self._server.atomic():
@@ -139,15 +120,6 @@ class Scene:
                 self._shown = None
                 self._frame_view(0.0, 0)
         self._server.flush()
-
-    def _turn_camera(self, picture: Picture) -> None:
-        assert self._view_from is not None
-        held = object_from_camera(self._axis, picture.angle_deg)
-        self._frustum.position = held.translation_m
-        self._frustum.wxyz = quaternion_wxyz(held.rotation)
-        self._view_from = (self._view_from[0], held.translation_m, *self._view_from[2:])
-        if self._follow:
-            self._aim_all()
 
     def _show(self, picture: Picture | None) -> None:
         self._picture = picture

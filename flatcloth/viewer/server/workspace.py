@@ -1,4 +1,4 @@
-"""The source that the page shows: one session, live recording or camera, with its scene and its routes."""
+"""The source that the page shows: one session or camera, with its scene and its routes."""
 
 from __future__ import annotations
 

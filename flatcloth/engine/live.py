@@ -1,21 +1,23 @@
-"""Live mode of a camera: its newest frame is flattened; the camera in place of a recording."""
+"""A camera in place of a recording: its newest frame is flattened, starting from the one before."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flatcloth.cameras.base import CameraError
 from flatcloth.cameras.checks import check_frame
 from flatcloth.cameras.feed import CameraFeed
+from flatcloth.core.config import FlatteningConfig
 from flatcloth.core.errors import FlatclothError, SegmentationError, SurfaceError
 from flatcloth.core.geometry import back_project
-from flatcloth.core.types import Bool, Float32, RgbdFrame, RotationAxis, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Float32, RgbdFrame, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.playing.recording import LiveFrame, LivePlayer
 from flatcloth.engine.views import ViewCloud
+from flatcloth.flattening.flatten import Flattening, flatten
+from flatcloth.flattening.surface import observe_item
 from flatcloth.recordings.base import Recording, ViewImages, images_of
 from flatcloth.segmentation.item import find_item
 
@@ -31,31 +33,45 @@ HOLDER_M = 0.02
 """Pixels this near to the last place of the gripper belong to it. Chosen: it moves little in a second."""
 
 
-class CameraPlayer(LivePlayer):
+@dataclass(frozen=True, kw_only=True)
+class LiveFrame:
+    """A frame of a camera: its flattened view, and all that it shows near the camera, camera frame."""
+
+    view: FlattenedView
+    cloud: ViewCloud
+
+
+class LiveFlattening:
     """Flattens the newest frame of a camera, without the gripper; not thread-safe.
 
     Parameters
     ----------
     integration : Integration
-        The integration of a :func:`camera_recording`.
+        The integration of a :func:`camera_recording`. Only the finest sampling interval is used: the
+        previous frame replaces the coarse level.
     feed : CameraFeed
         Source of the frames.
     """
 
     def __init__(self, integration: Integration, feed: CameraFeed) -> None:
-        super().__init__(integration)
+        self._integration = integration
         self._feed = feed
+        config = integration.config.flattening
+        self._config: FlatteningConfig = replace(
+            config, sampling_intervals_px=config.sampling_intervals_px[-1:]
+        )
+        self._last: Flattening | None = None
         self._shown_s: float | None = None
         self._holder_m: Float32 | None = None
         self._looked_s = -HOLDER_INTERVAL_S
 
-    def show(self, view_index: int) -> LiveFrame:
-        """Wait for a new frame and flatten it.
+    def newest(self) -> LiveFrame:
+        """Wait for a new frame and flatten it, starting from the one before.
 
         Raises
         ------
         FlatclothError
-            If no frame arrives, or it shows too little cloth.
+            If no frame arrives, or it shows too little cloth; the next one then starts from its pixels.
         """
         seen = self._feed.newest(self._shown_s, NOTHING_YET_S)
         if seen is None:
@@ -67,13 +83,22 @@ class CameraPlayer(LivePlayer):
             raise SurfaceError("The camera sees no item to flatten.")
         item = self._without_holder(frame, item)
         try:
-            view, took_ms = self.flattened(replace(frame, mask=item))
+            view = self._flattened(replace(frame, mask=item))
         except FlatclothError as error:
             # The remedy for recorded views, to use another one, does not apply here.
             raise SurfaceError(str(error).removeprefix("View 0: ").partition(";")[0] + ".") from error
         points, colors = cloud_of(frame)
         cloud = ViewCloud(xyz_m=points, rgb=colors, of_interest=np.ones(len(points), dtype=np.bool_))
-        return LiveFrame(view=view, cloud=cloud, flatten_ms=took_ms)
+        return LiveFrame(view=view, cloud=cloud)
+
+    def _flattened(self, frame: RgbdFrame) -> FlattenedView:
+        made, previous, self._last = self._integration, self._last, None
+        surface = observe_item(frame, made.axis, made.config.surface)
+        self._last = flatten(
+            surface, made.axis, self._config, previous=previous,
+            min_area_m2=made.config.surface.min_component_area_m2,
+        )  # fmt: skip
+        return self._last.view
 
     def _without_holder(self, frame: RgbdFrame, item: Bool) -> Bool:
         """Return the item (H, W) without the gripper and other objects, as found last."""
