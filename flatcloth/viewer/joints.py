@@ -107,7 +107,7 @@ class JointService:
                 JointInfo(
                     area_cm2=1e4 * own.area_m2,
                     evidence=joint.evidence,
-                    weak=joint.is_doubtful,
+                    weak=joint.probability < 1.0,
                     probability=joint.probability,
                     kept=joint.is_kept,
                     outline_uv_m=outline_of(own),

@@ -62,6 +62,8 @@ export class ResultPanel extends PagePart {
       median_std_mm: null,
       reliable_share: null,
       wrong: [],
+      hanging_cm2: null,
+      joint_probability: null,
       left_out: [],
       more: null,
     };
@@ -83,6 +85,7 @@ export class ResultPanel extends PagePart {
       found?.wrong.length &&
         make("p.note.warn", { role: "alert" }, `Something about this recording is wrong: ${found.wrong.join("; ")}.`),
       this.sideDoubt(state),
+      found && this.jointDoubt(found),
       values(
         ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
         state.other?.layers && ["Other side", otherSide(state.other), "Cloth of the other side, and what joins it"],
@@ -117,6 +120,17 @@ export class ResultPanel extends PagePart {
       `The sides were told without masks: by their own certainty ${wrong} of this cloth is of the wrong side, and it ` +
         "can be several times as much. Compare the source images, and stroke what is wrong: ",
       this.page.smallButton("where_to_stroke"),
+    );
+  }
+
+  /** What most doubtful cloth hangs on; the way to look at it. */
+  jointDoubt(/** @type {Found} */ { hanging_cm2: area, joint_probability: right }) {
+    if (area === null || right === null) return null;
+    const sure = `${number(100 * right, 1)} %`;
+    return make(
+      "p.note.warn",
+      `${cm2(area)} hang on one joint that is right with ${sure}: `,
+      this.page.smallButton("joints"),
     );
   }
 

@@ -57,7 +57,7 @@ def test_a_joint_is_as_probable_as_its_evidence_says_and_certain_without_noise(c
     assert (none, elsewhere) == (None, joint)
     assert (right, wrong) == pytest.approx((joint.probability, 1.0 - joint.probability))
     (certain,) = joints_of(replace(cloth, is_noisy=False))
-    assert (certain.probability, certain.is_doubtful) == (1.0, False)
+    assert certain.probability == 1.0
     assert alternatives([certain]) == [(1.0, None)]
 
 

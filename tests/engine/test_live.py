@@ -42,8 +42,8 @@ def test_the_plane_stands_still_while_the_item_turns() -> None:
 
 
 def test_a_frame_without_cloth_is_an_error_and_the_next_one_starts_anew() -> None:
-    seen, hidden, again = Cylinder(angles_deg=(0.0, 180.0, 10.0), span_deg=(-60.0, 60.0))
-    live = flattening((seen, hidden, again))
+    turned = Cylinder(angles_deg=(0.0, 180.0, 10.0), span_deg=(-60.0, 60.0))
+    live = flattening(turned[view] for view in range(3))  # the second one is turned away
     live.newest()
     with pytest.raises(FlatclothError):
         live.newest()

@@ -52,28 +52,15 @@ class Joint:
     views: tuple[HeldBy, ...]
     is_kept: bool
 
-    @property
-    def is_doubtful(self) -> bool:
-        """Whether the joint is false so probably that cloth that hangs on it is not called reliable."""
-        return self.probability < 1.0
-
 
 def joints_of(
     cloth: Cloth, doubted: Sequence[DoubtedLink] = (), decisions: Sequence[DoubtedPart] = ()
 ) -> list[Joint]:
     """Return where parts of a shape hang on the rest by little evidence, that with most doubtful cloth first.
 
-    A part that a garment or a seam contradicts has the probability that these leave it; one that the operator
-    keeps is right. Without noise none is joined falsely.
-
-    Parameters
-    ----------
-    cloth : Cloth
-        How the shape hangs together, with lengths and views of its pairs.
-    doubted : sequence of DoubtedLink
-        Links that no garment allows.
-    decisions : sequence of DoubtedPart
-        What was decided about parts.
+    ``cloth`` is how the shape hangs together, ``doubted`` are links that no garment allows; ``decisions`` are
+    about parts: one that a garment or a seam contradicts has the probability that these leave it,
+    one that the operator keeps is right. Without noise none is joined falsely.
     """
     joined = np.flatnonzero(cloth.joined)
     pairs, pair = pairs_once(cloth.edges[joined])
@@ -116,7 +103,9 @@ def alternatives(found: Sequence[Joint]) -> list[tuple[float, Joint | None]]:
     left to 1 are shapes with several false joints.
     """
     right = math.prod(joint.probability for joint in found)
-    wrong = [(right * (1.0 - j.probability) / max(j.probability, 1e-9), j) for j in found if j.is_doubtful]
+    wrong = [
+        (right * (1.0 - j.probability) / max(j.probability, 1e-9), j) for j in found if j.probability < 1.0
+    ]
     return sorted([(right, None), *wrong], key=lambda each: -each[0])
 
 
