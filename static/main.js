@@ -133,7 +133,7 @@ function show(/** @type {State} */ state) {
   page.each("update", page.state);
   if (page.hasCamera) showFrame(state);
   else showLayer(page.state);
-  takeServerLog(state.log);
+  takeServerLog(state.log, state.auto.running);
 }
 
 function showFrame(/** @type {State} */ state) {

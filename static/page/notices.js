@@ -3,16 +3,20 @@
 import { byId, closeButton, make, placeBeside, staysIn, targetOf } from "./dom.js";
 
 const STAYS_MS = { info: 7000, warning: 10000, error: 20000 }; // longer under the pointer; the log has all
-const MOST_SHOWN = 3;
+const MOST_SHOWN = 1; // more would lie over what they are about
 const KEPT = 200;
 const WORDS = { info: "Note", warning: "Warning", error: "Error" };
 
 let lastServerNote = -1; // none
 const kept = /** @type {{ level: Note["level"]; text: string; timeS: number }[]} */ ([]);
 
+/** A note is not shown while something worse is, nor while it is `quiet`: the log has it. */
+let quiet = false;
+
 /** Show a message and keep it in the log. */
 export function notify(/** @type {Note["level"]} */ level, /** @type {string} */ text, timeS = Date.now() / 1000) {
   keep(level, text, timeS);
+  if (level === "info" && (quiet || byId("toasts").querySelector(".warning, .error"))) return;
   /** @type {HTMLElement} */
   const toast = make(
     "div",
@@ -39,8 +43,13 @@ function keep(level, text, timeS) {
   if (kept.length > KEPT) kept.shift();
 }
 
-/** Take the server's log: what is new becomes a toast, except what was there before this page. */
-export function takeServerLog(/** @type {Note[]} */ log) {
+/**
+ * Take the server's log: what is new becomes a toast, except what was there before this page.
+ * @param {Note[]} log
+ * @param {boolean} isAuto views come one after the other: notes about each are for the log
+ */
+export function takeServerLog(log, isAuto) {
+  quiet = isAuto;
   const first = lastServerNote < 0;
   for (const note of log) {
     if (!first && note.id <= lastServerNote) continue;

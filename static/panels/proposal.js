@@ -97,7 +97,7 @@ function showProposal(state, send, show) {
         `Extends the floating piece ${pending.extends}, beside the shape.` +
           " It joins the shape once a view connects them.",
       ),
-    scoreOf(pending.score, limit),
+    verdictOn(pending, limit),
     (Math.hypot(nudge.u_mm, nudge.v_mm) >= SEEN || Math.abs(nudge.theta_deg) >= SEEN) &&
       values([
         "moved",
@@ -112,14 +112,21 @@ function showProposal(state, send, show) {
   ]);
 }
 
-function scoreOf(/** @type {number | null} */ score, /** @type {number} */ limit) {
-  const low = score !== null && score < limit;
+/** One verdict on where the proposal lies: sure, or why to look. @param {Pending} pending @param {number} limit */
+function verdictOn({ score, checks }, limit) {
+  const why = checks.filter((check) => check.passed === false).map(({ title }) => title.toLowerCase());
+  if (score !== null && score < limit) why.unshift("below Auto's limit");
+  const sure = score === null ? "No score yet" : "Sure";
+  const about = [score === null ? "" : number(score, 2), why.join(", ")].filter(Boolean).join(", ");
   return make(
     "div",
-    { class: `score${low ? " low" : ""}`, tip: `Score of the present place, 0 to 1. Auto accepts from ${limit}.` },
+    {
+      class: `score${why.length ? " low" : ""}`,
+      tip: `Score of the present place, 0 to 1. Auto accepts from ${limit}.`,
+    },
     make("meter", { min: 0, max: 1, value: score ?? 0, label: "Score" }),
-    make("strong", score === null ? "no score" : number(score, 2)),
-    make("span", low ? "below Auto's limit" : "score"),
+    make("strong", why.length ? "Look here" : sure),
+    make("span", about),
   );
 }
 
