@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations, pairwise
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
-from benchmarks.output import Options
-from benchmarks.unattended import measure_each, unattended
+from benchmarks.inputs import measure_each
+from benchmarks.output import Options, Row
+from benchmarks.unattended import unattended
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int64
 from flatcloth.engine.both_sides import BothSides, one_side
@@ -32,10 +32,10 @@ BENT_MM = 100.0
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/seams.json`` and ``.md`` unless ``quick``."""
-    measure_each("seams", row_of, worst_first, page, options)
+    measure_each("seams", rows_of, options, ordered=worst_first, page=page)
 
 
-def row_of(source: str) -> dict[str, Any]:
+def rows_of(source: str) -> list[Row]:
     """Return the sets and the contradictions of one recording."""
     integration, document, truth = unattended(source)
     other, its = BothSides(integration).integrated(document)
@@ -76,7 +76,7 @@ def row_of(source: str) -> dict[str, Any]:
                 joints.append({"side": side, "evidence": round(joint.evidence, 1), "bent_mm": bent})
     is_noisy = any(view.is_noisy for view in shapes[0].observations)
     name = integration.recording.name
-    return {"recording": name, "noisy": is_noisy, "sets": found, "joints": joints}
+    return [{"recording": name, "noisy": is_noisy, "sets": found, "joints": joints}]
 
 
 def _bent_mm(uv_m: Float64, true_uv_m: Float64, one: Int64, other: Int64) -> float:
@@ -98,7 +98,7 @@ def _true_at(pieces: Sequence[FlattenedView], truth: Truth, uv_m: Float64) -> Fl
     return found
 
 
-def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def worst_first(rows: Sequence[Row]) -> list[Row]:
     """Return the rows by the surest false set."""
     return sorted(
         rows,
@@ -106,7 +106,7 @@ def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     )
 
 
-def page(rows: Sequence[dict[str, Any]]) -> str:
+def page(rows: Sequence[Row]) -> str:
     """Return the Markdown page."""
     sets = [(row["recording"].partition("-")[0], each) for row in rows for each in row["sets"]]
     features = np.array([(1.0, np.log(s["strength"]), np.log1p(s["against"])) for _, s in sets])
