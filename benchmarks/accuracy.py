@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from benchmarks.inputs import measure_each
 from benchmarks.markdown import of_recordings
 from benchmarks.output import Options, Row
@@ -34,7 +32,6 @@ _COLUMNS = {
     "firm_p95_mm": "p95 mm",
     "firm_far_share": "> 20 mm",
     "within_3_std_share": "within 3 std",
-    "std_where_right_mm": "std where error < 2 mm",
 }
 
 
@@ -51,14 +48,11 @@ def rows_of(source: str) -> list[Row]:
 def figures_of(integration: Integration, document: Document, truth: Any) -> Row:
     """Return the figures of a document's shape against the truth."""
     canonical = integration.canonical(document)
-    compared = compare(canonical.view, truth, integration.recording)
-    error_mm = 1e3 * np.linalg.norm(compared.flat_uv_m - compared.true_uv_m, axis=1)
-    std_mm = compared.std_mm[error_mm < 2.0]
+    evaluation = compare(canonical.view, truth, integration.recording).evaluation
     floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
     figures = {
-        **asdict(compared.evaluation),
+        **asdict(evaluation),
         "floating_share": floating_m2 / (floating_m2 + canonical.view.area_m2),
-        "std_where_right_mm": float(np.median(std_mm)) if std_mm.size else float("nan"),
     }
     return {
         "recording": integration.recording.name,

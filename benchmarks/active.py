@@ -18,7 +18,7 @@ import gc
 import json
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -26,6 +26,7 @@ import numpy as np
 
 from benchmarks.cells import Views, true_points
 from benchmarks.inputs import Remembered
+from benchmarks.markdown import percent
 from benchmarks.output import Options, Row, kept, save, say
 from benchmarks.speed import unit_s
 from benchmarks.unattended import integrated_sides
@@ -64,6 +65,7 @@ class _Fixed(ActiveLoop):
 
 
 LOOPS = {"active": ActiveLoop, "fixed": _Fixed}
+CHOICES = {"active": "chosen for the goal", "fixed": "turned by 10 degrees"}
 
 
 def run(options: Options) -> None:
@@ -234,44 +236,68 @@ def measured(views: Views, panel: int, start_deg: float, choice: str, truth: Row
 
 
 def figures(rows: Sequence[Row]) -> Row:
-    """Return the figures of all loops, by how they chose, beside what 36 views give."""
+    """Return the figures of all loops, named as their tables name them, beside what 36 views give."""
     bounds = {(row["mesh"], row["panel"]): row for row in rows if row["about"] == "all"}
-    found: Row = {"all": _of_all(bounds)} if bounds else {}
-    for choice in LOOPS:
-        loops = [row for row in rows if row["about"] == "points" and row["choice"] == choice]
-        if loops:
-            found[choice] = _of_points(loops, bounds)
-    hidden = [row for row in rows if row["about"] == "hidden"]
-    if hidden:
-        found["hidden"] = {
-            "loops": len(hidden),
-            "said_cannot_be_known": float(np.mean(["cannot be known" in row["reason"] for row in hidden])),
-            "said_known": float(np.mean([row["known_after"] is not None for row in hidden])),
-        }
+    points, hidden, shapes, kinds = (
+        [row for row in rows if row["about"] == about] for about in ("points", "hidden", "shape", "kind")
+    )
     said = [row for row in rows if row.get("said_hidden")]
-    if said:
-        found["cannot_be_known"] = {
-            "said": len(said),
-            "right": float(np.mean([not set(row["said_hidden"]) & _knowable(row, bounds) for row in said])),
-        }
-    shapes = [row for row in rows if row["about"] == "shape" and _bound_of(row, bounds).get("area_cm2")]
-    if shapes:
-        areas = [row["views"][-1]["area_cm2"] / _bound_of(row, bounds)["area_cm2"] for row in shapes]
-        found["shape"] = {
-            "loops": len(shapes),
-            "area_at_least_0.95": float(np.mean(np.array(areas) >= 0.95)),
-        }
-    kinds = [row for row in rows if row["about"] == "kind"]
-    if kinds:
-        after = np.array([_kind_after(row) for row in kinds])
-        found["kind"] = {
-            "loops": len(kinds),
-            "kind_after_median": _median(after),
-            "kind_within_4": float((after <= 4).mean()),
-            "kind_within_12": float((after <= 12).mean()),
-            "wrong_kind_above_0.9": sum(_is_wrong(row) for row in kinds),
-        }
-    return found
+    areas = [(row["views"][-1]["area_cm2"], _bound_of(row, bounds).get("area_cm2", 0.0)) for row in shapes]
+    kind_after = [_kind_after(row) for row in kinds]
+    visible = [(name, bound) for bound in bounds.values() for name, seen in bound["seen"].items() if seen]
+    other = {
+        "visible points of all panels that 36 views know": _share(
+            name in bound["known"] for name, bound in visible
+        ),
+        "panels whose kind 36 views find, surer than 0.9": _share(
+            bound["kind"] is not None and bound["probability"] >= 0.9 for bound in bounds.values()
+        ),
+        '"cannot be known" said, times': len(said),
+        "of these, 36 views do not know them either": _share(
+            not set(row["said_hidden"]) & _knowable(row, bounds) for row in said
+        ),
+        "loops for points that no view shows": len(hidden),
+        "of these, said to be unknowable": _share("cannot be known" in row["reason"] for row in hidden),
+        "of these, said to be known": _share(row["known_after"] is not None for row in hidden),
+        "loops for the shape": sum(bound > 0.0 for _, bound in areas),
+        "of these, at least 0.95 of the area of 36 views after at most 12": _share(
+            area >= 0.95 * bound for area, bound in areas if bound > 0.0
+        ),
+        "loops for the kind": len(kinds),
+        "views until it is surer than 0.9, median": _median(kind_after),
+        "of these, after at most 4": _share(after <= 4 for after in kind_after),
+        "and after at most 12": _share(after <= 12 for after in kind_after),
+        "wrong kinds above 0.9": sum(map(_is_wrong, kinds)),
+    }
+    pairs = [
+        {"angles": words, **_of_pairs([row for row in points if row["choice"] == choice], bounds)}
+        for choice, words in CHOICES.items()
+    ]
+    return {"pairs": pairs, "other": other}
+
+
+def _of_pairs(loops: Sequence[Row], bounds: Bounds) -> Row:
+    """Return after how many views loops know two points."""
+    after = [row["known_after"] or np.inf for row in loops]
+    knowable = [set(row["points"]) <= _knowable(row, bounds) for row in loops]
+    of_knowable = [views for views, can in zip(after, knowable, strict=True) if can]
+    wrongly = ["cannot be known" in row["reason"] and can for row, can in zip(loops, knowable, strict=True)]
+    in_u = [view["seconds"] / row["u_s"] for row in loops for view in row["views"][2:]]
+    return {
+        "loops": len(loops),
+        "36 views know both": _share(knowable),
+        "views until known, median": _median(after),
+        "within 6": _share(views <= 6 for views in after),
+        "within 12": _share(views <= 12 for views in after),
+        "truly within 40 mm": _share(
+            max(row["errors_mm"].values()) <= 1e3 * TRULY_M for row in loops if row["known_after"]
+        ),
+        "of those that 36 views know: median": _median(of_knowable),
+        "of those within 12": _share(views <= 12 for views in of_knowable),
+        "wrongly said unknowable": _share(wrongly),
+        "wrong kinds above 0.9": sum(map(_is_wrong, loops)),
+        "U a view": _median(in_u),
+    }
 
 
 def _bound_of(row: Row, bounds: Bounds) -> Row:
@@ -284,44 +310,14 @@ def _knowable(row: Row, bounds: Bounds) -> set[str]:
     return {name for name in bound.get("known", ()) if bound["seen"].get(name)}
 
 
-def _of_all(bounds: Bounds) -> Row:
-    """Return what 36 views give: of all visible points, and of the kinds."""
-    visible = [(name, bound) for bound in bounds.values() for name, seen in bound["seen"].items() if seen]
-    return {
-        "visible_points_known": float(np.mean([name in bound["known"] for name, bound in visible])),
-        "kinds_above_0.9": float(
-            np.mean([bound["kind"] is not None and bound["probability"] >= 0.9 for bound in bounds.values()])
-        ),
-    }
+def _share(are: Iterable[bool]) -> str:
+    every = list(are)
+    return percent(float(np.mean(every))) if every else "-"
 
 
-def _of_points(loops: Sequence[Row], bounds: Bounds) -> Row:
-    after = np.array([row["known_after"] or np.inf for row in loops])
-    knowable = np.array([set(row["points"]) <= _knowable(row, bounds) for row in loops])
-    right = [max(row["errors_mm"].values()) <= 1e3 * TRULY_M for row in loops if row["known_after"]]
-    in_u = [view["seconds"] / row["u_s"] for row in loops for view in row["views"][2:]]
-    return {
-        "loops": len(loops),
-        "knowable": float(knowable.mean()),
-        "known_after_median": _median(after),
-        "known_after_median_of_knowable": _median(after[knowable]),
-        "known_within_6": float((after <= 6).mean()),
-        "known_within_12": float((after <= 12).mean()),
-        "known_within_12_of_knowable": float((after[knowable] <= 12).mean()) if knowable.any() else None,
-        "known_and_within_40_mm": float(np.mean(right)) if right else None,
-        "said_cannot_be_known_wrongly": float(
-            np.mean(
-                ["cannot be known" in row["reason"] and can for row, can in zip(loops, knowable, strict=True)]
-            )
-        ),
-        "wrong_kind_above_0.9": sum(_is_wrong(row) for row in loops),
-        "u_a_view_median": float(np.median(in_u)) if in_u else None,
-    }
-
-
-def _median(after: np.ndarray) -> float | None:
-    """Return the median of numbers of views, None if it is more than were taken."""
-    return float(np.median(after)) if len(after) and np.isfinite(np.median(after)) else None
+def _median(values: Sequence[float]) -> str:
+    middle = float(np.median(values)) if len(values) else np.nan
+    return "-" if np.isnan(middle) else f"{middle:.3g}" if np.isfinite(middle) else f"more than {VIEWS}"
 
 
 def _sure_kinds(row: Row) -> list[tuple[int, str]]:

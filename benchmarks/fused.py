@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.inputs import measure_each
 from benchmarks.markdown import table
-from benchmarks.output import Options, Row, say
+from benchmarks.output import Options, Row
 from benchmarks.unattended import unattended
 from flatcloth.core.geometry import camera_from_object, project, z_angle_deg
 from flatcloth.core.graphs import components
@@ -57,7 +57,6 @@ def rows_of(source: str) -> list[Row]:
     integration, document, truth = unattended(source)
     view = integration.canonical(document).view
     recording = integration.recording
-    say(f"{recording.name}: integrated")
     used = sorted(document.used_views)
     results = [("robust", used, view, time.perf_counter() - started)]
     for name, views in (("fused", used), ("fused, all views", list(range(len(recording))))):
@@ -65,7 +64,6 @@ def rows_of(source: str) -> list[Row]:
         mesh = cleaned(*fuse(integration, views))
         flat = flattened(mesh, unwrap(mesh), integration, views)
         results.append((name, views, flat, time.perf_counter() - started))
-        say(f"{recording.name}: {name}")
     return [
         {
             "recording": recording.name,

@@ -167,7 +167,10 @@ def _answers(page: Any) -> dict[str, float]:
         "window.flatcloth_drawn = () =>"
         " [flatcloth.sceneMarks.drawn.map((mark) => mark?.id), flatcloth.marksDrawn]"
     )
-    clicks = [_timed(page, "pointerup", "plane", lambda at=at: _click(page, at)) for at in on_plane]
+    clicks = [
+        _timed(page, "pointerup", "plane", lambda at=at: page.mouse.click(at["x"], at["y"]))
+        for at in on_plane
+    ]
     in_scene_ms, on_plane_ms = zip(*clicks, strict=True)
     frame = page.locator("#viser").bounding_box()
     in_scene = [
@@ -213,10 +216,6 @@ def _dragged_ms(page: Any, x: float, y: float) -> list[float]:
         page.mouse.move(x + 3 * (n % 60), y + 2 * (n % 40))
     page.mouse.up(button="right")
     return [b - a for a, b in itertools.pairwise(page.evaluate("window.frame_times"))]
-
-
-def _click(page: Any, at: dict[str, float]) -> None:
-    page.mouse.click(at["x"], at["y"])
 
 
 def _timed(page: Any, event: str, target: str, act: Any) -> list[float]:

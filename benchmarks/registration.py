@@ -26,6 +26,7 @@ from flatcloth.core.geometry import Rigid3, object_from_camera, project, wrapped
 from flatcloth.core.types import Float64, RgbdFrame, RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
+from flatcloth.recordings.base import altered
 from flatcloth.registration.axis import resolve_axis
 from flatcloth.registration.cameras import register
 from flatcloth.registration.registered import Registered
@@ -76,29 +77,17 @@ def rows_of(source: str, seeds: int) -> list[Row]:
     return rows
 
 
-class _Bare:
-    """A recording without its axis and held point."""
-
-    rotation_axis = None
-    held_point_m = None
-
-    def __init__(self, recording: Any) -> None:
-        self.angles_deg = recording.angles_deg
-
-    def __len__(self) -> int:
-        """Return the number of views."""
-        return len(self.angles_deg)
-
-
 def without_axis(recording: Any, masks: bool) -> Row:
     """Estimate the axis from the views, with or without their masks, and compare it with the recorded one."""
+
+    bare = altered(recording, rotation_axis=None, held_point_m=None)
 
     def read(view: int) -> RgbdFrame:
         frame: RgbdFrame = recording[view]
         return frame if masks else replace(frame, mask=None)
 
     def estimated() -> RotationAxis:
-        return resolve_axis(_Bare(recording), read, SurfaceConfig()).axis  # type: ignore[arg-type]
+        return resolve_axis(bare, read, SurfaceConfig()).axis
 
     axis = estimated()  # once unmeasured: reads and compiles
     seconds = best_s(estimated, 1, time.process_time)

@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.inputs import Remembered, sources
 from benchmarks.output import Options, Row, recordings_of, save, say
-from benchmarks.unattended import side_solver
+from benchmarks.unattended import logistic, side_solver
 from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Bool, Float32, Float64
 from flatcloth.engine.segmenting import masked
@@ -175,16 +175,9 @@ def calibration_rows(
 
 def learned(rows: list[tuple[Float64, Bool, Float64]]) -> Float64:
     """Return the weights of the logistic regression; each recording counts alike."""
-    from scipy.optimize import minimize
-
-    def loss(w: Float64) -> float:
-        total = 0.0
-        for x, right, area in rows:
-            margin = np.where(right, 1.0, -1.0) * (x @ w)
-            total += float((np.logaddexp(0.0, -margin) * area).sum() / area.sum())
-        return total / len(rows) + 1e-3 * float(np.square(w[1:]).sum())
-
-    return np.asarray(minimize(loss, np.asarray(CALIBRATION), method="L-BFGS-B").x)
+    x, right, area = (np.concatenate(each) for each in zip(*rows, strict=True))
+    total = np.concatenate([np.full(len(own), len(rows) * own.sum()) for _, _, own in rows])
+    return logistic(x, right, 1e-3, area / total)
 
 
 def reliability(rows: list[tuple[Float64, Bool, Float64]], weights: Float64) -> list[dict[str, float]]:

@@ -100,13 +100,15 @@ def row_of(source: str, repeats: int) -> Row:
     return {
         "recording": open_recording(source).name,
         "unit_ms": round(1e3 * unit, 1),
-        "frame_u": round(frame_s(source) / unit, 2),
-        "first_proposal_u": round(float(proposals[0]) / unit, 2),
-        "proposal_u": round(float(np.median(proposals)) / unit, 2),
-        "last_proposal_u": round(float(proposals[-1]) / unit, 2),
-        "slowest_proposal_u": round(float(proposals.max()) / unit, 2),
+        "flatten a frame, U": round(frame_s(source) / unit, 2),
+        "from *Step* to the picture of the proposal, at the second view, U": round(
+            float(proposals[0]) / unit, 2
+        ),
+        "a proposal, median, U": round(float(np.median(proposals)) / unit, 2),
+        "at the last view, U": round(float(proposals[-1]) / unit, 2),
+        "the slowest proposal, U": round(float(proposals.max()) / unit, 2),
         "views": views,
-        "unattended_u": round(min(whole) / unit, 1),
+        "integrate all views of one side, U": round(min(whole) / unit, 1),
     }
 
 

@@ -40,13 +40,13 @@ def filled(page: str) -> str:
 
 def accuracy_of_bundled() -> str:
     """Return the three bundled recordings, for the README."""
-    rows = {row["recording"]: row for row in result("accuracy")}
+    rows = sorted(result("accuracy"), key=lambda row: str(row["recording"]))
     head = ("recording", "absolute error mm, median / 95 %", "of reliable pixels", "relative error mm, 95 %")
     return table(
         (*head, "reliable", "coverage", "beyond 20 mm", "views"),
         [
             (
-                name,
+                row["recording"],
                 f"{row['absolute_median_mm']:.1f} / {row['absolute_p95_mm']:.1f}",
                 f"{row['firm_median_mm']:.1f} / {row['firm_p95_mm']:.1f}",
                 f"{row['relative_p95_mm']:.1f}",
@@ -55,7 +55,8 @@ def accuracy_of_bundled() -> str:
                 percent(row["absolute_far_share"], 1),
                 row["views"],
             )
-            for name, row in ((name, rows[name]) for name in BUNDLED)
+            for row in rows
+            if row["recording"] in BUNDLED
         ],
     )
 
@@ -86,17 +87,9 @@ def summary() -> str:
 
 def speed() -> str:
     """Return the times in units U."""
-    names = {
-        "frame_u": "flatten a frame, U",
-        "first_proposal_u": "from *Step* to the picture of the proposal, at the second view, U",
-        "proposal_u": "a proposal, median, U",
-        "last_proposal_u": "at the last view, U",
-        "slowest_proposal_u": "the slowest proposal, U",
-        "unattended_u": "integrate all views of one side, U",
-    }
     rows = result("speed")
     head = ("", *(f"{row['recording']} (U = {row['unit_ms']} ms)" for row in rows))
-    lines = [(name, *(row[key] for row in rows)) for key, name in names.items() if key in rows[0]]
+    lines = [(name, *(row[name] for row in rows)) for name in rows[0] if name.endswith(", U")]
     return f"{table(head, lines)}\n\n{origin('speed')}"
 
 
@@ -200,48 +193,8 @@ def mended_results() -> str:
 
 def active() -> str:
     """Return after how many views active loops know two named points, by how they choose."""
-    words = {
-        "active": "chosen for the goal",
-        "fixed": "turned by 10 degrees",
-    }
-    columns = """loops: loops; 36 views know both: knowable; views until known, median: known_after_median
-        within 6: known_within_6; within 12: known_within_12; truly within 40 mm: known_and_within_40_mm
-        of those that 36 views know: median: known_after_median_of_knowable
-        within 12: known_within_12_of_knowable; wrongly said unknowable: said_cannot_be_known_wrongly
-        wrong kinds above 0.9: wrong_kind_above_0.9; U a view: u_a_view_median"""
-    pairs = [text.strip().rsplit(": ", 1) for text in re.split("[;\n]", columns)]
-    found = result("active")["summary"]
-    lines = [(words[n], *(_of_loops(k, found[n][k]) for _, k in pairs)) for n in words if n in found]
-    return table(("angles", *(text for text, _ in pairs)), lines)
-
-
-def active_other() -> str:
-    """Return what 36 views know, when loops say that points cannot be known, and what shape and kind take."""
-    labels = """visible points of all panels that 36 views know: all visible_points_known
-        panels whose kind 36 views find, surer than 0.9: all kinds_above_0.9
-        "cannot be known" said, times: cannot_be_known said
-        of these, 36 views do not know them either: cannot_be_known right
-        loops for points that no view shows: hidden loops
-        of these, said to be unknowable: hidden said_cannot_be_known
-        of these, said to be known: hidden said_known
-        loops for the shape: shape loops
-        of these, at least 0.95 of the area of 36 views after at most 12: shape area_at_least_0.95
-        loops for the kind: kind loops
-        views until it is surer than 0.9, median: kind kind_after_median
-        of these, after at most 4: kind kind_within_4
-        and after at most 12: kind kind_within_12
-        wrong kinds above 0.9: kind wrong_kind_above_0.9"""
-    found, lines = result("active")["summary"], []
-    for label, keys in (text.strip().rsplit(": ", 1) for text in labels.splitlines()):
-        group, key = keys.split()
-        lines.append((label, _of_loops(key, found.get(group, {}).get(key))))
-    return table(("figure", "measured"), lines)
-
-
-def _of_loops(key: str, value: float | None) -> str:
-    if value is None:
-        return "more than 12" if "after" in key else "-"
-    return f"{value:.3g}" if re.search("loops|said$|after|wrong_kind|u_a", key) else percent(value)
+    pairs = result("active")["summary"]["pairs"]
+    return table(pairs[0], (row.values() for row in pairs))
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -254,6 +207,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "garment-figures": garment_figures,
     "segmentation": segmentation,
     "active": active,
-    "active-other": active_other,
+    "active-other": lambda: table(("figure", "measured"), result("active")["summary"]["other"].items()),
     "constants": constants_table.constants,
 }

@@ -1,11 +1,15 @@
-"""What the benchmarks share: the unattended result, of one side and of both, and sides without masks."""
+"""What the benchmarks share: the unattended result, sides without masks, and what is fitted to figures."""
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from scipy.optimize import minimize
+
 from benchmarks.inputs import Remembered
 from flatcloth.core.config import Config
+from flatcloth.core.types import Bool, Float64
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.deciding import place_sure_pieces
 from flatcloth.engine.garment.recognition import GarmentService
@@ -61,3 +65,14 @@ def side_solver(recording: Any, every: int = 1) -> SideSolver:
     return SideSolver(
         observe(gather_evidence(frames, integration.axis, integration.views.held_point_m, Config()))
     )
+
+
+def logistic(features: Float64, right: Bool, held: float, weight: Float64 | float = 1.0) -> Float64:
+    """Return the coefficients of a logistic regression (Cox, 1958), drawn to 0 but for the constant."""
+
+    def loss(coefficients: Float64) -> float:
+        odds = np.where(right, -1.0, 1.0) * (features @ coefficients)
+        return float((weight * np.logaddexp(0.0, odds)).sum() + held * np.square(coefficients[1:]).sum())
+
+    fitted: Float64 = minimize(loss, np.zeros(features.shape[1])).x
+    return fitted
