@@ -10,11 +10,11 @@ import importlib
 import os
 from pathlib import Path
 
-BUNDLED = ("accuracy", "flattening", "fused", "garments", "reliability", "segmentation", "speed")
-"""Run if none is named: on the bundled recordings they take minutes. The others are about other recordings
-(``constants``, ``states``), take hours, or write what the program reads (``kernels``)."""
 ON_ONE_CORE = ("fused", "garments", "registration", "segmentation", "speed")
 """Their times are those of one core; they are run last."""
+BUNDLED = ("accuracy", "flattening", "page", "reliability", "size", *ON_ONE_CORE)
+"""Run if none is named: on the bundled recordings they take minutes, and replace the results of others. Those
+left out are about other recordings, take hours, or write what the program reads (``compiling``)."""
 NAMES = tuple(
     sorted(path.stem for path in Path(__file__).parent.glob("*.py") if "\ndef run(" in path.read_text())
 )

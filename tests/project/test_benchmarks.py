@@ -7,7 +7,7 @@ import json
 import re
 
 from benchmarks import output
-from benchmarks.__main__ import BUNDLED, NAMES, ON_ONE_CORE
+from benchmarks.__main__ import BUNDLED, NAMES
 
 
 def test_what_programs_in_strings_import_is_there() -> None:
@@ -25,7 +25,7 @@ def test_what_pages_and_sources_name_can_be_run() -> None:
     paths = [*root.glob("*.md"), *root.glob("docs/*.md"), *root.glob("flatcloth/**/*.py")]
     text = "".join(path.read_text() for path in paths if path.name != "CHANGELOG.md")
     named = set(re.findall(r"python -m\s+benchmarks\s+([a-z_]+)", text))
-    assert (named | {*BUNDLED, *ON_ONE_CORE}) - set(NAMES) == set()
+    assert (named | set(BUNDLED)) - set(NAMES) == set()
 
 
 def test_the_results_that_are_kept_say_where_they_come_from() -> None:
