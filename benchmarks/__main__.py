@@ -12,7 +12,7 @@ from pathlib import Path
 
 ON_ONE_CORE = ("fused", "garments", "registration", "segmentation", "speed")
 """Their times are those of one core; they are run last."""
-BUNDLED = ("accuracy", "flattening", "page", "reliability", "size", *ON_ONE_CORE)
+BUNDLED = ("accuracy", "flattening", "fused", "page", "reliability", "segmentation", "size", "speed")
 """Run if none is named: on the bundled recordings they take minutes, and replace the results of others. Those
 left out are about other recordings, take hours, or write what the program reads (``compiling``)."""
 NAMES = tuple(
