@@ -207,7 +207,7 @@ def left_out_of(learned: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
     least_unknown = min(misfit_of_unknown(loops) for loops in UNKNOWN.values() if len(loops) == 1)
     lines = []
     for garment in sorted({row["garment"] for row in learned}):
-        others = [row["misfit"] for row in learned if row["garment"] != garment and row["right"]]
+        others = [row["misfit"] for row in learned if row["garment"] != garment and row["right"]] or [np.nan]
         limit = (float(np.percentile(others, 90)) + least_unknown) / 2
         own = [row for row in learned if row["garment"] == garment]
         holds = sum((row["misfit"] < limit) == row["right"] for row in own)
