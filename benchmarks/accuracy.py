@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
+from benchmarks.inputs import measure_each
 from benchmarks.markdown import of_recordings
-from benchmarks.output import Options
-from benchmarks.unattended import measure_each, unattended
+from benchmarks.output import Options, Row
+from benchmarks.unattended import unattended
 from flatcloth.core.types import finite
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.integration import Integration
@@ -33,31 +32,27 @@ _COLUMNS = {
     "firm_p95_mm": "p95 mm",
     "firm_far_share": "> 20 mm",
     "within_3_std_share": "within 3 std",
-    "std_where_right_mm": "std where error < 2 mm",
 }
 
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/accuracy.json`` and ``.md`` unless ``quick``."""
-    measure_each("accuracy", row_of, worst_first, page, options)
+    measure_each("accuracy", rows_of, options, ordered=worst_first, page=page)
 
 
-def row_of(source: str) -> dict[str, Any]:
+def rows_of(source: str) -> list[Row]:
     """Return the figures of one recording."""
-    return figures_of(*unattended(source))
+    return [figures_of(*unattended(source))]
 
 
-def figures_of(integration: Integration, document: Document, truth: Any) -> dict[str, Any]:
+def figures_of(integration: Integration, document: Document, truth: Any) -> Row:
     """Return the figures of a document's shape against the truth."""
     canonical = integration.canonical(document)
-    compared = compare(canonical.view, truth, integration.recording)
-    error_mm = 1e3 * np.linalg.norm(compared.flat_uv_m - compared.true_uv_m, axis=1)
-    std_mm = compared.std_mm[error_mm < 2.0]
+    evaluation = compare(canonical.view, truth, integration.recording).evaluation
     floating_m2 = sum(piece.area_m2 for piece in canonical.floating)
     figures = {
-        **asdict(compared.evaluation),
+        **asdict(evaluation),
         "floating_share": floating_m2 / (floating_m2 + canonical.view.area_m2),
-        "std_where_right_mm": float(np.median(std_mm)) if std_mm.size else float("nan"),
     }
     return {
         "recording": integration.recording.name,
@@ -70,12 +65,12 @@ def figures_of(integration: Integration, document: Document, truth: Any) -> dict
     }
 
 
-def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def worst_first(rows: Sequence[Row]) -> list[Row]:
     """Return the rows by their share of errors beyond 20 mm, then by the 95th percentile."""
     return sorted(rows, key=lambda row: (-round(row["absolute_far_share"], 2), -row["absolute_p95_mm"]))
 
 
-def page(rows: Sequence[dict[str, Any]]) -> str:
+def page(rows: Sequence[Row]) -> str:
     """Return the Markdown page."""
     return f"""# Unattended results against the truth
 

@@ -3,10 +3,10 @@
 ``--meshes`` are OBJ files; ``--recordings`` recordings of them with true points, found by the mesh's name at
 their beginning. Each panel is looked at from ``--starts`` start angles, by ``--sensor`` with 2 mm of sway:
 for two named points that are visible by truth, for two that are not, for its kind, and for its shape.
-From the first start, ``fixed`` turns by 10 degrees, and ``present`` chooses among views every 10 degrees
-by new area alone. ``all`` is what both sides of 36 views give, integrated as a recording: what they do not
-know cannot be known. A view at an angle is the same in all loops of a mesh. ``--keep`` keeps views and
-loops, so that many can be measured in pieces; with ``--starts 0`` nothing more is measured.
+From the first start, ``fixed`` turns by 10 degrees. ``all`` is what both sides of 36 views give, integrated
+as a recording: what they do not know cannot be known. A view at an angle is the same in all loops of a mesh.
+``--keep`` keeps views and loops, so that many can be measured in pieces; with ``--starts 0`` nothing more is
+measured.
 
 The time of a view is that from the frame to the next angle: what is learnt of the view before takes the time
 of the turn, and counts as far as it takes longer.
@@ -18,16 +18,16 @@ import gc
 import json
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks.cells import Views, true_points
 from benchmarks.inputs import Remembered
-from benchmarks.output import Options, kept, save, say
+from benchmarks.markdown import percent
+from benchmarks.output import Options, Row, kept, save, say
 from benchmarks.speed import unit_s
 from benchmarks.unattended import integrated_sides
 from flatcloth.active.choosing import Next
@@ -35,7 +35,7 @@ from flatcloth.active.ending import End
 from flatcloth.active.goal import Budget, Goal, knowledge_of
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import object_from_camera, wrapped_deg
+from flatcloth.core.geometry import object_from_camera
 from flatcloth.core.types import finite
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.export.garment import garment_points, other_points
@@ -48,9 +48,10 @@ WITHIN_M, TRULY_M = 0.020, 0.040
 """What is asked of a point: its deviation, and its true error."""
 VIEWS = 12
 """Budget; twice for points that no view shows, which is said after views from all round."""
+Bounds = dict[tuple[str, int], Row]
+"""What 36 views give, by mesh and panel."""
 PAIRS = ("shoulder", "waist", "hem", "sleeve_top", "armpit", "neck", "pipe_outer", "cuff")
 """Pairs of named points, the first that fits is asked for."""
-CHOICES = ("active", "fixed", "present")
 
 
 class _Fixed(ActiveLoop):
@@ -63,29 +64,13 @@ class _Fixed(ActiveLoop):
         return Next(angle_deg=(self.stands_deg + 10.0) % 360.0 if self.views else 0.0, turn_deg=10.0, why="")
 
 
-class _Present(ActiveLoop):
-    """Chooses by new area among views every ten degrees, as among those of a recording."""
-
-    def _decided(self) -> Next | End:
-        asked = super()._decided()
-        if isinstance(asked, End) and (asked.reached or "budget" in asked.reason):
-            return asked
-        if self.integration is None or self.document.start_view is None:
-            return asked
-        taken = self.integration.views.angles_deg
-        free = [a for a in np.arange(0.0, 360.0, 10.0) if min(abs(wrapped_deg(a - t)) for t in taken) > 5.0]
-        plan = self.integration.algorithm.look_ahead(self.document, [*taken, *map(float, free)])
-        assert plan.view_index is not None
-        angle = float([*taken, *free][plan.view_index])
-        return Next(angle_deg=angle, turn_deg=wrapped_deg(angle - self.stands_deg), why="")
-
-
-LOOPS = {"active": ActiveLoop, "fixed": _Fixed, "present": _Present}
+LOOPS = {"active": ActiveLoop, "fixed": _Fixed}
+CHOICES = {"active": "chosen for the goal", "fixed": "turned by 10 degrees"}
 
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/active.json`` unless ``quick``."""
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     if options.keep and options.starts == 0:  # nothing more is measured
         rows = [
             row for file in sorted(Path(options.keep).glob("*.json")) for row in json.loads(file.read_text())
@@ -102,16 +87,16 @@ def run(options: Options) -> None:
         save("active", {"summary": found_figures, "loops": rows}, [row["mesh"] for row in rows])
 
 
-def _rows_of(mesh: Path, recorded: str, options: Options) -> list[dict[str, Any]]:
+def _rows_of(mesh: Path, recorded: str, options: Options) -> list[Row]:
     """Measure all loops of a mesh, and its 36 views."""
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     views = Views(mesh, Path(options.keep or tempfile.mkdtemp()) / "views" / mesh.stem, options.sensor)
     for panel in (1, 2):
         truth = kept(options, f"truth/{mesh.stem}-{panel}", partial(true_points, views, recorded, panel))[0]
         rows += kept(options, f"{mesh.stem}-{panel}-all", partial(_all_views, views, panel, truth))
         for number, start_deg in enumerate(np.arange(options.starts) * (360.0 / options.starts)):
             asked = [(about, "active") for about in ("points", "hidden", "kind", "shape")]
-            asked += [("points", choice) for choice in CHOICES[1:] if number == 0]
+            asked += [("points", "fixed")] * (number == 0)
             for about, choice in asked:
                 key = f"{mesh.stem}-{panel}-{start_deg:.0f}-{about}-{choice}"
                 loop = partial(measured, views, panel, float(start_deg), choice, truth, about)
@@ -122,7 +107,7 @@ def _rows_of(mesh: Path, recorded: str, options: Options) -> list[dict[str, Any]
     return rows
 
 
-def _all_views(views: Views, panel: int, truth: dict[str, Any]) -> list[dict[str, Any]]:
+def _all_views(views: Views, panel: int, truth: Row) -> list[Row]:
     """Return what 36 views give that are integrated as a recording."""
     with tempfile.TemporaryDirectory() as folder:
         cell = views.cell
@@ -157,9 +142,7 @@ def _all_views(views: Views, panel: int, truth: dict[str, Any]) -> list[dict[str
     ]
 
 
-def _errors_mm(
-    known: KnownGarment | str, truth: dict[str, Any], cell: Cell, start_deg: float
-) -> dict[str, float]:
+def _errors_mm(known: KnownGarment | str, truth: Row, cell: Cell, start_deg: float) -> dict[str, float]:
     """Return how far each named point that was seen is off; the corners of a towel have no order."""
     back = object_from_camera(cell.axis, start_deg).inverse()  # the object frame begins where the cell starts
     places = {name: back.apply(np.array(place)[None])[0] for name, place in truth["places"].items()}
@@ -177,7 +160,7 @@ def _errors_mm(
     return errors
 
 
-def asked_points(truth: dict[str, Any], *, hidden: bool) -> tuple[str, ...]:
+def asked_points(truth: Row, *, hidden: bool) -> tuple[str, ...]:
     """Return two named points that are visible by truth, or one or two that are not; a pair if there is one.
 
     The corners of a towel have no order, so that two are asked for if all are visible.
@@ -193,9 +176,7 @@ def asked_points(truth: dict[str, Any], *, hidden: bool) -> tuple[str, ...]:
     return tuple(some) if len(some) == 2 or hidden else ()
 
 
-def measured(
-    views: Views, panel: int, start_deg: float, choice: str, truth: dict[str, Any], about: str
-) -> list[dict[str, Any]]:
+def measured(views: Views, panel: int, start_deg: float, choice: str, truth: Row, about: str) -> list[Row]:
     """Return what one loop found, view by view; nothing if there are no such points."""
     names = () if about in ("kind", "shape") else asked_points(truth, hidden=about == "hidden")
     if not names and about in ("points", "hidden"):
@@ -204,7 +185,7 @@ def measured(
     with tempfile.TemporaryDirectory() as folder:
         most = 2 * VIEWS if about == "hidden" else VIEWS
         loop = LOOPS[choice](Path(folder) / "out", goal, Budget(views=most))
-        steps, learning_s = list[dict[str, Any]](), 0.0
+        steps, learning_s = list[Row](), 0.0
         while isinstance(loop.asked, Next):
             angle, turn_s = loop.asked.angle_deg, loop.asked.seconds
             view = views.at(panel, start_deg, angle)
@@ -254,124 +235,100 @@ def measured(
     ]
 
 
-def figures(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the figures of all loops, by how they chose, beside what 36 views give."""
+def figures(rows: Sequence[Row]) -> Row:
+    """Return the figures of all loops, named as their tables name them, beside what 36 views give."""
     bounds = {(row["mesh"], row["panel"]): row for row in rows if row["about"] == "all"}
-    found: dict[str, Any] = {"all": _of_all(rows, bounds)} if bounds else {}
-    for choice in CHOICES:
-        loops = [row for row in rows if row["about"] == "points" and row["choice"] == choice]
-        if loops:
-            found[choice] = _of_points(loops, bounds)
-    hidden = [row for row in rows if row["about"] == "hidden"]
-    if hidden:
-        found["hidden"] = {
-            "loops": len(hidden),
-            "said_cannot_be_known": _said_unknowable(hidden),
-            "said_known": float(np.mean([row["known_after"] is not None for row in hidden])),
-            "views_median": float(np.median([len(row["views"]) for row in hidden])),
-        }
+    points, hidden, shapes, kinds = (
+        [row for row in rows if row["about"] == about] for about in ("points", "hidden", "shape", "kind")
+    )
     said = [row for row in rows if row.get("said_hidden")]
-    if said:
-        found["cannot_be_known"] = {
-            "said": len(said),
-            "right": float(np.mean([not set(row["said_hidden"]) & _knowable(row, bounds) for row in said])),
-        }
-    shapes = [row for row in rows if row["about"] == "shape" and _bound_of(row, bounds).get("area_cm2")]
-    if shapes:
-        areas = [row["views"][-1]["area_cm2"] / _bound_of(row, bounds)["area_cm2"] for row in shapes]
-        found["shape"] = {
-            "loops": len(shapes),
-            "area_of_36_views_median": float(np.median(areas)),
-            "area_at_least_0.95": float(np.mean(np.array(areas) >= 0.95)),
-            "views_median": float(np.median([len(row["views"]) for row in shapes])),
-        }
-    kinds = [row for row in rows if row["about"] == "kind"]
-    if kinds:
-        after = np.array([_kind_after(row) for row in kinds])
-        found["kind"] = {
-            "loops": len(kinds),
-            "kind_after_median": _median(after),
-            "kind_within_4": float((after <= 4).mean()),
-            "kind_within_12": float((after <= 12).mean()),
-            "wrong_kind_above_0.9": sum(_is_wrong(row) for row in kinds),
-        }
-    return found
+    areas = [(row["views"][-1]["area_cm2"], _bound_of(row, bounds).get("area_cm2", 0.0)) for row in shapes]
+    kind_after = [_kind_after(row) for row in kinds]
+    visible = [(name, bound) for bound in bounds.values() for name, seen in bound["seen"].items() if seen]
+    other = {
+        "visible points of all panels that 36 views know": _share(
+            name in bound["known"] for name, bound in visible
+        ),
+        "panels whose kind 36 views find, surer than 0.9": _share(
+            bound["kind"] is not None and bound["probability"] >= 0.9 for bound in bounds.values()
+        ),
+        '"cannot be known" said, times': len(said),
+        "of these, 36 views do not know them either": _share(
+            not set(row["said_hidden"]) & _knowable(row, bounds) for row in said
+        ),
+        "loops for points that no view shows": len(hidden),
+        "of these, said to be unknowable": _share("cannot be known" in row["reason"] for row in hidden),
+        "of these, said to be known": _share(row["known_after"] is not None for row in hidden),
+        "loops for the shape": sum(bound > 0.0 for _, bound in areas),
+        "of these, at least 0.95 of the area of 36 views after at most 12": _share(
+            area >= 0.95 * bound for area, bound in areas if bound > 0.0
+        ),
+        "loops for the kind": len(kinds),
+        "views until it is surer than 0.9, median": _median(kind_after),
+        "of these, after at most 4": _share(after <= 4 for after in kind_after),
+        "and after at most 12": _share(after <= 12 for after in kind_after),
+        "wrong kinds above 0.9": sum(map(_is_wrong, kinds)),
+    }
+    pairs = [
+        {"angles": words, **_of_pairs([row for row in points if row["choice"] == choice], bounds)}
+        for choice, words in CHOICES.items()
+    ]
+    return {"pairs": pairs, "other": other}
 
 
-def _bound_of(row: dict[str, Any], bounds: dict[tuple[str, int], dict[str, Any]]) -> dict[str, Any]:
+def _of_pairs(loops: Sequence[Row], bounds: Bounds) -> Row:
+    """Return after how many views loops know two points."""
+    after = [row["known_after"] or np.inf for row in loops]
+    knowable = [set(row["points"]) <= _knowable(row, bounds) for row in loops]
+    of_knowable = [views for views, can in zip(after, knowable, strict=True) if can]
+    wrongly = ["cannot be known" in row["reason"] and can for row, can in zip(loops, knowable, strict=True)]
+    in_u = [view["seconds"] / row["u_s"] for row in loops for view in row["views"][2:]]
+    return {
+        "loops": len(loops),
+        "36 views know both": _share(knowable),
+        "views until known, median": _median(after),
+        "within 6": _share(views <= 6 for views in after),
+        "within 12": _share(views <= 12 for views in after),
+        "truly within 40 mm": _share(
+            max(row["errors_mm"].values()) <= 1e3 * TRULY_M for row in loops if row["known_after"]
+        ),
+        "of those that 36 views know: median": _median(of_knowable),
+        "of those within 12": _share(views <= 12 for views in of_knowable),
+        "wrongly said unknowable": _share(wrongly),
+        "wrong kinds above 0.9": sum(map(_is_wrong, loops)),
+        "U a view": _median(in_u),
+    }
+
+
+def _bound_of(row: Row, bounds: Bounds) -> Row:
     return bounds.get((row["mesh"], row["panel"]), {})
 
 
-def _knowable(row: dict[str, Any], bounds: dict[tuple[str, int], dict[str, Any]]) -> set[str]:
+def _knowable(row: Row, bounds: Bounds) -> set[str]:
     """Return the points that are visible by truth and that 36 views know."""
     bound = _bound_of(row, bounds)
     return {name for name in bound.get("known", ()) if bound["seen"].get(name)}
 
 
-def _of_all(rows: Sequence[dict[str, Any]], bounds: dict[tuple[str, int], dict[str, Any]]) -> dict[str, Any]:
-    """Return what 36 views give: of the panels, of the asked points of each, and of all visible points."""
-    asked = {(row["mesh"], row["panel"]): row["points"] for row in rows if row["about"] == "points"}
-    visible = [(name, bound) for bound in bounds.values() for name, seen in bound["seen"].items() if seen]
-    return {
-        "panels": len(bounds),
-        "asked": len(asked),
-        "asked_known": float(
-            np.mean([set(asked[key]) <= set(bounds[key]["known"]) for key in asked if key in bounds])
-        ),
-        "visible_points": len(visible),
-        "visible_points_known": float(np.mean([name in bound["known"] for name, bound in visible])),
-        "kinds_right": float(np.mean([bound["kind"] == bound["true_kind"] for bound in bounds.values()])),
-        "kinds_above_0.9": float(
-            np.mean([bound["kind"] is not None and bound["probability"] >= 0.9 for bound in bounds.values()])
-        ),
-    }
+def _share(are: Iterable[bool]) -> str:
+    every = list(are)
+    return percent(float(np.mean(every))) if every else "-"
 
 
-def _of_points(
-    loops: Sequence[dict[str, Any]], bounds: dict[tuple[str, int], dict[str, Any]]
-) -> dict[str, Any]:
-    after = np.array([row["known_after"] or np.inf for row in loops])
-    knowable = np.array([set(row["points"]) <= _knowable(row, bounds) for row in loops])
-    right = [max(row["errors_mm"].values()) <= 1e3 * TRULY_M for row in loops if row["known_after"]]
-    in_u = [view["seconds"] / row["u_s"] for row in loops for view in row["views"][2:]]
-    return {
-        "loops": len(loops),
-        "knowable": float(knowable.mean()),
-        "known_after_median": _median(after),
-        "known_after_median_of_knowable": _median(after[knowable]),
-        "known_within_6": float((after <= 6).mean()),
-        "known_within_12": float((after <= 12).mean()),
-        "known_within_12_of_knowable": float((after[knowable] <= 12).mean()) if knowable.any() else None,
-        "known_and_within_40_mm": float(np.mean(right)) if right else None,
-        "said_cannot_be_known_wrongly": float(
-            np.mean(
-                ["cannot be known" in row["reason"] and can for row, can in zip(loops, knowable, strict=True)]
-            )
-        ),
-        "said_cannot_be_known": _said_unknowable(loops),
-        "wrong_kind_above_0.9": sum(_is_wrong(row) for row in loops),
-        "u_a_view_median": float(np.median(in_u)) if in_u else None,
-    }
+def _median(values: Sequence[float]) -> str:
+    middle = float(np.median(values)) if len(values) else np.nan
+    return "-" if np.isnan(middle) else f"{middle:.3g}" if np.isfinite(middle) else f"more than {VIEWS}"
 
 
-def _median(after: np.ndarray) -> float | None:
-    """Return the median of numbers of views, None if it is more than were taken."""
-    return float(np.median(after)) if len(after) and np.isfinite(np.median(after)) else None
-
-
-def _said_unknowable(rows: Sequence[dict[str, Any]]) -> float:
-    return float(np.mean(["cannot be known" in row["reason"] for row in rows]))
-
-
-def _sure_kinds(row: dict[str, Any]) -> list[tuple[int, str]]:
+def _sure_kinds(row: Row) -> list[tuple[int, str]]:
     """Return after which views a kind was surer than 0.9, and which."""
     numbered = enumerate(row["views"], start=1)
     return [(n, view["kind"]) for n, view in numbered if view.get("kind") and view["probability"] >= 0.9]
 
 
-def _kind_after(row: dict[str, Any]) -> float:
+def _kind_after(row: Row) -> float:
     return next((n for n, _ in _sure_kinds(row)), np.inf)
 
 
-def _is_wrong(row: dict[str, Any]) -> bool:
+def _is_wrong(row: Row) -> bool:
     return any(kind != row["true_kind"] for _, kind in _sure_kinds(row))

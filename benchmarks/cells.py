@@ -36,7 +36,10 @@ class Views:
     def __init__(self, mesh: Path, folder: Path, sensor: str) -> None:
         self.mesh, self._folder = mesh, folder
         folder.mkdir(parents=True, exist_ok=True)
-        self.cell = Cell(request_of(mesh, 1, noise=sensor, loose=PoseErrors(swing_m=0.002)))
+        loose = PoseErrors(swing_m=0.002)
+        self.cell = Cell(
+            Request(mesh=mesh, out=Path(), panel="1", texture="floral", noise=sensor, loose=loose)
+        )
 
     def at(self, panel: int, start_deg: float, angle_deg: float) -> SeenView:
         """Return the view of a panel at an angle after the start angle."""
@@ -57,10 +60,6 @@ class Views:
             axis=self.cell.axis,
             held_point_m=self.cell.held_point_m,
         )
-
-
-def request_of(mesh: Path, panel: int, **more: Any) -> Request:
-    return Request(mesh=mesh, out=Path(), panel=str(panel), texture="floral", **more)
 
 
 def true_points(views: Views, recorded: str, panel: int) -> list[dict[str, Any]]:

@@ -149,11 +149,11 @@ class Read:
         return figures, _arrays_of(integration.canonical(document).view), ""
 
     def _both_sides(self, package: str) -> tuple[dict[str, Any], list[Any], str]:
-        from benchmarks import segmented, sides, unattended
+        from benchmarks import segmentation, sides, unattended
 
         recording: Any = self.recording
         if package == "segmentation":
-            recording = segmented.after_one_stroke(recording, self.truth)
+            recording = segmentation.after_one_stroke(recording, self.truth)
         service, both, document = unattended.integrated_sides(recording)
         this, joined = sides.written(service, both, document)
         figures = sides.figures_of(this, joined, self.truth, self.recording)

@@ -33,12 +33,12 @@ KEPT_FOR = {
         "_MOST_STEPS", "_FACTORS", "MOST_PIXELS", "_STILL", "MOST_KEPT", "_FILLED", "THREADS",
         "_IMAGES_KEPT", "_TRIES", "_MOST_STEPS", "MOST_SETS",
     ),
-    "finds the axis of recordings that name none (`python -m benchmarks axis`)": (
+    "finds the axis of recordings that name none (`python -m benchmarks registration`)": (
         "TOP_M", "_AROUND_M", "VIEWS_USED", "_GATES", "_GRID_PIXELS", "_LEAST_AGREEING", "_SCALES_M",
         "_USUAL_TILT", "thinned()",
     ),
     "finds wrong poses and turns (`python -m benchmarks mistakes`)": ("_LOOK", "_LEAST_POINTS"),
-    "serves an operator: scores, points placed by hand, strokes (`python -m benchmarks confidence`)": (
+    "serves an operator: scores, points placed by hand, strokes (docs/tried.md)": (
         "CONFIDENCE_WEIGHTS", "_REFINE_RADIUS_M", "HELD_STD_M", "_CONTRADICTED", "_MOST_INNER",
         "LEAST_AREA_M2", "SegmentationConfig.thickness_weight",
     ),

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.inputs import sources
-from benchmarks.output import Options, recordings_of, save, save_page, say
-from benchmarks.problems import signed_areas
+from benchmarks.inputs import measure_each
+from benchmarks.markdown import table
+from benchmarks.output import Options, Row
 from benchmarks.unattended import unattended
 from flatcloth.core.geometry import camera_from_object, project, z_angle_deg
 from flatcloth.core.graphs import components
@@ -47,48 +47,32 @@ class Mesh:
 
 
 def run(options: Options) -> None:
-    """Measure, print and write ``results/fused.{json,md}`` after every recording."""
-    rows: list[dict[str, Any]] = []
-    for source in sources(options.recordings):
-        rows += rows_of(source)
-        save("fused", rows, recordings_of(rows))
-        save_page("fused", page(rows), recordings_of(rows))
-    print(page(rows))
+    """Measure and print; write ``results/fused.json`` and ``.md`` unless ``quick``."""
+    measure_each("fused", rows_of, options, page=page)
 
 
-def rows_of(source: str) -> list[dict[str, Any]]:
+def rows_of(source: str) -> list[Row]:
     """Return the figures of ``robust`` and of the peer, with its views and with all, for one recording."""
     started = time.perf_counter()
     integration, document, truth = unattended(source)
     view = integration.canonical(document).view
     recording = integration.recording
-    say(f"{recording.name}: integrated")
     used = sorted(document.used_views)
-    results: list[tuple[str, list[int], FlattenedView, float, dict[str, int]]] = [
-        ("robust", used, view, time.perf_counter() - started, {})
-    ]
+    results = [("robust", used, view, time.perf_counter() - started)]
     for name, views in (("fused", used), ("fused, all views", list(range(len(recording))))):
         started = time.perf_counter()
         mesh = cleaned(*fuse(integration, views))
-        uv_m = unwrap(mesh)
-        flat = flattened(mesh, uv_m, integration, views)
-        size = {
-            "triangles": len(mesh.triangles),
-            "mirrored_triangles": int((signed_areas(uv_m, mesh.triangles) > 0).sum()),
-            "boundaries": boundaries(mesh),
-        }
-        results.append((name, views, flat, time.perf_counter() - started, size))
-        say(f"{recording.name}: {name}")
+        flat = flattened(mesh, unwrap(mesh), integration, views)
+        results.append((name, views, flat, time.perf_counter() - started))
     return [
         {
             "recording": recording.name,
             "method": name,
             "views": len(views),
             "seconds": round(seconds, 1),
-            **size,
             **asdict(compare(result, truth, recording).evaluation),
         }
-        for name, views, result, seconds, size in results
+        for name, views, result, seconds in results
     ]
 
 
@@ -126,9 +110,7 @@ def cleaned(points_m: Float64, triangles: Int64) -> Mesh:
     """Return the largest connected piece as a manifold, without slivers."""
     import igl
 
-    sides = points_m[triangles[:, 1:]] - points_m[triangles[:, :1]]
-    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    triangles = triangles[area > DEGENERATE_SHARE * VOXEL_M**2]
+    triangles = triangles[0.5 * doubled_areas(points_m, triangles) > DEGENERATE_SHARE * VOXEL_M**2]
     triangles, original = igl.split_nonmanifold(triangles)
     points_m = points_m[np.asarray(original).ravel()]
     sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
@@ -139,11 +121,12 @@ def cleaned(points_m: Float64, triangles: Int64) -> Mesh:
     )
 
 
-def boundaries(mesh: Mesh) -> int:
-    """Return how many boundary curves the mesh has: one for a disc, one more for each hole."""
-    import igl
-
-    return len(igl.boundary_loop_all(mesh.triangles.astype(np.int64)))
+def doubled_areas(points: Float64, triangles: Int64 | Int32) -> Float64:
+    """Return twice the areas (T,) of triangles with corners (N, 3), or (N, 2) on the plane."""
+    solid = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+    sides = solid[triangles[:, 1:]] - solid[triangles[:, :1]]
+    doubled: Float64 = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return doubled
 
 
 def unwrap(mesh: Mesh) -> Float64:
@@ -155,9 +138,7 @@ def unwrap(mesh: Mesh) -> Float64:
     apart = np.linalg.norm(points - points[first], axis=1)
     ends = np.array([first, apart.argmax()])
     start, _ = igl.lscm(points, triangles, ends, np.array([[0.0, 0.0], [apart.max(), 0.0]]))
-    sides = points[triangles[:, 1:]] - points[triangles[:, :1]]
-    doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum()
-    start *= np.sqrt(doubled / np.abs(signed_areas(start, mesh.triangles)).sum())
+    start *= np.sqrt(doubled_areas(points, triangles).sum() / doubled_areas(start, triangles).sum())
     data = igl.ARAPData()
     data.max_iter = ITERATIONS
     fixed = np.array([first], dtype=np.int32)
@@ -218,32 +199,22 @@ def flattened(
 
 def _drawn(mesh: Mesh, at: Float64, shape: Sequence[int]) -> tuple[Float64, Float64]:
     """Return place and normal (H, W, 3) of the mesh whose points lie at grid positions (N, 2), (col, row)."""
-    corners, solid = at[mesh.triangles], mesh.points_m[mesh.triangles]
+    core = load_open3d().core
+    scene = load_open3d().t.geometry.RaycastingScene()
+    flat = np.pad(at, ((0, 0), (0, 1))).astype(np.float32)
+    scene.add_triangles(core.Tensor(flat), core.Tensor(mesh.triangles.astype(np.uint32)))
+    row, col = np.indices(shape)
+    zero = np.zeros_like(row)
+    rays = np.stack([col, row, zero - 1, zero, zero, zero + 1], axis=-1)
+    met = scene.cast_rays(core.Tensor(rays.astype(np.float32)))
+    hit = np.isfinite(met["t_hit"].numpy())
+    one, two = met["primitive_uvs"].numpy()[hit].astype(np.float64).T
+    solid = mesh.points_m[mesh.triangles[met["primitive_ids"].numpy()[hit]]]
     normals = np.cross(solid[:, 1] - solid[:, 0], solid[:, 2] - solid[:, 0])
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
     xyz, normal = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
-    doubled = signed_areas(at, mesh.triangles)
-    low = np.ceil(corners.min(axis=1)).astype(int)
-    extent = np.floor(corners.max(axis=1)).astype(int) - low
-    extent[doubled == 0] = -1
-    # Triangles are a few pixels large: all of them at once, pixel by pixel of their bounding boxes.
-    for down in range(int(extent[:, 1].max()) + 1):
-        for right in range(int(extent[extent[:, 1] >= down, 0].max()) + 1):
-            t = np.flatnonzero((extent >= (right, down)).all(axis=1))
-            pixel = low[t] + (right, down)
-            share = np.stack([_doubled(corners[t], pixel, i) for i in range(3)], axis=1) / doubled[t, None]
-            hit = (share >= -1e-9).all(axis=1)
-            col, row = pixel[hit].T
-            xyz[row, col] = (share[hit, :, None] * solid[t[hit]]).sum(axis=1)
-            normal[row, col] = normals[t[hit]]
+    xyz[hit] = (np.stack([1.0 - one - two, one, two], axis=1)[..., None] * solid).sum(axis=1)
+    normal[hit] = normals / np.linalg.norm(normals, axis=1)[:, None]
     return xyz, normal
-
-
-def _doubled(corners: Float64, pixel: Int64, i: int) -> Float64:
-    """Return twice the signed areas (T,) of triangles (T, 3, 2) with corner i moved to a pixel (T, 2)."""
-    a, b = corners[:, (i + 1) % 3] - pixel, corners[:, (i + 2) % 3] - pixel
-    area: Float64 = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return area
 
 
 _COLUMNS = (
@@ -258,22 +229,19 @@ _COLUMNS = (
 )
 
 
-def page(rows: list[dict[str, Any]]) -> str:
-    """Return the table, in Markdown."""
-    heads = ["recording", "method", "views", *[head for _, head, _ in _COLUMNS]]
-    lines = [
-        "# Against fusing first",
-        "",
-        f"`fused`: TSDF volume of the masked views (Open3D, voxels of {1e3 * VOXEL_M:.1f} mm), its largest",
-        f"piece, simplified to {TRIANGLES} triangles, unwrapped by LSCM and {ITERATIONS} iterations of ARAP",
-        "(libigl). It is given the recorded angles and the views that `robust` chose, or all of them.",
-        "Both are compared with the same truth; the peer's seconds begin when its views have been chosen",
-        "and read.",
-        "",
-        f"| {' | '.join(heads)} |",
-        "|" + "---|" * len(heads),
+def page(rows: Sequence[Row]) -> str:
+    """Return the Markdown page."""
+    cells = [
+        (row["recording"], row["method"], row["views"], *(form.format(row[key]) for key, _, form in _COLUMNS))
+        for row in rows
     ]
-    for row in rows:
-        cells = [form.format(row[key]) for key, _, form in _COLUMNS]
-        lines.append(f"| {' | '.join([row['recording'], row['method'], str(row['views']), *cells])} |")
-    return "\n".join(lines) + "\n"
+    return f"""# Against fusing first
+
+`fused`: TSDF volume of the masked views (Open3D, voxels of {1e3 * VOXEL_M:.1f} mm), its largest
+piece, simplified to {TRIANGLES} triangles, unwrapped by LSCM and {ITERATIONS} iterations of ARAP
+(libigl). It is given the recorded angles and the views that `robust` chose, or all of them.
+Both are compared with the same truth; the peer's seconds begin when its views have been chosen
+and read.
+
+{table(("recording", "method", "views", *(head for _, head, _ in _COLUMNS)), cells)}
+"""

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.inputs import sources
+from benchmarks.markdown import table
 from benchmarks.output import Options, save, save_page, say
 from benchmarks.unattended import both_sides
 from flatcloth.core.geometry import fit_rigid2
@@ -43,7 +44,7 @@ def run(options: Options) -> None:
     rows: list[tuple[str, GarmentEvaluation, dict[str, float], dict[str, Any]]] = []
     for source in sources(options.recordings):
         rows.append(row_of(source))
-        say(line_of(*rows[-1][:3]))
+        say("  ".join(f"{cell:>10}" for cell in cells_of(*rows[-1][:3])))
     unknown = {name: unknown_of(loops) for name, loops in UNKNOWN.items()}
     for name, (kind, none) in unknown.items():
         say(f"{name}: {kind}, none of these {none:.2f}")
@@ -111,9 +112,14 @@ def wrong_share(part: NDArray[np.bool_], shape: FlattenedView, truth: Any) -> fl
     return float(np.nanmean(off_m[part[shape.valid]] > _WRONG_M))
 
 
-def line_of(name: str, found: GarmentEvaluation, seconds: dict[str, float]) -> str:
-    """Return a row of the table as text."""
-    return "  ".join(f"{cell:>10}" for cell in cells_of(name, found, seconds))
+_HEAD = (
+    "recording", "kind", "p of the true kind", "p of none", "seen points, mm (n)", "unseen points, mm (n)",
+    "dimensions, %", "pieces placed, mm", "recognition, s", "drag, ms",
+)  # fmt: skip
+_LINKS = (
+    "recording", "part, cm2", "p that the link is right", "evidence per row", "offered", "taken off by `run`",
+    "more than 60 mm off its true place",
+)  # fmt: skip
 
 
 def cells_of(name: str, found: GarmentEvaluation, seconds: dict[str, float]) -> list[str]:
@@ -137,78 +143,63 @@ def cells_of(name: str, found: GarmentEvaluation, seconds: dict[str, float]) -> 
     ]
 
 
-_HEAD = (
-    "recording", "kind", "p of the true kind", "p of none", "seen points, mm (n)", "unseen points, mm (n)",
-    "dimensions, %", "pieces placed, mm", "recognition, s", "drag, ms",
-)  # fmt: skip
-
-
 def page_of(rows: list[Any], figures: dict[str, float], unknown: dict[str, tuple[str, float]]) -> str:
     """Return the tables, the worst recordings first."""
     worst = sorted(rows, key=lambda row: (row[1].kind == row[1].true_kind, row[1].probability))
-    lines = ["# Garments", "", "Medians of each recording; worst first.", ""]
-    lines += [f"| {' | '.join(_HEAD)} |", "|" + "---|" * len(_HEAD)]
-    lines += [f"| {' | '.join(cells_of(*row[:3]))} |" for row in worst]
-    lines += ["", "## All together", "", "| figure | value |", "|---|---|"]
-    lines += [f"| {name} | {value:.3g} |" for name, value in figures.items()]
-    lines += [
-        "",
-        "## Reliability of the probability of the answer",
-        "",
-        "| stated | right | answers |",
-        "|---|---|---|",
-    ]
-    lines += reliability_of([row[1] for row in rows])
-    lines += [
-        "",
-        "## Leave one garment out: the misfit limit",
-        "",
-        "| left out | limit | rows right |",
-        "|---|---|---|",
-    ]
-    lines += left_out_of([row[3] for row in rows])
-    lines += [
-        "",
-        "## Links of the shapes that no garment fits",
-        *_table_of_links([(row[0], *each) for row in rows for each in row[3]["links"]]),
-        "",
-        "## The same if the garment is of a kind that is not known",
-        *_table_of_links([(row[0], *each) for row in rows for each in row[3]["other"]]),
-    ]
-    lines += ["", "## Shapes of no known kind", "", "| shape | answer | p of none |", "|---|---|---|"]
-    lines += [f"| {name} | {kind} | {none:.2f} |" for name, (kind, none) in unknown.items()]
-    return "\n".join(lines)
+    shapes = ((name, kind, f"{none:.2f}") for name, (kind, none) in unknown.items())
+    return f"""# Garments
+
+Medians of each recording; worst first.
+
+{table(_HEAD, (cells_of(*row[:3]) for row in worst))}
+
+## All together
+
+{table(("figure", "value"), ((name, f"{value:.3g}") for name, value in figures.items()))}
+
+## Reliability of the probability of the answer
+
+{table(("stated", "right", "answers"), reliability_of([row[1] for row in rows]))}
+
+## Leave one garment out: the misfit limit
+
+{table(("left out", "limit", "rows right"), left_out_of([row[3] for row in rows]))}
+
+## Links of the shapes that no garment fits
+
+{_table_of_links(rows, "links")}
+
+## The same if the garment is of a kind that is not known
+
+{_table_of_links(rows, "other")}
+
+## Shapes of no known kind
+
+{table(("shape", "answer", "p of none"), shapes)}
+"""
 
 
-def _table_of_links(links: list[tuple[str, DoubtedLink, float]]) -> list[str]:
-    lines = [
-        "",
-        "| recording | part, cm2 | p that the link is right | evidence per row | offered | "
-        "taken off by `run` | more than 60 mm off its true place |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for name, link, share in sorted(links, key=lambda each: each[1].probability):
-        answers = " | ".join("yes" if yes else "no" for yes in (is_offered(link), is_wrong(link)))
-        lines.append(
-            f"| {name} | {1e4 * link.area_m2:.0f} | {link.probability:.3f} | {link.evidence:.2f} | "
-            f"{answers} | {share:.0%} |"
-        )
-    return lines
+def _table_of_links(rows: list[Any], name: str) -> str:
+    links: list[tuple[str, DoubtedLink, float]] = [(row[0], *each) for row in rows for each in row[3][name]]
+    cells = []
+    for recording, link, share in sorted(links, key=lambda each: each[1].probability):
+        figures = f"{1e4 * link.area_m2:.0f}", f"{link.probability:.3f}", f"{link.evidence:.2f}"
+        answers = ("yes" if yes else "no" for yes in (is_offered(link), is_wrong(link)))
+        cells.append((recording, *figures, *answers, f"{share:.0%}"))
+    return table(_LINKS, cells)
 
 
-def reliability_of(found: list[GarmentEvaluation]) -> list[str]:
+def reliability_of(found: list[GarmentEvaluation]) -> list[tuple[str, str, int]]:
     """Return rows of what was told of the true kind of each recording, and of how often it was so."""
     told = np.array([max(f.probability if f.kind == f.true_kind else 0.0, f.none_probability) for f in found])
     right = np.array([f.kind == f.true_kind for f in found])
-    lines = []
-    for low, high in itertools.pairwise(_BINS):
-        own = (told >= low) & (told < high)
-        if own.any():
-            lines.append(f"| {told[own].mean():.2f} | {right[own].mean():.2f} | {own.sum()} |")
-    return lines
+    bins = [(told >= low) & (told < high) for low, high in itertools.pairwise(_BINS)]
+    return [
+        (f"{told[own].mean():.2f}", f"{right[own].mean():.2f}", int(own.sum())) for own in bins if own.any()
+    ]
 
 
-def left_out_of(learned: list[dict[str, Any]]) -> list[str]:
+def left_out_of(learned: list[dict[str, Any]]) -> list[tuple[str, str, str]]:
     """Return the limit of the misfit that the other garments alone would give, and whether it holds.
 
     The limit lies midway between the largest misfit of a right fit and the smallest of an unknown shape.
@@ -216,11 +207,11 @@ def left_out_of(learned: list[dict[str, Any]]) -> list[str]:
     least_unknown = min(misfit_of_unknown(loops) for loops in UNKNOWN.values() if len(loops) == 1)
     lines = []
     for garment in sorted({row["garment"] for row in learned}):
-        others = [row["misfit"] for row in learned if row["garment"] != garment and row["right"]]
+        others = [row["misfit"] for row in learned if row["garment"] != garment and row["right"]] or [np.nan]
         limit = (float(np.percentile(others, 90)) + least_unknown) / 2
         own = [row for row in learned if row["garment"] == garment]
         holds = sum((row["misfit"] < limit) == row["right"] for row in own)
-        lines.append(f"| {garment} | {limit:.3f} | {holds} of {len(own)} |")
+        lines.append((garment, f"{limit:.3f}", f"{holds} of {len(own)}"))
     return lines
 
 

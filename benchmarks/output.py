@@ -18,6 +18,8 @@ RESULTS = Path(__file__).parent / "results"
 
 Options = argparse.Namespace
 """What the command line asks of a benchmark: ``python -m benchmarks --help`` says what each option is."""
+Row = dict[str, Any]
+"""Figures, by their names."""
 
 
 def provenance(recordings: Sequence[str]) -> dict[str, Any]:
@@ -30,7 +32,7 @@ def provenance(recordings: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def once(file: Path, measured: Callable[[], dict[str, Any]]) -> dict[str, Any] | None:
+def once(file: Path, measured: Callable[[], Row]) -> Row | None:
     """Return a row, measured unless the file has it; None while another process measures it."""
     with file.open("a+") as opened:
         try:
@@ -42,7 +44,7 @@ def once(file: Path, measured: Callable[[], dict[str, Any]]) -> dict[str, Any] |
         if not text:
             text = json.dumps(measured())
             opened.write(text)
-    row: dict[str, Any] = json.loads(text)
+    row: Row = json.loads(text)
     return row
 
 
@@ -63,16 +65,16 @@ def save_page(name: str, text: str, recordings: Sequence[str] = ()) -> None:
     (RESULTS / f"{name}.md").write_text(f"{text.rstrip()}\n\n{last}.\n")
 
 
-def recordings_of(rows: Sequence[dict[str, Any]]) -> list[str]:
+def recordings_of(rows: Sequence[Row]) -> list[str]:
     """Return the names of the recordings in a table, in their order."""
     return list(dict.fromkeys(row["recording"] for row in rows))
 
 
-def kept(options: Options, name: str, measure: Callable[[], list[dict[str, Any]]]) -> list[dict[str, Any]]:
+def kept(options: Options, name: str, measure: Callable[[], list[Row]]) -> list[Row]:
     """Return rows of figures; those that the folder ``options.keep`` has as ``NAME.json`` are kept."""
     file = Path(options.keep) / f"{name}.json"
     if options.keep and file.exists():
-        rows: list[dict[str, Any]] = json.loads(file.read_text())
+        rows: list[Row] = json.loads(file.read_text())
         return rows
     rows = measure()
     if options.keep:

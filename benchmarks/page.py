@@ -2,16 +2,20 @@
 
 The program is started on a bundled recording, its kernels compiled; a browser is open already, as an
 operator's is. Times are the clock's; the processor seconds of the program beside them tell how long a
-machine that does nothing else would take. The scene is drawn without a graphics card, the worst case, as an
-ordinary Chromium does then: WebGL by SwiftShader, all else by the processor. (``--use-angle=swiftshader`` and
-``--ignore-gpu-blocklist`` would send the page itself through an emulated card, which no browser chooses: a
-second of compiling its shaders falls on some click.)
+machine that does nothing else would take. ``fresh``: with none of the kernels compiled. ``scene``: until the
+3D scene is drawn; from there on, a click until its mark is drawn in 3D and on the flattened view, the pointer
+of either pane until its cursor is drawn in the other, and frames while the flattened view is dragged. The
+scene is drawn without a graphics card, the worst case, as an ordinary Chromium does then: WebGL by
+SwiftShader, all else by the processor. (``--use-angle=swiftshader`` and ``--ignore-gpu-blocklist`` would send
+the page itself through an emulated card, which no browser chooses: a second of compiling its shaders falls on
+some click.)
 Python's byte code of the modules is kept from a start before, as usual; where the environment forbids that,
 each start compiles all modules anew, for a second or two.
 """
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import statistics
@@ -23,13 +27,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from benchmarks.browser import CHROMIUM
-from benchmarks.canvas import frames
-from benchmarks.output import Options, save
+from benchmarks.output import Options, Row, save, say
 from flatcloth.engine.warmup import is_compiled
 
 RECORDING = "shirt-sleeve-clean"
 STARTS = 5
 POINTS = 100
+DRAG_S = 4.0
 VIEWPORT = {"width": 1280, "height": 800}
 FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 
@@ -71,25 +75,16 @@ IDLE = """() => new Promise((done) => {
     requestAnimationFrame(tick);
 })"""
 
-ROWS = (
-    ("address_s", "process start to address printed, s"),
-    ("address_cpu_s", "  processor seconds of the program by then"),
-    ("first_picture_s", "process start to first picture drawn in the browser, s"),
-    ("first_picture_cpu_s", "  processor seconds of the program by then"),
-    ("scene_s", "process start to 3D scene drawn (software), s"),
-    ("fresh_address_s", "nothing compiled: process start to address printed, s"),
-    ("fresh_first_picture_s", "nothing compiled: process start to first picture, s"),
-    ("click_ms", f"click to highlight drawn in 3D (median of {POINTS}), ms"),
-    ("slowest_click_ms", "  slowest, ms"),
-    ("click_plane_ms", "click to its mark drawn on the flattened view (median), ms"),
-    ("slowest_click_plane_ms", "  slowest, ms"),
-    ("hover_ms", f"pointer on the plane to cursor in 3D (median of {POINTS}), ms"),
-    ("hover_p95_ms", "  95 % of them within, ms"),
-    ("hover_scene_ms", f"pointer in 3D to cursor on the plane (median of {POINTS}), ms"),
-    ("hover_scene_p95_ms", "  95 % of them within, ms"),
-    ("drag_fps", "frames a second while the flattened view is dragged, 3D beside it"),
-    ("drag_p95_ms", "  95 % of the frames within, ms"),
-)
+FRAMES = """(ms) => {
+    const times = window.frame_times = [];
+    window.frames_over = false;
+    const tick = (now) => {
+        times.push(now);
+        if (now - times[0] < ms) requestAnimationFrame(tick);
+        else window.frames_over = true;
+    };
+    requestAnimationFrame(tick);
+}"""
 
 
 def run(options: Options) -> None:
@@ -106,14 +101,13 @@ def run(options: Options) -> None:
             fresh = _fresh_start(browser, environment)
         version = browser.version
         browser.close()
-    found = {key: statistics.median(start[key] for start in starts) for key in starts[0]} | fresh
-    load = os.getloadavg()[0]
-    for key, text in ROWS:
-        print(f"{text:<66}{found[key]:10.2f}")
-    print(f"{'load of the machine (1 minute)':<66}{load:10.2f}")
+    found: Row = {key: statistics.median(start[key] for start in starts) for key in starts[0]} | fresh
+    drawn_by = f"Chromium {version}, software rendering"
+    found = {"browser": drawn_by, "load": os.getloadavg()[0], "starts": len(starts), **found}
+    for key, value in found.items():
+        say(f"{key} {value}")
     if not options.quick:
-        drawn_by = f"Chromium {version}, software rendering"
-        save("page", {"browser": drawn_by, "load": load, "starts": len(starts), **found}, [RECORDING])
+        save("page", found, [RECORDING])
 
 
 def _fresh_start(browser: Any, environment: Mapping[str, str]) -> dict[str, float]:
@@ -173,7 +167,10 @@ def _answers(page: Any) -> dict[str, float]:
         "window.flatcloth_drawn = () =>"
         " [flatcloth.sceneMarks.drawn.map((mark) => mark?.id), flatcloth.marksDrawn]"
     )
-    clicks = [_timed(page, "pointerup", "plane", lambda at=at: _click(page, at)) for at in on_plane]
+    clicks = [
+        _timed(page, "pointerup", "plane", lambda at=at: page.mouse.click(at["x"], at["y"]))
+        for at in on_plane
+    ]
     in_scene_ms, on_plane_ms = zip(*clicks, strict=True)
     frame = page.locator("#viser").bounding_box()
     in_scene = [
@@ -193,7 +190,7 @@ def _answers(page: Any) -> dict[str, float]:
     ]
     shown = page.locator("#canvas").bounding_box()
     x, y = shown["x"] + shown["width"] / 2, shown["y"] + shown["height"] / 2
-    dragged = frames(page, lambda n: page.mouse.move(x + 3 * (n % 60), y + 2 * (n % 40)), (x, y))
+    gaps_ms = _dragged_ms(page, x, y)
     return {
         "click_ms": statistics.median(in_scene_ms),
         "slowest_click_ms": max(in_scene_ms),
@@ -203,13 +200,22 @@ def _answers(page: Any) -> dict[str, float]:
         "hover_p95_ms": statistics.quantiles(hovers, n=20)[-1],
         "hover_scene_ms": statistics.median(back),
         "hover_scene_p95_ms": statistics.quantiles(back, n=20)[-1],
-        "drag_fps": dragged["fps"],
-        "drag_p95_ms": dragged["p95_ms"],
+        "drag_fps": 1000.0 / statistics.mean(gaps_ms),
+        "drag_p95_ms": statistics.quantiles(gaps_ms, n=20)[-1],
     }
 
 
-def _click(page: Any, at: dict[str, float]) -> None:
-    page.mouse.click(at["x"], at["y"])
+def _dragged_ms(page: Any, x: float, y: float) -> list[float]:
+    """Drag the flattened view about for some seconds; return the times from frame to frame."""
+    page.mouse.move(x, y)
+    page.mouse.down(button="right")
+    page.evaluate(FRAMES, 1000 * DRAG_S)
+    for n in itertools.count():
+        if page.evaluate("window.frames_over"):
+            break
+        page.mouse.move(x + 3 * (n % 60), y + 2 * (n % 40))
+    page.mouse.up(button="right")
+    return [b - a for a, b in itertools.pairwise(page.evaluate("window.frame_times"))]
 
 
 def _timed(page: Any, event: str, target: str, act: Any) -> list[float]:

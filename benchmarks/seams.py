@@ -10,16 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations, pairwise
-from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
-from benchmarks.output import Options
-from benchmarks.unattended import measure_each, unattended
+from benchmarks.inputs import measure_each
+from benchmarks.output import Options, Row
+from benchmarks.unattended import logistic, unattended
 from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int64
+from flatcloth.core.types import MIRROR, FlattenedView, Float64, Int64
 from flatcloth.engine.both_sides import BothSides, one_side
 from flatcloth.engine.evaluation import Truth, look_up
 from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
@@ -28,14 +27,16 @@ from flatcloth.methods.robust.seams import links as seam_links
 
 BENT_MM = 100.0
 """Cloth that is bent more between two seams is joined falsely. Chosen: drift is less."""
+HELD = 0.02
+"""Weight that draws the coefficients to 0. Chosen: hardly."""
 
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/seams.json`` and ``.md`` unless ``quick``."""
-    measure_each("seams", row_of, worst_first, page, options)
+    measure_each("seams", rows_of, options, ordered=worst_first, page=page)
 
 
-def row_of(source: str) -> dict[str, Any]:
+def rows_of(source: str) -> list[Row]:
     """Return the sets and the contradictions of one recording."""
     integration, document, truth = unattended(source)
     other, its = BothSides(integration).integrated(document)
@@ -76,7 +77,7 @@ def row_of(source: str) -> dict[str, Any]:
                 joints.append({"side": side, "evidence": round(joint.evidence, 1), "bent_mm": bent})
     is_noisy = any(view.is_noisy for view in shapes[0].observations)
     name = integration.recording.name
-    return {"recording": name, "noisy": is_noisy, "sets": found, "joints": joints}
+    return [{"recording": name, "noisy": is_noisy, "sets": found, "joints": joints}]
 
 
 def _bent_mm(uv_m: Float64, true_uv_m: Float64, one: Int64, other: Int64) -> float:
@@ -98,7 +99,7 @@ def _true_at(pieces: Sequence[FlattenedView], truth: Truth, uv_m: Float64) -> Fl
     return found
 
 
-def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def worst_first(rows: Sequence[Row]) -> list[Row]:
     """Return the rows by the surest false set."""
     return sorted(
         rows,
@@ -106,7 +107,7 @@ def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     )
 
 
-def page(rows: Sequence[dict[str, Any]]) -> str:
+def page(rows: Sequence[Row]) -> str:
     """Return the Markdown page."""
     sets = [(row["recording"].partition("-")[0], each) for row in rows for each in row["sets"]]
     features = np.array([(1.0, np.log(s["strength"]), np.log1p(s["against"])) for _, s in sets])
@@ -115,7 +116,7 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
     left_out = np.zeros(len(sets))
     for name in np.unique(garment):
         own = garment == name
-        left_out[own] = 1.0 / (1.0 + np.exp(-features[own] @ _fitted(features[~own], true[~own])))
+        left_out[own] = 1.0 / (1.0 + np.exp(-features[own] @ logistic(features[~own], true[~own], HELD)))
     sure = left_out > 0.9
     joints = {(row["recording"], j["side"], j["evidence"]): j["bent_mm"] for row in rows if row["noisy"]
               for j in row["joints"]}  # fmt: skip
@@ -133,7 +134,7 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         ) + " |"
         for row in rows
     )  # fmt: skip
-    odds = ", ".join(f"{value:.2f}" for value in _fitted(features, true))
+    odds = ", ".join(f"{value:.2f}" for value in logistic(features, true, HELD))
     return f"""# Seams: sets of places, true and false
 
 {len(sets)} sets, {true.sum()} true. Their odds are fitted as {odds} (constant, strength, true edges against);
@@ -154,14 +155,3 @@ comes first.
 |---|---|---|
 {lines}
 """
-
-
-def _fitted(features: Float64, true: Bool) -> Float64:
-    """Return the coefficients of a logistic regression (Cox, 1958), hardly drawn to 0."""
-
-    def loss(weights: Float64) -> float:
-        odds = np.where(true, -1.0, 1.0) * (features @ weights)
-        return float(np.logaddexp(0.0, odds).sum() + 0.02 * np.square(weights[1:]).sum())
-
-    fitted: Float64 = minimize(loss, np.zeros(features.shape[1])).x
-    return fitted

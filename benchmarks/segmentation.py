@@ -4,6 +4,9 @@ Recordings with truth, their masks taken away. A simulated operator strokes with
 middle of the largest error that he sees in any view, never nearer than 10 mm to a boundary. Wrong is
 by area: every surface pixel of every view counts with the cloth under it. Unaided, the side is the
 one that the start view shows most, as it is for an operator who has not said otherwise.
+
+The weights of the certainty are learned from these recordings, and what it says is compared with what is
+right, also with weights learned without the garment.
 """
 
 from __future__ import annotations
@@ -11,26 +14,22 @@ from __future__ import annotations
 import itertools
 import time
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
 
-from benchmarks.first_strokes import FirstStroke, first_stroke
-from benchmarks.first_strokes import told as told_of_first
-from benchmarks.inputs import sources
-from benchmarks.output import Options, recordings_of, save, say
-from flatcloth.core.config import Config
+from benchmarks.inputs import Remembered, sources
+from benchmarks.output import Options, Row, recordings_of, save, say
+from benchmarks.unattended import logistic, side_solver
 from flatcloth.core.strokes import Decision, ImageStroke
 from flatcloth.core.types import Bool, Float32, Float64
-from flatcloth.engine.integration import Integration
+from flatcloth.engine.segmenting import masked
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
 from flatcloth.segmentation.certainty import CALIBRATION, features
-from flatcloth.segmentation.observed import Observed, gather_evidence, observe
+from flatcloth.segmentation.observed import Observed
 from flatcloth.segmentation.result import NO_ITEM, OF_INTEREST, Segmentation
-from flatcloth.segmentation.settings import SegmentationConfig
 from flatcloth.segmentation.solver import SideSolver
 
 STROKES = 6
@@ -176,16 +175,9 @@ def calibration_rows(
 
 def learned(rows: list[tuple[Float64, Bool, Float64]]) -> Float64:
     """Return the weights of the logistic regression; each recording counts alike."""
-    from scipy.optimize import minimize
-
-    def loss(w: Float64) -> float:
-        total = 0.0
-        for x, right, area in rows:
-            margin = np.where(right, 1.0, -1.0) * (x @ w)
-            total += float((np.logaddexp(0.0, -margin) * area).sum() / area.sum())
-        return total / len(rows) + 1e-3 * float(np.square(w[1:]).sum())
-
-    return np.asarray(minimize(loss, np.asarray(CALIBRATION), method="L-BFGS-B").x)
+    x, right, area = (np.concatenate(each) for each in zip(*rows, strict=True))
+    total = np.concatenate([np.full(len(own), len(rows) * own.sum()) for _, _, own in rows])
+    return logistic(x, right, 1e-3, area / total)
 
 
 def reliability(rows: list[tuple[Float64, Bool, Float64]], weights: Float64) -> list[dict[str, float]]:
@@ -208,37 +200,24 @@ def reliability(rows: list[tuple[Float64, Bool, Float64]], weights: Float64) -> 
     return found
 
 
-def first_strokes(solver: SideSolver, truth: Truth) -> list[FirstStroke]:
-    """Return the first strokes of operators who want the guessed side, and the other."""
-    observed, found = solver.observed, solver.solve(())
-    panel, face = side_shown_first(observed, solver, truth)
-    one_layer = truth.garment == "towel"
-    rows = []
-    for side in ((panel, face), (panel, not face) if one_layer else (3 - panel, face)):
-        seen = seen_truth(observed, truth, *side)
-        stroke = stroke_at_largest_error(found, seen)
-        if stroke is not None:
-            rows.append(first_stroke(observed, stroke, truth.garment, partial(_wrong, truth=seen)))
-    return rows
-
-
-def _wrong(found: Segmentation, truth: dict[int, Seen]) -> float:
-    score = scored(found, truth)
-    return score.error + score.undecided
+def after_one_stroke(recording: Any, truth: Any) -> Remembered:
+    """Return the recording with the masks that are found without its own, and by one stroke."""
+    solver = side_solver(recording)
+    found = solver.solve(())
+    stroke = stroke_at_largest_error(found, seen_truth(solver.observed, truth, *wanted(truth, other=False)))
+    return Remembered(masked(recording, found if stroke is None else solver.solve([stroke])))
 
 
 def measured(
-    source: str, strokes: int = STROKES, learn: bool = False, other: bool = False
-) -> tuple[dict[str, Any], list[tuple[Float64, Bool, Float64]], list[FirstStroke]]:
-    """Measure one recording; ``learn`` from its first strokes, too."""
-    recording = open_recording(source)
-    truth = Truth(source)
-    integration = Integration(recording)
-    frames = [recording[n] for n in range(len(recording))]
+    source: str, strokes: int = STROKES, other: bool = False
+) -> tuple[Row, list[tuple[Float64, Bool, Float64]]]:
+    """Measure one recording; return also what its certainty is learned from."""
+    recording, truth = Remembered(open_recording(source)), Truth(source)
+    for n in range(len(recording)):  # read before the time is taken
+        recording[n]
     began, cpu = time.perf_counter(), time.process_time()
-    observed = observe(gather_evidence(frames, integration.axis, integration.views.held_point_m, Config()))
-    solver = SideSolver(observed)
-    found = solver.solve(())
+    solver = side_solver(recording)
+    found, observed = solver.solve(()), solver.observed
     prepare = time.perf_counter() - began, time.process_time() - cpu
     first = seen_truth(observed, truth, *side_shown_first(observed, solver, truth))
     true = seen_truth(observed, truth, *wanted(truth, other))
@@ -255,7 +234,7 @@ def measured(
             if len(decisions) in (2, 4):
                 rows.append(calibration_rows(found, solver, true))
         scores.append(scored(found, true))
-    row: dict[str, Any] = {
+    row: Row = {
         "recording": recording.name,
         "garment": truth.garment,
         "clusters": observed.clusters.count,
@@ -267,73 +246,32 @@ def measured(
         "strokes": [_table(score) for score in scores],
         "made": len(decisions),
     }
-    return row, rows, first_strokes(solver, truth) if learn else []
+    return row, rows
 
 
 def _table(score: Score) -> dict[str, float]:
     return {name: round(float(value), 4) for name, value in vars(score).items()}
 
 
-def told(row: dict[str, Any]) -> str:
-    """Return a line about a recording, in percent."""
-    line = " ".join(f"{100 * s['wrong']:.1f}/{100 * s['recall']:.1f}" for s in row["strokes"])
-    u = row["unaided"]
-    return (
-        f"{row['recording']}: unaided {100 * u['wrong']:.1f}/{100 * u['recall']:.1f} "
-        f"(undecided {100 * u['undecided']:.0f}, sure {100 * row['certainty_unaided']:.0f}), "
-        f"strokes 0.. {line}; {row['prepare_cpu_s']} s, stroke {row['stroke_cpu_s']} s"
-    )
-
-
-def summary(table: list[dict[str, Any]]) -> str:
-    """Return how many recordings have little wrong after some strokes, and how many strokes made it worse."""
-    little = [
-        f"{sum(row['strokes'][n]['wrong'] <= 0.015 for row in table)} after {n}"
-        for n in (1, 2, STROKES)
-        if n < len(table[0]["strokes"])
-    ]
-    errors = [[score["error"] for score in row["strokes"]] for row in table]
-    worse = sum(b > a + 0.003 for row in errors for a, b in itertools.pairwise(row))
-    return (
-        f"at most 1.5 % wrong on {', '.join(little)} strokes, of {len(table)} recordings; {worse} of "
-        f"{sum(row['made'] for row in table)} strokes make more than 0.3 % of all cloth wrong"
-    )
-
-
 def run(options: Options) -> None:
     """Measure, print and write ``results/segmentation.json`` (``segmentation_other.json``)."""
     table, rows = [], dict[str, list[tuple[Float64, Bool, Float64]]]()
-    firsts: list[FirstStroke] = []
     for source in sources(options.recordings):
-        row, own, started = measured(source, 2 if options.quick else STROKES, options.learn, options.other)
-        firsts += started
+        row, own = measured(source, 2 if options.quick else STROKES, options.other)
         table.append(row)
         rows.setdefault(row["garment"], []).extend(own)
-        say(told(row))
-    say(summary(table))
+        say("   ".join(f"{key} {value}" for key, value in row.items()))
     everything = [r for own in rows.values() for r in own]
     weights = np.asarray(CALIBRATION)
     found: dict[str, Any] = {"rows": table, "reliability": reliability(everything, weights)}
-    if options.learn or len(rows) > 1:
+    if len(rows) > 1:
         kept_out = [
             (reliability(own, learned([r for g, o in rows.items() if g != garment for r in o])), garment)
             for garment, own in rows.items()
         ]
         found["reliability_leave_one_garment_out"] = {garment: bins for bins, garment in kept_out}
         say("weights: " + ", ".join(f"{w:.2f}" for w in learned(everything)))
-    if firsts:
-        found["most_cost"] = told_of_first(firsts, SegmentationConfig().most_cost)
-        say("\n".join(found["most_cost"]))
     for bins in found["reliability"]:
         say(f"  says {bins['said']:.2f}: right {bins['right']:.2f} ({bins['share']:.0%} of the area)")
-    for garment, bins_ in found.get("reliability_leave_one_garment_out", {}).items():
-        sure = [b for b in bins_ if b["from"] >= 0.9]
-        share = max(sum(b["share"] for b in sure), 1e-9)
-        together = sum(b["share"] * b["right"] for b in sure) / share
-        say(
-            f"  without {garment}: "
-            + ", ".join(f"says {b['said']:.2f} right {b['right']:.2f}" for b in sure)
-            + f"; together right {together:.2f} ({share:.0%} of the area)"
-        )
     if not options.quick:
         save("segmentation_other" if options.other else "segmentation", found, recordings_of(table))

@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks import accuracy, sides
-from benchmarks.inputs import Remembered
+from benchmarks.inputs import Remembered, measure_each
 from benchmarks.markdown import of_recordings
-from benchmarks.output import Options
+from benchmarks.output import Options, Row
 from benchmarks.speed import best_s, unit_s
-from benchmarks.unattended import both_sides, measure_each
+from benchmarks.unattended import both_sides
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import Float64, RgbdFrame
 from flatcloth.engine.integration import Integration
@@ -68,10 +68,10 @@ def run(options: Options) -> None:
     """Measure and print; write ``results/shape.json`` and ``.md`` unless ``quick``."""
     before = json.loads(Path(options.against).read_text())["figures"] if options.against else []
     earlier = {row["recording"]: row for row in before}
-    measure_each("shape", partial(row_of, earlier=earlier), worst_first, page, options)
+    measure_each("shape", partial(rows_of, earlier=earlier), options, ordered=worst_first, page=page)
 
 
-def row_of(source: str, earlier: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def rows_of(source: str, earlier: dict[str, Row]) -> list[Row]:
     """Return the figures of one recording."""
     service, both, document, truth = both_sides(source)
     this, joined = sides.written(service, both, document)
@@ -85,11 +85,11 @@ def row_of(source: str, earlier: dict[str, dict[str, Any]]) -> dict[str, Any]:
     del service, both, integration, this, joined
     gc.collect()  # an integration and its caches refer to one another
     figures |= same_and_fast(recording, document)
-    row: dict[str, Any] = {"recording": name}
+    row: Row = {"recording": name}
     for key in _COLUMNS:
         value = figures.get(key)
         row[key] = None if value is None or value != value else round(value, 3 if "_mm" in key else 4)
-    return row
+    return [row]
 
 
 def same_and_fast(recording: Any, document: Document) -> dict[str, float]:
@@ -183,13 +183,13 @@ def _added_at(made: Shape) -> list[tuple[int, float, float]]:
     return found
 
 
-def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def worst_first(rows: Sequence[Row]) -> list[Row]:
     """Return the rows by the least share within three deviations, of either side or their relation."""
     keys = [key for key in _COLUMNS if key.endswith("within_3_std_share")]
     return sorted(rows, key=lambda row: min((row[key] for key in keys if row[key] is not None), default=0.0))
 
 
-def page(rows: Sequence[dict[str, Any]]) -> str:
+def page(rows: Sequence[Row]) -> str:
     """Return the Markdown page."""
     shown = {key: name for key, name in _COLUMNS.items() if any(row[key] is not None for row in rows)}
     return f"""# The shape of a set of views

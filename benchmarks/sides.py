@@ -1,34 +1,46 @@
 """How right both sides of the garments are, each by itself and in relation, unattended, against the truth.
 
 The worst relation comes first. Pieces are placed by both sides, as ``flatcloth run`` does. Seconds are of one
-core: of one side by itself, from the files to the placed pieces, and what both take more.
+core: of one side by itself, from the files to the placed pieces, and what both take more. Of a recording
+``NAME-d435`` with ``NAME-clean`` beside it also the share of the cloth of either side, of all that any view
+shows, that was measured: there some view's depth is right to 10 mm. No shape can hold more.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from benchmarks.inputs import Remembered, measure_each
 from benchmarks.markdown import of_recordings
-from benchmarks.output import Options
-from benchmarks.unattended import both_sides, measure_each, unattended
+from benchmarks.output import Options, Row
+from benchmarks.unattended import both_sides, unattended
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.both_sides import BothSides
-from flatcloth.engine.evaluation import compare
+from flatcloth.engine.evaluation import CELL_M, Truth, compare, of_interest
 from flatcloth.engine.garment.recognition import GarmentService
-from flatcloth.engine.results.sides_truth import compare_sides
+from flatcloth.engine.results.sides_truth import OtherTruth, compare_sides
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.session_data import SessionData
 from flatcloth.methods.answers import JoinedSides
+from flatcloth.recordings import open_recording
+from flatcloth.recordings.base import Recording
 from flatcloth.session.machine import Document
 
+RIGHT_M = 0.010
+"""A depth is right if it is as near to that without noise. Chosen: half of what makes a pixel wrong."""
 _COLUMNS = {
-    "this_seen": "this side: share of seen cloth",
+    "measured": "this side: measured of seen cloth",
+    "this_seen": "in the shape",
     "this_firm_median_mm": "reliable median mm",
     "this_firm_far_share": "> 20 mm",
     "this_within_3_std_share": "within 3 std",
-    "other_seen": "other side: share of seen cloth",
+    "other_measured": "other side: measured of seen cloth",
+    "other_seen": "in the shape",
     "other_firm_share": "reliable",
     "other_firm_median_mm": "their median mm",
     "other_firm_far_share": "> 20 mm",
@@ -47,10 +59,10 @@ _COLUMNS = {
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/sides.json`` and ``.md`` unless ``quick``."""
-    measure_each("sides", row_of, worst_first, page, options)
+    measure_each("sides", rows_of, options, ordered=worst_first, page=page)
 
 
-def row_of(source: str) -> dict[str, Any]:
+def rows_of(source: str) -> list[Row]:
     """Return the figures of one recording."""
     began_s = time.process_time()
     unattended(source)
@@ -61,12 +73,32 @@ def row_of(source: str) -> dict[str, Any]:
     integration, one_s = service.integration, between_s - began_s
     figures = figures_of(this, sides, truth, integration.recording)
     figures |= {"seconds_this": one_s, "seconds_other": ended_s - between_s - one_s}
-    row: dict[str, Any] = {"recording": integration.recording.name}
+    figures |= measured_shares(integration.recording, truth)
+    row: Row = {"recording": integration.recording.name}
     for key in _COLUMNS:
         value = figures.get(key, float("nan"))
         digits = 1 if key.startswith("seconds") else 2 if key.endswith("_mm") else 4
         row[key] = round(value, digits) if value == value else None
-    return row
+    return [row]
+
+
+def measured_shares(recording: Recording, truth: Truth) -> dict[str, float]:
+    """Return the shares of the cells of this side and of the other that were measured, if that is known."""
+    exact_folder = Path(recording.location).with_name(f"{recording.name.removesuffix('-d435')}-clean")
+    if not recording.name.endswith("-d435") or not exact_folder.is_dir():
+        return {}
+    exact, shares = Remembered(open_recording(str(exact_folder))), {}
+    for key, its in (("measured", truth), ("other_measured", OtherTruth(truth, len(recording)))):
+        cells, is_right = [], []
+        for n in range(len(recording)):
+            true, depth_m = its[n], recording[n].depth_m
+            shown = of_interest(true, its.panel_of_interest)
+            cells.append(np.floor(true.flat_uv_m[shown] / CELL_M).astype(np.int64))
+            off_m = np.abs(depth_m[shown] - exact[n].depth_m[shown])
+            is_right.append((depth_m[shown] > 0) & (off_m < RIGHT_M))
+        _, cell = np.unique(np.concatenate(cells), axis=0, return_inverse=True)
+        shares[key] = float((np.bincount(cell.ravel(), np.concatenate(is_right)) > 0).mean())
+    return shares
 
 
 def written(
@@ -94,18 +126,18 @@ def figures_of(this: FlattenedView, sides: JoinedSides | str, truth: Any, record
 _EVALUATED = (*("firm_share", "firm_median_mm", "firm_far_share", "within_3_std_share", "wrong_side_share"),)
 
 
-def worst_first(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def worst_first(rows: Sequence[Row]) -> list[Row]:
     """Return the rows by the error of the relation, those without one first."""
     return sorted(rows, key=lambda row: -(row["related_p95_mm"] or 1e9))
 
 
-def page(rows: Sequence[dict[str, Any]]) -> str:
+def page(rows: Sequence[Row]) -> str:
     """Return the Markdown page."""
     return f"""# Both sides against the truth
 
-Method `robust`, unattended, masks of one side as recorded; the worst relation first. Shares of seen cloth are
-of all cloth of a side that any view shows. In relation: the other side in the frame of this one; empty if no
-seam joins the other side's shape to this one's.
+Method `robust`, unattended, masks of one side as recorded; the worst relation first. Shares are of all cloth
+of a side that any view shows; *measured* is cloth where some view's depth is right to 10 mm. In relation: the
+other side in the frame of this one; empty if no seam joins the other side's shape to this one's.
 
 {of_recordings(rows, _COLUMNS)}
 """

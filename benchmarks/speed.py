@@ -2,29 +2,24 @@
 
 U is the time in which SciPy's SuperLU (symmetric mode, MMD_AT_PLUS_A) factors the five-point Laplacian
 of a grid of 110 x 110, measured in the same run on the same core. Warm times include the reading of the
-files; the command ``flatcloth run`` is timed as a user meets it, with imports, compiled kernels, both sides
-and export, on one core and on two. Proposals are those of a session that decides about one view at a time:
-from *Step* to the picture of the proposal.
+files; ``benchmarks.size`` times the command ``flatcloth run`` as a user meets it, with imports and export.
+Proposals are those of a session that decides about one view at a time: from *Step* to the picture of the
+proposal.
 """
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_matrix, diags_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
-from benchmarks.inputs import sources
-from benchmarks.output import Options, recordings_of, save, say
+from benchmarks.inputs import measure_each
+from benchmarks.output import Options, Row
 from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.headless import Run, accept_by_score
 from flatcloth.engine.integration import Integration
@@ -43,7 +38,6 @@ from flatcloth.viewer.protocol.picture import make_picture
 
 REPEATS = 3
 GRID = 110
-_RUN = "from flatcloth.cli import run_and_exit; run_and_exit()"
 
 
 @dataclass
@@ -90,15 +84,11 @@ def best_s(work: Callable[[], Any], repeats: int, clock: Callable[[], float] = t
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/speed.json`` unless ``quick``."""
-    rows = []
-    for source in sources(options.recordings):
-        rows.append(row_of(source, repeats=1 if options.quick else REPEATS))
-        say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
-    if not options.quick:
-        save("speed", rows, recordings_of(rows))
+    repeats = 1 if options.quick else REPEATS
+    measure_each("speed", lambda source: [row_of(source, repeats)], options)
 
 
-def row_of(source: str, repeats: int) -> dict[str, Any]:
+def row_of(source: str, repeats: int) -> Row:
     """Return the best of several times after one run to warm up, in units U of the same minutes."""
     views = whole_s(source)[1]
     unit, steps, whole = unit_s(), [], []
@@ -107,20 +97,18 @@ def row_of(source: str, repeats: int) -> dict[str, Any]:
         whole.append(whole_s(source)[0])
         unit = min(unit, unit_s())
     proposals = np.min(steps, axis=0)
-    cores = list(range(os.cpu_count() or 1)) if hasattr(os, "sched_setaffinity") else []
-    commands = {n: command(source, cores[:n], repeats) for n in (1, 2) if len(cores) >= n}
     return {
         "recording": open_recording(source).name,
         "unit_ms": round(1e3 * unit, 1),
-        "frame_u": round(frame_s(source) / unit, 2),
-        "first_proposal_u": round(float(proposals[0]) / unit, 2),
-        "proposal_u": round(float(np.median(proposals)) / unit, 2),
-        "last_proposal_u": round(float(proposals[-1]) / unit, 2),
-        "slowest_proposal_u": round(float(proposals.max()) / unit, 2),
+        "flatten a frame, U": round(frame_s(source) / unit, 2),
+        "from *Step* to the picture of the proposal, at the second view, U": round(
+            float(proposals[0]) / unit, 2
+        ),
+        "a proposal, median, U": round(float(np.median(proposals)) / unit, 2),
+        "at the last view, U": round(float(proposals[-1]) / unit, 2),
+        "the slowest proposal, U": round(float(proposals.max()) / unit, 2),
         "views": views,
-        "unattended_u": round(min(whole) / unit, 1),
-        **{f"command_on_{n}_u": round(seconds / unit, 1) for n, (seconds, _) in commands.items()},
-        **{f"command_on_{n}_mb": round(1e-6 * size) for n, (_, size) in commands.items()},
+        "integrate all views of one side, U": round(min(whole) / unit, 1),
     }
 
 
@@ -157,28 +145,3 @@ def frame_s(source: str) -> float:
             continue  # it shows too little
         times.append(time.perf_counter() - began_s)
     return float(np.median(times))
-
-
-def command(source: str, cores: list[int], repeats: int) -> tuple[float, int]:
-    """Return the least time of ``flatcloth run`` on some cores, s, and the most memory it took, bytes."""
-    # Python keeps its compiled modules, as for users.
-    environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
-    most = 0
-
-    def once() -> None:
-        nonlocal most
-        with tempfile.TemporaryDirectory() as folder:
-            words = [sys.executable, "-c", _RUN, "run", source, "--out", str(Path(folder) / "session")]
-            os.sched_setaffinity(0, cores)  # the command inherits it
-            with subprocess.Popen(words, stdout=subprocess.DEVNULL, env=environment) as process:
-                _, status, used = os.wait4(process.pid, 0)
-                process.returncode = os.waitstatus_to_exitcode(status)
-            if process.returncode:
-                raise subprocess.CalledProcessError(process.returncode, words)
-            most = max(most, 1024 * used.ru_maxrss)
-
-    before = os.sched_getaffinity(0)
-    try:
-        return best_s(once, repeats), most
-    finally:
-        os.sched_setaffinity(0, before)

@@ -1,15 +1,15 @@
-"""What the benchmarks of whole recordings share: the unattended result, and the loop over recordings."""
+"""What the benchmarks share: the unattended result, sides without masks, and what is fitted to figures."""
 
 from __future__ import annotations
 
-import gc
-import json
-from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
-from benchmarks.inputs import Remembered, sources
-from benchmarks.output import Options, recordings_of, save, save_page, say
+import numpy as np
+from scipy.optimize import minimize
+
+from benchmarks.inputs import Remembered
+from flatcloth.core.config import Config
+from flatcloth.core.types import Bool, Float64
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.deciding import place_sure_pieces
 from flatcloth.engine.garment.recognition import GarmentService
@@ -17,6 +17,8 @@ from flatcloth.engine.headless import Run
 from flatcloth.engine.integration import Integration
 from flatcloth.recordings import open_recording
 from flatcloth.recordings.truth import Truth
+from flatcloth.segmentation.observed import gather_evidence, observe
+from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.machine import Document, MemorySession, SessionState
 
 
@@ -56,32 +58,21 @@ def _placed(service: GarmentService, run: Run) -> Document:
     return run.session.state.document
 
 
-Row = dict[str, Any]
+def side_solver(recording: Any, every: int = 1) -> SideSolver:
+    """Return what finds the sides of a recording without its masks, by each view of so many."""
+    integration = Integration(recording)
+    frames = [recording[n] for n in range(0, len(recording), every)]
+    return SideSolver(
+        observe(gather_evidence(frames, integration.axis, integration.views.held_point_m, Config()))
+    )
 
 
-def measure_each(
-    name: str,
-    row_of: Callable[[str], Row],
-    ordered: Callable[[Sequence[Row]], list[Row]],
-    page: Callable[[Sequence[Row]], str],
-    options: Options,
-) -> None:
-    """Measure and print one recording after another; write the rows and their page unless ``quick``.
+def logistic(features: Float64, right: Bool, held: float, weight: Float64 | float = 1.0) -> Float64:
+    """Return the coefficients of a logistic regression (Cox, 1958), drawn to 0 but for the constant."""
 
-    With ``keep``, a recording that was measured before is not measured again.
-    """
-    rows: list[Row] = []
-    for source in sources(options.recordings):
-        file = Path(options.keep) / f"{Path(source).name}.json" if options.keep else None
-        if file is not None and file.exists():
-            rows.append(json.loads(file.read_text()))
-        else:
-            rows.append(row_of(source))
-            gc.collect()  # an integration and its caches refer to one another
-            if file is not None:
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_text(json.dumps(rows[-1]))
-        say("   ".join(f"{key} {value}" for key, value in rows[-1].items()))
-        if not options.quick:
-            save(name, ordered(rows), recordings_of(rows))
-            save_page(name, page(ordered(rows)))
+    def loss(coefficients: Float64) -> float:
+        odds = np.where(right, -1.0, 1.0) * (features @ coefficients)
+        return float((weight * np.logaddexp(0.0, odds)).sum() + held * np.square(coefficients[1:]).sum())
+
+    fitted: Float64 = minimize(loss, np.zeros(features.shape[1])).x
+    return fitted

@@ -162,7 +162,7 @@ hand."""
 _GATES = Gates(same_normal_cos=0.7, least_facing_cos=-2.0, full_facing_cos=-1.0)
 """Points correspond up to 45 degrees between their normals, because a start is centimetres off. All have the
 same weight at any incidence: with the registration's weights the axes of the noisy recordings are off
-by 2.92 mm on average instead of 2.43 mm (``python -m benchmarks axis``)."""
+by 2.92 mm on average instead of 2.43 mm (docs/tried.md)."""
 _LEAST_AGREEING = 0.2
 """Share of points that must agree. Chosen; tests/registration has views that agree with no axis."""
 

@@ -11,8 +11,7 @@ from flatcloth.segmentation.observed import Observed
 
 CALIBRATION = (-0.53, 0.84, 0.59, -0.21)
 """Logistic regression of whether a side is right: constant, log odds of the agreement of the samples,
-logarithm of the pixels (base 10) and facing. Learned by ``python -m benchmarks segmentation
---learn``."""
+logarithm of the pixels (base 10) and facing. Learned by ``python -m benchmarks segmentation``."""
 
 
 _CONTRADICTED = 0.1

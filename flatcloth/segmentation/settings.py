@@ -51,8 +51,8 @@ class SegmentationConfig:
     """A region of a higher cost has no clear border. If the first stroke contradicts a side that was shown,
     the guess was probably wrong: all is turned over or, if a sample separates the stroke from the start
     sheet, the cloth outside the region becomes undecided. For other strokes, the graph is partitioned again,
-    if that costs less. Learned: the middle of the values with the fewest errors after a first stroke;
-    ``python -m benchmarks segmentation --learn`` prints it, also with each garment left out."""
+    if that costs less. Learned: the middle of the values with the fewest errors after a first stroke
+    (docs/tried.md)."""
     least_certainty: float = 0.7
     """Cloth with a lower certainty is undecided, and not part of the shape."""
     sure: float = SURE

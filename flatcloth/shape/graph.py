@@ -19,7 +19,7 @@ from flatcloth.shape.observations import Nodes, Observation
 
 ANOTHER_LAYER_M = 0.0018
 """Error of a pair that one noisy view sees, since its depth may be mixed with another layer's: n views that
-agree leave an n-th of it. Measured: ``python -m benchmarks strain``."""
+agree leave an n-th of it. Measured: docs/tried.md."""
 
 
 _DISAGREES_STDS = 2.0

@@ -13,7 +13,7 @@ from flatcloth.shape.pieces import TWICE_M
 LOST = 0.08
 """Share of lengths that is lost under noise for each rad^2 of :func:`ripples_of`, ..."""
 OF_RIPPLES = 0.37
-"""... and the deviation of the strain that is left. Both measured: ``python -m benchmarks strain``."""
+"""... and the deviation of the strain that is left. Both measured: docs/tried.md."""
 
 
 def ripples_of(uv: Float64, xyz_m: Float64, normal: Float64) -> Float64:

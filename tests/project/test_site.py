@@ -31,7 +31,7 @@ def test_the_reference_has_every_public_name() -> None:
 @pytest.mark.parametrize(
     ("page", "link", "led"),
     [
-        ("exports.md", "../benchmarks/results/exports.json", "benchmarks/results/exports.json"),
+        ("looking.md", "../benchmarks/results/page.json", "benchmarks/results/page.json"),
         ("api.md", "grasps.md", "grasps.md"),
         ("CONTRIBUTING.md", "docs/garments.md", "garments.md"),
         ("recordings/README.md", "../docs/active.md", "../active.md"),

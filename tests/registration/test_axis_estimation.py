@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scenes import CAMERA, rays
 
-from benchmarks.axis import errors
+from benchmarks.registration import axis_errors
 from flatcloth.core.config import SurfaceConfig
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.geometry import camera_from_object
@@ -93,7 +93,7 @@ def hanging(recording: Spheres) -> Hanging:
 )
 def test_the_axis_of_exact_views_is_found(truth: RotationAxis) -> None:
     found = hanging(Spheres(truth))
-    distance, angle = errors(found.axis, truth)
+    distance, angle = axis_errors(found.axis, truth)
     assert distance < 0.001
     assert angle < 0.2
     assert found.axis.estimated
@@ -111,13 +111,13 @@ def test_the_axis_of_exact_views_is_found(truth: RotationAxis) -> None:
     ],
 )
 def test_any_spacing_of_the_views_up_to_60_degrees_will_do(angles_deg: tuple[float, ...]) -> None:
-    distance, angle = errors(hanging(Spheres(axis(), angles_deg)).axis, axis())
+    distance, angle = axis_errors(hanging(Spheres(axis(), angles_deg)).axis, axis())
     assert distance < 0.004
     assert angle < 1.0
 
 
 def test_what_is_behind_the_item_is_not_taken_for_it() -> None:
-    distance, _ = errors(hanging(Spheres(axis(), wall_m=1.6)).axis, axis())
+    distance, _ = axis_errors(hanging(Spheres(axis(), wall_m=1.6)).axis, axis())
     assert distance < 0.001
 
 
@@ -125,7 +125,7 @@ def test_angles_that_err_by_a_degree_are_borne() -> None:
     rng = np.random.default_rng(3)
     angles = tuple(20.0 * n for n in range(18))
     truly = tuple(a + rng.normal(0.0, 1.0) for a in angles)
-    distance, angle = errors(hanging(Spheres(axis(), angles, truly)).axis, axis())
+    distance, angle = axis_errors(hanging(Spheres(axis(), angles, truly)).axis, axis())
     assert distance < 0.005
     assert angle < 1.0
 
@@ -145,7 +145,7 @@ def test_a_held_point_that_is_recorded_is_kept() -> None:
     held = np.array([0.02, -0.2, 0.87])
     found = hanging(Spheres(axis(), held_point_m=held))
     np.testing.assert_array_equal(found.held_point_m, held)
-    assert errors(found.axis, axis())[0] < 0.001
+    assert axis_errors(found.axis, axis())[0] < 0.001
 
 
 def test_nothing_is_read_if_all_is_recorded() -> None:
@@ -202,7 +202,7 @@ def damaged(recording: Spheres, which: Callable[[int], bool]) -> Callable[[int],
 def test_damaged_views_are_left_out_unless_all_are() -> None:
     recording = Spheres(axis())
     found = resolve_axis(recording, damaged(recording, lambda view: view in (0, 5)), CONFIG)
-    assert errors(found.axis, axis())[0] < 0.001
+    assert axis_errors(found.axis, axis())[0] < 0.001
     with pytest.raises(RecordingError, match="is damaged"):
         resolve_axis(recording, damaged(recording, lambda _: True), CONFIG)
 
@@ -215,7 +215,7 @@ def test_views_that_show_nothing_are_left_out() -> None:
         black = np.zeros(frame.depth_m.shape, dtype=bool)
         return replace(frame, mask=black) if view % 6 == 0 else frame
 
-    assert errors(resolve_axis(recording, read, CONFIG).axis, axis())[0] < 0.001
+    assert axis_errors(resolve_axis(recording, read, CONFIG).axis, axis())[0] < 0.001
 
     def nothing(view: int) -> RgbdFrame:
         return replace(recording[view], mask=np.zeros((CAMERA.height, CAMERA.width), dtype=bool))
@@ -256,7 +256,7 @@ def test_the_axis_of_the_samples_is_found(name: str, masks: bool, most_mm: float
         return frame if masks else replace(frame, mask=None)
 
     found = resolve_axis(Bare(), read, CONFIG)  # type: ignore[arg-type]
-    distance, angle = errors(found.axis, truth, 0.4)
+    distance, angle = axis_errors(found.axis, truth, 0.4)
     assert 1000 * distance < most_mm
     assert angle < most_deg
     assert recording.held_point_m is not None

@@ -314,7 +314,7 @@ def mean_z_angle_deg(
     """Return the Z-angle (H, W, deg) of the mean normal around each pixel; NaN off the cloth.
 
     Normals waver with the noise of depth: by 5 to 10 degrees with a D435's at 0.85 m, against less than 1
-    without noise; the mean within 6 mm by 2 to 3 (``python -m benchmarks paper_steps``).
+    without noise; the mean within 6 mm by 2 to 3.
     """
     normal = np.where(view.valid[..., None], view.normal, np.float32(0)).astype(np.float32)
     if smoothing_m > 0.0:

@@ -31,7 +31,7 @@ _REFINE_RADIUS_M = 0.02
 CONFIDENCE_WEIGHTS = (4.51, 1.28, 0.38, -2.38, -2.17, -0.19, -1.58)
 """Logistic regression of a right placement: constant, place and outline agreement, shares of other
 cloth and of cloth that is present twice, log10 of the overlap in cm2, median distance in cm.
-Measured: ``python -m benchmarks confidence --learn``, when color had a weight that changed none by 1 %."""
+Measured: docs/tried.md, when color had a weight that changed none by 1 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +91,7 @@ def score_placement(
     -------
     AlignmentScore
         ``total`` is the confidence, i.e. the probability that the placement is right, learned from
-        right and wrong placements (``python -m benchmarks confidence``). ``parts``: agreement in
+        right and wrong placements (docs/tried.md). ``parts``: agreement in
         place, height and outline, 0 to 1; contradictions (shares); the overlap; the median
         distance in space.
     """
