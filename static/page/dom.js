@@ -104,6 +104,18 @@ export const smallButton = (text, click, more = {}) => make("button.button.small
  */
 export const closeButton = (label, click, more = {}) => make("button.close", { label, click, ...more }, "×");
 
+/** Open a sheet; the key that opened it closes it, too. */
+export function openSheet(/** @type {string} */ id, /** @type {string} */ key) {
+  const sheet = /** @type {HTMLDialogElement} */ (byId(id));
+  sheet.onkeydown = (event) => {
+    if (event.repeat || event.key.toLowerCase() !== key) return;
+    event.stopPropagation(); // the page would open it again
+    event.preventDefault();
+    sheet.close();
+  };
+  sheet.showModal();
+}
+
 /** A control with its name before it. */
 export const field = (/** @type {string} */ name, /** @type {Child} */ control, /** @type {string?} */ tip = null) =>
   make("label.field", { tip }, make("span", name), control);

@@ -1,6 +1,6 @@
 // The action of a key in the current mode, from the table of actions; and the sheet of keys.
 
-import { byId, make, taken, targetOf } from "./dom.js";
+import { byId, make, openSheet, taken, targetOf } from "./dom.js";
 import { keyName } from "./format.js";
 import { isMove } from "../canvas/nudges.js";
 
@@ -87,6 +87,6 @@ export const actionSection = (title, group, actions) =>
 
 export function showKeys(/** @type {HTMLElement[]} */ sections) {
   byId("help-body").replaceChildren(...sections);
-  byId("help").showModal();
+  openSheet("help", "?");
   byId("help").scrollTop = 0; // the button that has the focus is at its end
 }

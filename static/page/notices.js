@@ -1,6 +1,6 @@
 // Notifications: toasts that can be dismissed, and the log of all of them.
 
-import { byId, closeButton, make, placeBeside, staysIn, targetOf } from "./dom.js";
+import { byId, closeButton, make, openSheet, placeBeside, staysIn, targetOf } from "./dom.js";
 
 const STAYS_MS = { info: 7000, warning: 10000, error: 20000 }; // longer under the pointer; the log has all
 const MOST_SHOWN = 1; // more would lie over what they are about
@@ -77,7 +77,7 @@ export function showLog() {
   );
   const none = make("li", make("span", "Nothing to report so far."));
   byId("log-body").replaceChildren(...(items.length ? items.reverse() : [none]));
-  byId("log").showModal();
+  openSheet("log", "l");
 }
 
 /** One tooltip for the whole page: shown on hover and on keyboard focus, never in the way of the pointer. */

@@ -105,7 +105,7 @@ function aboutSession(summary, of = null) {
   const { garment, area_cm2, floating_cm2, views, ended } = summary;
   const floats = floating_cm2 >= 1 ? `, ${number(floating_cm2, 0)} float` : "";
   return [
-    `${garment || "garment not known"} · ${cm2(area_cm2)}${floats}`,
+    `${garment.replaceAll("_", " ") || "garment not known"} · ${cm2(area_cm2)}${floats}`,
     `${views}${of === null ? "" : ` of ${of}`} views · ${ended ? "ended" : "not ended"}`,
   ];
 }
