@@ -1,11 +1,12 @@
-// Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as
-// they are.
+// Looking: the flattened view turned and flipped, with grid, another colour map and window; what the 3D scene shows.
+// The data stay as they are.
 
 import { PagePart } from "../page/page.js";
 import { askJson } from "../page/connection.js";
 import { LayerList } from "./layer_list.js";
 import { drawLabel, strokeLine } from "./marks.js";
 import { onPinch } from "./pinch.js";
+import { SceneLook } from "./scene_look.js";
 import { button, byId, choice, find, make, rebuild, setText, slider } from "../page/dom.js";
 import { number } from "../page/format.js";
 
@@ -37,6 +38,7 @@ export class Looking extends PagePart {
   open = false;
   grid = false;
   list = new LayerList(this.page, this);
+  scene = new SceneLook(this.page);
   chip = byId("turned");
 
   constructor(/** @type {Page} */ page) {
@@ -165,20 +167,25 @@ export class Looking extends PagePart {
     const setting = this.of(layer);
     const ramp = legend?.kind === "ramp";
     const all = [...this.settings.entries()];
-    rebuild(panel, [layer, legend, all, Object.keys(this.maps), camera, legends, this.page.layer], () => [
-      make("h2", "Layers"),
-      this.list.build(camera && legend ? { [layer]: legend } : legends, camera),
-      make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
-      button("Reset", () => this.reset(), {
-        class: "last",
-        key: "look-reset",
-        tip: "As it is: not turned, not flipped, no grid, each layer's own colours",
-      }),
-      !camera && [
-        ramp ? this.mapField(layer, setting) : null,
-        ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : []),
+    rebuild(
+      panel,
+      [layer, legend, all, Object.keys(this.maps), camera, legends, this.page.layer, this.scene.key],
+      () => [
+        make("h2", "Layers"),
+        this.list.build(camera && legend ? { [layer]: legend } : legends, camera),
+        make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
+        button("Reset", () => this.reset(), {
+          class: "last",
+          key: "look-reset",
+          tip: "As it is: not turned, not flipped, no grid, each layer's own colours",
+        }),
+        !camera && [
+          ramp ? this.mapField(layer, setting) : null,
+          ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : []),
+        ],
+        ...this.scene.build(),
       ],
-    ]);
+    );
   }
 
   mapField(/** @type {string} */ layer, /** @type {LayerLook} */ setting) {

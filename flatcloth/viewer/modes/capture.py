@@ -146,7 +146,7 @@ class CaptureApplication(PageController):
         self._loop.start()
 
     def _begin(self) -> None:
-        self._scene_view.follow(self._page_settings.now.follow)
+        self._scene_view.arrange(self._page_settings.now)
         self._publish()
 
     def stop(self) -> None:

@@ -151,10 +151,6 @@ class PageController(ABC):
             raise FlatclothError("That click has no place in the scene; click again.")
         self._pick_on_ray(ray[0], ray[1])
 
-    def set_follow(self, follow: bool) -> None:
-        """Let the cameras follow the view, or not."""
-        self._put(None, lambda: self._set(messages.Set(follow=follow)))
-
     def pointed_at(self, hover: messages.Hover | messages.HoverRay) -> HoverAnswer | RayAnswer:
         """Describe what is under the pointer; fast, because it only reads the present picture."""
         if isinstance(hover, messages.HoverRay):
@@ -395,5 +391,5 @@ class PageController(ABC):
             self._page_settings.reset()
         if values:
             self._page_settings.change(**values)
-        self._scene_view.follow(self._page_settings.now.follow)
+        self._scene_view.arrange(self._page_settings.now)
         self._publish()

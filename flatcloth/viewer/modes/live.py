@@ -159,7 +159,7 @@ class LiveLoop:
         else:
             picture = Picture(
                 revision=0, view=frame.view, present_view=0, angle_deg=0.0,
-                cloud=frame.cloud, energies=(), legends={},
+                cloud=frame.cloud, legends={},
             )  # fmt: skip
         with self._changed:
             if holds == self._holds:  # otherwise an earlier frame was picked in the meantime, and stays

@@ -24,6 +24,7 @@ from flatcloth.viewer.protocol.fields import (
     BrushRadius,
     Count,
     Degrees,
+    Lean,
     Metres,
     Pointed,
     Points,
@@ -226,6 +227,12 @@ class Set(Said, tag="set", frozen=True, kw_only=True):
     advance: bool | None = None
     follow: bool | None = None
     turn_to_pick: bool | None = None
+    show_view: bool | None = None
+    show_shape: bool | None = None
+    show_new: bool | None = None
+    show_all: bool | None = None
+    show_axis: bool | None = None
+    show_camera: bool | None = None
     step_mm: Finite | None = None
     step_deg: Finite | None = None
 
@@ -234,6 +241,16 @@ class ShowEdges(Said, tag="edges", frozen=True, kw_only=True):
     """Draw the edges that the flattening strained in the 3D scene as well, or not."""
 
     show: bool
+
+
+class SetAxis(Said, tag="axis", frozen=True, kw_only=True):
+    """Set the turning axis by hand, as the camera of view 0 sees it; without ``apply`` it is only drawn."""
+
+    right_m: Metres
+    away_m: Metres
+    lean_right_deg: Lean
+    lean_away_deg: Lean
+    apply: bool
 
 
 class Look(Said, tag="look", frozen=True, kw_only=True):
