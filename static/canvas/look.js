@@ -157,35 +157,32 @@ export class Looking extends PagePart {
   }
 
   /**
-   * Show the panel for a layer with its legend (null: it has no numbers), and the legends of all.
-   * @param {string} layer @param {Legend | null | undefined} legend @param {boolean} camera
+   * Show the panel for a layer with its legend (null: it has no numbers), and the legends of all. A frame of a camera
+   * has one layer, in its own colours.
+   * @param {string} layer @param {Legend | null} [legend] @param {Record<string, Legend>} [legends]
    */
-  show(layer, legend, camera, /** @type {Record<string, Legend> | null | undefined} */ legends = null) {
+  show(layer, legend, legends) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
     const setting = this.of(layer);
     const ramp = legend?.kind === "ramp";
     const all = [...this.settings.entries()];
-    rebuild(
-      panel,
-      [layer, legend, all, Object.keys(this.maps), camera, legends, this.page.layer, this.scene.key],
-      () => [
-        make("h2", "Layers"),
-        this.list.build(camera && legend ? { [layer]: legend } : legends, camera),
-        make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
-        button("Reset", () => this.reset(), {
-          class: "last",
-          key: "look-reset",
-          tip: "As it is: not turned, not flipped, no grid, each layer's own colours",
-        }),
-        !camera && [
-          ramp ? this.mapField(layer, setting) : null,
-          ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : []),
-        ],
-        ...this.scene.build(),
+    const camera = this.page.hasCamera;
+    rebuild(panel, [layer, legend, all, Object.keys(this.maps), legends, this.page.layer, this.scene.key], () => [
+      !camera && [make("h2", "Layers"), this.list.build(legends)],
+      make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
+      button("Reset", () => this.reset(), {
+        class: "last",
+        key: "look-reset",
+        tip: "As it is: not turned, not flipped, no grid, each layer's own colours",
+      }),
+      !camera && [
+        ramp ? this.mapField(layer, setting) : null,
+        ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : []),
       ],
-    );
+      ...this.scene.build(),
+    ]);
   }
 
   mapField(/** @type {string} */ layer, /** @type {LayerLook} */ setting) {

@@ -290,12 +290,6 @@ export interface Capture {
   angle_deg?: number | null;
 }
 
-/** With a camera: the tab has drawn what it was sent, and takes the next frame with this layer. */
-export interface Ready {
-  type: "ready";
-  layer: string;
-}
-
 /** Say which side the cloth under a stroke on the image of a view is; ``radius_m`` on the cloth. */
 export interface StrokeImage {
   type: "stroke_image";
@@ -374,7 +368,6 @@ export type ClientMessage =
   | Look
   | Play
   | Capture
-  | Ready
   | StrokeImage
   | StrokeShape
   | CutShape
@@ -1006,9 +999,8 @@ export interface Switched {
   type: "switched";
 }
 
-/** A frame of a camera; its picture follows in the same message, unless ``grid`` is None. */
+/** A frame of a camera; its picture follows in the same answer, unless ``grid`` is None. */
 export interface FrameInfo {
-  type: "frame";
   sequence: number;
   reason: string;
   grid: Grid | null;

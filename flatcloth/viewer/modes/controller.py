@@ -127,9 +127,6 @@ class PageController(ABC):
     def stop(self) -> None:
         """Stop all threads."""
 
-    def leave(self, client: int) -> None:  # noqa: B027 - only a camera has something to do
-        """Handle the closing of a tab."""
-
     def receive(self, client: int, text: str) -> None:
         """Process a message of a tab; errors are returned as notifications."""
         text = text[: MAX_MESSAGE_CHARS + 1]  # a longer one is refused, so only its beginning is kept

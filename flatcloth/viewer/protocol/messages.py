@@ -15,7 +15,6 @@ from msgspec import Meta, inspect
 
 from flatcloth.core.decoding import UNKNOWN, Finite, MisfitError, fitted, parse_json
 from flatcloth.core.errors import FlatclothError
-from flatcloth.rendering.layers import LAYERS
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.fields import (
@@ -275,12 +274,6 @@ class Capture(Said, tag="capture", frozen=True, kw_only=True):
     angle_deg: Degrees | None = None
 
 
-class Ready(Said, tag="ready", frozen=True, kw_only=True):
-    """With a camera: the tab has drawn what it was sent, and takes the next frame with this layer."""
-
-    layer: str
-
-
 class StrokeImage(Said, tag="stroke_image", frozen=True, kw_only=True):
     """Say which side the cloth under a stroke on the image of a view is; ``radius_m`` on the cloth."""
 
@@ -393,7 +386,5 @@ def _check(message: Message) -> None:
             raise MessageError(f"Unknown reason {reason!r:.60}; known are {', '.join(REJECT_REASONS)}.")
         case Capture(action=action, angle_deg=angle) if (action == "aim") != (angle is not None):
             raise MessageError(f"A capture cannot {action!r} so; only aiming has an angle.")
-        case Ready(layer=layer) if layer not in LAYERS:
-            raise MessageError(f"Unknown layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
         case RenamePick(name=name) if not name.strip():
             raise MessageError(f"A pick's name has 1 to {MAX_NAME_CHARS} characters.")

@@ -83,7 +83,6 @@ class Workspace:
         self.hub = Hub()
         controller = opened.controller or partial(Application, integration, folder)
         self.application: PageController = controller(self.scene, self.hub)
-        self.hub.on_leave = self.application.leave
         self.scene.on_ray = self.application.click_ray
         self._teaching = TeachingRoutes(
             integration, lambda: self.application.garments.last, lambda: self.application.other_sheet
