@@ -12,7 +12,6 @@ import { count, degrees, number } from "../page/format.js";
 const ACTIONS = { capture_keep: "keep", capture_repeat: "repeat", capture_turned: "turned" };
 /** @type {Record<string, string[]>} */
 const BUTTONS = { turn: ["capture_turned"], review: ["capture_keep", "capture_repeat"] };
-
 const RETRY_MS = 1000; // without a connection
 
 export class CapturePanel extends PagePart {
