@@ -42,8 +42,6 @@ byId("unloaded").remove();
 const LEAST_MOVE_M = 0.00005; // what is shown as 0.0 mm and 0.0° is no move
 const LEAST_TURN_RAD = (0.05 * Math.PI) / 180;
 
-let askedLayer = /** @type {string | null} */ (null); // with a camera: what the next frame was asked for with
-
 const page = new Page({ send, notify, run, show });
 const canvas = (page.canvas = new FlatCanvas({
   // With a camera the frame that was clicked is the one that is meant, not the one that is on its way.
@@ -95,10 +93,8 @@ const connection = new Connection({
     else if (message.type === "note") takeNote(message);
     page.take(message);
   },
-  frame: (buffer) => capture.takeFrame(buffer, drawFrame, askFrame),
   opened(again) {
     byId("banner").hidden = true;
-    askedLayer = null;
     if (!again) return;
     forgetServerLog();
     page.each("reconnected");
@@ -141,21 +137,14 @@ function showFrame(/** @type {State} */ state) {
   const playing = Boolean(state.capture?.playing);
   if (!playing) canvas.pick = state.pick?.in_shape ? state.pick : null;
   canvas.showMarks(playing ? [] : state.picks);
-  looking.show(page.layer, capture.frame?.legend ?? null, true);
-  if (askedLayer !== page.layer) askFrame();
-}
-
-/** Tell the server that the last frame is drawn: it sends the next one when there is one. */
-function askFrame() {
-  askedLayer = page.layer;
-  connection.send({ type: "ready", layer: page.layer });
+  looking.show(page.layer);
+  capture.watch(drawFrame);
 }
 
 function drawFrame(/** @type {FrameInfo} */ frame, /** @type {Shown | null} */ shown) {
   canvas.showFrame(shown, 0, frame.pick_uv_m);
   canvas.draw(); // at once: this is an animation frame, and what is acknowledged has been drawn
   showLegend(frame.legend);
-  looking.show(page.layer, frame.legend, true);
   showWords(byId("empty"), shown ? "" : frame.reason);
 }
 
@@ -166,7 +155,7 @@ function showLayer(/** @type {State} */ state) {
     ? [comparison.looked, comparison.legend]
     : [page.layer, state.layers?.legends[page.layer]];
   showLegend(looking.legend(looked, legend));
-  looking.show(looked, legend, false, state.layers?.legends);
+  looking.show(looked, legend, state.layers?.legends);
   showWords(byId("empty"), state.layers ? "" : whyEmpty(state));
 }
 

@@ -48,6 +48,17 @@ def decoded(text: str | bytes) -> dict:
     return json.loads(text)
 
 
+def get_frame(server: PageServer, after: int = 0, layer: str = "color") -> dict[str, Any]:
+    """Return the next frame of a camera that could be flattened, with its picture as ``image``."""
+    while True:
+        answer = get(server, f"/capture/frame/{after}/{layer}")
+        if answer.status_code == 200:
+            frame, pictures = unpack(io.BytesIO(answer.content).read)
+            if pictures:
+                return {**frame, "image": cv2.imdecode(pictures["frame"], cv2.IMREAD_UNCHANGED)}
+            after = frame["sequence"]
+
+
 class Tab:
     """A tab of the page: remembers what it was told."""
 
@@ -69,13 +80,8 @@ class Tab:
         self._socket.send(text)
 
     def next(self):
-        """Return the next message; a frame is one, with its picture as ``image``."""
-        data = self._socket.recv(timeout=WAIT_S)
-        if not isinstance(data, str):
-            frame, pictures = unpack(io.BytesIO(data).read)
-            picture = cv2.imdecode(pictures["frame"], cv2.IMREAD_UNCHANGED) if pictures else None
-            return {**frame, "image": picture}
-        message = decoded(data)
+        """Return the next message."""
+        message = decoded(self._socket.recv(timeout=WAIT_S))
         if message["type"] == "state":
             self.state = message
         elif message["type"] == "note":

@@ -253,22 +253,15 @@ class CylinderCamera:
 
     def __init__(self, integration: CylinderIntegration) -> None:
         self._integration = integration
-        self._changed = threading.Condition()
         self.errors: dict[int, Exception] = {}
         self.asked = 0
 
     def newest(self) -> LiveFrame:
-        with self._changed:
-            frame, self.asked = self.asked, self.asked + 1
-            self._changed.notify_all()
+        frame, self.asked = self.asked, self.asked + 1
         if frame in self.errors:
             raise self.errors[frame]
         made, view = self._integration, frame % 12
         return LiveFrame(view=cylinder_view({view: made._held_angle(view)}), cloud=made.cloud(view))
-
-    def wait_for(self, count: int) -> None:
-        with self._changed:
-            assert self._changed.wait_for(lambda: self.asked >= count, timeout=20)
 
 
 class MemoryFolder:

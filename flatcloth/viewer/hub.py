@@ -29,7 +29,6 @@ class Tab:
         self.news = asyncio.Event()
         self.is_ended = False
         self._state: str | None = None
-        self._frame: bytes | None = None
         self._messages: deque[str] = deque(maxlen=WAITING_LIMIT)
 
     def put(self, text: str) -> None:
@@ -42,25 +41,17 @@ class Tab:
         self._state = text
         self.news.set()
 
-    def put_frame(self, data: bytes) -> None:
-        """Queue a frame of a camera; it replaces one that has not been sent."""
-        self._frame = data
-        self.news.set()
-
-    def take(self) -> list[str | bytes]:
+    def take(self) -> list[str]:
         """Remove and return the queued messages."""
         self.news.clear()
-        waiting = [*self._messages, self._state, self._frame]
+        waiting = [*self._messages, self._state]
         self._messages.clear()
-        self._state = self._frame = None
+        self._state = None
         return [one for one in waiting if one is not None]
 
 
 class Hub:
-    """Sends to the tabs; ``show``, ``tell`` and ``send_frame`` may be called from any thread.
-
-    ``on_leave`` is called with the number of a closed tab.
-    """
+    """Sends to the tabs; ``show`` and ``tell`` may be called from any thread."""
 
     def __init__(self) -> None:
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -68,7 +59,6 @@ class Hub:
         self._is_closed = False
         self._left = threading.Condition()
         self._ids = itertools.count(1)
-        self.on_leave: Callable[[int], None] = lambda _client: None
 
     def open(self, loop: asyncio.AbstractEventLoop) -> None:
         """Start sending on this event loop."""
@@ -83,10 +73,6 @@ class Hub:
         """Send one message to one tab, or to all of them."""
         text = encoded(message).decode()
         self._each(client, lambda tab: tab.put(text))
-
-    def send_frame(self, client: int, data: bytes) -> None:
-        """Send a frame to one tab."""
-        self._each(client, lambda tab: tab.put_frame(data))
 
     def _each(self, client: int | None, give: Callable[[Tab], None]) -> None:
         def give_each() -> None:
@@ -134,7 +120,6 @@ class Hub:
             pass
         finally:
             del self._tabs[key]
-            self.on_leave(key)
             sender.cancel()
             await asyncio.gather(sender, return_exceptions=True)
             with self._left:
@@ -153,8 +138,5 @@ async def _send(socket: WebSocket, tab: Tab) -> None:
     while not tab.is_ended:
         await tab.news.wait()
         for item in tab.take():
-            if isinstance(item, bytes):
-                await socket.send_bytes(item)
-            else:
-                await socket.send_text(item)
+            await socket.send_text(item)
     await socket.close(_SERVICE_RESTART)

@@ -11,8 +11,6 @@ export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incid
 /** The action that chooses a layer. */
 export const layerAction = (/** @type {string} */ layer) => `layer_${layer}`;
 
-const ONE_ALONE = "A frame of a camera has one layer; choose it by its name";
-
 export class LayerList {
   /** `looking` keeps how each layer is looked at. */
   constructor(/** @type {Page} */ page, /** @type {Looking} */ looking) {
@@ -74,24 +72,24 @@ export class LayerList {
 
   // --- the list --------------------------------------------------------------------------------
 
-  /** The rows; `legends` by layer. A frame of a camera has one layer, the chosen one, in its own colours. */
-  build(/** @type {Record<string, Legend> | null | undefined} */ legends, camera = false) {
-    const rows = LAYERS.map((name) => this.row(name, legends?.[name], camera));
+  /** The rows; `legends` by layer. */
+  build(/** @type {Record<string, Legend> | undefined} */ legends) {
+    const rows = LAYERS.map((name) => this.row(name, legends?.[name]));
     return make("ul.layer-list", { label: "Layers" }, ...rows);
   }
 
-  /** @param {string} name @param {Legend | undefined} legend @param {boolean} camera */
-  row(name, legend, camera) {
+  /** @param {string} name @param {Legend | undefined} legend */
+  row(name, legend) {
     const chosen = name === this.page.layer;
     const { shown, opacity } = this.looking.of(name);
     const { title } = this.page.action(layerAction(name));
-    const visible = chosen || (shown && !camera);
+    const visible = chosen || shown;
     const set = (/** @type {Partial<LayerLook>} */ change) => this.looking.set(name, change);
-    const why = chosen ? "The chosen layer is always shown" : camera ? ONE_ALONE : null;
+    const why = chosen ? "The chosen layer is always shown" : null;
     const choose = {
       pressed: chosen,
       key: `layer-row-${name}`,
-      tip: camera ? "Show this layer" : "Show this layer here, and color the 3D scene by it",
+      tip: "Show this layer here, and color the 3D scene by it",
       click: () => this.page.run(layerAction(name)),
     };
     return make(
@@ -104,7 +102,7 @@ export class LayerList {
         tip: why ?? "Show it over the others",
       }),
       make("button", choose, title),
-      this.bar(name, legend, visible, camera),
+      this.bar(name, legend, visible),
       visible &&
         slider([0, 1, 0.05], opacity, {
           label: `${title}: opacity`,
@@ -118,10 +116,10 @@ export class LayerList {
 
   /**
    * The colours with the values at both ends, as the layer is looked at.
-   * @param {string} name @param {Legend | undefined} legend @param {boolean} visible @param {boolean} camera
+   * @param {string} name @param {Legend | undefined} legend @param {boolean} visible
    */
-  bar(name, legend, visible, camera) {
-    const looked = camera ? legend : visible ? this.looking.legend(name, legend) : null;
+  bar(name, legend, visible) {
+    const looked = visible ? this.looking.legend(name, legend) : null;
     if (looked?.kind !== "ramp") return make("span.bar-place");
     const background = `linear-gradient(to right, ${looked.colors.join(", ")})`;
     const digits = looked.high - looked.low < 10 ? 1 : 0;

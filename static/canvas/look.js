@@ -1,11 +1,12 @@
-// Looking at the flattened view: turned and flipped, with grid, another colour map and window. The data stay as
-// they are.
+// Looking: the flattened view turned and flipped, with grid, another colour map and window; what the 3D scene shows.
+// The data stay as they are.
 
 import { PagePart } from "../page/page.js";
 import { askJson } from "../page/connection.js";
 import { LayerList } from "./layer_list.js";
 import { drawLabel, strokeLine } from "./marks.js";
 import { onPinch } from "./pinch.js";
+import { SceneLook } from "./scene_look.js";
 import { button, byId, choice, find, make, rebuild, setText, slider } from "../page/dom.js";
 import { number } from "../page/format.js";
 
@@ -37,6 +38,7 @@ export class Looking extends PagePart {
   open = false;
   grid = false;
   list = new LayerList(this.page, this);
+  scene = new SceneLook(this.page);
   chip = byId("turned");
 
   constructor(/** @type {Page} */ page) {
@@ -155,19 +157,20 @@ export class Looking extends PagePart {
   }
 
   /**
-   * Show the panel for a layer with its legend (null: it has no numbers), and the legends of all.
-   * @param {string} layer @param {Legend | null | undefined} legend @param {boolean} camera
+   * Show the panel for a layer with its legend (null: it has no numbers), and the legends of all. A frame of a camera
+   * has one layer, in its own colours.
+   * @param {string} layer @param {Legend | null} [legend] @param {Record<string, Legend>} [legends]
    */
-  show(layer, legend, camera, /** @type {Record<string, Legend> | null | undefined} */ legends = null) {
+  show(layer, legend, legends) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
     const setting = this.of(layer);
     const ramp = legend?.kind === "ramp";
     const all = [...this.settings.entries()];
-    rebuild(panel, [layer, legend, all, Object.keys(this.maps), camera, legends, this.page.layer], () => [
-      make("h2", "Layers"),
-      this.list.build(camera && legend ? { [layer]: legend } : legends, camera),
+    const camera = this.page.hasCamera;
+    rebuild(panel, [layer, legend, all, Object.keys(this.maps), legends, this.page.layer, this.scene.key], () => [
+      !camera && [make("h2", "Layers"), this.list.build(legends)],
       make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
       button("Reset", () => this.reset(), {
         class: "last",
@@ -178,6 +181,7 @@ export class Looking extends PagePart {
         ramp ? this.mapField(layer, setting) : null,
         ...(ramp || layer === "color" ? this.windowFields(layer, setting, legend, ramp) : []),
       ],
+      ...this.scene.build(),
     ]);
   }
 

@@ -31,7 +31,6 @@ export const post = (/** @type {string} */ address, /** @type {object} */ messag
 /**
  * @typedef {object} ConnectionHandlers
  * @property {(message: ServerMessage) => void} message
- * @property {(buffer: ArrayBuffer) => void} frame
  * @property {(again: boolean) => void} opened
  * @property {(seconds: number, refusal: string | null) => void} lost with the time until the next attempt; again
  *   with why the socket is refused, if something answers
@@ -49,16 +48,12 @@ export class Connection {
     const address = new URL("ws", document.baseURI);
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(address);
-    socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       this.wait = FIRST_WAIT_MS;
       this.handlers.opened(this.openedBefore);
       this.openedBefore = true;
     };
-    socket.onmessage = ({ data }) => {
-      if (typeof data === "string") this.handlers.message(parsed(data));
-      else this.handlers.frame(data);
-    };
+    socket.onmessage = ({ data }) => this.handlers.message(parsed(data));
     socket.onclose = () => {
       this.handlers.lost(this.wait / 1000, null);
       void this.explain(this.wait / 1000);

@@ -26,8 +26,9 @@ export function startKeys(page) {
     const modes = page.modes();
     const action = (event.shiftKey && actionOf(state, modes, `Shift+${key}`)) || actionOf(state, modes, key);
     if (!action) return;
-    // Space presses the button that was tabbed to.
-    if (key === "Space" && tabbed && target.closest?.("button, a, input, [role=button]")) return;
+    // Space presses the button that was tabbed to, or that a card or menu has brought.
+    const brought = tabbed || target.closest?.("[role=dialog]");
+    if (key === "Space" && brought && target.closest?.("button, a, input, [role=button]")) return;
     // Without a proposal the arrow keys keep their own meaning, such as scrolling.
     const moves = isMove(action.name);
     if (moves && !state.pending) return;

@@ -242,6 +242,12 @@ export interface Set {
   advance?: boolean | null;
   follow?: boolean | null;
   turn_to_pick?: boolean | null;
+  show_view?: boolean | null;
+  show_shape?: boolean | null;
+  show_new?: boolean | null;
+  show_all?: boolean | null;
+  show_axis?: boolean | null;
+  show_camera?: boolean | null;
   step_mm?: number | null;
   step_deg?: number | null;
 }
@@ -250,6 +256,16 @@ export interface Set {
 export interface ShowEdges {
   type: "edges";
   show: boolean;
+}
+
+/** Set the turning axis by hand, as the camera of view 0 sees it; without ``apply`` it is only drawn. */
+export interface SetAxis {
+  type: "axis";
+  right_m: number;
+  away_m: number;
+  lean_right_deg: number;
+  lean_away_deg: number;
+  apply: boolean;
 }
 
 /** Colour the 3D scene by a layer of the flattened view, with its colour map and window. */
@@ -272,12 +288,6 @@ export interface Capture {
   type: "capture";
   action: "aim" | "begin" | "finish" | "keep" | "repeat" | "turned";
   angle_deg?: number | null;
-}
-
-/** With a camera: the tab has drawn what it was sent, and takes the next frame with this layer. */
-export interface Ready {
-  type: "ready";
-  layer: string;
 }
 
 /** Say which side the cloth under a stroke on the image of a view is; ``radius_m`` on the cloth. */
@@ -354,10 +364,10 @@ export type ClientMessage =
   | SetAuto
   | Set
   | ShowEdges
+  | SetAxis
   | Look
   | Play
   | Capture
-  | Ready
   | StrokeImage
   | StrokeShape
   | CutShape
@@ -401,6 +411,7 @@ export interface PageState {
   review: ReviewInfo | null;
   sides: SidesInfo | null;
   garment: GarmentInfo | null;
+  axis: AxisInfo | null;
   other: OtherSideInfo | null;
   capture: CaptureStatus | null;
   active: ActiveStatus | null;
@@ -558,6 +569,12 @@ export interface SettingsTable {
   step_deg: Slider;
   follow: Switch;
   turn_to_pick: Switch;
+  show_view: Switch;
+  show_shape: Switch;
+  show_new: Switch;
+  show_all: Switch;
+  show_axis: Switch;
+  show_camera: Switch;
 }
 
 /** A setting that is on or off. */
@@ -783,6 +800,15 @@ export interface DoubtedLinkInfo {
   outline_uv_m: [number, number][][];
 }
 
+/** The turning axis as the camera of view 0 sees it; ``estimated``: it is not the recorded one. */
+export interface AxisInfo {
+  right_m: number;
+  away_m: number;
+  lean_right_deg: number;
+  lean_away_deg: number;
+  estimated: boolean;
+}
+
 /** The other side of the item; ``layers`` None: it is not computed, ``text`` says why. */
 export interface OtherSideInfo {
   revision: number;
@@ -973,9 +999,8 @@ export interface Switched {
   type: "switched";
 }
 
-/** A frame of a camera; its picture follows in the same message, unless ``grid`` is None. */
+/** A frame of a camera; its picture follows in the same answer, unless ``grid`` is None. */
 export interface FrameInfo {
-  type: "frame";
   sequence: number;
   reason: string;
   grid: Grid | null;

@@ -3,6 +3,7 @@
 
 import { PagePart } from "../page/page.js";
 import { boxOf } from "../canvas/geometry.js";
+import { ask } from "../page/connection.js";
 import { opened } from "../offline/parcel.js";
 import { button, buttonOf, byId, field, make, numberBox, rebuild, setAllowed, setText } from "../page/dom.js";
 import { count, degrees, number } from "../page/format.js";
@@ -11,6 +12,7 @@ import { count, degrees, number } from "../page/format.js";
 const ACTIONS = { capture_keep: "keep", capture_repeat: "repeat", capture_turned: "turned" };
 /** @type {Record<string, string[]>} */
 const BUTTONS = { turn: ["capture_turned"], review: ["capture_keep", "capture_repeat"] };
+const RETRY_MS = 1000; // without a connection
 
 export class CapturePanel extends PagePart {
   name = "capture";
@@ -24,7 +26,12 @@ export class CapturePanel extends PagePart {
   table = /** @type {ActionRow[]} */ ([]); // its actions as the server tells them
   status = /** @type {CaptureStatus | null} */ (null);
   frame = /** @type {FrameInfo | null} */ (null); // what is shown
-  arrived = 0;
+  watched = /** @type {string | null} */ (null); // the layer of the frames that come
+
+  /** The program may have started again, and count its frames anew. */
+  reconnected() {
+    this.watched = null;
+  }
 
   /** Take a state of the page; without a camera there is nothing to show. */
   update(/** @type {State} */ state) {
@@ -39,23 +46,32 @@ export class CapturePanel extends PagePart {
   }
 
   /**
-   * Decode and draw a frame; the server sends the next one only after `then`.
-   * @param {ArrayBuffer} buffer @param {(frame: FrameInfo, shown: Shown | null) => void} draw @param {() => void} then
+   * Show frame after frame, in the layer of the page; the next one is made while this one is drawn.
+   * @param {(frame: FrameInfo, shown: Shown | null) => void} draw
    */
-  async takeFrame(buffer, draw, then) {
-    const { values, pictures } = opened(new Uint8Array(buffer));
-    const frame = /** @type {FrameInfo} */ (values);
-    const arrival = ++this.arrived;
-    const image = pictures.frame ? await createImageBitmap(pictures.frame).catch(() => null) : null;
-    const { grid } = frame;
-    const shown = image && grid && { revision: frame.sequence, grid, box: boxOf(grid), image };
-    requestAnimationFrame(() => {
-      // Decoding may finish out of order: a change of layer overtakes the frame before it.
-      if (arrival !== this.arrived) return;
+  async watch(draw) {
+    const { layer } = this.page;
+    if (this.watched === layer) return;
+    this.watched = layer;
+    const next = (/** @type {number} */ after) => ask(`capture/frame/${after}/${layer}`);
+    let answer = next(0);
+    while (this.watched === layer) {
+      const response = await answer;
+      if (response?.status !== 200) {
+        if (response?.status !== 204) await new Promise((done) => setTimeout(done, RETRY_MS));
+        answer = next(this.frame?.sequence ?? 0);
+        continue;
+      }
+      const { values, pictures } = opened(new Uint8Array(await response.arrayBuffer()));
+      const frame = /** @type {FrameInfo} */ (values);
+      answer = next(frame.sequence);
+      const image = pictures.frame ? await createImageBitmap(pictures.frame).catch(() => null) : null;
+      await new Promise((drawn) => requestAnimationFrame(drawn));
+      if (this.watched !== layer) return;
+      const { grid } = frame;
       this.frame = frame;
-      draw(frame, shown);
-      then();
-    });
+      draw(frame, image && grid && { revision: frame.sequence, grid, box: boxOf(grid), image });
+    }
   }
 
   /** Take how the capture stands; this comes several times a second. */

@@ -46,7 +46,7 @@ export class SettingsSheet extends PagePart {
   }
 
   show() {
-    const rows = Object.values(this.settings);
+    const rows = Object.values(this.settings).filter(({ name }) => !name.startsWith("show_")); // those Look has
     const theme = chosenTheme();
     byId("settings-reset").setAttribute("aria-disabled", String(!theme && rows.every((s) => s.value === s.default)));
     /** @type {import("../page/messages").Choice} */

@@ -303,3 +303,24 @@ def test_a_proposal_is_dragged_by_keys_as_one_decision(open_tab):
     expect(tab.page.locator(".key-pointer")).to_be_hidden()
     tab.page.keyboard.press("ArrowRight")  # now it moves the proposal again
     tab.until(f"flatcloth.state.pending.nudge.u_mm > {moved}")
+
+
+@pytest.mark.scene
+def test_look_says_what_the_scene_shows_and_sets_its_axis(open_tab):
+    tab = open_tab(1366, 768).ready()
+    expect(tab.scene.locator("[data-floating-window]")).to_be_hidden()
+    tab.page.keyboard.press("Shift+L")
+    tab.page.get_by_role("checkbox", name="Camera", exact=True).uncheck()
+    tab.scene.wait_for_function(
+        "() => { const node = __viserMutable.nodeRefFromName['/camera']; return node && !node.visible; }"
+    )
+    tab.page.get_by_role("button", name="Set the axis").click()
+    right = tab.page.get_by_label("Right, mm")
+    right.fill("1")
+    right.press("Enter")
+    assert tab.state()["axis"]["right_m"] != 0.001  # it is only drawn
+    tab.page.get_by_role("button", name="Apply").click()
+    tab.page.locator(".toast", has_text="The turning axis was set by hand").wait_for()
+    tab.until("flatcloth.state.axis.right_m === 0.001 && flatcloth.state.axis.estimated")
+    expect(tab.page.get_by_role("button", name="Set the axis")).to_be_visible()
+    tab.shoot("look-scene")

@@ -7,7 +7,6 @@ import json
 import math
 import threading
 import time
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from flatcloth.session.axis_file import write_axis
 from flatcloth.session.document import MAX_EXTENT_M
 from flatcloth.session.machine import Accept
 from flatcloth.viewer.modes.controller import MOST_WAITING
-from flatcloth.viewer.scene.axis_panel import AxisPanel
 from flatcloth.viewer.worker import Worker
 
 
@@ -138,19 +136,6 @@ def test_clicks_without_a_place_are_told_also_while_painting(server, caplog):
         texts = tab.state_where(lambda s: len(s["log"]) > 2 * len(absurd))["log"]
     assert all("no place in the scene" in note["text"] for note in texts)
     assert not [r for r in caplog.records if r.exc_info]
-
-
-def test_a_slider_says_no_more_than_it_can(monkeypatch):
-    axis = RotationAxis(point_m=np.array([0.0, 0.0, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
-    panel = AxisPanel.__new__(AxisPanel)
-    panel._axis = axis
-    values = (math.nan, 1e308, -math.inf, -1e9)
-    sliders: Any = [SimpleNamespace(value=v, min=-50.0, max=50.0) for v in values]
-    panel._sliders = sliders
-    chosen = panel.chosen
-    assert np.isfinite(chosen.point_m).all()
-    assert np.abs(chosen.point_m - axis.point_m).max() <= 0.05 + 1e-9
-    assert np.linalg.norm(chosen.direction) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e9])

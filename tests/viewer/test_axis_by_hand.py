@@ -1,4 +1,4 @@
-"""The turning axis set by hand: the panel, what is derived again, and what a resumed session has."""
+"""The turning axis set by hand: on the page, what is derived again, and what a resumed session has."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import json
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from page_tabs import Tab
 from scenes import AXIS, Cylinder
 from viewer_fakes import CENTER_M, CylinderIntegration, MemoryFolder
 
@@ -19,7 +21,6 @@ from flatcloth.core.types import RotationAxis
 from flatcloth.engine.integration import Integration
 from flatcloth.session.axis_file import FILE, read_axis, settle_axis, write_axis
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.scene.axis_panel import AxisPanel, moved_axis
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
@@ -37,40 +38,11 @@ def same(a: RotationAxis | None, b: RotationAxis) -> bool:
     )
 
 
-# --- the sliders -----------------------------------------------------------------------------
-
-
-def test_an_axis_is_shifted_and_leaned_as_the_camera_sees_it() -> None:
-    moved = moved_axis(AXIS, right_m=0.01, away_m=-0.02)
-    np.testing.assert_allclose(moved.point_m, np.add(AXIS.point_m, (0.01, 0.0, -0.02)))
-    np.testing.assert_allclose(moved.direction, AXIS.direction)
-    right = moved_axis(AXIS, lean_right_deg=10.0).direction
-    np.testing.assert_allclose(right, [math.sin(math.radians(10)), -math.cos(math.radians(10)), 0.0])
-    away = moved_axis(AXIS, lean_away_deg=10.0).direction
-    np.testing.assert_allclose(away, [0.0, -math.cos(math.radians(10)), math.sin(math.radians(10))])
-    assert moved.estimated
-
-
 def wait_until(found: Callable[[], bool]) -> None:
     end = time.monotonic() + 20
     while not found():
         assert time.monotonic() < end
         time.sleep(0.01)
-
-
-def test_the_panel_previews_applies_and_counts_from_the_axis_in_force(viser_server: Any) -> None:
-    previewed: list[RotationAxis] = []
-    panel = AxisPanel(viser_server, AXIS, previewed.append, lambda _axis: None)
-    assert same(panel.chosen, moved_axis(AXIS))
-    panel._sliders[0].value = 12.5  # type: ignore[misc]
-    panel._sliders[3].value = -2.0  # type: ignore[misc]
-    wanted = moved_axis(AXIS, right_m=0.0125, lean_away_deg=-2.0)
-    assert same(panel.chosen, wanted)
-    wait_until(lambda: bool(previewed) and same(previewed[-1], wanted))
-    panel.set_axis(wanted)
-    assert [slider.value for slider in panel._sliders] == [0.0] * 4
-    assert same(panel.chosen, wanted)
-    assert "12.5 mm right" in panel._text.content
 
 
 # --- what is derived -------------------------------------------------------------------------
@@ -91,7 +63,7 @@ def test_another_axis_derives_everything_again() -> None:
 def test_the_agreement_tells_a_good_axis_from_a_bad_one() -> None:
     made = Integration(Cylinder(angles_deg=tuple(20.0 * n for n in range(18))))
     good = made.views.axis_agreement()
-    made.views.turn_about(moved_axis(AXIS, right_m=0.03))
+    made.views.turn_about(replace(AXIS, point_m=np.add(AXIS.point_m, (0.03, 0.0, 0.0))))
     bad = made.views.axis_agreement()
 
     def share(text: str) -> int:
@@ -144,37 +116,46 @@ def ready(server: PageServer) -> bool:
     return state is not None and state.phase == "ready" and state.layers is not None
 
 
+def set_axis(server: PageServer, *, apply: bool = True, **values: float) -> None:
+    axis = {"right_m": 0.01, "away_m": CENTER_M[2], "lean_right_deg": 10.0, "lean_away_deg": 0.0}
+    server.application.receive(1, json.dumps({"type": "axis", "apply": apply, **axis, **values}))
+
+
 def test_the_page_takes_an_axis_keeps_it_and_shows_the_shape_anew() -> None:
     integration, folder = Turnable(), Keeping()
-    wanted = RotationAxis(point_m=np.add(CENTER_M, (0.01, 0.0, 0.0)), direction=np.array([0.0, -1.0, 0.0]))
     with PageServer(Opened(integration, folder), port=0) as server:  # type: ignore[arg-type]
         wait_until(lambda: ready(server))
-        before = server.application.last_state.layers.revision
-        server.application.adjust_axis(wanted)  # type: ignore[attr-defined]
+        before = server.application.last_state
+        assert before.axis.right_m == pytest.approx(CENTER_M[0])
+        set_axis(server, apply=False, lean_right_deg=45.0)  # only drawn
+        set_axis(server)
         wait_until(lambda: any("52%" in text for text in logged(server)))
-        wait_until(lambda: server.application.last_state.layers.revision > before)
-        assert folder.kept == [wanted]
-        assert integration.turned == [wanted]
-        panel = server._now.scene._axis_panel
-        assert panel is not None
-        assert "10.0 mm right" in panel._text.content
+        wait_until(lambda: server.application.last_state.layers.revision > before.layers.revision)
+        now = server.application.last_state.axis
+    (kept,) = folder.kept
+    assert integration.turned == [kept]
+    np.testing.assert_allclose(kept.point_m, [0.01, CENTER_M[1], CENTER_M[2]])
+    np.testing.assert_allclose(kept.direction, [math.sin(math.radians(10)), -math.cos(math.radians(10)), 0.0])
+    assert kept.estimated
+    assert (now.right_m, now.lean_right_deg, now.estimated) == (0.01, pytest.approx(10.0), True)
 
 
 def test_an_axis_that_cannot_be_kept_or_comes_amid_work_is_refused() -> None:
     integration, folder = Turnable(), Keeping()
-    with PageServer(Opened(integration, folder), port=0) as server:  # type: ignore[arg-type]
-        wait_until(lambda: ready(server))
+    axis = {"right_m": 0.01, "away_m": 0.8, "lean_right_deg": 10.0, "lean_away_deg": 0.0, "apply": True}
+    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:  # type: ignore[arg-type]
+        tab.ready()
         folder.full = True
-        server.application.adjust_axis(SHIFTED)  # type: ignore[attr-defined]
-        wait_until(lambda: any("no space left" in text for text in logged(server)))
+        tab.say(type="axis", **axis)
+        assert "no space left" in tab.note()["text"]
         folder.full = False
         integration.gate.clear()
-        server.application.receive(1, json.dumps({"type": "do", "action": "step"}))
-        wait_until(lambda: server.application.last_state.phase == "computing")
-        server.application.adjust_axis(SHIFTED)  # type: ignore[attr-defined]
-        wait_until(lambda: any("during a computation" in text for text in logged(server)))
-        server.application.receive(1, json.dumps({"type": "do", "action": "cancel"}))
-        wait_until(lambda: server.application.last_state.phase == "ready")
+        tab.say(type="do", action="step")
+        tab.state_where(lambda s: s["phase"] == "computing")
+        tab.say(type="axis", **axis)
+        assert "during a computation" in tab.note()["text"]
+        tab.say(type="do", action="cancel")
+        tab.state_where(lambda s: s["phase"] == "ready")
         integration.gate.set()
     assert integration.turned == []
     assert folder.kept == []

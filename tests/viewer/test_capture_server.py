@@ -14,7 +14,7 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from page_tabs import WAIT_S, Tab, get, post
+from page_tabs import WAIT_S, Tab, get, get_frame, post
 from scene_camera import SceneCamera, opened
 
 from flatcloth.cli import main
@@ -175,9 +175,7 @@ def test_a_tab_sees_the_camera_and_leads_a_capture(
         assert (state["mode"], state["recording"]["name"]) == ("camera", camera.name)
         assert state["notes"] == list(camera.notes)
         assert state["capture"]["phase"] == "idle"
-        tab.say(type="ready", layer="color")
-        frame = tab.until(lambda m: m["type"] == "frame" and m["grid"])
-        assert frame["image"].shape[2] == 4
+        assert get_frame(server)["image"].shape[2] == 4
         tab.say(type="capture", action="begin")
         tab.until(lambda m: m["type"] == "capture" and m["phase"] == "take")
         state = tab.state_where(lambda s: s["capture"]["phase"] == "review")
@@ -229,7 +227,6 @@ def test_a_camera_that_is_unplugged_is_told_and_keeps_what_is_on_disk(
 ) -> None:
     robot = Robot(server)
     with Tab(server) as tab:
-        tab.say(type="ready", layer="color")
         robot.post("angle", {"angle_deg": 0})
         robot.until(lambda s: s["kept_deg"])
         camera.unplug()

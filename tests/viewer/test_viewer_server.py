@@ -232,7 +232,6 @@ def test_a_measure_is_answered_with_its_three_lengths(server):
         ("x" * 200_000, "too long"),
         ('{"type": "play", "playing": true}', "no camera"),
         ('{"type": "brush", "radius_m": 0}', "radius_m is 0; expected a number > 0"),
-        ('{"type": "ready", "layer": "x"}', "Unknown layer"),
     ],
 )
 def test_a_bad_message_is_a_notification_and_nothing_more(server, text, told):

@@ -1,8 +1,8 @@
 """The page of a camera: its live cloud and flattened view, and the guided capture.
 
-The camera's thread processes every frame; work that takes longer than a frame runs on a second thread, the
-flattening on a third (:mod:`flatcloth.viewer.modes.live`). The page's thread and the web server's give
-commands. One lock protects the state of the capture.
+The camera's thread processes every frame; work that takes longer than a frame runs on a second thread. The
+page's thread and the web server's give commands, and flatten what the tabs ask for
+(:mod:`flatcloth.viewer.modes.live`). One lock protects the state of the capture.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.hub import Hub
 from flatcloth.viewer.modes.controller import PageController
-from flatcloth.viewer.modes.live import LiveLoop, Shown
+from flatcloth.viewer.modes.live import LiveFrames, Shown
 from flatcloth.viewer.protocol import messages
 from flatcloth.viewer.protocol.actions import ONLY_A_CAMERA, Action
 from flatcloth.viewer.protocol.allowed import action_table
@@ -118,11 +118,7 @@ class CaptureApplication(PageController):
         self._state_at_s = 0.0
         self._shown: Shown | None = None
         self._background = Worker("flatcloth-background")
-        self._loop = LiveLoop(
-            LiveFlattening(integration, feed).newest,
-            deliver=self._deliver,
-            report=lambda text: self._put(None, lambda: self._tell(None, "error", text)),
-        )
+        self._frames = LiveFrames(LiveFlattening(integration, feed).newest)
         self._lock = threading.Lock()
         self._guided: GuidedCapture | None = None
         self._view_number = 0
@@ -143,25 +139,20 @@ class CaptureApplication(PageController):
         """Start the camera."""
         self._feed.start()
         self._put(None, self._begin)
-        self._loop.start()
 
     def _begin(self) -> None:
-        self._scene_view.follow(self._page_settings.now.follow)
+        self._scene_view.arrange(self._page_settings.now)
         self._publish()
 
     def stop(self) -> None:
         """Stop the camera and all threads; kept views are on disk."""
         self._feed.stop(timeout_s=5.0)
-        self._loop.stop(timeout_s=5.0)
+        self._frames.stop()
         self._front.stop(timeout_s=5.0)
         self._background.stop(timeout_s=2.0)
         with self._lock:
             if self._guided is not None:
                 self._guided.close()
-
-    def leave(self, client: int) -> None:
-        """Handle the closing of a tab."""
-        self._loop.leave(client)
 
     # --- the camera's thread -------------------------------------------------------------------
 
@@ -183,7 +174,7 @@ class CaptureApplication(PageController):
         if changed or now_s - self._reported_s >= STATUS_INTERVAL_S:
             self._reported_s = now_s
             self._sink.tell(None, self.status())
-        if not self._busy.is_set() and self._loop.playing:
+        if not self._busy.is_set() and self._frames.playing:
             self._busy.set()
             self._background.put(lambda: self._look(frame, now_s))
 
@@ -198,7 +189,7 @@ class CaptureApplication(PageController):
 
     def _on_end(self, text: str) -> None:
         self._ended = text
-        self._loop.hold()
+        self._frames.hold()
         self._put(None, lambda: self._tell(None, "error", text))
 
     # --- the second thread -----------------------------------------------------------------------------
@@ -238,19 +229,19 @@ class CaptureApplication(PageController):
         self._doubts = tuple(finding.line for finding in found if finding.stops)
         self._sink.tell(None, self.status())
 
-    # --- the loop's thread ---------------------------------------------------------------------
+    # --- the web server's threads ---------------------------------------------------------------
 
-    def _deliver(self, shown: Shown, tabs: dict[int, str]) -> None:
-        self._shown, self.picture = shown, shown.picture
-        frames = {layer: self._frame(shown, layer) for layer in set(tabs.values())}
-        for client, layer in tabs.items():
-            self._sink.send_frame(client, frames[layer])
-        now_s = time.monotonic()
-        if not self._loop.playing or now_s - self._state_at_s > STATE_INTERVAL_S:
-            self._state_at_s = now_s
-            self._put(None, self._publish)
-
-    def _frame(self, shown: Shown, layer: str) -> bytes:
+    def frame_after(self, sequence: int, layer: str) -> bytes | None:
+        """Return the next frame for a tab in a layer; None if there is none yet."""
+        shown = self._frames.after(sequence)
+        if shown is None:
+            return None
+        if shown is not self._shown:
+            self._shown, self.picture = shown, shown.picture
+            now_s = time.monotonic()
+            if not self._frames.playing or now_s - self._state_at_s > STATE_INTERVAL_S:
+                self._state_at_s = now_s
+                self._put(None, self._publish)
         picture, axis = shown.picture, self._integration.axis
         info = FrameInfo(sequence=shown.sequence, reason=shown.reason)
         if picture is None:
@@ -282,14 +273,12 @@ class CaptureApplication(PageController):
             case messages.Capture(action=action, angle_deg=angle_deg):
                 self.act(action, angle_deg)
                 self._publish()
-            case messages.Ready(layer=layer):
-                self._loop.ready(client, layer)
             case messages.Play(playing=playing):
                 if playing:
-                    self._loop.play()
+                    self._frames.play()
                 else:
                     # A frame flattened ahead must not appear after the pause.
-                    self._loop.hold(None if self._shown is None else self._shown.sequence)
+                    self._frames.hold(None if self._shown is None else self._shown.sequence)
                 self._publish()
             case messages.PickAt(u_m=u, v_m=v, revision=revision):
                 self._picks.add(self._held(revision), u, v)
@@ -308,7 +297,7 @@ class CaptureApplication(PageController):
         """Pause at the clicked frame, and return it."""
         if sequence is None and self._shown is not None:
             sequence = self._shown.sequence
-        shown = self._loop.hold(sequence)
+        shown = self._frames.hold(sequence)
         if shown is None or shown.picture is None:
             raise FlatclothError("This frame shows no cloth to pick; wait for the next one.")
         self._shown, self.picture = shown, shown.picture
@@ -404,7 +393,7 @@ class CaptureApplication(PageController):
             return CaptureStatus(
                 camera=self._feed.camera.name,
                 camera_fps=round(self._camera_fps, 1),
-                playing=self._loop.playing,
+                playing=self._frames.playing,
                 ended=self._ended,
                 warnings=(*self._warnings, *self._doubts),
                 folder=str(self._settings.folder),

@@ -127,9 +127,6 @@ class PageController(ABC):
     def stop(self) -> None:
         """Stop all threads."""
 
-    def leave(self, client: int) -> None:  # noqa: B027 - only a camera has something to do
-        """Handle the closing of a tab."""
-
     def receive(self, client: int, text: str) -> None:
         """Process a message of a tab; errors are returned as notifications."""
         text = text[: MAX_MESSAGE_CHARS + 1]  # a longer one is refused, so only its beginning is kept
@@ -150,10 +147,6 @@ class PageController(ABC):
         if ray.shape != (2, 3) or not np.isfinite(ray).all() or not ray[1].any():
             raise FlatclothError("That click has no place in the scene; click again.")
         self._pick_on_ray(ray[0], ray[1])
-
-    def set_follow(self, follow: bool) -> None:
-        """Let the cameras follow the view, or not."""
-        self._put(None, lambda: self._set(messages.Set(follow=follow)))
 
     def pointed_at(self, hover: messages.Hover | messages.HoverRay) -> HoverAnswer | RayAnswer:
         """Describe what is under the pointer; fast, because it only reads the present picture."""
@@ -395,5 +388,5 @@ class PageController(ABC):
             self._page_settings.reset()
         if values:
             self._page_settings.change(**values)
-        self._scene_view.follow(self._page_settings.now.follow)
+        self._scene_view.arrange(self._page_settings.now)
         self._publish()

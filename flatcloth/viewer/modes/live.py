@@ -1,8 +1,4 @@
-"""The thread that flattens the newest frame of a camera and delivers it to the tabs.
-
-A frame is flattened only after a tab has taken the previous one, and a tab receives a frame only after it has
-drawn its last one: slow tabs miss frames, and nothing is queued.
-"""
+"""The frames of a camera as tabs ask for them: each is flattened when somebody wants a newer one."""
 
 from __future__ import annotations
 
@@ -20,6 +16,8 @@ _log = logging.getLogger(__name__)
 
 FRAMES_KEPT = 8
 """Number of past frames that a click may refer to."""
+LONGEST_WAIT_S = 2.0
+"""Longest time that a tab waits for another frame than the held one; it then asks again. Chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,59 +32,41 @@ class Shown:
     reason: str = ""
 
 
-class LiveLoop:
-    """Shows a camera; all public methods may be called from any thread.
+class LiveFrames:
+    """Shows a camera, or holds one of its frames; methods may be called from any thread.
+
+    A tab asks for the next frame when it has got one, so slow tabs miss frames, and nothing is queued.
 
     Parameters
     ----------
     newest : callable
-        Flattens the newest frame; called on the loop's thread.
-    deliver : callable
-        ``deliver(shown, tabs)`` sends a frame to the tabs (number to layer) that are ready for it.
-    report : callable
-        Called with the text of an unexpected error; the loop then pauses.
+        Flattens the newest frame; called by one thread at a time.
     """
 
-    def __init__(
-        self,
-        newest: Callable[[], LiveFrame],
-        *,
-        deliver: Callable[[Shown, dict[int, str]], None],
-        report: Callable[[str], None],
-    ) -> None:
-        self._newest, self._deliver, self._report = newest, deliver, report
-        self._changed = threading.Condition()
-        self.playing = True
-        self._waiting: dict[int, str] = {}
-        self._taken: dict[int, tuple[int, str]] = {}
+    def __init__(self, newest: Callable[[], LiveFrame]) -> None:
+        self._newest = newest
+        self._changed, self._flattening = threading.Condition(), threading.Lock()
         self._kept: deque[Shown] = deque(maxlen=FRAMES_KEPT)
-        self._sequence = 0
-        self._holds = 0
+        self._sequence = self._holds = 0
         self._stopped = False
-        self._thread = threading.Thread(target=self._run, name="flatcloth-live", daemon=True)
+        self.playing = True
 
     @property
     def shown(self) -> Shown | None:
         """The frame that was flattened last."""
         return self._kept[-1] if self._kept else None
 
-    def start(self) -> None:
-        """Begin to play."""
-        self._thread.start()
-
-    def stop(self, timeout_s: float) -> None:
-        """Stop after the frame that is being flattened."""
+    def stop(self) -> None:
+        """Let nobody wait any more."""
         with self._changed:
             self._stopped = True
-            self._changed.notify()
-        if self._thread.is_alive():
-            self._thread.join(timeout_s)
+            self._changed.notify_all()
 
     def play(self) -> None:
         """Go on with the newest frame."""
         with self._changed:
             self.playing = True
-            self._changed.notify()
+            self._changed.notify_all()
 
     def hold(self, sequence: int | None = None) -> Shown | None:
         """Pause at a recently shown frame, or at the last one, and return it."""
@@ -98,83 +78,47 @@ class LiveLoop:
                 return None
             shown = kept[0]
             if shown is not self._kept[-1]:
-                self._sequence += 1
-                shown = replace(shown, sequence=self._sequence)
-                self._kept.append(shown)
-            self._changed.notify()
+                shown = self._keep(shown.picture, shown.reason)
+            self._changed.notify_all()
             return shown
 
-    def ready(self, client: int, layer: str) -> None:
-        """Note that a tab has drawn its last frame, and the layer it wants next."""
+    def after(self, sequence: int) -> Shown | None:
+        """Return a newer frame than one, flattened now if need be; None if one is held, or it takes long."""
         with self._changed:
-            self._waiting[client] = layer
-            self._changed.notify()
-
-    def leave(self, client: int) -> None:
-        """Remove a tab."""
-        with self._changed:
-            self._waiting.pop(client, None)
-            self._taken.pop(client, None)
-
-    # --- the loop's thread -------------------------------------------------------------------
-
-    def _run(self) -> None:
-        while True:
+            self._changed.wait_for(
+                lambda: self._stopped or self.playing or self._newer(sequence), LONGEST_WAIT_S
+            )
+        with self._flattening:  # another tab may have waited for the same frame
             with self._changed:
-                self._changed.wait_for(lambda: self._stopped or self._receivers() or self._is_wanted())
-                if self._stopped:
-                    return
-                shown, receivers, holds = self.shown, self._receivers(), self._holds
-                for client, layer in receivers.items():
-                    assert shown is not None
-                    self._taken[client] = (shown.sequence, layer)
-                    del self._waiting[client]
-            try:
-                if shown is not None and receivers:
-                    self._deliver(shown, receivers)
-                else:
-                    self._show(holds)
-            except Exception as error:  # noqa: BLE001 - reported and logged
-                self._fail(error)
+                found, holds = self._newer(sequence), self._holds
+                if found is not None or self._stopped or not self.playing:
+                    return found
+            picture, reason = self._flattened()
+            with self._changed:
+                if holds == self._holds:  # otherwise an earlier frame was picked in the meantime, and stays
+                    self._keep(picture, reason)
+                return self._newer(sequence)
 
-    def _receivers(self) -> dict[int, str]:
-        """Return the tabs that are ready for a newer frame, or for another layer."""
-        if self.shown is None:
-            return {}
-        sequence = self.shown.sequence
-        return {c: layer for c, layer in self._waiting.items() if self._taken.get(c) != (sequence, layer)}
+    def _newer(self, sequence: int) -> Shown | None:
+        return self.shown if self.shown is not None and self.shown.sequence > sequence else None
 
-    def _is_wanted(self) -> bool:
-        """Whether to flatten the next frame: at most one while the tabs draw the last one."""
-        if self.shown is None:
-            return self.playing and bool(self._waiting)
-        return self.playing and any(s == self.shown.sequence for s, _ in self._taken.values())
-
-    def _show(self, holds: int) -> None:
-        picture, reason = None, ""
+    def _flattened(self) -> tuple[Picture | None, str]:
         try:
             frame = self._newest()
         except FlatclothError as error:
-            reason = str(error)
-        else:
-            picture = Picture(
-                revision=0, view=frame.view, present_view=0, angle_deg=0.0,
-                cloud=frame.cloud, energies=(), legends={},
-            )  # fmt: skip
-        with self._changed:
-            if holds == self._holds:  # otherwise an earlier frame was picked in the meantime, and stays
-                self._keep(picture, reason)
+            return None, str(error)
+        except Exception as error:  # noqa: BLE001 - reported and logged
+            _log.exception("showing the camera failed")
+            self.playing = False
+            return None, f"Unexpected error while showing the camera: {error!r}. See the terminal."
+        picture = Picture(
+            revision=0, view=frame.view, present_view=0, angle_deg=0.0, cloud=frame.cloud, legends={}
+        )
+        return picture, ""
 
-    def _keep(self, picture: Picture | None, reason: str) -> None:
+    def _keep(self, picture: Picture | None, reason: str) -> Shown:
         self._sequence += 1
         if picture is not None:
             picture = replace(picture, revision=self._sequence)
         self._kept.append(Shown(sequence=self._sequence, picture=picture, reason=reason))
-
-    def _fail(self, error: Exception) -> None:
-        _log.error("showing the camera failed", exc_info=error)
-        text = f"Unexpected error while showing the camera: {error!r}. See the terminal."
-        with self._changed:
-            self.playing = False
-            self._keep(None, text)
-        self._report(text)
+        return self._kept[-1]

@@ -144,7 +144,7 @@ class Application(PageController):
     # --- the application thread --------------------------------------------------------------
 
     def _begin(self) -> None:
-        self._scene_view.follow(self._page_settings.now.follow)
+        self._scene_view.arrange(self._page_settings.now)
         document = self._state.document
         if self._sides.available and document.start_view is None:
             self._sides.look_first(lambda xyz, rgb: self._scene_view.see(xyz, rgb, anew=True))
@@ -198,6 +198,12 @@ class Application(PageController):
                 self._page_status = replace(self._page_status, edges=show)
                 self._diagnostics.show_edges(show)
                 self._publish()
+            case messages.SetAxis(apply=apply):
+                axis = session_work.meant_axis(self._integration.axis, message)
+                if apply:
+                    self._adjust_axis(axis)
+                else:
+                    self._scene_view.draw_axis(axis)
             case messages.StrokeImage() | messages.StrokeShape() | messages.CutShape():
                 self._by_hand(paint(self._sides.decision(message, self.picture)))
             case messages.Brush():
@@ -280,10 +286,6 @@ class Application(PageController):
         dab = self._sides.dab(self.picture, self._scene_view.visible_points(), origin_m, direction)
         if dab is not None:
             self._by_hand(paint(dab))
-
-    def adjust_axis(self, axis: RotationAxis) -> None:
-        """Set the turning axis by hand; may be called from any thread."""
-        self._put(None, lambda: self._adjust_axis(axis))
 
     def _adjust_axis(self, axis: RotationAxis) -> None:
         session_work.keep_axis(axis, self._folder)
@@ -398,7 +400,10 @@ class Application(PageController):
         told = {"sides": self._sides.info(), "garment": self._garment.info(), "other": self.other.info()}
         until = structs.replace(state.auto, until=auto.until_text(self._page_settings.now))
         pending = self._placing.shown(state.pending, self._overlay)
-        return structs.replace(state, views=views, review=review, pending=pending, auto=until, **told)
+        axis = session_work.axis_info(self._integration.axis)
+        return structs.replace(
+            state, views=views, review=review, pending=pending, auto=until, axis=axis, **told
+        )
 
     # --- results of the worker ---------------------------------------------------------------
 

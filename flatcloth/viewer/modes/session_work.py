@@ -36,11 +36,11 @@ from flatcloth.session.machine import (
     apply,
 )
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.protocol.messages import GoTo, Move
+from flatcloth.viewer.protocol.messages import GoTo, Move, SetAxis
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import Progress
 from flatcloth.viewer.protocol.snapshot import center_uv_m, placement_of
-from flatcloth.viewer.protocol.state import GhostInfo, PendingInfo
+from flatcloth.viewer.protocol.state import AxisInfo, GhostInfo, PendingInfo
 from flatcloth.viewer.worker import Worker, attempt
 
 _log = logging.getLogger(__name__)
@@ -228,6 +228,30 @@ def turned_about(integration: Integration, axis: RotationAxis) -> str:
         return f"The turning axis was set by hand. {integration.views.axis_agreement()}"
     except FlatclothError as error:
         return f"The turning axis was set by hand. {error}"
+
+
+def axis_info(axis: RotationAxis) -> AxisInfo:
+    """Return a turning axis as the camera of view 0 sees it."""
+    lean_deg = np.degrees(np.arcsin(axis.direction))
+    return AxisInfo(
+        right_m=float(axis.point_m[0]),
+        away_m=float(axis.point_m[2]),
+        lean_right_deg=float(lean_deg[0]),
+        lean_away_deg=float(lean_deg[2]),
+        estimated=axis.estimated,
+    )
+
+
+def meant_axis(axis: RotationAxis, message: SetAxis) -> RotationAxis:
+    """Return the axis that a message describes in the place of another."""
+    right, away = np.sin(np.radians([message.lean_right_deg, message.lean_away_deg]))
+    up = np.copysign(np.sqrt(max(0.0, 1.0 - right**2 - away**2)), axis.direction[1])
+    return replace(
+        axis,
+        point_m=np.array([message.right_m, axis.point_m[1], message.away_m]),
+        direction=np.array([right, up, away]),
+        estimated=True,
+    )
 
 
 def keep_axis(axis: RotationAxis, folder: SessionFolder) -> None:

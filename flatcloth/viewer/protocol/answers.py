@@ -301,8 +301,8 @@ class DiagnosticsInfo(Sent, frozen=True):
     pairs: ClothPairs | None
 
 
-class FrameInfo(Sent, tag_field="type", tag="frame", frozen=True):
-    """A frame of a camera; its picture follows in the same message, unless ``grid`` is None."""
+class FrameInfo(Sent, frozen=True):
+    """A frame of a camera; its picture follows in the same answer, unless ``grid`` is None."""
 
     sequence: int
     reason: str

@@ -14,6 +14,7 @@ MAX_MESSAGE_CHARS = 100_000  # of a whole message
 MAX_NAME_CHARS = 80  # of a pick
 MAX_PAIRS = 50  # of points of cloth, of which two fix a place
 MAX_ANGLE_DEG = 3600.0  # of any angle: ten turns
+MAX_LEAN_DEG = 45.0  # of the turning axis
 MAX_STROKE_POINTS = 1000  # of one stroke
 MAX_BRUSH_M = 0.2  # radius
 
@@ -23,6 +24,7 @@ Pointed = Annotated[float, Meta(ge=-1000.0, le=1000.0)]
 """Where the pointer is, in metres of the plane: also far off the garment, where the page is zoomed out."""
 Radians = Annotated[float, Meta(ge=-100.0, le=100.0)]
 Degrees = Annotated[float, Meta(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
+Lean = Annotated[float, Meta(ge=-MAX_LEAN_DEG, le=MAX_LEAN_DEG)]
 Count = Annotated[int, Meta(ge=-(2**53), le=2**53)]
 """A number of a view, a frame, a pick or a question: what JavaScript counts exactly."""
 Points = Annotated[tuple[tuple[Metres, Metres], ...], Meta(max_length=MAX_PAIRS)]

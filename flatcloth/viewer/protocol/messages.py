@@ -15,7 +15,6 @@ from msgspec import Meta, inspect
 
 from flatcloth.core.decoding import UNKNOWN, Finite, MisfitError, fitted, parse_json
 from flatcloth.core.errors import FlatclothError
-from flatcloth.rendering.layers import LAYERS
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.fields import (
@@ -24,6 +23,7 @@ from flatcloth.viewer.protocol.fields import (
     BrushRadius,
     Count,
     Degrees,
+    Lean,
     Metres,
     Pointed,
     Points,
@@ -226,6 +226,12 @@ class Set(Said, tag="set", frozen=True, kw_only=True):
     advance: bool | None = None
     follow: bool | None = None
     turn_to_pick: bool | None = None
+    show_view: bool | None = None
+    show_shape: bool | None = None
+    show_new: bool | None = None
+    show_all: bool | None = None
+    show_axis: bool | None = None
+    show_camera: bool | None = None
     step_mm: Finite | None = None
     step_deg: Finite | None = None
 
@@ -234,6 +240,16 @@ class ShowEdges(Said, tag="edges", frozen=True, kw_only=True):
     """Draw the edges that the flattening strained in the 3D scene as well, or not."""
 
     show: bool
+
+
+class SetAxis(Said, tag="axis", frozen=True, kw_only=True):
+    """Set the turning axis by hand, as the camera of view 0 sees it; without ``apply`` it is only drawn."""
+
+    right_m: Metres
+    away_m: Metres
+    lean_right_deg: Lean
+    lean_away_deg: Lean
+    apply: bool
 
 
 class Look(Said, tag="look", frozen=True, kw_only=True):
@@ -256,12 +272,6 @@ class Capture(Said, tag="capture", frozen=True, kw_only=True):
 
     action: CaptureAction
     angle_deg: Degrees | None = None
-
-
-class Ready(Said, tag="ready", frozen=True, kw_only=True):
-    """With a camera: the tab has drawn what it was sent, and takes the next frame with this layer."""
-
-    layer: str
 
 
 class StrokeImage(Said, tag="stroke_image", frozen=True, kw_only=True):
@@ -376,7 +386,5 @@ def _check(message: Message) -> None:
             raise MessageError(f"Unknown reason {reason!r:.60}; known are {', '.join(REJECT_REASONS)}.")
         case Capture(action=action, angle_deg=angle) if (action == "aim") != (angle is not None):
             raise MessageError(f"A capture cannot {action!r} so; only aiming has an angle.")
-        case Ready(layer=layer) if layer not in LAYERS:
-            raise MessageError(f"Unknown layer {layer!r:.40}; known are {', '.join(LAYERS)}.")
         case RenamePick(name=name) if not name.strip():
             raise MessageError(f"A pick's name has 1 to {MAX_NAME_CHARS} characters.")

@@ -108,7 +108,6 @@ class Picture:
     present_view: int
     angle_deg: float
     cloud: ViewCloud
-    energies: tuple[tuple[float, ...], ...]
     legends: dict[str, Legend]
     document: Document | None = None
     overlay: Overlay | None = None
@@ -173,7 +172,6 @@ def make_picture(
         present_view=present,
         angle_deg=angles_deg[present],
         cloud=integration.views.cloud(present),
-        energies=tuple(tuple(level.energy) for level in integration.views.flattening(present).levels),
         legends=shape_legends,
         overlay=overlay,
         sheet=sheet,

@@ -46,6 +46,12 @@ class Settings:
     turn_to_pick: bool = True
     step_mm: float = 2.0
     step_deg: float = 1.0
+    show_view: bool = True
+    show_shape: bool = True
+    show_new: bool = True
+    show_all: bool = False
+    show_axis: bool = True
+    show_camera: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,6 +124,18 @@ SETTINGS: tuple[Switch | Choice | Slider, ...] = (
         description="A pick that faces away from the 3D camera is looked at from where it was seen."
         " Off: its mark shows through the cloth.",
     ),
+    Switch(name="show_view", title="Present view", description="The points of the present view, in 3D."),
+    Switch(name="show_shape", title="Shape so far", description="The points of the shape, in 3D."),
+    Switch(
+        name="show_new", title="What the proposal adds", description="The points that it would add, in 3D."
+    ),
+    Switch(
+        name="show_all",
+        title="All views",
+        description="The points of all views of the recording, in 3D, also of those that are not used.",
+    ),
+    Switch(name="show_axis", title="Turning axis", description="The axis that the item is turned about."),
+    Switch(name="show_camera", title="Camera", description="Where the camera stood at the present view."),
 )
 """Their values, and the defaults, are those of :class:`Settings`."""
 

@@ -298,6 +298,22 @@ class SettingsTable(Sent, frozen=True):
     step_deg: Slider
     follow: Switch
     turn_to_pick: Switch
+    show_view: Switch
+    show_shape: Switch
+    show_new: Switch
+    show_all: Switch
+    show_axis: Switch
+    show_camera: Switch
+
+
+class AxisInfo(Sent, frozen=True):
+    """The turning axis as the camera of view 0 sees it; ``estimated``: it is not the recorded one."""
+
+    right_m: float
+    away_m: float
+    lean_right_deg: float
+    lean_away_deg: float
+    estimated: bool
 
 
 class SidesInfo(Sent, frozen=True):
@@ -404,6 +420,7 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     review: ReviewInfo | None = None
     sides: SidesInfo | None = None
     garment: GarmentInfo | None = None
+    axis: AxisInfo | None = None
     other: OtherSideInfo | None = None
     capture: CaptureStatus | None = None
     active: ActiveStatus | None = None

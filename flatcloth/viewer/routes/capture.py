@@ -16,7 +16,8 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from flatcloth.viewer.http import RefusedError, as_json, read_body
+from flatcloth.rendering.layers import LAYERS
+from flatcloth.viewer.http import RefusedError, as_json, made, read_body
 from flatcloth.viewer.modes.capture import CaptureApplication
 from flatcloth.viewer.protocol.fields import MAX_ANGLE_DEG
 
@@ -35,6 +36,12 @@ def capture_routes(captures: CaptureApplication) -> list[BaseRoute]:
         if not captures.view_png:
             return PlainTextResponse("No view has been taken yet.", status_code=404)
         return Response(captures.view_png, media_type="image/png", headers={"Cache-Control": "no-store"})
+
+    async def frame(request: Request) -> Response:
+        layer, after = request.path_params["layer"], request.path_params["after"]
+        if layer not in LAYERS:
+            raise RefusedError(f"Unknown layer {layer!r:.40}; choose one of {', '.join(LAYERS)}.", 404)
+        return await made(lambda: captures.frame_after(after, layer), "application/octet-stream", gone=None)
 
     async def hear(request: Request) -> Response:
         word = request.path_params["action"]
@@ -56,6 +63,7 @@ def capture_routes(captures: CaptureApplication) -> list[BaseRoute]:
     return [
         Route("/capture", status),
         Route("/capture/view.png", view),
+        Route("/capture/frame/{after:int}/{layer}", frame),
         Route("/capture/{action}", hear, methods=["POST"]),
     ]
 

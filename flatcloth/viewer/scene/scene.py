@@ -15,14 +15,13 @@ import numpy as np
 import viser
 
 from flatcloth.core.geometry import object_from_camera
-from flatcloth.core.types import Float32, Float64, Intrinsics, RotationAxis, Uint8
+from flatcloth.core.types import Float32, Float64, RotationAxis, Uint8
 from flatcloth.engine.integration import Integration
 from flatcloth.grasping.grasps import quaternion_wxyz
-from flatcloth.rendering.layers import Appearance
+from flatcloth.rendering.layers import PLAIN, Appearance
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.scene.axis_panel import AxisPanel
-from flatcloth.viewer.scene.clouds import HELD, LIVE, NOTHING, Cloud, CloudPanel, clouds_of
-from flatcloth.viewer.scene.panels import Panels
+from flatcloth.viewer.protocol.settings import Settings
+from flatcloth.viewer.scene.clouds import ALL, HELD, LIVE, NOTHING, PROPOSAL, AllViews, Cloud, clouds_of
 from flatcloth.viewer.scene.private_viser import PrivateViser
 
 MAX_POINTS = 60_000
@@ -37,22 +36,21 @@ class Scene:
 
     Parameters
     ----------
-    axis : RotationAxis
-        Turning axis, object frame.
-    intrinsics : Intrinsics
-        The real camera, for its frustum.
+    integration : Integration
+        Has the turning axis, the real camera, and all views.
     """
 
-    def __init__(self, axis: RotationAxis, intrinsics: Intrinsics) -> None:
-        self._axis = axis
+    def __init__(self, integration: Integration) -> None:
+        self._axis = integration.axis
+        self._recording = integration.recording  # that of an active loop grows
+        self._all_views = AllViews(integration, self._show_again)
+        self._color, self._look = "color", PLAIN
         self._axis_span_m = (-0.5, 0.5)
-        self._axis_panel: AxisPanel | None = None
-        self._cloud_panel: CloudPanel | None = None
         self._picture: Picture | None = None
         self._lock = threading.RLock()
         self._clouds: dict[str, viser.PointCloudHandle] = {}
         self._points: dict[str, Float32] = {}
-        self._wanted: dict[str, bool] = {}
+        self._hidden = {ALL}
         self._filled: dict[str, bool] = {}
         self._shown: int | None = None  # the present view
         self._view_from: tuple[Float64, Float64, float, float] | None = None
@@ -61,11 +59,11 @@ class Scene:
         self._server = self._viser.server
         self.path = self._viser.path
         self.on_ray: Callable[[tuple[float, ...], tuple[float, ...]], None] = lambda _o, _d: None
-        self.on_follow: Callable[[bool], None] = lambda _on: None
-        self._build(intrinsics)
+        self._build(integration)
 
-    def _build(self, intrinsics: Intrinsics) -> None:
-        server = self._server
+    def _build(self, integration: Integration) -> None:
+        server, intrinsics = self._server, integration.recording.intrinsics
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
         server.scene.set_up_direction("-y")
         self._frustum = server.scene.add_camera_frustum(
             "/camera",
@@ -83,7 +81,6 @@ class Scene:
             "/edges", np.zeros((1, 2, 3)), (0, 0, 0),
             thickness=3.0, thickness_units="screen", visible=False,
         )  # fmt: skip
-        self._panels = Panels(server, self._switch, lambda on: self.on_follow(on))
 
         @server.scene.on_click()
         def _(event: viser.SceneClickEvent) -> None:
@@ -95,8 +92,7 @@ class Scene:
 
     def stop(self) -> None:
         """Close the viser server."""
-        if self._cloud_panel is not None:
-            self._cloud_panel.stop()
+        self._all_views.stop()
         self._viser.stop()
 
     def visible_points(self) -> Float32:
@@ -109,7 +105,6 @@ class Scene:
         """Show a document, or an empty scene."""
         with self._lock, self._server.atomic():
             self._show(picture)
-            self._panels.show(picture)
         self._server.flush()
 
     def see(self, points_m: Float32, colors: Uint8, *, anew: bool) -> None:
@@ -130,8 +125,8 @@ class Scene:
             return
         if self._filled.get(LIVE):  # what was seen before there was a picture
             self._fill(LIVE, NOTHING)
-        panel = self._cloud_panel
-        shown = clouds_of(picture, self._axis, 1) if panel is None else panel.clouds(picture, self._axis)
+        shown = clouds_of(picture, self._axis, len(self._recording), self._color, self._look)
+        shown[ALL] = NOTHING if ALL in self._hidden else self._all_views.cloud(self._axis, self._color)
         for name, cloud in shown.items():
             self._fill(name, cloud)
         self._frame_view(picture.angle_deg, picture.present_view)
@@ -146,11 +141,27 @@ class Scene:
             self._edges.visible = there
         self._server.flush()
 
-    def follow(self, on: bool) -> None:
-        """Let the cameras go to the real camera's position at each new view, or not."""
-        self._follow = on
-        self._panels.set_follow(on)
-        if on:
+    def arrange(self, settings: Settings) -> None:
+        """Show what is wanted; let the cameras go to the real camera's position at each new view, or not."""
+        wanted = {
+            LIVE: settings.show_view,
+            HELD: settings.show_shape,
+            PROPOSAL: settings.show_new,
+            ALL: settings.show_all,
+            "/axis": settings.show_axis,
+            "/camera": settings.show_camera,
+        }
+        with self._lock, self._server.atomic():
+            self._hidden = {node for node, on in wanted.items() if not on}
+            if settings.show_all and not self._filled.get(ALL) and self._picture is not None:
+                self._fill(ALL, self._all_views.cloud(self._axis, self._color))
+            for name, cloud in self._clouds.items():
+                cloud.visible = self._is_visible(name)
+            self._frustum.visible = settings.show_camera
+            self._axis_line.visible = settings.show_axis
+        self._server.flush()
+        begins, self._follow = settings.follow and not self._follow, settings.follow
+        if begins:
             self._aim_all()
 
     def look_from(self, angle_deg: float) -> None:
@@ -180,16 +191,7 @@ class Scene:
             self._clouds[name].visible = self._is_visible(name)
 
     def _is_visible(self, name: str) -> bool:
-        return self._filled.get(name, False) and self._wanted.get(name, True)
-
-    def _switch(self, node: str, on: bool) -> None:
-        with self._lock, self._server.atomic():
-            self._wanted[node] = on
-            for name, cloud in self._clouds.items():
-                cloud.visible = self._is_visible(name)
-            self._frustum.visible = self._wanted.get("/camera", True)
-            self._axis_line.visible = self._wanted.get("/axis", True)
-        self._server.flush()
+        return self._filled.get(name, False) and name not in self._hidden
 
     def _frame_view(self, angle_deg: float, present_view: int) -> None:
         held = object_from_camera(self._axis, angle_deg)
@@ -238,18 +240,11 @@ class Scene:
             client.camera.look_at = self._view_from[0]
         client.flush()
 
-    def offer_axis(self, on_apply: Callable[[RotationAxis], None]) -> None:
-        """Add the panel for the turning axis; ``on_apply`` is called from viser's threads."""
-        self._axis_panel = AxisPanel(self._server, self._axis, self._draw_axis, on_apply)
-
-    def offer_clouds(self, integration: Integration) -> None:
-        """Add the panel for the choice of points and colours."""
-        self._cloud_panel = CloudPanel(self._server, integration, self._show_again)
-
     def color_by(self, layer: str, look: Appearance) -> None:
         """Colour the shape and the proposal by a layer of the flattened view."""
-        if self._cloud_panel is not None:
-            self._cloud_panel.choose_color(layer, look)
+        if (layer, look) != (self._color, self._look):
+            self._color, self._look = layer, look
+            self._show_again()
 
     def _show_again(self) -> None:
         with self._lock, self._server.atomic():
@@ -259,11 +254,14 @@ class Scene:
 
     def set_axis(self, axis: RotationAxis) -> None:
         """Set the turning axis."""
-        with self._lock, self._server.atomic():
+        with self._lock:
             self._axis = axis
+        self.draw_axis(axis)
+
+    def draw_axis(self, axis: RotationAxis) -> None:
+        """Draw another axis, which is not in force yet."""
+        with self._lock, self._server.atomic():
             self._draw_axis(axis)
-            if self._axis_panel is not None:
-                self._axis_panel.set_axis(axis)
         self._server.flush()
 
     def _draw_axis(self, axis: RotationAxis) -> None:

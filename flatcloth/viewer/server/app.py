@@ -59,12 +59,12 @@ _PAGE_HEADERS = {
 
 _FAREWELL_S = 0.5
 """Time in which answers are sent before a server ends itself. Chosen."""
-_REST = """<style>.mantine-Notification-root { display: none; }</style>
+_REST = """<style>.mantine-Notification-root, .mantine-Paper-root { display: none !important; }</style>
 <script>
   const every = setInterval;
   setInterval = (work, ms, ...more) => (ms === 1000 ? 0 : every(work, ms, ...more));
 </script>"""
-"""Keeps viser's page from laying warnings about the browser over the scene, which our page gives in its own
+"""Keeps viser's page from laying its panel and its warnings over the scene, which our page has in its own
 words; and from two things that it does each second: redraw the scene although nothing has changed, which
 without a graphics card blocks the page and all processors for 0.2 s; and reconnect, for which our page
 reloads it."""

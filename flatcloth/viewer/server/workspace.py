@@ -79,16 +79,11 @@ class Workspace:
     def __init__(self, opened: Opened) -> None:
         integration, folder = opened.integration, opened.folder
         self._opened, self.integration = opened, integration
-        self.scene = Scene(integration.axis, integration.recording.intrinsics)
+        self.scene = Scene(integration)
         self.hub = Hub()
         controller = opened.controller or partial(Application, integration, folder)
         self.application: PageController = controller(self.scene, self.hub)
-        self.hub.on_leave = self.application.leave
         self.scene.on_ray = self.application.click_ray
-        self.scene.on_follow = self.application.set_follow
-        if isinstance(self.application, Application):
-            self.scene.offer_clouds(integration)
-            self.scene.offer_axis(self.application.adjust_axis)
         self._teaching = TeachingRoutes(
             integration, lambda: self.application.garments.last, lambda: self.application.other_sheet
         )
