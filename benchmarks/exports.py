@@ -24,7 +24,7 @@ from flatcloth.viewer.routes.exports import KINDS
 
 RECORDING = "shirt-sleeve-clean"
 """The bundled recording of most views."""
-NAMES = ("report.html", "page.html", "growth.gif", "figures.zip")
+NAMES = ("report.html", "page.html", "growth.mp4", "figures.zip")
 
 
 def run(options: Options) -> None:

@@ -365,7 +365,7 @@ class Operator:
         self._say("edges", show=self._random.random() < 0.5)
 
     def _export(self) -> None:
-        name = self._random.choice(["outline.svg", "report.html", "grasps.json", "growth.gif", "page.html"])
+        name = self._random.choice(["outline.svg", "report.html", "grasps.json", "growth.mp4", "page.html"])
         self._get(f"/export/{name}")
 
     def _tab(self) -> None:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +22,7 @@ SUMMARY = "export a session as data, offline page, report, figures, animation, g
 EXAMPLES = """examples:
   flatcloth export result --html shirt.html --report report.html
   flatcloth export result --data files
-  flatcloth export result --figures figures --animation growth.gif
+  flatcloth export result --figures figures --animation growth.mp4
   flatcloth export result --rerun result.rrd --mcap result.mcap
   flatcloth export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
 
@@ -34,7 +31,7 @@ _OUTPUTS = {
     "html": ("FILE", "write one page that works offline"),
     "report": ("FILE", "write a report to print (HTML, A4)"),
     "figures": ("DIR", "write every figure as PNG and SVG"),
-    "animation": ("FILE", "write the growth as .gif or .mp4"),
+    "animation": ("FILE", "write the growth as a film (.mp4)"),
     "grasps": ("FILE", "write the grasp poses (grasps.json)"),
     "outline": ("FILE", "write the outline in mm as .svg, .dxf or .json (docs/exports.md)"),
     "garment": ("FILE", "write kind, dimensions and named points (garment.json)"),
@@ -50,8 +47,6 @@ _WRITERS = {
     "mcap": ("formats.mcap", "write_mcap"),
 }
 """Module of ``flatcloth.export`` and function, loaded when they are wanted."""
-_DRAWN = {"html", "report", "figures", "animation"}
-"""The outputs that draw the growth."""
 LIBRARIES = {"rerun": ("rerun", "rerun-sdk", "rerun"), "mcap": ("foxglove", "foxglove-sdk", "foxglove")}
 """The module, the package and the extra that an output needs."""
 
@@ -113,60 +108,12 @@ def run(options: argparse.Namespace) -> None:
             session = open_session(
                 options.session, options.recording, bar.show, options=source_options_of(options)
             )
-            with _figures_beside(wanted, session, options.figures) as beside:
-                for name in wanted:
-                    if name not in beside:
-                        _write(name, session, getattr(options, name), base_from_camera, options.rotation)
-                        written.append(getattr(options, name))
-            written += [getattr(options, name) for name in beside]
+            for name in wanted:
+                _write(name, session, getattr(options, name), base_from_camera, options.rotation)
+                written.append(getattr(options, name))
     finally:
         document = {"written": [str(path) for path in written]}
         report(options, document, [f"Written: {path}" for path in written])
-
-
-@contextmanager
-def _figures_beside(
-    wanted: Sequence[str], session: OpenedSession, folder: Path | None
-) -> Iterator[Sequence[str]]:
-    """Write the figures while the other outputs that draw are written, and give what is written so.
-
-    When those are written, what is left of the figures is shared.
-    """
-    if folder is None or len(_DRAWN.intersection(wanted)) < 2:
-        yield ()
-        return
-    from flatcloth.export.figures import write_figures
-    from flatcloth.export.files import beside, shared_count
-
-    _draw_together(session)
-    next_part = shared_count()
-    with beside(partial(write_figures, session.silent(), folder, next_part)):
-        yield ("figures",)
-        write_figures(session, folder, next_part)
-
-
-def _draw_together(session: OpenedSession) -> None:
-    """Compute, with all processors, what several outputs draw; the session keeps it."""
-    from concurrent.futures import Future, ThreadPoolExecutor
-
-    from flatcloth.export.curves import plan_of
-    from flatcloth.export.figures import picture_before
-    from flatcloth.registration.axis import THREADS
-    from flatcloth.rendering.drawing import load_matplotlib
-
-    with ThreadPoolExecutor(THREADS) as pool:
-        others: list[Future[object]] = [
-            pool.submit(lambda: (session.sides, session.garment)),
-            pool.submit(load_matplotlib),
-        ]
-        steps = session.growth.steps
-        for each in others:
-            each.result()
-        drawn: list[Future[object]] = [pool.submit(session.numbers_of, step.view_index) for step in steps]
-        for decision in session.history.decisions:
-            drawn += [pool.submit(make, session, decision) for make in (plan_of, picture_before)]
-        for each in drawn:
-            each.result()
 
 
 def _check(name: str, path: Path) -> None:

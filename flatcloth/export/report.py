@@ -26,7 +26,7 @@ from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
 from flatcloth.grasping.grasps import GraspPose, grasp_pose
 from flatcloth.methods.answers import JoinedSides
-from flatcloth.rendering.drawing import Drawing, data_url
+from flatcloth.rendering.drawing import data_url
 
 
 def report(session: OpenedSession) -> str:
@@ -168,9 +168,9 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     clock = decision.time[11:19] or "at an unknown time"
     yield f'<p class="lead">{escape(chosen)}; {clock} UTC</p>'
     if curves.u_m.size > 1:
-        drawing = Drawing(400, 262, f"h(u) and A_z(u) {of}")
-        draw_curves(drawing, curves, config, (28.0, 70.0, 78.0), side)
-        yield f"<figure>{drawing.svg(paper=None)}<figcaption>h(u) and A_z(u) {of}</figcaption></figure>"
+        caption = f"h(u) and A_z(u) {of}"
+        drawing = draw_curves(curves, config, "", side, (330.0, 190.0))
+        yield _figure(Figure(name="curves", caption=caption, drawing=drawing))
     yield "</div></section>"
 
 
@@ -282,8 +282,10 @@ def _figures(session: OpenedSession) -> Iterable[str]:
 
 
 def _figure(figure: Figure, kind: str = "") -> str:
-    drawn = figure.drawing.svg(paper=None)
-    return f'<figure class="{kind}">{drawn}<figcaption>{escape(figure.caption)}</figcaption></figure>'
+    picture = data_url(figure.svg().encode(), "image/svg+xml")
+    caption = escape(figure.caption)
+    image = f'<img src="{picture}" alt="{caption}">'
+    return f'<figure class="{kind}">{image}<figcaption>{caption}</figcaption></figure>'
 
 
 def _facts(facts: Sequence[tuple[str, str]]) -> str:

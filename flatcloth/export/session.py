@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ from flatcloth.engine.sheet import Sheet, lay_out, sheet_of
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
 from flatcloth.export.history import SessionHistory, read_history
-from flatcloth.export.kept import Kept, key_of
+from flatcloth.export.kept import Kept, colors_of, key_of
 from flatcloth.grasping.grasps import Grip
 from flatcloth.methods.answers import ColumnCurves, JoinedSides
 from flatcloth.methods.paper.planning import column_curves
@@ -69,13 +69,6 @@ class OpenedSession:
     integration: Integration
     progress: Progress = no_progress
     kept: Kept = field(default_factory=Kept)
-
-    def silent(self) -> OpenedSession:
-        """Return the session with all that is computed, telling no progress."""
-        silent = replace(self, progress=no_progress)
-        computed = vars(self).keys() - {field.name for field in fields(self)}
-        vars(silent).update({name: vars(self)[name] for name in computed})
-        return silent
 
     @cached_property
     def growth(self) -> Growth:
@@ -139,10 +132,10 @@ class OpenedSession:
         return self.integration.canonical(self.history.begun).view
 
     def sheet_of(self, document: Document) -> Sheet:
-        """Return the shape of a document of the past with its colors; its measurements may be missing."""
-        return self.kept.sheet(
+        """Return the shape of a document of the past with its colors, without its measurements."""
+        return self.kept.sheets.get(
             key_of(self.integration.axis, document),
-            lambda: sheet_of(self.integration.canonical(document), document),
+            lambda: colors_of(sheet_of(self.integration.canonical(document), document)),
         )
 
     def numbers_of(self, view_index: int) -> ViewNumbers:

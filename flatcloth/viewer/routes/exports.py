@@ -6,17 +6,15 @@ import asyncio
 import io
 import logging
 import re
-import tempfile
 import threading
 import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
-from flatcloth.core.errors import CancelledError, FlatclothError, os_errors_as
+from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
@@ -49,9 +47,9 @@ def _figures(session: OpenedSession) -> bytes:
     with zipfile.ZipFile(data, "w") as archive:
         for figure in all_figures(session):
             # Without a date, so that the same session gives identical bytes.
-            archive.writestr(zipfile.ZipInfo(f"{figure.name}.png"), figure.drawing.png())
+            archive.writestr(zipfile.ZipInfo(f"{figure.name}.png"), figure.png())
             info = zipfile.ZipInfo(f"{figure.name}.svg")
-            archive.writestr(info, figure.drawing.svg(), compress_type=zipfile.ZIP_DEFLATED)
+            archive.writestr(info, figure.svg(), compress_type=zipfile.ZIP_DEFLATED)
     return data.getvalue()
 
 
@@ -71,19 +69,10 @@ def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
     return make
 
 
-def _animation(suffix: str) -> Callable[[OpenedSession], bytes]:
-    def make(session: OpenedSession) -> bytes:
-        from flatcloth.export.animation import write_animation
+def _animation(session: OpenedSession) -> bytes:
+    from flatcloth.export.animation import mp4_of
 
-        no_folder = os_errors_as(
-            FlatclothError, "No folder for the animation", "Set TMPDIR to a writable one."
-        )
-        with no_folder, tempfile.TemporaryDirectory(prefix="flatcloth-") as folder:
-            path = Path(folder) / f"growth{suffix}"
-            write_animation(session, path)
-            return path.read_bytes()
-
-    return make
+    return mp4_of(session)
 
 
 def _data_file(name: str) -> Callable[[OpenedSession], bytes]:
@@ -100,8 +89,7 @@ KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
     "page.html": ("text/html", _page),
     "report.html": ("text/html", _report),
     "figures.zip": ("application/zip", _figures),
-    "growth.gif": ("image/gif", _animation(".gif")),
-    "growth.mp4": ("video/mp4", _animation(".mp4")),
+    "growth.mp4": ("video/mp4", _animation),
     "outline.svg": ("image/svg+xml", _outline(".svg")),
     "outline.dxf": ("image/vnd.dxf", _outline(".dxf")),
     "outline.json": ("application/json", _outline(".json")),
