@@ -18,9 +18,9 @@ from benchmarks.output import Options, recordings_of, save, say
 from benchmarks.speed import unit_s
 from flatcloth.cli import main
 from flatcloth.core.resources import sample_recordings
+from flatcloth.export.by_name import made
 from flatcloth.export.kept import Kept
 from flatcloth.export.session import of_page, open_session
-from flatcloth.viewer.routes.exports import KINDS
 
 RECORDING = "shirt-sleeve-clean"
 """The bundled recording of most views."""
@@ -49,7 +49,7 @@ def row_of(source: str, folder: Path, names: tuple[str, ...]) -> dict[str, Any]:
 
     def spent_s(name: str, kept: Kept) -> tuple[float, int]:
         began_s = time.process_time()
-        data = KINDS[name][1](of_page(session.integration, SimpleNamespace(folder=folder), kept=kept))
+        data = made(of_page(session.integration, SimpleNamespace(folder=folder), kept=kept), name)
         return time.process_time() - began_s, len(data)
 
     spent_s(names[0], Kept())  # imports, and compiled kernels from the disk

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_source_options, number, source_options_of
 from flatcloth.commands.output import report
@@ -38,15 +37,13 @@ _OUTPUTS = {
     "rerun": ("FILE", "write a recording for rerun (.rrd)"),
     "mcap": ("FILE", "write a recording for Foxglove (.mcap)"),
 }
-_WRITERS = {
-    "html": ("page", "page"),
-    "report": ("report", "report"),
-    "figures": ("figures", "write_figures"),
-    "animation": ("animation", "write_animation"),
-    "rerun": ("formats.rerun", "write_rrd"),
-    "mcap": ("formats.mcap", "write_mcap"),
+_NAMES = {
+    "html": "page.html",
+    "report": "report.html",
+    "animation": "growth.mp4",
+    "garment": "garment.json",
 }
-"""Module of ``flatcloth.export`` and function, loaded when they are wanted."""
+"""The names of the outputs that are made without options."""
 LIBRARIES = {"rerun": ("rerun", "rerun-sdk", "rerun"), "mcap": ("foxglove", "foxglove-sdk", "foxglove")}
 """The module, the package and the extra that an output needs."""
 
@@ -140,33 +137,32 @@ def _check(name: str, path: Path) -> None:
         check_replacing(path / "checked" if is_folder else path)
 
 
-def _writer(name: str) -> Any:
-    module, function = _WRITERS[name]
-    return getattr(import_module(f"flatcloth.export.{module}"), function)
-
-
 def _write(
     name: str, session: OpenedSession, path: Path, base_from_camera: Rigid3 | None, rotation_deg: float | None
 ) -> None:
-    from flatcloth.export.files import write_text
+    from flatcloth.export.by_name import made
+    from flatcloth.export.files import write_file
 
     match name:
         case "data":
             session.data(base_from_camera, rotation_deg).write(path)
-        case "html" | "report":
-            write_text(path, _writer(name)(session))
-        case "figures" | "animation" | "rerun" | "mcap":
-            _writer(name)(session, path)
-        case "grasps":
-            grasps = session.data(base_from_camera, rotation_deg).file("grasps.json") or b""
-            write_text(path, grasps.decode())
-        case "garment":
-            if isinstance(session.garment, str):
-                raise GarmentError(session.garment)
-            write_text(path, (session.data().file("garment.json") or b"").decode())
-        case "outline":
-            from flatcloth.export.garment import upright_rad
-            from flatcloth.export.outline import outline_text
+        case "figures":
+            from flatcloth.export.figures import write_figures
 
-            turn_rad, name = upright_rad(session.garment), session.history.header.recording.name
-            write_text(path, outline_text(session.view, name, path.suffix, turn_rad, session.other_view))
+            write_figures(session, path)
+        case "rerun":
+            from flatcloth.export.formats.rerun import write_rrd
+
+            write_rrd(session, path)
+        case "mcap":
+            from flatcloth.export.formats.mcap import write_mcap
+
+            write_mcap(session, path)
+        case "grasps":
+            write_file(path, session.data(base_from_camera, rotation_deg).file("grasps.json") or b"")
+        case "outline":
+            write_file(path, made(session, f"outline{path.suffix.lower()}"))
+        case _:
+            if name == "garment" and isinstance(session.garment, str):
+                raise GarmentError(session.garment)
+            write_file(path, made(session, _NAMES[name]))

@@ -10,7 +10,6 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.geometry import wrapped_deg
-from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Float64, Uint8
 from flatcloth.export.growth import Growth, Step
 from flatcloth.export.session import OpenedSession
@@ -36,20 +35,6 @@ _PAPER = 255
 """Grey of the background: white."""
 Scene = tuple[Float64, Uint8, Float64]
 """Points in space (N, 3), their colors (N, 3), and how far behind they count (N,), m."""
-
-
-def write_animation(session: OpenedSession, path: Path) -> None:
-    """Write the growth as an animation (MP4).
-
-    Raises
-    ------
-    FlatclothError
-        If the name has another suffix, or the file cannot be written.
-    """
-    check_suffix(path)
-    with os_errors_as(FlatclothError, f"{path}: cannot be written", "Choose another file."):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, mp4_of(session))
 
 
 def mp4_of(session: OpenedSession) -> bytes:

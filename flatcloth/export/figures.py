@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,14 +12,14 @@ import numpy as np
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import replace_file
+from flatcloth.core.types import Floats
 from flatcloth.engine.outcome import other_side_lines, sides_entry
 from flatcloth.engine.sheet import beyond, lay_out, overlay_on
 from flatcloth.export.curves import draw_curves, plan_of, side_of
 from flatcloth.export.history import ACCEPTED, Decision
-from flatcloth.export.kept import PngPicture, key_of
+from flatcloth.export.kept import key_of
 from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
-from flatcloth.grasping.grasps import LOST_AT_M, pixel_of_point
 from flatcloth.methods.answers import JoinedSides, SidePlan
 from flatcloth.rendering.colormaps import piece_color, view_colors
 from flatcloth.rendering.drawing import (
@@ -32,14 +31,12 @@ from flatcloth.rendering.drawing import (
     add_ramp,
     drawn,
     painted,
-    png_of,
     show_picture,
     style,
     svg_of,
 )
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, hex_of, legend, rgba
 from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on, side_by_side
-from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -102,8 +99,8 @@ def write_figures(session: OpenedSession, folder: Path) -> list[Path]:
 def all_figures(session: OpenedSession) -> Iterator[Figure]:
     """Yield all figures."""
     decisions = session.history.decisions
+    session.progress(0.0, "drawing the shape")
     for make in (maps, both_sides, garment):
-        session.progress(0.0, "drawing maps of the shape")
         yield from make(session)
     yield growth(session)
     yield energy(session)
@@ -142,8 +139,9 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
             if piece.placed is None:
                 color = hex_of(piece_color(n))
                 axes.text(*piece.view.origin_uv_m, piece.label, color=color, fontweight="bold", va="bottom")
-        for u_m, v_m, label in picks_on(session) if shape else ():
-            _mark(axes, u_m, v_m, label, is_seen=True)
+        for pick in session.history.picks if shape else ():
+            if pick.side == "this" and (rc := session.pixel_of(pick)) is not None:
+                _mark(axes, view.uv_from_rc(np.array(rc)), str(pick.id), is_seen=True)
         _explain(axes, legend(view, name, integration.axis, angles_deg))
         yield Figure(name=f"map-{name.replace('_', '-')}", caption=f"{title}: {shows}.", drawing=drawing)
 
@@ -180,7 +178,7 @@ def garment(session: OpenedSession) -> Iterator[Figure]:
     for color, width in ((PAPER, 3.5), (BLUE, 1.8)):
         axes.plot(*outline.T, color=color, linewidth=width)
     for name, point in found.points.items():
-        _mark(axes, *point.uv_m.tolist(), name, is_seen=point.pixel is not None)
+        _mark(axes, point.uv_m, name, is_seen=point.pixel is not None)
     # The outline and its points reach beyond the cloth that was seen.
     axes.autoscale()
     seen = sum(point.pixel is not None for point in found.points.values())
@@ -189,20 +187,6 @@ def garment(session: OpenedSession) -> Iterator[Figure]:
         caption=f"Garment: {about}; {seen} of {len(found.points)} named points seen, rings are predicted.",
         drawing=drawing,
     )
-
-
-def picks_on(session: OpenedSession) -> list[tuple[float, float, str]]:
-    """Return the picks that lie on the shape: u, v (m) and number."""
-    view = session.growth.view
-    places = []
-    for pick in session.history.picks:
-        if pick.side == "other":
-            continue
-        rc, distance_m = pixel_of_point(view, pick.position_held_m)
-        if distance_m <= LOST_AT_M:
-            u_m, v_m = view.uv_from_rc(np.array(rc)).tolist()
-            places.append((float(u_m), float(v_m), str(pick.id)))
-    return places
 
 
 def map_drawing(picture: PlanePicture, title: str, about: str = "") -> tuple[Drawing, Axes]:
@@ -214,8 +198,9 @@ def map_drawing(picture: PlanePicture, title: str, about: str = "") -> tuple[Dra
     return drawing, axes
 
 
-def _mark(axes: Axes, u_m: float, v_m: float, label: str, *, is_seen: bool) -> None:
-    """Mark a point with its label, with a ring if it was not seen."""
+def _mark(axes: Axes, uv_m: Floats, label: str, *, is_seen: bool) -> None:
+    """Mark a point (2,) with its label, with a ring if it was not seen."""
+    u_m, v_m = uv_m.tolist()
     face = PINK if is_seen else PAPER
     axes.plot(u_m, v_m, "o", markersize=11.5, markerfacecolor=PAPER, markeredgewidth=0)
     axes.plot(u_m, v_m, "o", markersize=8, markerfacecolor=face, markeredgecolor=PINK, markeredgewidth=2)
@@ -295,32 +280,22 @@ def overlay(session: OpenedSession, decision: Decision) -> Figure:
     angle = session.integration.recording.angles_deg[decision.view_index]
     title = f"Decision {decision.number}: view {decision.view_index} ({angle:g}\u00b0)"
     verdict = verdict_text(decision)
-    drawing, _ = map_drawing(_decoded(picture_before(session, decision)), title, verdict)
+    drawing, _ = map_drawing(picture_before(session, decision), title, verdict)
     return Figure(name=_name(decision, "overlay"), caption=f"{title}, {verdict}.", drawing=drawing)
 
 
-def picture_before(session: OpenedSession, decision: Decision) -> PngPicture:
+def picture_before(session: OpenedSession, decision: Decision) -> PlanePicture:
     """Return the picture of a proposal on the shape at the time of the decision."""
-    before = decision.before
-    pending = before.pending
+    before, pending = decision.before, decision.before.pending
     assert pending is not None
+
+    def made() -> PlanePicture:
+        sheet = session.sheet_of(before)
+        overlay = overlay_on(session.integration, before, sheet)
+        return laid_on(sheet.view, overlay, beyond(overlay, sheet.view))
+
     places = pending.view_index, pending.component, pending.current_from_new, pending.also_placed
-    key = key_of(session.integration.axis, before), places
-    return session.kept.pictures.get(key, lambda: _picture_before(session, before))
-
-
-def _picture_before(session: OpenedSession, before: Document) -> PngPicture:
-    sheet = session.sheet_of(before)
-    overlay = overlay_on(session.integration, before, sheet)
-    laid = laid_on(sheet.view, overlay, beyond(overlay, sheet.view))
-    return PngPicture(png=png_of(laid.rgba), pixel_size_m=laid.pixel_size_m, origin_uv_m=laid.origin_uv_m)
-
-
-def _decoded(picture: PngPicture) -> PlanePicture:
-    from PIL import Image
-
-    rgba = np.asarray(Image.open(io.BytesIO(picture.png)))
-    return PlanePicture(rgba=rgba, pixel_size_m=picture.pixel_size_m, origin_uv_m=picture.origin_uv_m)
+    return session.kept.pictures.get((key_of(session.integration.axis, before), places), made)
 
 
 def verdict_text(decision: Decision) -> str:

@@ -14,7 +14,12 @@ def printed(text: str) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, and create its folder.
+    """Write a text file, and create its folder; raises as :func:`write_file`."""
+    write_file(path, text.encode())
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a file, and create its folder.
 
     Raises
     ------
@@ -23,4 +28,4 @@ def write_text(path: Path, text: str) -> None:
     """
     with os_errors_as(FlatclothError, f"{path}: cannot be written", "Choose another file."):
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, text.encode())
+        replace_file(path, data)

@@ -28,7 +28,6 @@ from flatcloth.export.files import printed
 from flatcloth.export.garment import summary
 from flatcloth.export.growth import Growth
 from flatcloth.export.session import OpenedSession
-from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
 from flatcloth.grasping.grips import grip_numbers
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering.colormaps import piece_color
@@ -332,30 +331,21 @@ def _decisions(session: OpenedSession) -> list[dict[str, Any]]:
 
 
 def _pick(session: OpenedSession, pick: Pick) -> dict[str, Any]:
-    view, axis, grip = (
-        session.view_of(pick.side),
-        session.integration.axis,
-        session.history.grips.get(pick.id),
-    )
-    pose, place, z_angle = None, None, float("nan")
-    if view is not None:
-        pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, grip)
-        rc, distance_m = pixel_of_point(view, pick.position_held_m)
-        if distance_m <= LOST_AT_M:
-            place, z_angle = rc, float(view.z_angle_deg[rc])
+    view, rc = session.view_of(pick.side), session.pixel_of(pick)
+    placed = None if view is None or rc is None else (view.uv_from_rc(np.array(rc)), view.z_angle_deg[rc])
     return {
         "id": pick.id,
         "name": pick.name,
         "side": pick.side,
-        "rc": list(place) if place else None,
-        "uv_m": view.uv_from_rc(np.array(place)).tolist() if view is not None and place else None,
+        "rc": rc,
+        "uv_m": placed and placed[0].tolist(),
         "miss_m": 0.0,
         "position_held_m": [finite(x) for x in pick.position_held_m.tolist()],
         "normal_held": [finite(x) for x in pick.normal_held.tolist()],
-        "z_angle_deg": finite(z_angle),
+        "z_angle_deg": placed and finite(float(placed[1])),
         "view_index": pick.view_index,
         "source_rc": [finite(x) for x in pick.source_rc],
-        "grip": grip_numbers(pose),
+        "grip": grip_numbers(session.pose_of(pick)),
     }
 
 

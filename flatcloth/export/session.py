@@ -21,7 +21,7 @@ from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
 from flatcloth.export.history import SessionHistory, read_history
 from flatcloth.export.kept import Kept, colors_of, key_of
-from flatcloth.grasping.grasps import Grip
+from flatcloth.grasping.grasps import LOST_AT_M, GraspPose, Grip, grasp_pose, pixel_of_point
 from flatcloth.methods.answers import ColumnCurves, JoinedSides
 from flatcloth.methods.paper.planning import column_curves
 from flatcloth.recordings import SourceOptions, open_recording
@@ -29,7 +29,7 @@ from flatcloth.recordings.base import fingerprint
 from flatcloth.registration.axis import THREADS
 from flatcloth.session.axis_file import read_axis
 from flatcloth.session.header import HEADER
-from flatcloth.session.journal import SheetSide
+from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
@@ -119,6 +119,23 @@ class OpenedSession:
         if side == "this":
             return self.growth.view
         return lay_out(self.sides.other).view if isinstance(self.sides, JoinedSides) else None
+
+    def pose_of(self, pick: Pick) -> GraspPose | None:
+        """Return the grasp pose of a pick or named point; None if its side or its normal is not known."""
+        view = self.view_of(pick.side)
+        if view is None:
+            return None
+        # Named points have numbers of their own, and no grips.
+        grip = self.history.grips.get(pick.id) if pick in self.history.picks else None
+        return grasp_pose(view, pick.position_held_m, pick.normal_held, self.integration.axis, grip)
+
+    def pixel_of(self, pick: Pick) -> tuple[int, int] | None:
+        """Return the pixel of a pick on its side; None if it does not lie on the cloth."""
+        view = self.view_of(pick.side)
+        if view is None:
+            return None
+        rc, distance_m = pixel_of_point(view, pick.position_held_m)
+        return rc if distance_m <= LOST_AT_M else None
 
     @property
     def view(self) -> FlattenedView:

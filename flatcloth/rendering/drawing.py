@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import io
 import math
+import re
 import threading
 import warnings
 import zlib
@@ -36,9 +37,9 @@ _POINTS_PER_INCH = 72.0
 """By definition."""
 _RAMP = (14.0, 170.0)
 """Width and height (points) of a colour scale. Chosen."""
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     "font.family": ["DejaVu Sans"],  # matplotlib brings it along: a text is as wide on every machine
-    "font.size": SMALL, "text.color": TEXT, "text.parse_math": False,
+    "font.size": SMALL, "text.color": TEXT,
     "axes.spines.left": False, "axes.spines.top": False, "axes.spines.right": False,
     "axes.edgecolor": LINE, "axes.axisbelow": True, "axes.grid": True, "axes.grid.axis": "y",
     "grid.color": GRID, "grid.linewidth": 1.0,
@@ -87,7 +88,9 @@ def svg_of(figure: Figure, about: str) -> str:
     ``about`` is its description for readers who cannot see it.
     """
     metadata = {"Title": about, "Date": None, "Creator": None, "Format": None, "Type": None}
-    return _saved(figure, "svg", 1.0, metadata, "none").decode()
+    text = _saved(figure, "svg", 1.0, metadata, "none").decode()
+    # A point is a pixel of the screen, so that text is as large as that of a page around it.
+    return re.sub(r'(width|height)="([\d.]+)pt"', r'\1="\2"', text, count=2)
 
 
 def painted(figure: Figure, scale: float = 2.0) -> bytes:
@@ -135,11 +138,11 @@ def drawn(
     figure = figure_of(width, height)
     whole = {"left": 0.0, "right": 1.0, "bottom": 0.0, "top": 1.0, "hspace": 0.4}
     axes = figure.subplots(rows, sharex=True, squeeze=False, gridspec_kw=whole)[:, 0].tolist()
-    axes[0].set_title(about)
-    above = (0.0, 30.0 if about else 10.0)
+    axes[0].set_title(about, parse_math=False)
     axes[0].annotate(
-        title, (0.0, 1.0), above, "axes fraction", "offset points", fontsize=15, fontweight="bold"
-    )
+        title, (0.0, 1.0), (0.0, 30.0 if about else 10.0), "axes fraction", "offset points",
+        fontsize=15, fontweight="bold", parse_math=False,
+    )  # fmt: skip
     return figure, axes
 
 
@@ -181,7 +184,7 @@ def add_ramp(axes: Axes, title: str, colors: Sequence[str], low: float, high: fl
     from matplotlib.colors import ListedColormap, Normalize
 
     known = math.isfinite(low) and math.isfinite(high)
-    width, height = axes.figure.get_size_inches() * _POINTS_PER_INCH
+    width, height = axes.bbox.width, axes.bbox.height  # in points, as figures have one pixel for each
     scale = axes.inset_axes((1.06, 1.0 - (_RAMP[1] + 16.0) / height, _RAMP[0] / width, _RAMP[1] / height))
     values = Normalize(low, high if high > low else low + 1.0) if known else Normalize(0.0, 1.0)
     axes.figure.colorbar(ScalarMappable(values, ListedColormap(colors)), scale)

@@ -201,7 +201,7 @@ def test_a_second_export_computes_no_shape_of_the_past_again(session: OpenedSess
     for _ in range(2):
         counting = Counting(session)
         opened = OpenedSession(session.history, cast("Integration", counting), kept=kept)
-        pictures = [picture_before(opened, d).png for d in session.history.decisions]
+        pictures = [picture_before(opened, d).rgba.tobytes() for d in session.history.decisions]
         made.append((opened.growth, pictures))
     assert set(counting.asked) == {2}  # only the last shape
     (growth, pictures), (again, pictures_again) = made
