@@ -5,12 +5,13 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.geometry import wrapped_deg
-from flatcloth.core.types import Float64, Uint8
+from flatcloth.core.types import FlattenedView, Float64, Uint8
 from flatcloth.export.growth import Growth, Step
 from flatcloth.export.session import OpenedSession
 from flatcloth.rendering.drawing import BLUE, GRID, SOFT, figure_of, show_picture, style
@@ -31,8 +32,6 @@ _POINT_M = 0.0022
 """Size of a drawn point. Chosen: about the distance of neighbours, so that the cloud looks closed."""
 _BEHIND_M = 0.006
 """Points this far behind the nearest are hidden. Chosen: above the noise of a D435."""
-_PAPER = 255
-"""Grey of the background: white."""
 Scene = tuple[Float64, Uint8, Float64]
 """Points in space (N, 3), their colors (N, 3), and how far behind they count (N,), m."""
 
@@ -81,10 +80,8 @@ def frames(session: OpenedSession) -> Iterator[tuple[Uint8, int]]:
     camera = camera_around(view.xyz_m[view.valid], integration.axis, _PANE, _HEIGHT - _FOOT)
 
     def painted(page: Uint8, scene: Scene, angle_deg: float) -> Uint8:
-        pane = np.full((camera.height, camera.width, 3), _PAPER, dtype=np.uint8)
-        paint_points(pane, camera, angle_deg, *scene, size_m=_POINT_M)
         image = page.copy()
-        image[: camera.height, : camera.width] = pane
+        paint_points(image[: camera.height, : camera.width], camera, angle_deg, *scene, size_m=_POINT_M)
         return image
 
     turn_frames = max(1, min(_TURN_FRAMES, _MOST_TURNING // len(steps)))
@@ -108,9 +105,7 @@ def frames(session: OpenedSession) -> Iterator[tuple[Uint8, int]]:
     if other is not None:
         said = "Both sides, each from its own outside"
         page = _page(side_by_side(view, other)[0], growth, step, step.order, said)
-        xyz, rgb = other.xyz_m[other.valid], other.rgb[other.valid]
-        scene = tuple(map(np.concatenate, zip(scene, (xyz, rgb, np.zeros(len(xyz))), strict=True)))
-        yield painted(page, scene, step.angle_deg), _LAST
+        yield painted(page, _scene(session, step, shape, other), step.angle_deg), _LAST
 
 
 def _shape(growth: Growth, order: int, *, tinted: bool = False) -> Uint8:
@@ -123,14 +118,16 @@ def _shape(growth: Growth, order: int, *, tinted: bool = False) -> Uint8:
     return rgba
 
 
-def _scene(session: OpenedSession, step: Step, shape: Uint8) -> Scene:
-    """Return the cloud of a step's view in pale colors, and a picture of the shape in space."""
+def _scene(session: OpenedSession, step: Step, shape: Uint8, other: FlattenedView | None = None) -> Scene:
+    """Return a step's view in pale colors, and a picture of the shape and the other side, in space."""
     cloud, shown = session.integration.views.cloud(step.view_index), shape[..., 3] > 0
-    pale = (0.25 * cloud.rgb + 0.75 * 205.0).astype(np.uint8)
-    xyz = np.concatenate([cloud.xyz_m, session.growth.view.xyz_m[shown]])
-    behind_m = np.zeros(len(xyz))
-    behind_m[: len(pale)] = _BEHIND_M
-    return xyz.astype(np.float64), np.concatenate([pale, shape[shown, :3]]), behind_m
+    xyz = [cloud.xyz_m, session.growth.view.xyz_m[shown]]
+    colors = [(0.25 * cloud.rgb + 0.75 * 205.0).astype(np.uint8), shape[shown, :3]]
+    if other is not None:
+        xyz, colors = [*xyz, other.xyz_m[other.valid]], [*colors, other.rgb[other.valid]]
+    points = np.concatenate(xyz).astype(np.float64)
+    behind_m = np.where(np.arange(len(points)) < len(cloud.xyz_m), _BEHIND_M, 0.0)
+    return points, np.concatenate(colors), behind_m
 
 
 @style()
@@ -138,11 +135,11 @@ def _page(picture: PlanePicture, growth: Growth, step: Step, order: int, told: s
     """Paint a picture of the plane into the right pane, with its scale, and the foot below both panes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    count, size = len(growth.steps), np.array([_WIDTH, _HEIGHT, _WIDTH, _HEIGHT])
-    figure = figure_of(_WIDTH, _HEIGHT)
-    pane = figure.add_axes((_PANE + 16, _FOOT + 36, _WIDTH - _PANE - 32, _HEIGHT - _FOOT - 52) / size)
+    count, figure = len(growth.steps), figure_of(_WIDTH, _HEIGHT)
+    left, width, bottom, height = _PANE + 16, _WIDTH - _PANE - 32, _FOOT + 36, _HEIGHT - _FOOT - 52
+    pane = figure.add_axes((left / _WIDTH, bottom / _HEIGHT, width / _WIDTH, height / _HEIGHT))
     show_picture(pane, picture, most=0.25)
-    foot = figure.add_axes((20, _FOOT - 24, _WIDTH - 40, 16) / size)
+    foot = figure.add_axes((20 / _WIDTH, (_FOOT - 24) / _HEIGHT, 1 - 40 / _WIDTH, 16 / _HEIGHT))
     foot.set_axis_off()
     foot.plot([0, count - 1], [0, 0], color=GRID, linewidth=2)
     colors = [BLUE if n <= order else GRID for n in range(count)]
@@ -158,6 +155,6 @@ def _page(picture: PlanePicture, growth: Growth, step: Step, order: int, told: s
     figure.text(20 / _WIDTH, 14 / _HEIGHT, said, fontsize=14)
     figure.text(0.5, 14 / _HEIGHT, f"step {step.order + 1} of {count}", color=SOFT, ha="center")
     figure.text(1 - 20 / _WIDTH, 14 / _HEIGHT, area, ha="right", fontsize=14)
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
