@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from functools import partial
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from flatcloth.commands.common import ProgressBar, add_source_options, number, source_options_of
 from flatcloth.commands.output import report
@@ -25,7 +21,7 @@ SUMMARY = "export a session as data, offline page, report, figures, animation, g
 EXAMPLES = """examples:
   flatcloth export result --html shirt.html --report report.html
   flatcloth export result --data files
-  flatcloth export result --figures figures --animation growth.gif
+  flatcloth export result --figures figures --animation growth.mp4
   flatcloth export result --rerun result.rrd --mcap result.mcap
   flatcloth export result --grasps grasps.json --hand-eye camera.json --rotation 40"""
 
@@ -34,24 +30,20 @@ _OUTPUTS = {
     "html": ("FILE", "write one page that works offline"),
     "report": ("FILE", "write a report to print (HTML, A4)"),
     "figures": ("DIR", "write every figure as PNG and SVG"),
-    "animation": ("FILE", "write the growth as .gif or .mp4"),
+    "animation": ("FILE", "write the growth as a film (.mp4)"),
     "grasps": ("FILE", "write the grasp poses (grasps.json)"),
     "outline": ("FILE", "write the outline in mm as .svg, .dxf or .json (docs/exports.md)"),
     "garment": ("FILE", "write kind, dimensions and named points (garment.json)"),
     "rerun": ("FILE", "write a recording for rerun (.rrd)"),
     "mcap": ("FILE", "write a recording for Foxglove (.mcap)"),
 }
-_WRITERS = {
-    "html": ("page", "page"),
-    "report": ("report", "report"),
-    "figures": ("figures", "write_figures"),
-    "animation": ("animation", "write_animation"),
-    "rerun": ("formats.rerun", "write_rrd"),
-    "mcap": ("formats.mcap", "write_mcap"),
+_NAMES = {
+    "html": "page.html",
+    "report": "report.html",
+    "animation": "growth.mp4",
+    "garment": "garment.json",
 }
-"""Module of ``flatcloth.export`` and function, loaded when they are wanted."""
-_DRAWN = {"html", "report", "figures", "animation"}
-"""The outputs that draw the growth."""
+"""The names of the outputs that are made without options."""
 LIBRARIES = {"rerun": ("rerun", "rerun-sdk", "rerun"), "mcap": ("foxglove", "foxglove-sdk", "foxglove")}
 """The module, the package and the extra that an output needs."""
 
@@ -113,60 +105,12 @@ def run(options: argparse.Namespace) -> None:
             session = open_session(
                 options.session, options.recording, bar.show, options=source_options_of(options)
             )
-            with _figures_beside(wanted, session, options.figures) as beside:
-                for name in wanted:
-                    if name not in beside:
-                        _write(name, session, getattr(options, name), base_from_camera, options.rotation)
-                        written.append(getattr(options, name))
-            written += [getattr(options, name) for name in beside]
+            for name in wanted:
+                _write(name, session, getattr(options, name), base_from_camera, options.rotation)
+                written.append(getattr(options, name))
     finally:
         document = {"written": [str(path) for path in written]}
         report(options, document, [f"Written: {path}" for path in written])
-
-
-@contextmanager
-def _figures_beside(
-    wanted: Sequence[str], session: OpenedSession, folder: Path | None
-) -> Iterator[Sequence[str]]:
-    """Write the figures while the other outputs that draw are written, and give what is written so.
-
-    When those are written, what is left of the figures is shared.
-    """
-    if folder is None or len(_DRAWN.intersection(wanted)) < 2:
-        yield ()
-        return
-    from flatcloth.export.figures import write_figures
-    from flatcloth.export.files import beside, shared_count
-
-    _draw_together(session)
-    next_part = shared_count()
-    with beside(partial(write_figures, session.silent(), folder, next_part)):
-        yield ("figures",)
-        write_figures(session, folder, next_part)
-
-
-def _draw_together(session: OpenedSession) -> None:
-    """Compute, with all processors, what several outputs draw; the session keeps it."""
-    from concurrent.futures import Future, ThreadPoolExecutor
-
-    from flatcloth.export.curves import plan_of
-    from flatcloth.export.figures import picture_before
-    from flatcloth.registration.axis import THREADS
-    from flatcloth.rendering.drawing import load_matplotlib
-
-    with ThreadPoolExecutor(THREADS) as pool:
-        others: list[Future[object]] = [
-            pool.submit(lambda: (session.sides, session.garment)),
-            pool.submit(load_matplotlib),
-        ]
-        steps = session.growth.steps
-        for each in others:
-            each.result()
-        drawn: list[Future[object]] = [pool.submit(session.numbers_of, step.view_index) for step in steps]
-        for decision in session.history.decisions:
-            drawn += [pool.submit(make, session, decision) for make in (plan_of, picture_before)]
-        for each in drawn:
-            each.result()
 
 
 def _check(name: str, path: Path) -> None:
@@ -193,33 +137,32 @@ def _check(name: str, path: Path) -> None:
         check_replacing(path / "checked" if is_folder else path)
 
 
-def _writer(name: str) -> Any:
-    module, function = _WRITERS[name]
-    return getattr(import_module(f"flatcloth.export.{module}"), function)
-
-
 def _write(
     name: str, session: OpenedSession, path: Path, base_from_camera: Rigid3 | None, rotation_deg: float | None
 ) -> None:
-    from flatcloth.export.files import write_text
+    from flatcloth.export.by_name import made
+    from flatcloth.export.files import write_file
 
     match name:
         case "data":
             session.data(base_from_camera, rotation_deg).write(path)
-        case "html" | "report":
-            write_text(path, _writer(name)(session))
-        case "figures" | "animation" | "rerun" | "mcap":
-            _writer(name)(session, path)
-        case "grasps":
-            grasps = session.data(base_from_camera, rotation_deg).file("grasps.json") or b""
-            write_text(path, grasps.decode())
-        case "garment":
-            if isinstance(session.garment, str):
-                raise GarmentError(session.garment)
-            write_text(path, (session.data().file("garment.json") or b"").decode())
-        case "outline":
-            from flatcloth.export.garment import upright_rad
-            from flatcloth.export.outline import outline_text
+        case "figures":
+            from flatcloth.export.figures import write_figures
 
-            turn_rad, name = upright_rad(session.garment), session.history.header.recording.name
-            write_text(path, outline_text(session.view, name, path.suffix, turn_rad, session.other_view))
+            write_figures(session, path)
+        case "rerun":
+            from flatcloth.export.formats.rerun import write_rrd
+
+            write_rrd(session, path)
+        case "mcap":
+            from flatcloth.export.formats.mcap import write_mcap
+
+            write_mcap(session, path)
+        case "grasps":
+            write_file(path, session.data(base_from_camera, rotation_deg).file("grasps.json") or b"")
+        case "outline":
+            write_file(path, made(session, f"outline{path.suffix.lower()}"))
+        case _:
+            if name == "garment" and isinstance(session.garment, str):
+                raise GarmentError(session.garment)
+            write_file(path, made(session, _NAMES[name]))

@@ -11,12 +11,11 @@ from flatcloth.export.history import Decision
 from flatcloth.export.kept import key_of
 from flatcloth.export.session import OpenedSession
 from flatcloth.methods.answers import ColumnCurves, Plan, SidePlan
-from flatcloth.rendering.charts import SMALL, Frame, draw_axes
-from flatcloth.rendering.drawing import BLUE, GREEN, ORANGE, PINK, SOFT, Drawing, Run
+from flatcloth.rendering.drawing import BLUE, GREEN, ORANGE, PINK, SMALL, SOFT, drawn, style
 from flatcloth.session.machine import Side
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from flatcloth.core.config import PlanningConfig
 
@@ -46,53 +45,35 @@ def side_of(plan: Plan | None, decision: Decision) -> SidePlan | None:
     return sides[0] if sides else None
 
 
+@style()
 def draw_curves(
-    drawing: Drawing,
     curves: ColumnCurves,
     config: PlanningConfig,
-    heights: tuple[float, float, float],
+    title: str,
     side: SidePlan | None = None,
-) -> None:
-    """Draw h(u) above A_z(u), with the values that a side's plan uses.
-
-    ``heights`` are the top of the upper plot, its height, and the height of the lower one.
-    """
-    top, upper, lower = heights
-    limit = config.z_angle_limit_deg
-    u_mm = 1000 * curves.u_m
-    u_range = (float(u_mm[0]), float(u_mm[-1]))
-    width = drawing.width - 80
-    count = Frame(
-        left=56, top=top, width=width, height=upper, x_range=u_range,
-        y_range=(0.0, 1.05 * float(max(curves.column_count.max(), 1))),
-    )  # fmt: skip
-    angle = Frame(
-        left=56, top=top + upper + 44, width=width, height=lower, x_range=u_range,
-        y_range=(-limit - 5, limit + 5),
-    )  # fmt: skip
-    counted = draw_axes(drawing, count, "", "h(u), pixels per column", ())
-    turned = draw_axes(drawing, angle, "u (mm)", "A_z(u), mean Z-angle (\u00b0)")
-    counted.plot(u_mm, curves.column_count, color=BLUE, linewidth=1.6)
-    turned.plot(u_mm, curves.column_mean_z_angle_deg, color=ORANGE, linewidth=1.6)
+    size: tuple[float, float] = (440.0, 290.0),
+) -> Figure:
+    """Draw h(u) above A_z(u), with the values that a side's plan uses; ``size`` in points is that of both."""
+    limit, u_mm = config.z_angle_limit_deg, 1000 * curves.u_m
+    figure, (counted, turned) = drawn(*size, title, "h(u), pixels per column", rows=2)
+    counted.plot(u_mm, curves.column_count, color=BLUE)
+    counted.set_ylim(0.0, 1.05 * float(max(curves.column_count.max(), 1)))
+    turned.plot(u_mm, curves.column_mean_z_angle_deg, color=ORANGE)
+    turned.set(xlim=(u_mm[0], u_mm[-1]), ylim=(-limit - 5, limit + 5), xlabel="u (mm)")
+    turned.set_title("A_z(u), mean Z-angle (\u00b0)")
     for sign in (-1, 1):
         turned.axhline(sign * limit, color=SOFT, linewidth=1.0, linestyle="--")
-    labels = [Run(f"\u00b1A_w = \u00b1{limit:g}\u00b0", SMALL, SOFT)]
+    limits = f"\u00b1A_w = \u00b1{limit:g}\u00b0"
     if side is not None:
-        _shade_overlap(counted, side)
         overlap = f"S_0 = {1e4 * config.overlap_area_m2:.0f} cm\u00b2"
-        drawing.text(count.left + width, count.top - 12, overlap, SMALL, BLUE, "end")
+        counted.set_title(overlap, loc="right", color=BLUE, fontsize=SMALL)
+    if side is not None and math.isfinite(side.u_b_m):
+        inside = curves.u_m <= side.u_b_m if side.side is Side.LEFT else curves.u_m >= side.u_b_m
+        counted.fill_between(u_mm[inside], curves.column_count[inside], color=BLUE, alpha=0.22, linewidth=0)
     if side is not None and math.isfinite(side.u_b_m) and math.isfinite(side.a_0_deg):
         for axes in (counted, turned):
             axes.axvline(1000 * side.u_b_m, color=GREEN, linewidth=1.2)
-        turned.plot(1000 * side.u_b_m, side.a_0_deg, "o", color=PINK, markersize=8, markeredgewidth=0)
-        reached = f"A_0 = {side.a_0_deg:.0f}\u00b0".replace("-", "\u2212")
-        labels.insert(0, Run(reached, SMALL, PINK))
-    drawing.runs(angle.left + width, angle.top - 12, tuple(labels), "end")
-
-
-def _shade_overlap(axes: Axes, side: SidePlan) -> None:
-    """Shade the columns of the desirable overlap S_0."""
-    if math.isfinite(side.u_b_m):
-        u_m, pixels = side.curves.u_m, side.curves.column_count
-        inside = u_m <= side.u_b_m if side.side is Side.LEFT else u_m >= side.u_b_m
-        axes.fill_between(1000 * u_m[inside], pixels[inside], color=BLUE, alpha=0.22, linewidth=0)
+        turned.plot(1000 * side.u_b_m, side.a_0_deg, "o", color=PINK, markersize=8)
+        limits = f"A_0 = {side.a_0_deg:.0f}\u00b0, {limits}".replace("-", "\u2212")
+    turned.set_title(limits, loc="right", color=SOFT, fontsize=SMALL)
+    return figure

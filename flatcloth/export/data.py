@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import functools
+import io
 import json
 import math
 import struct
@@ -13,15 +13,16 @@ import zlib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import cv2
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.geometry import Rigid3
-from flatcloth.core.plain_files import open_plain, replacing
+from flatcloth.core.plain_files import open_plain, replace_file
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Floats, RotationAxis, Uint8
 from flatcloth.engine.sheet import OTHER_FILE, floating_file, other_floating_file
 from flatcloth.grasping.grasps import GraspPose, Grip, grasp_pose, nearest_pixel, quaternion_wxyz
@@ -51,8 +52,8 @@ class GraspFrames:
     base_from_camera: Rigid3 | None = None
 
 
-Files = Mapping[str, Callable[[BinaryIO], object]]
-"""Files to be written: each name with the function that writes it."""
+Files = dict[str, Callable[[], bytes]]
+"""Files to be written: each name with the function that makes its content."""
 
 
 def shape_files(
@@ -62,45 +63,39 @@ def shape_files(
     floating: Sequence[FlattenedView] = (),
     named: Callable[[], Sequence[Pick]] = tuple,
     other: Callable[[], Sequence[FlattenedView]] = tuple,
-) -> dict[str, Callable[[BinaryIO], object]]:
+) -> Files:
     """Return ``flattened.npz``, ``flattened.png``, ``cloud.ply`` and ``grasps.json``.
 
     Each floating piece is in ``floating-1.npz`` and so on, on a plane of its own. ``named``, ``other`` are
-    called when ``grasps.json`` is written.
+    called when ``grasps.json`` is made.
     """
-    files: dict[str, Callable[[BinaryIO], object]] = {
-        "flattened.npz": lambda file: write_npz(view, file),
-        "flattened.png": lambda file: file.write(png_bytes(view.rgb, view.valid)),
-        "cloud.ply": lambda file: file.write(ply_bytes(view)),
-        GRASPS: lambda file: file.write(
-            json_bytes(grasps_document(view, picks, frames, named(), floating, other()))
-        ),
+    return {
+        "flattened.npz": lambda: npz_bytes(view),
+        "flattened.png": lambda: png_bytes(view.rgb, view.valid),
+        "cloud.ply": lambda: ply_bytes(view),
+        GRASPS: lambda: json_bytes(grasps_document(view, picks, frames, named(), floating, other())),
+        **{floating_file(n): partial(npz_bytes, piece) for n, piece in enumerate(floating, start=1)},
     }
-    for n, piece in enumerate(floating, start=1):
-        files[floating_file(n)] = functools.partial(write_npz, piece)
-    return files
 
 
-def other_files(sides: JoinedSides, this: FlattenedView) -> dict[str, Callable[[BinaryIO], object]]:
-    """Return the files of the other side, as seen from its own outside, each with what writes it.
+def other_files(sides: JoinedSides, this: FlattenedView) -> Files:
+    """Return the files of the other side, as seen from its own outside.
 
     ``flattened-other.npz`` has the keys of ``flattened.npz`` and, if seams relate both sides,
     ``this_from_other`` (:func:`this_from_other`); so has each ``floating-other-1.npz``.
     """
-    other = sides.other.view
-    files: dict[str, Callable[[BinaryIO], object]] = {
-        _OF_OTHER_SIDE[0]: functools.partial(_write_other, sides, other, this),
-        _OF_OTHER_SIDE[1]: lambda file: file.write(png_bytes(other.rgb, other.valid)),
-        _OF_OTHER_SIDE[2]: lambda file: file.write(ply_bytes(other)),
+
+    def arrays(view: FlattenedView) -> bytes:
+        more = {"this_from_other": this_from_other(view, this)} if sides.is_related else {}
+        return npz_bytes(view, **more)
+
+    other, floating = sides.other.view, sides.other.floating
+    return {
+        _OF_OTHER_SIDE[0]: lambda: arrays(other),
+        _OF_OTHER_SIDE[1]: lambda: png_bytes(other.rgb, other.valid),
+        _OF_OTHER_SIDE[2]: lambda: ply_bytes(other),
+        **{other_floating_file(n): partial(arrays, piece) for n, piece in enumerate(floating, start=1)},
     }
-    for n, piece in enumerate(sides.other.floating, start=1):
-        files[other_floating_file(n)] = functools.partial(_write_other, sides, piece, this)
-    return files
-
-
-def _write_other(sides: JoinedSides, view: FlattenedView, this: FlattenedView, file: BinaryIO) -> None:
-    more = {"this_from_other": this_from_other(view, this)} if sides.is_related else {}
-    write_npz(view, file, **more)
 
 
 def this_from_other(other: FlattenedView, this: FlattenedView) -> Float64:
@@ -126,8 +121,7 @@ def write_files(files: Files, folder: Path, threads: int = 1) -> list[Path]:
     """
 
     def written(name: str) -> None:
-        with replacing(folder / name) as file:
-            files[name](file)
+        replace_file(folder / name, files[name]())
 
     *names, report = files
     with os_errors_as(FlatclothError, f"{folder}: the export cannot be written", "Choose another folder."):
@@ -210,9 +204,10 @@ def _shape_of(data: Any) -> FlattenedView:
     )
 
 
-def write_npz(view: FlattenedView, file: BinaryIO, **more: Any) -> None:
-    """Write a flattened view as ``flattened.npz`` is, with ``more`` arrays by name."""
+def npz_bytes(view: FlattenedView, **more: Any) -> bytes:
+    """Return a flattened view as ``flattened.npz`` is, with ``more`` arrays by name."""
     arrays = {name: array for name in _ARRAYS if (array := getattr(view, name)) is not None}
+    file = io.BytesIO()
     np.savez_compressed(
         file,
         pixel_size_m=np.float64(view.pixel_size_m),
@@ -221,6 +216,7 @@ def write_npz(view: FlattenedView, file: BinaryIO, **more: Any) -> None:
         **arrays,
         **more,
     )
+    return file.getvalue()
 
 
 def png_bytes(rgb: Uint8, shown: Bool) -> bytes:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import Bool, FlattenedView, Float64, Progress, Rigid2, no_progress
+from flatcloth.core.types import Bool, FlattenedView, Progress, Rigid2, no_progress
 from flatcloth.engine.results.result import at_step, earlier_shape
 from flatcloth.engine.sheet import Sheet, sheet_of
 from flatcloth.export.history import ACCEPTED, Decision, SessionHistory
-from flatcloth.export.kept import GrownArrays, Kept, key_of
+from flatcloth.export.kept import GrownArrays, Kept, colors_of, key_of
 from flatcloth.registration.axis import THREADS
 from flatcloth.session.machine import Document
 
@@ -24,15 +22,6 @@ if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
 
 Int16 = NDArray[np.int16]
-
-_SAME_PIXEL_PX = 0.5
-"""Pixels nearer than this in the source image show the same point. Chosen: half a pixel."""
-_LEAST_SHARED = 20
-"""Least number of shared pixels from which the motion of the shape is computed. Chosen."""
-_MOST_SHARED = 4000
-"""Largest number of shared pixels that are used. Chosen for speed."""
-_VIEW_APART_PX = 1e5
-"""Offset between views in one search tree. Chosen: above the size of every image."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,14 +125,14 @@ def _grown(
     first = source.copy()
     count = len(document.accepted) + 1
     area_m2, floating_m2 = [0.0] * count, [0.0] * count
-    pieces = _pieces_of(sheet)
+    assert document.start_view is not None
     cameras = integration.algorithm.cameras(document)  # held until all are drawn: all need its surfaces
 
     def made(order: int) -> Sheet:
         integration.canonical(document)  # the last shape stays the one that was used last
         before = sheet_of(earlier_shape(integration, document, order), document)
         if kept is not None:
-            kept.keep_sheet(key_of(integration.axis, at_step(document, order)), before)
+            kept.sheets.put(key_of(integration.axis, at_step(document, order)), colors_of(before))
         return before
 
     # The last shape first: the algorithm keeps the shapes it used last, from which it draws those before.
@@ -156,77 +145,30 @@ def _grown(
             if done + THREADS < count:  # no more than are worked at, which is soon cancelled and small
                 waiting.append(pool.submit(made, orders[done + THREADS]))
             area_m2[order], floating_m2[order] = before.shape_m2, before.floating_m2
-            first[_covers(before, sheet, pieces, source > order)] = order
+            first[_covered(sheet, before, document.start_view) & (source > order)] = order
     del cameras
     return GrownArrays(first_step=first, area_m2=tuple(area_m2), floating_m2=tuple(floating_m2))
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """Pixels with their positions ``uv_m`` (N, 2) and ``key`` (N, 3): the image pixels that they show."""
+def _covered(sheet: Sheet, earlier: Sheet, start_view: int) -> Bool:
+    """Return which pixels (H, W) of a sheet, with its pieces, an earlier one had already.
 
-    uv_m: Float64
-    key: Float64
-
-
-def _measured(view: FlattenedView) -> _Measured:
-    rc = np.argwhere(view.valid)
-    source = view.source_rc[view.valid].astype(np.float64)
-    key = np.column_stack([view.view_index[view.valid] * _VIEW_APART_PX, source])
-    known = np.isfinite(key).all(axis=1)
-    return _Measured(view.uv_from_rc(rc)[known], key[known])
-
-
-def _some(measured: _Measured) -> _Measured:
-    count = len(measured.key)
-    some = np.linspace(0, count - 1, min(count, _MOST_SHARED)).astype(np.intp)
-    return _Measured(measured.uv_m[some], measured.key[some])
-
-
-def _motion(source: _Measured, target: FlattenedView) -> Rigid2 | None:
-    there = _measured(target)
-    if len(source.key) == 0 or len(there.key) == 0:
-        return None
-    # A tree that is built fast: it is asked once, for few pixels.
-    tree = cKDTree(there.key, balanced_tree=False, compact_nodes=False)
-    away, which = tree.query(source.key, distance_upper_bound=_SAME_PIXEL_PX)
-    same = np.isfinite(away)
-    if same.sum() < _LEAST_SHARED:
-        return None
-    return fit_rigid2(source.uv_m[same], there.uv_m[which[same]])
-
-
-def _pieces_of(sheet: Sheet) -> list[_Measured]:
-    """Return pixels of the shape and of each piece of a sheet."""
-    pieces = range(len(sheet.pieces) + 1)
-    views = (replace(sheet.view, valid=sheet.view.valid & (sheet.piece == n)) for n in pieces)
-    return [_some(_measured(view)) for view in views]
-
-
-def _covers(earlier: Sheet, sheet: Sheet, pieces: list[_Measured], asked: Bool) -> Bool:
-    """Return which of the given pixels (H, W) of the sheet, with its pieces, an earlier sheet covered.
-
-    Shape and pieces move by themselves, so each is compared with each of the earlier ones.
+    They are compared on the method's plane, on which pieces of both lie where they belong; the paper's method
+    moves it with each view.
     """
-    covered = np.zeros_like(asked)
-    parts = [
-        replace(earlier.view, valid=earlier.view.valid & (earlier.piece == m))
-        for m in range(len(earlier.pieces) + 1)
-    ]
-    for n, piece in enumerate(pieces):
-        todo = asked & sheet.view.valid & (sheet.piece == n)
-        if not todo.any():
-            continue
-        for before in parts:
-            earlier_from_sheet = _motion(piece, before)
-            if earlier_from_sheet is None:
-                continue
-            rows, cols = np.nonzero(todo)
-            uv = sheet.view.uv_from_rc(np.column_stack([rows, cols]))
-            rc = np.rint(before.rc_from_uv(earlier_from_sheet.apply(uv))).astype(np.intp)
-            at = np.flatnonzero(((rc >= 0) & (rc < before.shape)).all(axis=1))
-            at = at[before.valid[rc[at, 0], rc[at, 1]]]
-            covered[rows[at], cols[at]] = True
+    now, then = (each.canonical.current_from_view.get(start_view, Rigid2()) for each in (sheet, earlier))
+    then_from_now = then @ now.inverse()
+    rows, cols = np.nonzero(sheet.view.valid)
+    uv = sheet.view.uv_from_rc(np.column_stack([rows, cols]))
+    for piece in range(len(sheet.pieces) + 1):
+        own = sheet.piece[rows, cols] == piece
+        uv[own] = (then_from_now @ sheet.shift(piece).inverse()).apply(uv[own])
+    covered = np.zeros(sheet.view.shape, dtype=np.bool_)
+    for view in (earlier.canonical.view, *earlier.canonical.floating):
+        rc = np.rint(view.rc_from_uv(uv)).astype(np.intp)
+        at = np.flatnonzero(((rc >= 0) & (rc < view.shape)).all(axis=1))
+        at = at[view.valid[rc[at, 0], rc[at, 1]]]
+        covered[rows[at], cols[at]] = True
     return covered
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import zlib
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -12,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flatcloth.core.cache import Cache
-from flatcloth.core.parcel import Arrays, Parcel, unpack
 from flatcloth.core.types import FlattenedView, RotationAxis
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.sheet import Sheet
 from flatcloth.methods.answers import Plan
+from flatcloth.rendering.pictures import PlanePicture
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
@@ -27,9 +25,9 @@ _MIB = 1 << 20
 """Bytes in a mebibyte. By definition."""
 _MOST = 512
 """Values of each kind that are kept, if their bytes allow. Chosen: more than a session has views."""
-_SHEETS_BYTES, _PICTURES_BYTES, _GROWTHS_BYTES, _PLANS_BYTES = 24 * _MIB, 12 * _MIB, 4 * _MIB, 2 * _MIB
-"""Of shirt-sleeve-clean with 35 views a packed sheet takes 0.2 MiB, a picture of a proposal 0.15 MiB, a
-growth 0.5 MiB, and a plan 0.02 MiB. Measured."""
+_SHEETS_BYTES, _PICTURES_BYTES, _GROWTHS_BYTES, _PLANS_BYTES = 48 * _MIB, 24 * _MIB, 4 * _MIB, 2 * _MIB
+"""Of shirt-sleeve-clean with 35 views a sheet takes 1 MiB, a picture of a proposal 0.5 MiB, a growth
+0.5 MiB, and a plan 0.02 MiB. Measured."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,15 +37,6 @@ class GrownArrays:
     first_step: NDArray[np.int16]
     area_m2: tuple[float, ...]
     floating_m2: tuple[float, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PngPicture:
-    """A picture of a part of the plane as PNG, with its pixel size and the position of the first pixel."""
-
-    png: bytes
-    pixel_size_m: float
-    origin_uv_m: tuple[float, float]
 
 
 class Kept:
@@ -71,28 +60,14 @@ class Kept:
         self._own: BothSides | None = None
         self.plans: Cache[Plan | None] = Cache(_MOST, _PLANS_BYTES)
         self.growths: Cache[GrownArrays] = Cache(_MOST, _GROWTHS_BYTES)
-        self.pictures: Cache[PngPicture] = Cache(_MOST, _PICTURES_BYTES, lambda kept: len(kept.png))
-        self._sheets: Cache[_PackedSheet] = Cache(_MOST, _SHEETS_BYTES, lambda kept: len(kept.data))
+        self.pictures: Cache[PlanePicture] = Cache(_MOST, _PICTURES_BYTES)
+        self.sheets: Cache[Sheet] = Cache(_MOST, _SHEETS_BYTES)
 
     def both_of(self, integration: Integration) -> BothSides:
         """Return the other side of an integration, the same one for all exports (cached)."""
         if self._own is None or self._own.integration is not integration:
             self._own = BothSides(integration)
         return self._own
-
-    def keep_sheet(self, key: Hashable, sheet: Sheet) -> None:
-        """Store the data of a shape that a picture shows."""
-        if key not in self._sheets:
-            self._sheets.put(key, _PackedSheet.of(sheet))
-
-    def sheet(self, key: Hashable, make: Callable[[], Sheet]) -> Sheet:
-        """Return a shape with its colors; all else that a pixel knows may be missing (NaN)."""
-        packed = self._sheets.kept(key)
-        if packed is not None:
-            return packed.sheet
-        made = make()
-        self.keep_sheet(key, made)
-        return made
 
 
 def key_of(axis: RotationAxis, document: Document) -> Hashable:
@@ -101,34 +76,16 @@ def key_of(axis: RotationAxis, document: Document) -> Hashable:
     return axis.point_m.tobytes(), axis.direction.tobytes(), shape, document.garment.pieces
 
 
-@dataclass(frozen=True)
-class _PackedSheet:
-    """A sheet whose views are without arrays, and the arrays that a picture needs, compressed."""
-
-    bare: Sheet
-    data: bytes
-
-    @classmethod
-    def of(cls, sheet: Sheet) -> _PackedSheet:
-        canonical, view = sheet.canonical, sheet.view
-        floating = tuple(_bare(each) for each in canonical.floating)
-        bare = Sheet(
-            canonical=replace(canonical, view=_bare(canonical.view), floating=floating),
-            view=_bare(view),
-            piece=np.zeros((0, 0), dtype=np.int16),
-            pieces=tuple(replace(piece, view=_bare(piece.view)) for piece in sheet.pieces),
-        )
-        arrays: Arrays = {"valid": np.packbits(view.valid), "rgb": view.rgb[view.valid], "piece": sheet.piece}
-        return cls(bare, zlib.compress(Parcel(arrays=arrays).pack(), 1))
-
-    @property
-    def sheet(self) -> Sheet:
-        view = self.bare.view
-        _, arrays = unpack(io.BytesIO(zlib.decompress(self.data)).read)
-        valid = np.unpackbits(arrays["valid"], count=view.valid.size).reshape(view.shape).astype(np.bool_)
-        rgb = np.zeros((*view.shape, 3), dtype=np.uint8)
-        rgb[valid] = arrays["rgb"]
-        return replace(self.bare, view=replace(view, valid=valid, rgb=rgb), piece=arrays["piece"])
+def colors_of(sheet: Sheet) -> Sheet:
+    """Return a sheet with its colors and pieces; all else that a pixel knows is missing (NaN)."""
+    canonical = sheet.canonical
+    floating = tuple(_bare(each) for each in canonical.floating)
+    return replace(
+        sheet,
+        canonical=replace(canonical, view=_bare(canonical.view), floating=floating),
+        view=replace(_bare(sheet.view), valid=sheet.view.valid, rgb=sheet.view.rgb),
+        pieces=tuple(replace(piece, view=_bare(piece.view)) for piece in sheet.pieces),
+    )
 
 
 def _bare(view: FlattenedView) -> FlattenedView:

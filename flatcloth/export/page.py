@@ -28,7 +28,6 @@ from flatcloth.export.files import printed
 from flatcloth.export.garment import summary
 from flatcloth.export.growth import Growth
 from flatcloth.export.session import OpenedSession
-from flatcloth.grasping.grasps import LOST_AT_M, grasp_pose, pixel_of_point
 from flatcloth.grasping.grips import grip_numbers
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering.colormaps import piece_color
@@ -47,8 +46,8 @@ POINT_STEP_M = 0.0005
 """Points are rounded to this: half the unit of most depth images."""
 _AROUND_STEPS = np.uint16(8)
 """Points around the item are rounded to so many times that. Chosen for the size of the file."""
-_NORMAL_LEVELS = 63
-"""Normals are rounded to so many steps between two axes: 2 degrees at most. Chosen for the file's size."""
+_NORMAL_LEVELS = 40
+"""Normals are rounded to this part of a unit vector: 1.3 degrees at most. Chosen for the file's size."""
 _AROUND_COLOR_BITS = np.uint8(0xF0)
 """Bits of their colours that are kept. Chosen for the size of the file."""
 
@@ -164,7 +163,6 @@ def _history(session: OpenedSession, parcel: Parcel) -> dict[str, Any]:
         "method": history.header.method,
         "finished": history.document.finished,
         "count": len(xyz),
-        "normal_levels": _NORMAL_LEVELS,
         "grid": _grid(view),
         "pieces": _pieces(growth.sheet),
         "bounds": {"low": low.tolist(), "step": step_m},
@@ -222,7 +220,8 @@ def _put_cloth(
     parcel.array(f"{prefix}source", source[window].ravel())
     xyz = view.xyz_m[window][cloth].astype(np.float64)
     parcel.array(f"{prefix}xyz", differences(_levels(xyz, low, step_m)))
-    parcel.array(f"{prefix}normal", differences(octahedral(view.normal[window][cloth])))
+    normals = np.rint(_NORMAL_LEVELS * np.nan_to_num(view.normal[window][cloth])).astype(np.int8)
+    parcel.array(f"{prefix}normal", differences(normals))
     source_rc = np.clip(np.rint(view.source_rc[window][cloth]), 0, 65535)
     parcel.array(f"{prefix}source_rc", differences(source_rc.astype(np.uint16)))
 
@@ -261,22 +260,6 @@ def differences(values: NDArray[Integers]) -> NDArray[Integers]:
     """
     columns = values.T
     return np.diff(columns, axis=1, prepend=np.zeros((len(columns), 1), dtype=columns.dtype))
-
-
-def octahedral(normals: Floats) -> NDArray[np.int8]:
-    """Return unit vectors (N, 3) as two numbers each (N, 2): their places on an unfolded octahedron.
-
-    Notes
-    -----
-    Cigolle, Z. H. et al.: A Survey of Efficient Representations for Independent Unit Vectors. Journal of
-    Computer Graphics Techniques 3 (2014), section 3.
-    """
-    n = np.nan_to_num(normals)
-    n = n / np.maximum(np.abs(n).sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
-    folded = (1 - np.abs(n[:, 1::-1])) * np.where(n[:, :2] < 0, -1, 1)
-    flat = np.where(n[:, 2:] < 0, folded, n[:, :2])
-    levels: NDArray[np.int8] = np.rint(_NORMAL_LEVELS * flat).astype(np.int8)
-    return levels
 
 
 def _levels(xyz_m: Floats, low: Float64, step_m: float) -> NDArray[np.uint16]:
@@ -348,30 +331,21 @@ def _decisions(session: OpenedSession) -> list[dict[str, Any]]:
 
 
 def _pick(session: OpenedSession, pick: Pick) -> dict[str, Any]:
-    view, axis, grip = (
-        session.view_of(pick.side),
-        session.integration.axis,
-        session.history.grips.get(pick.id),
-    )
-    pose, place, z_angle = None, None, float("nan")
-    if view is not None:
-        pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, grip)
-        rc, distance_m = pixel_of_point(view, pick.position_held_m)
-        if distance_m <= LOST_AT_M:
-            place, z_angle = rc, float(view.z_angle_deg[rc])
+    view, rc = session.view_of(pick.side), session.pixel_of(pick)
+    placed = None if view is None or rc is None else (view.uv_from_rc(np.array(rc)), view.z_angle_deg[rc])
     return {
         "id": pick.id,
         "name": pick.name,
         "side": pick.side,
-        "rc": list(place) if place else None,
-        "uv_m": view.uv_from_rc(np.array(place)).tolist() if view is not None and place else None,
+        "rc": rc,
+        "uv_m": placed and placed[0].tolist(),
         "miss_m": 0.0,
         "position_held_m": [finite(x) for x in pick.position_held_m.tolist()],
         "normal_held": [finite(x) for x in pick.normal_held.tolist()],
-        "z_angle_deg": finite(z_angle),
+        "z_angle_deg": placed and finite(float(placed[1])),
         "view_index": pick.view_index,
         "source_rc": [finite(x) for x in pick.source_rc],
-        "grip": grip_numbers(pose),
+        "grip": grip_numbers(session.pose_of(pick)),
     }
 
 

@@ -24,9 +24,10 @@ from flatcloth.export.history import SKIPPED, VERDICTS, Decision
 from flatcloth.export.review import FLAGS, OVERRIDDEN, Flags, is_overridden, overridden
 from flatcloth.export.session import OpenedSession
 from flatcloth.garments.recognition import NONE
-from flatcloth.grasping.grasps import GraspPose, grasp_pose
+from flatcloth.grasping.grasps import GraspPose
 from flatcloth.methods.answers import JoinedSides
-from flatcloth.rendering.drawing import Drawing, data_url
+from flatcloth.rendering.drawing import data_url, png_of
+from flatcloth.rendering.layers import LAYERS
 
 
 def report(session: OpenedSession) -> str:
@@ -142,7 +143,7 @@ def _decisions(session: OpenedSession) -> Iterable[str]:
 
 def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     angle = session.integration.recording.angles_deg[decision.view_index]
-    picture = data_url(figures.picture_before(session, decision).png, "image/png")
+    picture = data_url(png_of(figures.picture_before(session, decision).rgba), "image/png")
     verdict = figures.verdict_text(decision).removeprefix(decision.verdict)
     about = f"View {decision.view_index} placed on the shape"
     gone = "" if decision.stands else " gone"
@@ -168,9 +169,9 @@ def _decision(session: OpenedSession, decision: Decision) -> Iterable[str]:
     clock = decision.time[11:19] or "at an unknown time"
     yield f'<p class="lead">{escape(chosen)}; {clock} UTC</p>'
     if curves.u_m.size > 1:
-        drawing = Drawing(400, 262, f"h(u) and A_z(u) {of}")
-        draw_curves(drawing, curves, config, (28.0, 70.0, 78.0), side)
-        yield f"<figure>{drawing.svg(paper=None)}<figcaption>h(u) and A_z(u) {of}</figcaption></figure>"
+        caption = f"h(u) and A_z(u) {of}"
+        drawing = draw_curves(curves, config, "", side, (330.0, 190.0))
+        yield _figure(Figure(name="curves", caption=caption, drawing=drawing))
     yield "</div></section>"
 
 
@@ -242,16 +243,13 @@ def _picks(session: OpenedSession) -> Iterable[str]:
     if not history.picks:
         yield "<p>There are no picks.</p>"
         return
-    axis = session.integration.axis
     rows = []
     for pick in history.picks:
-        view, grip = session.view_of(pick.side), history.grips.get(pick.id)
-        pose = None
-        if view is not None:
-            pose = grasp_pose(view, pick.position_held_m, pick.normal_held, axis, grip)
         source = f"view {pick.view_index} @ {pick.source_rc[0]:.1f}, {pick.source_rc[1]:.1f}"
         name = pick.name if pick.side == "this" else f"{pick.name} (other side)"
-        rows.append((str(pick.id), name, _vector_mm(pick.position_held_m), *_posed(pose), source))
+        rows.append(
+            (str(pick.id), name, _vector_mm(pick.position_held_m), *_posed(session.pose_of(pick)), source)
+        )
     yield (
         "<p>Positions in the object frame (the camera frame of view 0, the item turned back), approach along"
         " the inward normal; uncertainties are one standard deviation.</p>"
@@ -276,14 +274,15 @@ def _figures(session: OpenedSession) -> Iterable[str]:
     yield '<h2>Figures</h2><div class="figures">'
     yield _figure(figures.growth(session), "wide")
     yield _figure(figures.energy(session), "wide")
-    others = ("source", "z_angle", "height", "density", "incidence", "stretch")
-    yield from (_figure(figure) for figure in figures.maps(session, others))
+    yield from (_figure(figure) for figure in figures.maps(session, LAYERS[1:]))
     yield "</div>"
 
 
 def _figure(figure: Figure, kind: str = "") -> str:
-    drawn = figure.drawing.svg(paper=None)
-    return f'<figure class="{kind}">{drawn}<figcaption>{escape(figure.caption)}</figcaption></figure>'
+    picture = data_url(figure.svg().encode(), "image/svg+xml")
+    caption = escape(figure.caption)
+    image = f'<img src="{picture}" alt="{caption}">'
+    return f'<figure class="{kind}">{image}<figcaption>{caption}</figcaption></figure>'
 
 
 def _facts(facts: Sequence[tuple[str, str]]) -> str:

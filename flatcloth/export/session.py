@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,8 +20,8 @@ from flatcloth.engine.sheet import Sheet, lay_out, sheet_of
 from flatcloth.export.data import GraspFrames
 from flatcloth.export.growth import Growth, grow
 from flatcloth.export.history import SessionHistory, read_history
-from flatcloth.export.kept import Kept, key_of
-from flatcloth.grasping.grasps import Grip
+from flatcloth.export.kept import Kept, colors_of, key_of
+from flatcloth.grasping.grasps import LOST_AT_M, GraspPose, Grip, grasp_pose, pixel_of_point
 from flatcloth.methods.answers import ColumnCurves, JoinedSides
 from flatcloth.methods.paper.planning import column_curves
 from flatcloth.recordings import SourceOptions, open_recording
@@ -29,7 +29,7 @@ from flatcloth.recordings.base import fingerprint
 from flatcloth.registration.axis import THREADS
 from flatcloth.session.axis_file import read_axis
 from flatcloth.session.header import HEADER
-from flatcloth.session.journal import SheetSide
+from flatcloth.session.journal import Pick, SheetSide
 from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
@@ -69,13 +69,6 @@ class OpenedSession:
     integration: Integration
     progress: Progress = no_progress
     kept: Kept = field(default_factory=Kept)
-
-    def silent(self) -> OpenedSession:
-        """Return the session with all that is computed, telling no progress."""
-        silent = replace(self, progress=no_progress)
-        computed = vars(self).keys() - {field.name for field in fields(self)}
-        vars(silent).update({name: vars(self)[name] for name in computed})
-        return silent
 
     @cached_property
     def growth(self) -> Growth:
@@ -127,6 +120,23 @@ class OpenedSession:
             return self.growth.view
         return lay_out(self.sides.other).view if isinstance(self.sides, JoinedSides) else None
 
+    def pose_of(self, pick: Pick) -> GraspPose | None:
+        """Return the grasp pose of a pick or named point; None if its side or its normal is not known."""
+        view = self.view_of(pick.side)
+        if view is None:
+            return None
+        # Named points have numbers of their own, and no grips.
+        grip = self.history.grips.get(pick.id) if pick in self.history.picks else None
+        return grasp_pose(view, pick.position_held_m, pick.normal_held, self.integration.axis, grip)
+
+    def pixel_of(self, pick: Pick) -> tuple[int, int] | None:
+        """Return the pixel of a pick on its side; None if it does not lie on the cloth."""
+        view = self.view_of(pick.side)
+        if view is None:
+            return None
+        rc, distance_m = pixel_of_point(view, pick.position_held_m)
+        return rc if distance_m <= LOST_AT_M else None
+
     @property
     def view(self) -> FlattenedView:
         """The shape, without its growth.
@@ -139,10 +149,10 @@ class OpenedSession:
         return self.integration.canonical(self.history.begun).view
 
     def sheet_of(self, document: Document) -> Sheet:
-        """Return the shape of a document of the past with its colors; its measurements may be missing."""
-        return self.kept.sheet(
+        """Return the shape of a document of the past with its colors, without its measurements."""
+        return self.kept.sheets.get(
             key_of(self.integration.axis, document),
-            lambda: sheet_of(self.integration.canonical(document), document),
+            lambda: colors_of(sheet_of(self.integration.canonical(document), document)),
         )
 
     def numbers_of(self, view_index: int) -> ViewNumbers:

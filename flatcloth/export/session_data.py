@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import io
-import json
 import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment
@@ -19,7 +18,9 @@ from flatcloth.engine.outcome import outcome_of, outcome_text, sides_entry
 from flatcloth.engine.sheet import with_placed_pieces
 from flatcloth.export.data import (
     GARMENT,
+    Files,
     GraspFrames,
+    json_bytes,
     other_files,
     remove_stale,
     shape_files,
@@ -33,8 +34,6 @@ from flatcloth.session.machine import Document
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-
-Writer = Callable[[BinaryIO], object]
 
 _FLOATING = re.compile(r"floating-[1-9][0-9]{0,2}\.npz")
 
@@ -96,7 +95,8 @@ class SessionData:
                 outcome["other_side"]["firm_share"] = 0.0
         return outcome
 
-    def _shape_files(self) -> dict[str, Writer]:
+    def files(self) -> Files:
+        """Return all files, each with the function that makes it; the report comes last."""
         shape = self.canonical
 
         def named() -> list[Pick]:
@@ -109,19 +109,11 @@ class SessionData:
         files = shape_files(shape.view, self.picks, self.frames, shape.floating, named, other)
         if isinstance(self.sides, JoinedSides):
             files |= other_files(self.sides, shape.view)
+        garment = self.garment
+        if not isinstance(garment, str):
+            files[GARMENT] = lambda: json_bytes(garment_document(garment, self.sides))
+        files[OUTCOME] = lambda: outcome_text(self.outcome).encode()
         return files
-
-    def _reports(self) -> dict[str, Writer]:
-        reports: dict[str, Writer] = {}
-        if not isinstance(self.garment, str):
-            text = json.dumps(garment_document(self.garment, self.sides), indent=1, allow_nan=False) + "\n"
-            reports[GARMENT] = lambda file: file.write(text.encode())
-        reports[OUTCOME] = lambda file: file.write(outcome_text(self.outcome).encode())
-        return reports
-
-    def files(self) -> dict[str, Writer]:
-        """Return all files, each with the function that writes it; the report comes last."""
-        return {**self._shape_files(), **self._reports()}
 
     def write(self, folder: Path, threads: int = 1) -> list[Path]:
         """Write all files to a folder, and remove files of an earlier, larger export.
@@ -142,23 +134,17 @@ class SessionData:
         """Return all files in one archive; without dates, so that the same session gives the same bytes."""
         data = io.BytesIO()
         with zipfile.ZipFile(data, "w") as archive:
-            for name, write in self.files().items():
+            for name, make in self.files().items():
                 packed = zipfile.ZIP_STORED if name.endswith((".npz", ".png")) else zipfile.ZIP_DEFLATED
-                archive.writestr(zipfile.ZipInfo(name), _bytes_of(write), compress_type=packed)
+                archive.writestr(zipfile.ZipInfo(name), make(), compress_type=packed)
         return data.getvalue()
 
     def file(self, name: str) -> bytes | None:
         """Return one file; None if the session has none of this name."""
-        write = self._shape_files().get(name) or self._reports().get(name)
-        return None if write is None else _bytes_of(write)
+        make = self.files().get(name)
+        return None if make is None else make()
 
 
 def is_floating_file(name: str) -> bool:
     """Return whether a name is that of a floating piece's file."""
     return _FLOATING.fullmatch(name) is not None
-
-
-def _bytes_of(write: Writer) -> bytes:
-    data = io.BytesIO()
-    write(data)
-    return data.getvalue()

@@ -1,241 +1,202 @@
-"""A page of lines, areas, text, pictures and charts that is written as SVG or PNG, by matplotlib.
+"""Figures by matplotlib in one style, as SVG and PNG.
 
 Only matplotlib's objects are used, never pyplot, which keeps figures in global state and would leak them in
-a server. The same drawing gives the same bytes: its ids are salted with its description, and no date is
-written. matplotlib is part of the ``export`` extra and loads with the first drawing.
+a server. The same drawing gives the same bytes: ids have a fixed salt, and no date is written. matplotlib is
+part of the ``export`` extra and loads with the first drawing.
 """
 
 from __future__ import annotations
 
 import base64
 import io
+import math
 import re
 import threading
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Floats, Uint8
+from flatcloth.core.types import Uint8
+from flatcloth.rendering.pictures import PlanePicture
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.image import AxesImage
 
 TEXT, SOFT, LINE, GRID, PAPER = "#1a1f26", "#55606d", "#9aa4af", "#e3e7eb", "#ffffff"
 BLUE, ORANGE, GREEN, PINK = "#1766c2", "#d9822b", "#1f7a4d", "#d81b72"
 
-FONT = "DejaVu Sans"
-"""matplotlib brings this font along, so a text has the same width on every machine."""
-_GAP = 10
-"""Space between two parts of a line of text, in points."""
+SMALL = 11.0
+"""Size of the smaller text (points). Chosen."""
 _POINTS_PER_INCH = 72.0
 """By definition."""
-_PROLOG = re.compile(r"^.*?<svg\b[^>]*>", re.DOTALL)
-_STYLE = re.compile(r"\s*<defs>\s*<style\b.*?</style>\s*</defs>", re.DOTALL)
-_GROUP_ID = re.compile(r'<g id="[^"]*"')
+_RAMP = (14.0, 170.0)
+"""Width and height (points) of a colour scale. Chosen."""
+_STYLE: Any = {
+    "font.family": ["DejaVu Sans"],  # matplotlib brings it along: a text is as wide on every machine
+    "font.size": SMALL, "text.color": TEXT,
+    "axes.spines.left": False, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.edgecolor": LINE, "axes.axisbelow": True, "axes.grid": True, "axes.grid.axis": "y",
+    "grid.color": GRID, "grid.linewidth": 1.0,
+    "axes.titlelocation": "left", "axes.titlesize": 12.0, "axes.titlepad": 9.0,
+    "xaxis.labellocation": "right",
+    "xtick.color": LINE, "xtick.labelcolor": SOFT, "ytick.color": LINE, "ytick.labelcolor": SOFT,
+    "ytick.major.size": 0.0, "ytick.minor.size": 0.0,
+    "lines.linewidth": 1.6, "lines.markeredgewidth": 0.0,
+    "legend.frameon": False, "legend.borderaxespad": 0.0,
+    "legend.handlelength": 1.0, "legend.handleheight": 1.0,
+    "svg.fonttype": "none", "svg.hashsalt": "flatcloth", "image.composite_image": False,
+}  # fmt: skip
 _RENDERING = threading.RLock()
 """Held while matplotlib's settings, which are global, are those of a drawing."""
 
 
-@dataclass(frozen=True)
-class Run:
-    """A part of a line of text."""
-
-    text: str
-    size: float = 12.0
-    color: str = TEXT
-    bold: bool = False
-
-
-@dataclass(frozen=True)
-class _Picture:
-    """A picture on a page: as drawn, its pixels (H, W, 4), and its place: x, y, width, height."""
-
-    drawn: AxesImage
-    rgba: Uint8
-    place: tuple[float, float, float, float]
-    png: bytes | None
-
-    @property
-    def svg(self) -> str:
-        """The picture as an element of SVG: its own pixels, not those of a screen."""
-        x, y, width, height = (f"{value:.6g}" for value in self.place)
-        return (
-            f'<image x="{x}" y="{y}" width="{width}" height="{height}" preserveAspectRatio="none"'
-            ' style="image-rendering:crisp-edges;image-rendering:pixelated"'
-            f' xlink:href="{data_url(self.png or png_of(self.rgba), "image/png")}"/>'
-        )
-
-
-@dataclass
-class Drawing:
-    """Items drawn one over the other on a page; lengths in points, x to the right, y down.
-
-    ``about`` is the description for readers who cannot see the drawing.
+def check_matplotlib() -> None:
+    """Check that drawings can be made.
 
     Raises
     ------
     FlatclothError
         If matplotlib is not installed.
     """
-
-    width: float
-    height: float
-    about: str = ""
-    figure: Figure = field(init=False, repr=False)
-    page: Axes = field(init=False, repr=False)
-    _pictures: list[_Picture] = field(init=False, repr=False, default_factory=list)
-    _items: list[Artist] = field(init=False, repr=False, default_factory=list)
-
-    def __post_init__(self) -> None:
-        with _settings(""):
-            from matplotlib.figure import Figure
-
-            size = (self.width / _POINTS_PER_INCH, self.height / _POINTS_PER_INCH)
-            self.figure = Figure(figsize=size, dpi=_POINTS_PER_INCH)
-            # The page lies above the charts, which stand in axes of their own.
-            self.page = self.figure.add_axes((0.0, 0.0, 1.0, 1.0), zorder=1)
-            self.page.set(xlim=(0.0, self.width), ylim=(self.height, 0.0), autoscale_on=False)
-            self.page.set_axis_off()
-
-    def axes(self, left: float, top: float, width: float, height: float) -> Axes:
-        """Add axes for a chart: the plot's rectangle in points."""
-        bottom = self.height - top - height
-        share = (left / self.width, bottom / self.height, width / self.width, height / self.height)
-        with _settings(""):
-            return self.figure.add_axes(share)
-
-    def line(self, points: Floats, color: str = TEXT, width: float = 1.5) -> None:
-        """Draw a polyline through points (N, 2); it is broken where they are not finite."""
-        from matplotlib.lines import Line2D
-
-        x, y = np.asarray(points, dtype=np.float64).reshape(-1, 2).T
-        self._add(Line2D(x, y, color=color, linewidth=width, solid_capstyle="butt"))
-
-    def box(self, x: float, y: float, width: float, height: float, color: str, opacity: float = 1.0) -> None:
-        """Fill a rectangle."""
-        from matplotlib.patches import Polygon
-
-        corners = np.array([(x, y), (x + width, y), (x + width, y + height), (x, y + height)], np.float64)
-        self._add(Polygon(corners, closed=True, facecolor=color, edgecolor="none", alpha=opacity))
-
-    def dot(self, x: float, y: float, radius: float, color: str) -> None:
-        """Fill a circle."""
-        from matplotlib.patches import Circle
-
-        self._add(Circle((x, y), radius, facecolor=color, edgecolor="none"))
-
-    def text(
-        self,
-        x: float,
-        y: float,
-        text: str,
-        size: float = 12.0,
-        color: str = TEXT,
-        anchor: str = "start",
-        bold: bool = False,
-    ) -> None:
-        """Write a line of text; ``y`` is its base line, ``anchor`` is ``start``, ``middle`` or ``end``."""
-        from matplotlib.text import Text
-
-        side: Any = {"start": "left", "middle": "center", "end": "right"}[anchor]
-        weight = "bold" if bold else "normal"
-        written = Text(
-            x, y, " ".join(text.split()), color=color, fontsize=size, fontweight=weight, fontfamily=FONT,
-            horizontalalignment=side, verticalalignment="baseline", parse_math=False,
-        )  # fmt: skip
-        self._add(written)
-
-    def runs(self, x: float, y: float, runs: tuple[Run, ...], anchor: str = "start") -> None:
-        """Write several parts of text in one line, with gaps between them."""
-        widths = [text_width(run.text, run.size, run.bold) for run in runs]
-        x -= {"start": 0.0, "middle": 0.5, "end": 1.0}[anchor] * (sum(widths) + _GAP * (len(runs) - 1))
-        for run, width in zip(runs, widths, strict=True):
-            self.text(x, y, run.text, run.size, run.color, bold=run.bold)
-            x += width + _GAP
-
-    def picture(
-        self, rgba: Uint8, x: float, y: float, width: float, height: float, png: bytes | None = None
-    ) -> None:
-        """Draw a picture (H, W, 4) uint8 below all other items; ``png`` is the same as PNG, if known."""
-        from matplotlib.image import AxesImage
-
-        picture = AxesImage(self.page, extent=(x, x + width, y + height, y), origin="upper")
-        picture.set_data(rgba)
-        self._pictures.append(_Picture(picture, rgba, (x, y, width, height), png))
-        self._add(picture)
-        picture.set_zorder(0)
-
-    def svg(self, paper: str | None = PAPER) -> str:
-        """Return the drawing as SVG text; ``paper`` None leaves the background transparent.
-
-        The text has no document type, no style sheet and no ids of groups, so that several drawings can
-        be parts of one HTML page.
-        """
-        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        file = io.StringIO()
-        for picture in self._pictures:
-            picture.drawn.set_visible(False)
-        with _settings(self.about):
-            self.figure.savefig(file, format="svg", dpi=_POINTS_PER_INCH, facecolor="none", metadata=nothing)
-        for picture in self._pictures:
-            picture.drawn.set_visible(True)
-        size = f"{self.width:.6g}", f"{self.height:.6g}"
-        head = (
-            '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-            f' viewBox="0 0 {size[0]} {size[1]}" width="{size[0]}" height="{size[1]}" role="img"'
-            f' aria-label="{escape(self.about)}" stroke-linejoin="round" stroke-linecap="butt">'
-        )
-        if paper is not None:
-            head += f'<rect width="{size[0]}" height="{size[1]}" fill="{paper}"/>'
-        body = _PROLOG.sub("", _STYLE.sub("", file.getvalue(), count=1), count=1)
-        return head + "".join(picture.svg for picture in self._pictures) + _GROUP_ID.sub("<g", body)
-
-    def png(self, scale: float = 2.0) -> bytes:
-        """Return the drawing as PNG on white, with ``scale`` pixels per point."""
-        return png_of(self.paint(scale))
-
-    def paint(self, scale: float) -> Uint8:
-        """Return the drawing as pixels (H, W, 3) on white, with ``scale`` pixels per point."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-        for picture in self._pictures:
-            grown = picture.place[2] * scale >= picture.rgba.shape[1]
-            picture.drawn.set_interpolation("nearest" if grown else "antialiased")
-        with _settings(self.about):
-            self.figure.set_facecolor(PAPER)
-            self.figure.set_dpi(_POINTS_PER_INCH * scale)
-            canvas: Any = FigureCanvasAgg(self.figure)
-            canvas.draw()
-            painted: Uint8 = np.asarray(canvas.buffer_rgba())[..., :3].copy()
-            self.figure.set_dpi(_POINTS_PER_INCH)
-        return painted
-
-    def _add(self, item: Artist) -> None:
-        """Lay an item over those before it."""
-        self._items.append(item)
-        item.set_zorder(len(self._items))
-        self.page.add_artist(item).set_clip_on(False)
+    try:
+        import matplotlib as mpl  # noqa: F401
+    except ImportError as error:
+        raise FlatclothError("Figures need matplotlib: pip install 'flatcloth[export]'") from error
 
 
-def text_width(text: str, size: float, bold: bool = False) -> float:
-    """Return the width of a text, in points."""
-    with _settings(""):
-        from matplotlib.font_manager import FontProperties
-        from matplotlib.textpath import text_to_path
+@contextmanager
+def style() -> Iterator[None]:
+    """Set matplotlib's settings to those of a drawing, for making and for writing it."""
+    check_matplotlib()
+    import matplotlib as mpl
 
-        font = FontProperties(family=FONT, size=size, weight="bold" if bold else "normal")
-        width, _, _ = text_to_path.get_text_width_height_descent(text, font, ismath=False)
-    return float(width)
+    with _RENDERING, warnings.catch_warnings(), mpl.rc_context(_STYLE):
+        # In SVG the reader's fonts have the signs that this font lacks.
+        warnings.filterwarnings("ignore", r"Glyph .* missing from")
+        yield
+
+
+def svg_of(figure: Figure, about: str) -> str:
+    """Return a figure as SVG; pictures keep their own pixels, and text stays text.
+
+    ``about`` is its description for readers who cannot see it.
+    """
+    metadata = {"Title": about, "Date": None, "Creator": None, "Format": None, "Type": None}
+    text = _saved(figure, "svg", 1.0, metadata, "none").decode()
+    # A point is a pixel of the screen, so that text is as large as that of a page around it.
+    return re.sub(r'(width|height)="([\d.]+)pt"', r'\1="\2"', text, count=2)
+
+
+def painted(figure: Figure, scale: float = 2.0) -> bytes:
+    """Return a figure as PNG on white, with ``scale`` pixels per point."""
+    return _saved(figure, "png", scale, {"Software": None}, "auto")
+
+
+@style()
+def _saved(
+    figure: Figure, kind: str, scale: float, metadata: dict[str, str | None], interpolation: str
+) -> bytes:
+    from matplotlib.image import AxesImage
+
+    for image in figure.findobj(AxesImage):
+        image.set_interpolation(interpolation)
+    file = io.BytesIO()
+    # What lies around the axes makes the figure as large as it needs.
+    around: dict[str, Any] = {"bbox_inches": "tight", "pad_inches": 0.2}
+    figure.savefig(file, format=kind, dpi=_POINTS_PER_INCH * scale, metadata=metadata, **around)
+    return file.getvalue()
+
+
+def figure_of(width: float, height: float) -> Figure:
+    """Return an empty figure of this size (points).
+
+    Raises
+    ------
+    FlatclothError
+        If matplotlib is not installed.
+    """
+    check_matplotlib()
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width / _POINTS_PER_INCH, height / _POINTS_PER_INCH), dpi=_POINTS_PER_INCH)
+
+
+@style()
+def drawn(
+    width: float, height: float, title: str, about: str = "", rows: int = 1
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with axes one above the other, which fill this size (points).
+
+    Title, labels and legends lie around the axes; ``about`` is below the title.
+    """
+    figure = figure_of(width, height)
+    whole = {"left": 0.0, "right": 1.0, "bottom": 0.0, "top": 1.0, "hspace": 0.4}
+    axes = figure.subplots(rows, sharex=True, squeeze=False, gridspec_kw=whole)[:, 0].tolist()
+    axes[0].set_title(about, parse_math=False)
+    axes[0].annotate(
+        title, (0.0, 1.0), (0.0, 30.0 if about else 10.0), "axes fraction", "offset points",
+        fontsize=15, fontweight="bold", parse_math=False,
+    )  # fmt: skip
+    return figure, axes
+
+
+@style()
+def show_picture(axes: Axes, picture: PlanePicture, most: float) -> None:
+    """Show a picture of the plane, whose u and v (m) are then the data, with a scale bar below it.
+
+    ``most`` is the share of the picture's width that the scale bar has at most.
+    """
+    rows, cols = picture.rgba.shape[:2]
+    left, top = np.array(picture.origin_uv_m) - picture.pixel_size_m / 2
+    right, bottom = left + cols * picture.pixel_size_m, top + rows * picture.pixel_size_m
+    axes.imshow(picture.rgba, extent=(left, right, bottom, top))
+    axes.set_axis_off()
+    length_m = nice_below(most * (right - left))
+    axes.plot(
+        [left, left + length_m], [-0.04, -0.04], "|-", color=TEXT, markeredgewidth=1.6, clip_on=False,
+        transform=axes.get_xaxis_transform(),
+    )  # fmt: skip
+    axes.annotate(
+        f"{1000 * length_m:g} mm", (left + length_m / 2, -0.04), (0.0, -6.0), ("data", "axes fraction"),
+        "offset points", ha="center", va="top",
+    )  # fmt: skip
+
+
+@style()
+def add_key(axes: Axes, entries: Sequence[tuple[str, str]], title: str = "") -> None:
+    """Add a key to the right of the axes, with one (color, label) per line."""
+    from matplotlib.patches import Patch
+
+    patches = [Patch(facecolor=color, label=label) for color, label in entries]
+    axes.legend(handles=patches, title=title, loc="upper left", bbox_to_anchor=(1.04, 1.0), alignment="left")
+
+
+@style()
+def add_ramp(axes: Axes, title: str, colors: Sequence[str], low: float, high: float) -> None:
+    """Add a colour scale with its ticks to the right of the axes, the first colour at the bottom."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    known = math.isfinite(low) and math.isfinite(high)
+    width, height = axes.bbox.width, axes.bbox.height  # in points, as figures have one pixel for each
+    scale = axes.inset_axes((1.06, 1.0 - (_RAMP[1] + 16.0) / height, _RAMP[0] / width, _RAMP[1] / height))
+    values = Normalize(low, high if high > low else low + 1.0) if known else Normalize(0.0, 1.0)
+    axes.figure.colorbar(ScalarMappable(values, ListedColormap(colors)), scale)
+    if not (known and high > low):
+        scale.set_yticks([low] if known else [])
+    scale.set_title(title, fontsize=SMALL)
+
+
+def nice_below(value: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is at most the value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(factor * power for factor in (5, 2, 1, 0.5) if factor * power <= value * (1 + 1e-9))
 
 
 def png_of(pixels: Uint8) -> bytes:
@@ -260,43 +221,3 @@ def webp_of(pixels: Uint8) -> bytes:
 def data_url(data: bytes, kind: str) -> str:
     """Return bytes as a data URL."""
     return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
-
-
-def check_matplotlib() -> None:
-    """Check that drawings can be made.
-
-    Raises
-    ------
-    FlatclothError
-        If matplotlib is not installed.
-    """
-    try:
-        import matplotlib as mpl  # noqa: F401
-    except ImportError as error:
-        raise FlatclothError("Figures need matplotlib: pip install 'flatcloth[export]'") from error
-
-
-def load_matplotlib() -> None:
-    """Load what drawings need of matplotlib, which takes half a second."""
-    check_matplotlib()
-    from matplotlib.backends import backend_agg, backend_svg  # noqa: F401
-    from matplotlib.figure import Figure  # noqa: F401
-
-
-@contextmanager
-def _settings(salt: str) -> Iterator[None]:
-    """Set matplotlib's settings to those of a drawing."""
-    check_matplotlib()
-    import matplotlib as mpl
-
-    ours: Any = {
-        "font.family": [FONT],
-        "svg.fonttype": "none",
-        "svg.hashsalt": f"flatcloth {salt}",
-        "svg.image_inline": True,
-        "image.composite_image": False,
-    }
-    with _RENDERING, warnings.catch_warnings(), mpl.rc_context(ours):
-        # In SVG the reader's fonts have the signs that this font lacks.
-        warnings.filterwarnings("ignore", r"Glyph .* missing from")
-        yield

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
 from flatcloth.core.geometry import window_of
-from flatcloth.core.types import Bool, FlattenedView, Floats, Uint8
+from flatcloth.core.types import Bool, FlattenedView, Uint8
 
 OUTLINE_RGB, NEW_RGB = (230, 126, 0), (255, 140, 0)
 """Colors of the outline and of new pixels. Chosen."""
@@ -106,15 +106,3 @@ def side_by_side(this: FlattenedView, other: FlattenedView) -> tuple[PlanePictur
 def _colored(view: FlattenedView) -> Uint8:
     alpha = np.where(view.valid, 255, 0).astype(np.uint8)
     return np.concatenate([view.rgb, alpha[..., None]], axis=-1)
-
-
-def widened(picture: PlanePicture, places_m: Floats) -> PlanePicture:
-    """Return a picture with an empty rim that holds places (N, 2) of the plane, and 3 cm more."""
-    size, origin = picture.pixel_size_m, np.asarray(picture.origin_uv_m)
-    rows, cols = picture.rgba.shape[:2]
-    low = np.ceil(np.maximum(origin - places_m.min(axis=0) + 0.03, 0.0) / size - 1e-6).astype(int)
-    end = origin + size * np.array([cols, rows])
-    high = np.ceil(np.maximum(places_m.max(axis=0) + 0.03 - end, 0.0) / size - 1e-6).astype(int)
-    rgba_wide = np.pad(picture.rgba, ((low[1], high[1]), (low[0], high[0]), (0, 0)))
-    u_m, v_m = (origin - size * low).tolist()
-    return replace(picture, rgba=rgba_wide, origin_uv_m=(u_m, v_m))

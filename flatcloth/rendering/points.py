@@ -52,8 +52,9 @@ def paint_points(
     angle_deg: float,
     xyz_m: Floats,
     rgb: Uint8,
-    size_m: float,
     behind_m: Floats,
+    *,
+    size_m: float,
 ) -> None:
     """Draw points (N, 3) into an image (H, W, 3) as squares of fixed size in space, the nearest on top.
 
@@ -66,19 +67,9 @@ def paint_points(
         return
     side = max(1, round(size_m * camera.focal_px / float(np.median(depth[known]))))
     corner = np.rint(place[known] - (side - 1) / 2)
-    near = ((corner > -side) & (corner < (camera.width, camera.height))).all(axis=1)
-    known, corner = known[near], corner[near].astype(np.intp) + side - 1
-    away = (depth + behind_m)[known]
-    # The image with a rim, so that every square lies on it. Among equally near points the last one is on top.
-    rows, cols = camera.height + 2 * side - 2, camera.width + 2 * side - 2
-    first = corner[:, 1] * cols + corner[:, 0]
-    squares = [first + (dy * cols + dx) for dy in range(side) for dx in range(side)]
-    least, nearest = np.full(rows * cols, np.inf), np.full(rows * cols, -1, dtype=np.intp)
-    for pixel in squares:
-        np.minimum.at(least, pixel, away)
-    for pixel in squares:
-        on_top = away == least[pixel]
-        np.maximum.at(nearest, pixel[on_top], known[on_top])
-    rim = slice(side - 1, side - 1 + camera.height), slice(side - 1, side - 1 + camera.width)
-    shown = nearest.reshape(rows, cols)[rim]
-    image[shown >= 0] = rgb[shown[shown >= 0]]
+    inside = ((corner >= 0) & (corner <= (camera.width - side, camera.height - side))).all(axis=1)
+    known, corner = known[inside], corner[inside].astype(np.intp)
+    # Of several colors of one pixel the last is painted: the nearest; among equally near points the last one.
+    order = np.argsort(-(depth + behind_m)[known], kind="stable")
+    down, across = np.indices((side, side)).reshape(2, -1)
+    image[corner[order, 1:] + down, corner[order, :1] + across] = rgb[known[order], None]

@@ -6,6 +6,7 @@ import io
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,8 +14,11 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import os_errors_as
 from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Float64
-from flatcloth.rendering.drawing import Drawing
+from flatcloth.rendering.drawing import figure_of
 from flatcloth.validation.kit import APART_M, HEM_M, MARKER_SHARE, Kit, KitError, dictionary_codes, write_kit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _A4_MM, _MARGIN_MM = np.array([210.0, 297.0]), np.array([10.0, 20.0])
 """Size of a page (ISO 216), and what printers and the scale need at each of its sides. Chosen."""
@@ -23,20 +27,20 @@ _OVERLAP_MM = 5.0
 _BAR_MM, _LINE_MM, _TEXT_MM = 100.0, 0.25, 3.0
 """Length of the scale bar, width of its lines, size of letters. Chosen."""
 _PT = 72 / 25.4
-"""Points, the unit of drawings, in a millimetre. By definition."""
+"""Points, the unit of lines and letters, in a millimetre. By definition."""
 _INK, _CLOTH = 0.07, 0.88
 """Their brightness. Chosen: prints are never quite black, nor is cloth quite white."""
 
 
-def whole_pages(kit: Kit) -> list[Drawing]:
+def whole_pages(kit: Kit) -> list[Figure]:
     """Return a page of its own size for each sheet."""
     size = 1e3 * np.array(kit.size_m)
     return [_drawn(kit, n, size, 0 * size, size) for n in sorted({*kit.sheet.values()})]
 
 
-def tiles(kit: Kit) -> list[Drawing]:
+def tiles(kit: Kit) -> list[Figure]:
     """Return A4 pages of whole cells, with marks where the next page begins, row by row."""
-    found: list[Drawing] = []
+    found: list[Figure] = []
     cell = float(np.ptp(next(iter(kit.corners_m.values()))[:, 0])) / MARKER_SHARE * 1e3
     step = np.maximum((_A4_MM - 2 * (_MARGIN_MM + _OVERLAP_MM) + 1e-6) // cell, 1) * cell
     inner = (1e3 * (np.array(kit.size_m) - 2 * HEM_M) + 1e-6) // cell * cell
@@ -60,7 +64,7 @@ def _boxes(kit: Kit, sheet: int) -> Float64:
 
 def _drawn(
     kit: Kit, sheet: int, size: Float64, low: Float64, high: Float64, place: str = "", overlap: float = 0.0
-) -> Drawing:
+) -> Figure:
     """Return a page of ``size`` (2,) that shows a sheet from ``low`` to ``high`` (2,), mm, as one path.
 
     Marks show the overlap. The scale bar, in the hem or margin, is measured between the left sides of its
@@ -68,44 +72,42 @@ def _drawn(
     """
     side, boxes = ("front", "back")[sheet - 1], _boxes(kit, sheet)
     text = f"{_BAR_MM:g} mm; {side} of {kit.name}; print at 100 %{place}"
-    drawing = Drawing(float(size[0]) * _PT, float(size[1]) * _PT, text)
-    from matplotlib.patches import PathPatch
+    figure, corner = figure_of(*(size * _PT)), (low + high - size) / 2
+    from matplotlib.patches import PathPatch, Rectangle
     from matplotlib.path import Path as Outline
 
-    axes = drawing.axes(*((size - high + low) / 2 * _PT), *((high - low) * _PT))
+    axes = figure.add_axes((*((low - corner) / size), *((high - low) / size)))
     own = np.array([low + overlap, high - overlap])[: int(overlap > 0) * 2]
     axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), frame_on=False)
     axes.set(xticks=own[:, 0], yticks=own[:, 1])
     axes.tick_params(width=_LINE_MM * _PT, length=_OVERLAP_MM * _PT, labelbottom=False, labelleft=False)
     axes.tick_params(top=True, right=True)
     boxes = boxes[((boxes[:, :2] + boxes[:, 2:] > low) & (boxes[:, :2] < high)).all(axis=1)]
-    around = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)])
-    corners = boxes[:, None, :2] + boxes[:, None, 2:] * around
-    steps = np.tile([Outline.MOVETO, *[Outline.LINETO] * 3, Outline.CLOSEPOLY], len(corners))
-    axes.add_patch(PathPatch(Outline(corners.reshape(-1, 2), steps), fc="black", lw=0, snap=False))
-    left, foot = 1e3 * HEM_M, size[1] - 6.0
+    corners = boxes[:, None, :2] + boxes[:, None, 2:] * [(0, 0), (1, 0), (1, 1), (0, 1)]
+    axes.add_patch(PathPatch(Outline.make_compound_path_from_polys(corners), fc="black", lw=0, snap=False))
+    left, foot = corner[0] + 1e3 * HEM_M, corner[1] + size[1] - 6.0
     ticks = [(left + x, foot - 2, _LINE_MM, 2) for x in (0.0, _BAR_MM / 2, _BAR_MM)]
     for x, y, width, height in ((left, foot, _BAR_MM + _LINE_MM, _LINE_MM), *ticks):
-        drawing.box(x * _PT, y * _PT, width * _PT, height * _PT, "black")
-    drawing.text(left * _PT, (foot + 4) * _PT, text, size=_TEXT_MM * _PT)
-    return drawing
+        axes.add_patch(Rectangle((x, y), width, height, fc="black", lw=0, clip_on=False))
+    axes.text(left, foot + 4, text, fontsize=_TEXT_MM * _PT, parse_math=False)
+    return figure
 
 
-def pdf_of(pages: Sequence[Drawing]) -> bytes:
+def pdf_of(pages: Sequence[Figure]) -> bytes:
     """Return a PDF of pages."""
     from matplotlib.backends.backend_pdf import PdfPages
 
     file = io.BytesIO()
     with PdfPages(file, metadata={"CreationDate": None}) as pdf:
         for page in pages:
-            pdf.savefig(page.figure)
+            pdf.savefig(page)
     return file.getvalue()
 
 
-def svg_of(page: Drawing) -> bytes:
+def svg_of(page: Figure) -> bytes:
     """Return an SVG of a page, of its true size."""
     file = io.BytesIO()
-    page.figure.savefig(file, format="svg", metadata={"Date": None})
+    page.savefig(file, format="svg", metadata={"Date": None})
     return file.getvalue()
 
 

@@ -52,7 +52,7 @@ export class Cloth {
    * @param {OfflineSide} side @param {OfflineHistory} history @param {Parts} parts
    * @param {number[]} views that the sources of the pixels number
    */
-  constructor(side, { bounds, normal_levels: levels, axis, recording }, { arrays }, views, prefix = "") {
+  constructor(side, { bounds, axis, recording }, { arrays }, views, prefix = "") {
     const [first, source] = [arrays[`${prefix}first`], arrays[`${prefix}source`]];
     this.grid = side.grid;
     this.box = boxOf(side.grid);
@@ -64,7 +64,7 @@ export class Cloth {
     this.first = Float32Array.from(this.at, (i) => first[i]);
     this.source = Int16Array.from(this.at, (i) => source[i]);
     this.xyz = metres(summed(arrays[`${prefix}xyz`], 3), bounds);
-    this.normals = Float32Array.from(summed(arrays[`${prefix}normal`], 2), (x) => x / levels);
+    this.normals = summed(arrays[`${prefix}normal`], 3);
     this.sourceRc = summed(arrays[`${prefix}source_rc`], 2);
     this.views = views;
     this.anglesDeg = recording.angles_deg;
@@ -90,12 +90,8 @@ export class Cloth {
   /** @type {(n: number) => XYZ} */
   point = (n) => [this.xyz[3 * n], this.xyz[3 * n + 1], this.xyz[3 * n + 2]];
 
-  /** The normal, from its place on the unfolded octahedron (flatcloth/export/page.py). */
   normal(/** @type {number} */ n) {
-    const [x, y] = this.normals.subarray(2 * n, 2 * n + 2);
-    const z = 1 - Math.abs(x) - Math.abs(y);
-    if (z >= 0) return unit([x, y, z]);
-    return unit([(1 - Math.abs(y)) * (x < 0 ? -1 : 1), (1 - Math.abs(x)) * (y < 0 ? -1 : 1), z]);
+    return unit([...this.normals.subarray(3 * n, 3 * n + 3)]);
   }
 
   /** The Z-angle at which a pixel was seen, in degrees. */

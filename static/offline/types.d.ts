@@ -43,7 +43,6 @@ declare global {
     method: string;
     finished: string | null;
     bounds: { low: XYZ; step: number };
-    normal_levels: number;
     extent: { low: XYZ; high: XYZ };
     half_extents_m: [number, number];
     axis: { line: [XYZ, XYZ]; direction: XYZ; across: [XYZ, XYZ] };

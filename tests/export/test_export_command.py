@@ -45,7 +45,7 @@ def test_everything_is_written_and_the_session_stays_as_it_was(
         "--html": out / "page.html",
         "--report": out / "report.html",
         "--figures": out / "figures",
-        "--animation": out / "growth.gif",
+        "--animation": out / "growth.mp4",
         "--grasps": out / "grasps.json",
         "--hand-eye": hand_eye,
         "--rotation": "-40",
@@ -58,7 +58,7 @@ def test_everything_is_written_and_the_session_stays_as_it_was(
         "page.html",
         "report.html",
         "figures",
-        "growth.gif",
+        "growth.mp4",
         "grasps.json",
     }
     assert {p.name: p.read_bytes() for p in session.iterdir()} == before
@@ -93,7 +93,7 @@ def test_run_takes_a_hand_eye_transform(
         (["--html", "{tmp}/file/page.html"], "cannot be written"),
         (["--report", "{tmp}/file/report.html"], "cannot be written"),
         (["--figures", "{tmp}/file"], "cannot be written"),
-        (["--animation", "{tmp}/growth.webm"], "ends in .gif or .mp4"),
+        (["--animation", "{tmp}/growth.gif"], "written as MP4; choose a name that ends in .mp4"),
         (["--grasps", "{tmp}/g.json", "--hand-eye", "{tmp}/none.json"], "none.json: cannot be read"),
         (["--html", "{tmp}/page.html", "--recording", "{tmp}/none"], "no such file or folder"),
     ],
@@ -113,7 +113,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
     ("options", "cause"),
     [
         (["--report", "{tmp}/report.html"], "Figures need matplotlib"),
-        (["--animation", "{tmp}/growth.gif"], "Figures need matplotlib"),
+        (["--animation", "{tmp}/growth.mp4"], "Figures need matplotlib"),
         (["--outline", "{tmp}/shape.pdf"], "written as .svg"),
         (["--grasps", "{tmp}/pipe"], "a pipe or device, not a file"),
         (["--figures", "{tmp}/file"], "cannot be written"),

@@ -19,7 +19,7 @@ from PIL import Image
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.parcel import unpack
 from flatcloth.core.resources import static_folder
-from flatcloth.export.page import ENTRY, POINT_STEP_M, import_map, octahedral, page
+from flatcloth.export.page import ENTRY, POINT_STEP_M, import_map, page
 from flatcloth.export.session import OpenedSession
 
 
@@ -121,22 +121,6 @@ def restored(differences: np.ndarray, channels: int) -> np.ndarray:
     return np.cumsum(columns, axis=1, dtype=columns.dtype).T
 
 
-def unfolded(flat: np.ndarray) -> np.ndarray:
-    """Return unit vectors (N, 3) of their places on an unfolded octahedron (N, 2), as the page does."""
-    z = 1 - np.abs(flat).sum(axis=1)
-    folded = (1 - np.abs(flat[:, ::-1])) * np.where(flat < 0, -1, 1)
-    normal = np.column_stack([np.where(z[:, None] < 0, folded, flat), z])
-    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
-
-
-def test_normals_of_all_directions_come_back() -> None:
-    normals = np.random.default_rng(0).standard_normal((5000, 3))
-    normals = np.concatenate([normals, np.eye(3), -np.eye(3)])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    along = np.einsum("ij,ij->i", unfolded(octahedral(normals) / 63), normals)
-    assert np.degrees(np.arccos(along.min())) < 2.0
-
-
 def test_the_cloth_comes_back_as_it_was(session: OpenedSession, history: dict, arrays: dict) -> None:
     growth = session.growth
     grid, view = history["grid"], growth.view
@@ -148,7 +132,8 @@ def test_the_cloth_comes_back_as_it_was(session: OpenedSession, history: dict, a
     cloth = first >= 0
     xyz = np.array(history["bounds"]["low"]) + history["bounds"]["step"] * restored(arrays["xyz"], 3)
     np.testing.assert_allclose(xyz, view.xyz_m[window][cloth], atol=POINT_STEP_M / 2 + 1e-6)
-    normal = unfolded(restored(arrays["normal"], 2) / history["normal_levels"])
+    normal = restored(arrays["normal"], 3).astype(np.float64)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     along = np.einsum("ij,ij->i", normal, view.normal[window][cloth])
     assert np.degrees(np.arccos(along.min())) < 2.0
     right, camera = np.array(history["axis"]["across"]) @ normal.T

@@ -119,7 +119,7 @@ def test_a_whole_page_measures_as_the_kit_says_to_a_tenth_of_a_millimetre():
 def test_a4_pages_show_each_cell_whole_once_and_overlap():
     kit = grid_kit((0.45, 0.3), 0.03, 1)
     pages = tiles(kit)
-    assert pages[4].about.endswith("page 5, row 2 of 2, column 2 of 3")
+    assert pages[4].axes[0].texts[0].get_text().endswith("page 5, row 2 of 2, column 2 of 3")
     assert len(pages) == 6
     first, second = (painted(pdf_of(pages), n) for n in (0, 1))
     assert first.shape == (297 * PX_PER_MM, 210 * PX_PER_MM)

@@ -125,9 +125,9 @@ def test_the_page_is_that_of_the_command_line(unchanged: PageServer, written: Pa
     assert "<" not in answer.headers["content-disposition"]
 
 
-@pytest.mark.parametrize(("name", "begins"), [("report.html", b"<!doctype html>"), ("growth.gif", b"GIF89a")])
+@pytest.mark.parametrize(("name", "begins"), [("report.html", b"<!doctype html>"), ("growth.mp4", b"ftyp")])
 def test_other_exports_are_made_when_asked_for(unchanged: PageServer, name: str, begins: bytes) -> None:
-    assert get(unchanged, f"/export/{name}", timeout=120).content.startswith(begins)
+    assert begins in get(unchanged, f"/export/{name}", timeout=120).content[:20]
 
 
 def test_all_figures_come_in_one_archive(unchanged: PageServer) -> None:
@@ -181,7 +181,12 @@ def test_an_export_that_does_not_exist_or_cannot_be_is_one_line(written: Path) -
 @pytest.fixture
 def slow_export(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowExport]:
     slow = SlowExport()
-    monkeypatch.setitem(exports.KINDS, "outline.svg", ("image/svg+xml", slow))
+    made = exports.made
+
+    def slowly(session: OpenedSession, name: str) -> bytes:
+        return slow(session) if name == "outline.svg" else made(session, name)
+
+    monkeypatch.setattr(exports, "made", slowly)
     yield slow
     slow.gate.set()
 

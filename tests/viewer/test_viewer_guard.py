@@ -257,7 +257,7 @@ def test_the_token_leads_to_the_page_and_nowhere_else(server, path):
 
 def test_pages_of_other_sites_cannot_ask_for_anything(server):
     for site in ("cross-site", "same-site"):
-        for path in ("/export/growth.gif", "/layers/1/color.png", "/", "/viser/"):
+        for path in ("/export/growth.mp4", "/layers/1/color.png", "/", "/viser/"):
             assert status(ask(server, request(server, path, Sec_Fetch_Site=site))) == 403
         # A link may open the page, but no frame.
         opened = {"Sec_Fetch_Site": site, "Sec_Fetch_Mode": "navigate"}

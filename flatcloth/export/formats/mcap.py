@@ -17,7 +17,7 @@ from flatcloth.core.types import Intrinsics
 from flatcloth.export.data import png_bytes
 from flatcloth.export.formats.moments import Moment, moments, points_of
 from flatcloth.export.session import OpenedSession
-from flatcloth.grasping.grasps import grasp_pose, quaternion_wxyz
+from flatcloth.grasping.grasps import quaternion_wxyz
 from flatcloth.rendering.thumbnails import jpeg
 from flatcloth.session.journal import Pick
 
@@ -62,10 +62,7 @@ def _poses(session: OpenedSession, points: list[Pick]) -> dict[str, Rigid3]:
     """Return the grasp poses in the object frame by name; points whose normal is unknown have none."""
     found = {}
     for point in points:
-        grip = session.history.grips.get(point.id) if point in session.history.picks else None
-        pose = grasp_pose(
-            session.view, point.position_held_m, point.normal_held, session.integration.axis, grip
-        )
+        pose = session.pose_of(point)
         if pose is not None:
             found[point.name] = pose.object_from_grasp
     return found

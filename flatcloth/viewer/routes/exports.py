@@ -3,117 +3,28 @@
 from __future__ import annotations
 
 import asyncio
-import io
 import logging
 import re
-import tempfile
 import threading
-import zipfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
-from flatcloth.core.errors import CancelledError, FlatclothError, os_errors_as
+from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.engine.both_sides import BothSides
 from flatcloth.engine.garment.recognition import GarmentService
 from flatcloth.engine.integration import Integration
+from flatcloth.export.by_name import MEDIA, made
 from flatcloth.export.kept import Kept
-from flatcloth.export.session import OpenedSession, of_page
+from flatcloth.export.session import of_page
 from flatcloth.export.session_data import is_floating_file
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.http import RefusedError
 from flatcloth.viewer.worker import one_at_a_time
 
 _log = logging.getLogger(__name__)
-
-
-def _page(session: OpenedSession) -> bytes:
-    from flatcloth.export.page import page
-
-    return page(session).encode()
-
-
-def _report(session: OpenedSession) -> bytes:
-    from flatcloth.export.report import report
-
-    return report(session).encode()
-
-
-def _figures(session: OpenedSession) -> bytes:
-    from flatcloth.export.figures import all_figures
-
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w") as archive:
-        for figure in all_figures(session):
-            # Without a date, so that the same session gives identical bytes.
-            archive.writestr(zipfile.ZipInfo(f"{figure.name}.png"), figure.drawing.png())
-            info = zipfile.ZipInfo(f"{figure.name}.svg")
-            archive.writestr(info, figure.drawing.svg(), compress_type=zipfile.ZIP_DEFLATED)
-    return data.getvalue()
-
-
-def _outline(suffix: str) -> Callable[[OpenedSession], bytes]:
-    def make(session: OpenedSession) -> bytes:
-        from flatcloth.export.garment import upright_rad
-        from flatcloth.export.outline import outline_text
-
-        return outline_text(
-            session.view,
-            session.history.header.recording.name,
-            suffix,
-            upright_rad(session.garment),
-            session.other_view,
-        ).encode()
-
-    return make
-
-
-def _animation(suffix: str) -> Callable[[OpenedSession], bytes]:
-    def make(session: OpenedSession) -> bytes:
-        from flatcloth.export.animation import write_animation
-
-        no_folder = os_errors_as(
-            FlatclothError, "No folder for the animation", "Set TMPDIR to a writable one."
-        )
-        with no_folder, tempfile.TemporaryDirectory(prefix="flatcloth-") as folder:
-            path = Path(folder) / f"growth{suffix}"
-            write_animation(session, path)
-            return path.read_bytes()
-
-    return make
-
-
-def _data_file(name: str) -> Callable[[OpenedSession], bytes]:
-    def make(session: OpenedSession) -> bytes:
-        made = session.data().file(name)
-        if made is None:
-            raise FlatclothError(f"This session has no {name}.")
-        return made
-
-    return make
-
-
-KINDS: dict[str, tuple[str, Callable[[OpenedSession], bytes]]] = {
-    "page.html": ("text/html", _page),
-    "report.html": ("text/html", _report),
-    "figures.zip": ("application/zip", _figures),
-    "growth.gif": ("image/gif", _animation(".gif")),
-    "growth.mp4": ("video/mp4", _animation(".mp4")),
-    "outline.svg": ("image/svg+xml", _outline(".svg")),
-    "outline.dxf": ("image/vnd.dxf", _outline(".dxf")),
-    "outline.json": ("application/json", _outline(".json")),
-    "data.zip": ("application/zip", lambda session: session.data().zipped()),
-    "flattened.npz": ("application/octet-stream", _data_file("flattened.npz")),
-    "flattened-other.npz": ("application/octet-stream", _data_file("flattened-other.npz")),
-    "flattened.png": ("image/png", _data_file("flattened.png")),
-    "cloud.ply": ("application/octet-stream", _data_file("cloud.ply")),
-    "outcome.json": ("application/json", _data_file("outcome.json")),
-    "garment.json": ("application/json", _data_file("garment.json")),
-}
-"""The available exports: the media type, and the function that makes them."""
 
 
 BUSY = "Too many exports wait; try again when some are done."
@@ -160,23 +71,22 @@ class ExportRoutes:
     async def serve(self, request: Request) -> Response:
         """Answer with the file, or with one line that gives the reason."""
         name = request.path_params["name"]
-        kind = ("application/octet-stream", _data_file(name)) if is_floating_file(name) else KINDS.get(name)
-        if kind is None:
-            raise RefusedError(f"Unknown export {name!r:.40}; choose one of {', '.join(KINDS)}.", 404)
+        media = "application/octet-stream" if is_floating_file(name) else MEDIA.get(name)
+        if media is None:
+            raise RefusedError(f"Unknown export {name!r:.40}; choose one of {', '.join(MEDIA)}.", 404)
         if len(self._clients) >= MOST_WAITING:
             return PlainTextResponse(BUSY, status_code=429, headers={"Retry-After": "5"})
         left = threading.Event()
         self._clients.add(left)
-        work = self._pool.submit(self._make, name, kind[1], left)
-        made = asyncio.wrap_future(work)
-        made.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may be left to ask
+        work = asyncio.wrap_future(self._pool.submit(self._make, name, left))
+        work.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may be left to ask
         try:
-            while not made.done():
-                await asyncio.wait([made], timeout=_LOOK_S)
-                if not made.done() and await request.is_disconnected():
+            while not work.done():
+                await asyncio.wait([work], timeout=_LOOK_S)
+                if not work.done() and await request.is_disconnected():
                     left.set()
                     return PlainTextResponse("The client of this export has left.", status_code=499)
-            data = made.result()
+            data = work.result()
         except FlatclothError:
             raise
         except Exception as error:  # noqa: BLE001 - reported and logged
@@ -188,9 +98,9 @@ class ExportRoutes:
         # As a download, never shown with the page's origin: its texts come from the recording.
         stem = re.sub(r"[^A-Za-z0-9._-]+", "-", self._integration.recording.name).strip("-.")[:60]
         headers = {"Content-Disposition": f'attachment; filename="{stem or "flatcloth"}-{name}"'}
-        return Response(data, media_type=kind[0], headers=headers)
+        return Response(data, media_type=media, headers=headers)
 
-    def _make(self, name: str, make: Callable[[OpenedSession], bytes], left: threading.Event) -> bytes | None:
+    def _make(self, name: str, left: threading.Event) -> bytes | None:
         def go_on(_share: float, _text: str) -> None:
             if left.is_set():
                 raise CancelledError
@@ -199,7 +109,7 @@ class ExportRoutes:
             with one_at_a_time(lambda: go_on(0.0, "")):
                 opened = of_page(self._integration, self._folder, go_on, self._kept)
                 go_on(0.0, "")
-                return make(opened)
+                return made(opened, name)
         except CancelledError:
             _log.info("the export of %s was cancelled: its client left", name)
             return None
