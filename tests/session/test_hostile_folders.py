@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 from collections.abc import Callable
@@ -15,8 +16,9 @@ from journal_script import SCRIPT, after, idle, opened, played_in, states
 
 from flatcloth.core.errors import IllegalDecisionError, JournalError, OutOfBoundsError
 from flatcloth.core.plain_files import open_own, replace_file
-from flatcloth.core.types import Rigid2
+from flatcloth.core.types import Rigid2, RotationAxis
 from flatcloth.export.history import read_history
+from flatcloth.session.axis_file import write_axis
 from flatcloth.session.journal import encode
 from flatcloth.session.machine import (
     Command,
@@ -237,6 +239,14 @@ def test_no_answer_is_about_a_view_that_does_not_exist_or_lies_beyond_any_plane(
     state = after(Start(), *answer[:-1], n_views=36)
     with pytest.raises(OutOfBoundsError):
         apply(state, answer[-1])
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e9])
+def test_an_axis_that_no_turntable_has_is_not_kept(tmp_path: Path, bad: float) -> None:
+    axis = RotationAxis(point_m=np.array([0.0, bad, 0.85]), direction=np.array([0.0, -1.0, 0.0]))
+    with pytest.raises(JournalError, match="finite numbers"):
+        write_axis(tmp_path, axis)
+    assert list(tmp_path.iterdir()) == []
 
 
 def absurd_journal(place: Path) -> bytes:
