@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import threading
 from typing import Any
 
 import numpy as np
 import pytest
-from page_tabs import WAIT_S, Tab, get
+from page_tabs import WAIT_S, Has, Tab, get, leads_to
 from viewer_fakes import point_on_cylinder
 
 from flatcloth.core.errors import FlatclothError, FlatteningError, JournalError
@@ -33,47 +32,6 @@ def move(**by: float) -> Says:
 
 def near(value: float, **within: float) -> Any:
     return pytest.approx(value, **within)
-
-
-class Has(str):
-    """Equal to each text that contains it."""
-
-    __hash__ = str.__hash__
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, str) and str(self) in str(other)
-
-
-def part_of(state: Any, path: str) -> Any:
-    """The part of a state that dots lead to: keys, numbers in lists, and names of actions."""
-    for key in path.split("."):
-        if isinstance(state, list):
-            by_number = key.lstrip("-").isdigit()
-            state = state[int(key)] if by_number else next(each for each in state if each["name"] == key)
-        else:
-            state = None if state is None else state[key]
-    return state
-
-
-def leads_to(tab: Tab, said: Says | None, told: Told) -> None:
-    """Say it, and wait for a later state that has all these parts, and for the notice, if there is one."""
-    before, parts = tab.state.get("revision", -1), {path: told[path] for path in told if path != "note"}
-    tab.notes.clear()
-    if said is not None:
-        tab.say(**said)
-
-    def found(_message: Any) -> bool:
-        is_new = not parts or tab.state.get("revision", -1) > before
-        noted = "note" not in told or any(told["note"] in note["text"] for note in tab.notes)
-        with contextlib.suppress(IndexError):
-            return is_new and noted and all(part_of(tab.state, path) == parts[path] for path in parts)
-        return False
-
-    try:
-        tab.until(found)
-    except TimeoutError:
-        there = {path: part_of(tab.state, path) for path in parts}
-        pytest.fail(f"{said} leads to {there}, with {tab.notes}, not to {told}")
 
 
 def proposed(view: int, **more: Any) -> Told:
