@@ -206,6 +206,7 @@ def test_decisions_have_names(steps: Steps, names: list[str]) -> None:
 ILLEGAL: list[tuple[Steps, Command, str]] = [
     ((), Undo(), "nothing to undo"),
     ((), Redo(), "nothing to redo"),
+    ((*PENDING, Accept(1), Undo(), Skip(1)), Redo(), "nothing to redo"),
     ((), Cancel(), "Nothing is being computed"),
     ((), Propose(), "no start view"),
     ((), Accept(3), "no start view"),
@@ -298,9 +299,10 @@ def test_views_that_follow_a_changed_one_lie_where_they_are_found_and_tell_why_t
     assert pending is not None
     assert (pending.current_from_new, pending.score) == (at(0.1), 0.9)
     changed = (*REOPENED, Nudge(1, at(0.05)), Accept(1, 0.6))
-    document = after(*changed, Followed(5, 2, at(0.25), 0.85), Followed(6, 3, at(0.35), math.nan)).document
+    document = after(*changed, Followed(5, 2, at(0.25), 0.85), Followed(6, 3, at(0.35), math.nan, 2)).document
     found = [(a.view_index, a.current_from_new.u_m, a.score, a.fixed) for a in document.accepted]
     assert found == [(1, pytest.approx(0.15), 0.6, True), (2, 0.25, 0.85, False), (3, 0.35, None, False)]
+    assert [a.component for a in document.accepted] == [0, 0, 2]
     asked = after(*ASKED_AGAIN).document.pending
     assert asked is not None
     assert asked.again is not None
