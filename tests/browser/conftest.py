@@ -10,11 +10,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import httpx
 import pytest
 from forked_program import forked
 from playwright.sync_api import Browser, ConsoleMessage, Frame, Page, Response, sync_playwright
 
 from benchmarks.browser import CHROMIUM
+from flatcloth.core.config import Config
+from flatcloth.recordings import SourceOptions, open_recording
+from flatcloth.session.store import SessionFolder
 
 ROOT = Path(__file__).parents[2]
 SCREENSHOTS = ROOT / "tests" / "screenshots"
@@ -135,13 +139,49 @@ def program_of() -> Iterator[Callable[[str, Path | None], Program]]:
         program.stop()
 
 
+class SharedProgram(Program):
+    """The program of all tests of a worker: each opens a session of its own, as from the start screen."""
+
+    def __init__(self, root: Path) -> None:
+        super().__init__(f"--root {root}", None)
+        self._root = root
+        self.session: Path | None = None
+
+    def begin(self, recording: str) -> SharedProgram:
+        """Open a new session of a bundled recording."""
+        name = f"session-{len(list(self._root.iterdir()))}"
+        self.session = self._root / name
+        # The check of the recording has tests of its own: elsewhere it would be a second of CPU a test.
+        source = open_recording(ROOT / recording, SourceOptions(as_recorded=True))
+        SessionFolder.open(self.session, source, Config(), "robust").close()
+        page, token = self.url.split("?token=")
+        answer = httpx.post(
+            f"{page}start/open",
+            json={"kind": "folder", "name": name},
+            headers={"Authorization": f"Bearer {token}"},
+            timeout=START_LIMIT_S,
+        )
+        assert answer.status_code == 200, answer.text
+        return self
+
+
+@pytest.fixture(scope="session")
+def shared_program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedProgram]:
+    running = SharedProgram(tmp_path_factory.mktemp("root"))
+    yield running
+    assert running.stop() in (0, 130)
+
+
 @pytest.fixture
 def program(
     request: pytest.FixtureRequest, program_of: Callable[[str, Path], Program], tmp_path: Path
 ) -> Program:
-    # The check of the recording has tests of its own: elsewhere it would be a second of CPU a test.
+    """A new session of a bundled recording; a program of its own, if it is to have options."""
     source = getattr(request, "param", "recordings/shirt-sleeve-clean")
-    return program_of(f"{source} --as-recorded", tmp_path / "session")
+    if "--" in source:
+        return program_of(f"{source} --as-recorded", tmp_path / "session")
+    shared: SharedProgram = request.getfixturevalue("shared_program")
+    return shared.begin(source)
 
 
 class Tab:

@@ -23,45 +23,36 @@ def drawn(tab, uv):
     return [data[n : n + 4] for n in range(0, 36, 4)]
 
 
-def asked_why(open_tab, **size):
-    tab = open_tab(**size).ready()
+def test_what_placed_a_proposal_is_told_by_pairs_curves_and_lines(open_tab):
+    tab = open_tab(width=1280, height=800).ready()
     tab.step()
     tab.page.keyboard.press("i")
     tab.until("flatcloth.diagnostics.known !== null")
-    return tab
-
-
-def asked_for_curves(open_tab):
-    tab = asked_why(open_tab)
+    the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(tab)
+    tab.page.keyboard.press("Backspace")
+    tab.until("flatcloth.state.pending.score > 0.75 && !flatcloth.state.drawing")
     tab.page.get_by_label("Curves", exact=True).check()
-    return tab
+    the_corresponding_lines_are_drawn_and_can_be_hidden(tab)
+    columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(tab)
+    a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(tab)
+    # The panel goes with the proposal, and comes back with the next.
+    first = tab.page.evaluate("flatcloth.diagnostics.known.view_index")
+    tab.accept()
+    expect(tab.page.locator("#diagnostics")).to_be_hidden()
+    tab.step()
+    tab.until(f"flatcloth.diagnostics.known.view_index !== {first}")
+    expect(tab.page.locator("#diagnostics h2")).to_have_text(re.compile(r"What placed view \d+"))
 
 
-def test_the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(open_tab):
-    tab = asked_why(open_tab, width=1280, height=800)
-    pairs = tab.page.evaluate("flatcloth.diagnostics.known.pairs")
-    assert pairs["total"] >= len(pairs["residual_mm"]) > 50
-    assert pairs["median_mm"] < 5
-    expect(tab.page.locator(".diagnostics-facts")).to_contain_text(
-        f"{pairs['total']} pairs of points that are the same cloth"
-    )
-    # The residual is that of the two ends on the canvas.
-    (u, v), (x, y) = pairs["shape_uv_m"][7], pairs["placed_uv_m"][7]
-    assert 1000 * math.hypot(x - u, y - v) == pytest.approx(pairs["residual_mm"][7], abs=0.05)
-    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [u, v])
-    tab.page.mouse.move(at["x"], at["y"])
-    tab.until("flatcloth.diagnostics.pair !== null")
-    expect(tab.page.locator(".diagnostics-column")).to_contain_text("apart on the plane")
-    tab.shoot("diagnostics-pairs")
-    before = max(pairs["residual_mm"])
-    tab.page.locator("#canvas").focus()
-    for _ in range(2):
-        tab.page.keyboard.press("Shift+ArrowRight")
-    tab.until(f"Math.max(...flatcloth.diagnostics.known.pairs.residual_mm) > {before} + 10")
+def the_corresponding_lines_are_drawn_and_can_be_hidden(tab):
+    line = tab.page.evaluate("flatcloth.diagnostics.known.lines.current")
+    shown = drawn(tab, line["point_uv_m"])
+    tab.page.get_by_label("Lines", exact=True).uncheck()
+    assert drawn(tab, line["point_uv_m"]) != shown
+    tab.page.get_by_label("Lines", exact=True).check()
 
 
-def test_a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(open_tab):
-    tab = asked_for_curves(open_tab)
+def a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(tab):
     plot = tab.page.locator(".diagnostics-plots canvas")
     box = plot.bounding_box()
     tab.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.6 * box["height"])
@@ -87,8 +78,7 @@ def test_a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(open_
     assert tab.page.evaluate("flatcloth.diagnostics.marked.current") == pytest.approx(there, abs=3.0)
 
 
-def test_columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(open_tab):
-    tab = asked_for_curves(open_tab)
+def columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(tab):
     tab.page.locator(".diagnostics-plots canvas").focus()
     tab.page.keyboard.press("ArrowRight")
     tab.page.keyboard.press("ArrowRight")
@@ -100,39 +90,23 @@ def test_columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(open_tab):
     assert tab.state()["pending"]["nudge"]["u_mm"] == 0.0
 
 
-def test_the_corresponding_lines_are_drawn_and_can_be_hidden(open_tab):
-    tab = asked_for_curves(open_tab)
-    line = tab.page.evaluate("flatcloth.diagnostics.known.lines.current")
-    shown = drawn(tab, line["point_uv_m"])
-    tab.page.get_by_label("Lines", exact=True).uncheck()
-    assert drawn(tab, line["point_uv_m"]) != shown
-
-
-@pytest.mark.thorough
-@pytest.mark.scene
-def test_strained_edges_are_drawn_on_both_sides_and_go_with_the_panel(open_tab):
-    tab = asked_why(open_tab)
-    visible = (
-        "(window.__viserMutable?.nodeRefFromName['/edges']?.visible"
-        " && window.__viserMutable.nodeRefFromName['/edges'].parent.visible) ?? false"
+def the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(tab):
+    pairs = tab.page.evaluate("flatcloth.diagnostics.known.pairs")
+    assert pairs["total"] >= len(pairs["residual_mm"]) > 50
+    assert pairs["median_mm"] < 5
+    expect(tab.page.locator(".diagnostics-facts")).to_contain_text(
+        f"{pairs['total']} pairs of points that are the same cloth"
     )
-    tab.page.get_by_label(re.compile("Strained edges")).check()
-    tab.until("flatcloth.state.edges")
-    edges = tab.page.evaluate("flatcloth.diagnostics.known.edges")
-    assert edges["shape"]["total"] > 1000
-    if edges["shape"]["strain"] or edges["new"]["strain"]:
-        tab.scene.wait_for_function(visible)
-    tab.shoot("diagnostics-edges")
-    tab.page.keyboard.press("i")
-    tab.until("!flatcloth.state.edges")
-    expect(tab.page.locator("#diagnostics")).to_be_hidden()
-
-
-def test_the_panel_goes_with_the_proposal_and_comes_back_with_the_next(open_tab):
-    tab = asked_why(open_tab)
-    first = tab.page.evaluate("flatcloth.diagnostics.known.view_index")
-    tab.accept()
-    expect(tab.page.locator("#diagnostics")).to_be_hidden()
-    tab.step()
-    tab.until(f"flatcloth.diagnostics.known.view_index !== {first}")
-    expect(tab.page.locator("#diagnostics h2")).to_have_text(re.compile(r"What placed view \d+"))
+    # The residual is that of the two ends on the canvas.
+    (u, v), (x, y) = pairs["shape_uv_m"][7], pairs["placed_uv_m"][7]
+    assert 1000 * math.hypot(x - u, y - v) == pytest.approx(pairs["residual_mm"][7], abs=0.05)
+    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [u, v])
+    tab.page.mouse.move(at["x"], at["y"])
+    tab.until("flatcloth.diagnostics.pair !== null")
+    expect(tab.page.locator(".diagnostics-column")).to_contain_text("apart on the plane")
+    tab.shoot("diagnostics-pairs")
+    before = max(pairs["residual_mm"])
+    tab.page.locator("#canvas").focus()
+    for _ in range(2):
+        tab.page.keyboard.press("Shift+ArrowRight")
+    tab.until(f"Math.max(...flatcloth.diagnostics.known.pairs.residual_mm) > {before} + 10")

@@ -64,6 +64,7 @@ def test_the_garment_is_named_held_picked_and_undone(open_tab):
     assert at(tab, held["uv_m"]) == pytest.approx(there, abs=1.0)
     expect(panel.get_by_role("button", name="held by hand", exact=False)).to_have_count(1)
     tab.shoot("garment-held")
+    assert tab.findings() == []
     # With the keys: arrows move a point of the list.
     row = panel.locator('[data-id="point-corner_1"]')
     row.focus()
