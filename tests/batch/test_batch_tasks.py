@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from tiny_recordings import write_recording
 
-from flatcloth.batch import jobs, task_process
 from flatcloth.batch.rows import DONE, write_row
 from flatcloth.batch.tasks import Task, content_signature, quick_signature, slug, tasks_of
 from flatcloth.core.errors import FlatclothError
@@ -139,15 +138,3 @@ def test_a_moved_data_set_is_the_same_content(data: Path, tmp_path: Path) -> Non
     shutil.copytree(data / "a", tmp_path / "copy")
     (here,), (there,) = tasks(data / "a"), tasks(tmp_path / "copy")
     assert content_signature(here, {}) == content_signature(there, {})
-
-
-def test_a_task_whose_worker_was_killed_ends_its_process_and_is_no_failure(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def lost(_share: float, _text: str) -> None:
-        raise BrokenPipeError
-
-    monkeypatch.setattr(jobs, "answer", lambda _question, progress: progress(0.5, "integrating"))
-    with pytest.raises(SystemExit) as ended:
-        task_process._answer({}, lost)
-    assert ended.value.code == 1

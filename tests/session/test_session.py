@@ -365,5 +365,8 @@ def test_a_nudge_moves_further_parts_along_and_they_are_parts_of_their_views() -
     assert after(*SEVERAL, Reject(3)).document.accepted == ()
 
 
-def test_the_shape_depends_on_strokes() -> None:
+def test_what_can_be_reopened_is_not_the_proposal_and_the_shape_depends_on_strokes() -> None:
+    asked = after(*PENDING, Reject(1), Propose(1), Proposed(3, 1, at(0.1)))
+    assert asked.document.reopenable_views == frozenset()
+    assert after(*THREE, Reopen(3)).document.reopenable_views == {1, 2}
     assert after(*STARTED).document.shape_key != after(*STARTED, paint(THIS)).document.shape_key

@@ -47,8 +47,6 @@ BEGUN: tuple[None, Told] = (
         "views.0.state": "start",
         "actions.step.why_not": None,
         "actions.accept.why_not": "There is no proposal to decide about; step first.",
-        "actions.lowest_score.why_not": "No view has been accepted yet.",
-        "actions.reopen.why_not": "There is no decision to reopen.",
         "drawing": False,
     },
 )

@@ -22,8 +22,7 @@ from starlette.routing import Route
 from flatcloth.core.errors import SurfaceError
 from flatcloth.core.types import RgbdFrame
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.teaching import Teaching, paper_config
-from flatcloth.session.machine import Document
+from flatcloth.engine.teaching import Teaching
 from flatcloth.viewer.http import REFUSALS
 from flatcloth.viewer.modes.teaching import PARTS, TeachingRoutes
 
@@ -172,28 +171,6 @@ def test_the_flattening_is_told_as_it_is(page, integration):
     }
 
 
-def test_the_learners_numbers_are_used(page):
-    values, _ = lesson(page, "planning", start_view=0, sampling_interval_px=20, overlap_cm2=50)
-    assert values["parameters"] == {
-        "sampling_interval_px": 20, "z_angle_limit_deg": 50.0, "overlap_cm2": 50.0
-    }  # fmt: skip
-    plain, _ = lesson(page, "planning", start_view=0, overlap_cm2=300)
-    assert values["rotation_deg"] > plain["rotation_deg"]
-
-
-def test_the_curves_and_the_plan_are_the_papers(page, integration):
-    values, body = lesson(page, "planning", start_view=0)
-    config = paper_config(integration.config, Teaching(integration).defaults)
-    plan = Integration(Cylinder(**CLOTH), config, "paper").plan(Document(start_view=0))
-    curves = plan.sides[0].curves
-    assert np.array_equal(array(values, body, "current_h"), curves.column_count)
-    assert array(values, body, "current_a_z_deg") == pytest.approx(
-        curves.column_mean_z_angle_deg, abs=1e-3, nan_ok=True
-    )
-    assert values["next_view"] == plan.view_index
-    assert [s["a_0_deg"] for s in values["sides"]] == pytest.approx([s.a_0_deg for s in plan.sides])
-
-
 def test_without_a_start_view_it_is_the_papers(page):
     values, _ = lesson(page, "flattening")
     assert values["start_view"] == values["view_index"]
@@ -296,12 +273,6 @@ def dist_to(places: np.ndarray, outline: np.ndarray) -> float:
     share = ((places[:, None] - a) * along).sum(axis=2) / np.maximum((along**2).sum(axis=2), 1e-12)
     off = places[:, None] - a - np.clip(share, 0, 1)[..., None] * along
     return float(np.median(np.linalg.norm(off, axis=2).min(axis=1)))
-
-
-def test_a_number_that_cannot_be_shown_is_an_error_for_the_learner(page):
-    values, _ = lesson(page, "flattening", start_view=0, sampling_interval_px=2)
-    assert values["kind"] == "error"
-    assert "d, the sampling interval (px), must be between 4 and 40, not 2." in values["text"]
 
 
 def test_what_goes_wrong_is_told_and_the_next_question_is_answered(page, routes, monkeypatch, caplog):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -15,8 +16,22 @@ from flatcloth.rendering.colormaps import (
     view_colors,
 )
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legends, rgba
-from flatcloth.session.machine import Accept, Propose, Proposed, SessionState, Start, Started, apply
-from flatcloth.viewer.protocol.actions import ACTIONS, REJECT_REASONS
+from flatcloth.session.machine import (
+    Accept,
+    NothingMore,
+    Propose,
+    Proposed,
+    Reject,
+    Reopen,
+    Restart,
+    SessionState,
+    Skip,
+    Start,
+    Started,
+    Undo,
+    apply,
+)
+from flatcloth.viewer.protocol.actions import ACTIONS
 from flatcloth.viewer.protocol.allowed import action_table, command_of
 from flatcloth.viewer.protocol.picture import values_at
 
@@ -47,26 +62,76 @@ def test_every_action_has_a_name_of_its_own_and_explains_itself():
     assert all(a.description.endswith(".") for a in ACTIONS)
 
 
-def test_each_mode_says_that_the_others_actions_are_not_its_own():
-    session = {a.name: a for a in action_table(SessionState(n_views=3))}
+def test_live_mode_says_that_a_sessions_actions_are_not_its_own():
     live = {a.name: a for a in action_table(None)}
-    assert "--live" in session["live_play"].why_not
-    assert live["live_play"].why_not is None
+    assert live["live_play"].why_not is live["layer_stretch"].why_not is None
+    assert "camera" in live["capture_keep"].why_not
     for name in ("step", "accept", "auto", "left", "blink"):
         assert "live mode" in live[name].why_not
         assert live[name].mode == "session"
-    assert live["layer_stretch"].why_not is None
 
 
-def test_a_step_of_a_session_without_start_view_is_its_start():
-    state = SessionState(n_views=3)
-    assert command_of("step", state, {}) == Start()
-    assert command_of("view", state, {"view_index": 2}) == Start(2)
-    state = apply(apply(state, Start()), Started(1, 0))
-    assert command_of("step", state, {}) == Propose()
-    state = apply(apply(state, Propose()), Proposed(2, 1, Rigid2()))
-    assert command_of("accept", state, {}) == Accept(1)
-    assert command_of("reject", state, {}).reason in REJECT_REASONS
+STARTED = (Start(), Started(1, 0))
+PENDING = (*STARTED, Propose(), Proposed(2, 1, Rigid2()))
+TWO = (*PENDING, Accept(1), Propose(), Proposed(3, 2, Rigid2()), Accept(2))
+
+
+def state_after(*steps):
+    return reduce(apply, steps, SessionState(n_views=3))
+
+
+@pytest.mark.parametrize(
+    ("steps", "name", "said"),
+    [
+        ((), "restart", None),
+        ((), "live_play", "--live"),
+        ((), "capture_keep", "camera"),
+        ((), "left", "step first"),
+        (PENDING, "left", None),
+        (PENDING, "lowest_score", "No view has been accepted yet."),
+        ((*PENDING, Reject(1)), "lowest_score", "No view has been accepted yet."),
+        ((*PENDING, Accept(1)), "lowest_score", None),
+        (PENDING, "reopen", "There is no decision to reopen."),
+        ((*PENDING, Reject(1)), "reopen", None),
+        ((*PENDING, Accept(1), Propose()), "reopen", "computation is running"),
+        (PENDING, "auto", None),
+        ((*STARTED, Propose(), NothingMore(2, "No view is left.")), "auto", "No view is left."),
+        (TWO, "undo", None),
+        (TWO, "redo", "nothing to redo"),
+    ],
+)
+def test_the_table_says_why_an_action_is_not_allowed_now(steps, name, said):
+    why_not = next(a.why_not for a in action_table(state_after(*steps)) if a.name == name)
+    assert why_not is None if said is None else said in why_not
+
+
+def test_undo_and_redo_name_the_decision_that_they_are_about():
+    table = {a.name: a.description for a in action_table(state_after(*TWO, Undo(), Undo()))}
+    assert table["redo"] == "Redo: accept view 1."
+    assert next(a.description for a in action_table(state_after(*TWO)) if a.name == "undo") == (
+        "Undo: accept view 2."
+    )
+
+
+@pytest.mark.parametrize(
+    ("steps", "name", "given", "command"),
+    [
+        ((), "step", {}, Start()),
+        ((), "view", {"view_index": 2}, Start(2)),
+        (STARTED, "step", {}, Propose()),
+        (STARTED, "view", {"view_index": 2}, Propose(2)),
+        (STARTED, "accept", {}, Accept(-1)),
+        (STARTED, "reopen", {}, Reopen(-1)),
+        (STARTED, "restart", {"view_index": 2}, Restart(2)),
+        (PENDING, "accept", {"score": 0.5}, Accept(1, 0.5)),
+        (PENDING, "accept", {"view_index": 2}, Accept(2)),
+        (PENDING, "skip", {}, Skip(1)),
+        (PENDING, "reject", {}, Reject(1, "wrong place")),
+        (PENDING, "reject", {"view_index": 2, "reason": "bad depth"}, Reject(2, "bad depth")),
+    ],
+)
+def test_an_action_is_the_command_that_it_means_now(steps, name, given, command):
+    assert command_of(name, state_after(*steps), given) == command
 
 
 @pytest.mark.parametrize(("name", "sign"), [("sequential", 1), ("loss", -1)])
