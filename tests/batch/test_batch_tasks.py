@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from tiny_recordings import write_recording
 
+from flatcloth.batch.jobs import garment_columns
 from flatcloth.batch.rows import DONE, write_row
 from flatcloth.batch.tasks import Task, content_signature, quick_signature, slug, tasks_of
 from flatcloth.core.errors import FlatclothError
@@ -138,3 +139,16 @@ def test_a_moved_data_set_is_the_same_content(data: Path, tmp_path: Path) -> Non
     shutil.copytree(data / "a", tmp_path / "copy")
     (here,), (there,) = tasks(data / "a"), tasks(tmp_path / "copy")
     assert content_signature(here, {}) == content_signature(there, {})
+
+
+def test_kind_probability_and_dimensions_are_told() -> None:
+    sizes = {"chest_width": {"value": 512, "std": 6}}
+    document = {
+        "kind": "tshirt", "probabilities": {"tshirt": 0.97, "none": 0.03}, "dimensions_mm": sizes,
+    }  # fmt: skip
+    found = garment_columns(document)
+    assert found["garment"] == "tshirt"
+    assert found["garment_probability"] == 0.97
+    assert json.loads(found["dimensions_mm"]) == sizes
+    none = garment_columns({**document, "kind": None, "probabilities": {"none": 0.8, "towel": 0.2}})
+    assert (none["garment"], none["garment_probability"]) == ("none of these", 0.8)

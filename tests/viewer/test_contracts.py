@@ -13,6 +13,7 @@ from viewer_fakes import point_on_cylinder
 
 from flatcloth.core.errors import FlatclothError, FlatteningError, JournalError
 from flatcloth.core.types import Rigid2
+from flatcloth.methods.paper.merging import shows
 from flatcloth.session.machine import Accept, Cancel, Followed, Nudge, PlacedPart, Reject, Reopen
 from flatcloth.viewer.modes.controller import MOST_WAITING
 from flatcloth.viewer.server.app import PageServer
@@ -163,8 +164,10 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
         *ASKED,
         (move(u_m=0.010), {"pending.nudge.u_mm": near(10.0), "pending.pieces.0.chosen": True}),
         ({"type": "take_part", "view_index": 1, "component": 1},
-         {"undo": "take part 2 of view 1", "pending.pieces.1.chosen": True, "pending.pieces.1.waits": True}),
-        ({"type": "take_part", "view_index": 1, "component": 0}, {"undo": "take part 1 of view 1"}),
+         {"undo": "take part 2 of view 1", "pending.pieces.1.chosen": True, "pending.pieces.1.waits": True,
+          "pending.nudge.u_mm": near(10.0)}),  # it begins where the other was
+        ({"type": "take_part", "view_index": 1, "component": 0},
+         {"undo": "take part 1 of view 1", "pending.nudge.u_mm": near(3.0)}),  # where it was found
         ({"type": "take_part", "view_index": 1, "component": 2}, {"note": "View 1 has no part 3 to place"}),
     ]),
     "a part that accepting also places is shown and left out": ({"also": (PlacedPart(2, 0, Rigid2()),)}, [
@@ -198,6 +201,18 @@ def test_each_decision_is_kept_as_it_was_made(server, folder) -> None:
     assert names[:5] == ["Start", "Started", "Propose", "Proposed", "Accept"]
     assert names[11:] == ["Reopen", "Undo", "Redo", "Skip", "Followed", "Followed"]
     assert folder.recorded[4] == Accept(1, pytest.approx(0.8))
+
+
+def test_a_part_that_accepting_also_places_is_shown_where_no_other_view_has_cloth(
+    server, integration
+) -> None:
+    integration.also = (PlacedPart(2, 0, Rigid2()),)
+    with Tab(server) as tab:
+        (part,) = tab.proposed()["pending"]["also"]
+    assert part["area_cm2"] == pytest.approx(1e4 * integration.views.part(2, 0).area_m2)
+    place = np.array(part["place_uv_m"])
+    shown = [bool(shows(integration.views.part(view, 0), place)) for view in (0, 1, 2)]
+    assert shown == [False, False, True]
 
 
 REFUSED = [

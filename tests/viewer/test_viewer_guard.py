@@ -33,7 +33,7 @@ from flatcloth.core.errors import ServerError
 from flatcloth.viewer import http
 from flatcloth.viewer.server import limits
 from flatcloth.viewer.server.app import PageServer, serve
-from flatcloth.viewer.server.guard import is_loopback, kept_token
+from flatcloth.viewer.server.guard import given_token, is_loopback, kept_token
 from flatcloth.viewer.server.workspace import Opened
 
 
@@ -250,6 +250,30 @@ def test_the_token_stays_the_user_s_own_over_a_restart(state_home):
     file.symlink_to(other)  # a token that somebody else has put there
     assert kept_token() not in (first, second, "x" * 40)
     assert other.read_text() == "x" * 40 + "\n"
+
+
+def test_the_token_of_a_file_is_made_once_and_read_again(tmp_path):
+    file = tmp_path / "token"
+    made = given_token(file)
+    assert made is not None
+    assert given_token(file) == made
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=0, token=made) as server:
+        assert get(server, "/").status_code == 200
+        assert server.url.endswith(f"?token={made}")
+
+
+def test_the_token_of_the_environment_is_taken_unless_a_file_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("FLATCLOTH_TOKEN", "e" * 32)
+    assert given_token(None) == "e" * 32
+    (tmp_path / "token").write_text("f" * 40)
+    assert given_token(tmp_path / "token") == "f" * 40
+    for weak in ("", "short", "e" * 31, "ä" * 40, "e" * 32 + " "):
+        monkeypatch.setenv("FLATCLOTH_TOKEN", weak)
+        with pytest.raises(ServerError, match="FLATCLOTH_TOKEN: not a token; give 32 to 64"):
+            given_token(None)
+    with pytest.raises(ServerError, match="no token can be kept here"):
+        given_token(tmp_path)
 
 
 def test_the_token_leads_to_the_page_and_nowhere_else(server):
