@@ -6,7 +6,7 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -270,6 +270,26 @@ class Tab:
         self.page.mouse.click(at["x"], at["y"])
         self.until(f"flatcloth.state.picks.length === {count + 1}")
         return self.pick()
+
+    def at(self, uv: Sequence[float]) -> tuple[float, float]:
+        """Return where a place of the plane is on the page."""
+        x, y = self.page.evaluate(
+            "([u, v]) => { const at = flatcloth.toScreen(u, v); return [at.x, at.y]; }", list(map(float, uv))
+        )
+        return x, y
+
+    def drawn(self, uv: Sequence[float], reach: int = 0) -> list[list[int]]:
+        """Return the colours (4,) that the canvas shows at a place of the plane and around it."""
+        data = self.page.evaluate(
+            """async ([u, v, reach]) => {
+                await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+                const c = document.getElementById("canvas"), box = c.getBoundingClientRect();
+                const at = flatcloth.toScreen(u, v), size = 2 * reach + 1;
+                const [x, y] = [at.x - box.left, at.y - box.top].map(Math.round);
+                return [...c.getContext("2d").getImageData(x - reach, y - reach, size, size).data]; }""",
+            [*map(float, uv), reach],
+        )
+        return [data[n : n + 4] for n in range(0, len(data), 4)]
 
     def on_proposal(self, x: float, y: float) -> float:
         """Return the x of the nearest place left of (x, y) on the page where the proposal can be taken."""

@@ -46,21 +46,9 @@ class Cloth:
         image = cv2.imdecode(np.frombuffer(answer.body(), np.uint8), cv2.IMREAD_UNCHANGED)
         return cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA)
 
-    def drawn(self, uv):
-        """Return the colour (4,) that the canvas shows at a place of the plane."""
-        return self._tab.page.evaluate(
-            """async ([u, v]) => {
-                 await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
-                 const c = document.getElementById("canvas"), at = flatcloth.toScreen(u, v);
-                 const box = c.getBoundingClientRect(), r = devicePixelRatio;
-                 const place = [(at.x - box.left) * r, (at.y - box.top) * r].map(Math.round);
-                 return [...c.getContext("2d").getImageData(...place, 1, 1).data]; }""",
-            [float(x) for x in uv],
-        )
-
     def seen(self):
         """Tell whether something is drawn where only A is, where only B is, and where both are."""
-        return [self.drawn(uv)[3] > 0 for uv in (self.only_shape, self.only_proposal, self.both)]
+        return [self._tab.drawn(uv)[0][3] > 0 for uv in (self.only_shape, self.only_proposal, self.both)]
 
 
 def test_shape_and_proposal_are_compared_by_keys_the_wipe_and_their_difference(open_tab, program):
@@ -129,8 +117,8 @@ def the_difference_goes_through_color_height_and_position(tab, at):
         around = np.stack([image[row - 2 : row + 3, col - 2 : col + 3] for image in averaged])
         around = around.reshape(-1, 3).astype(int)
         tab.until(f"flatcloth.differenceShown === '{kind}'")
-        off = np.abs(around - np.array(at.drawn(at.both)[:3])).max(axis=1)
-        assert off.min() <= 40, (kind, around.tolist(), at.drawn(at.both))
+        off = np.abs(around - np.array(tab.drawn(at.both)[0][:3])).max(axis=1)
+        assert off.min() <= 40, (kind, around.tolist(), tab.drawn(at.both))
         tab.shoot(f"compare-difference-{kind}")
     tab.page.keyboard.press("o")
     expect(legend).to_be_hidden()
@@ -139,8 +127,7 @@ def the_difference_goes_through_color_height_and_position(tab, at):
 
 def both_values_and_their_difference_are_told_under_the_pointer(tab, at):
     stage = tab.page.locator("#stage").bounding_box()
-    place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.both])
-    tab.page.mouse.move(place["x"], place["y"])
+    tab.page.mouse.move(*tab.at(at.both))
     table = tab.page.locator("#readout-both")
     expect(table).to_be_visible()
     rows = [
@@ -154,13 +141,11 @@ def both_values_and_their_difference_are_told_under_the_pointer(tab, at):
     tab.shoot("compare-values")
     assert tab.page.locator("#stage").bounding_box() == stage  # nothing moves under the pointer
     assert table.evaluate("t => t.offsetWidth <= t.parentElement.clientWidth")
-    place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.only_shape])
-    tab.page.mouse.move(place["x"], place["y"])
+    tab.page.mouse.move(*tab.at(at.only_shape))
     expect(table).not_to_be_visible()
     expect(tab.page.locator("#readout")).to_be_visible()
     # Under a pointer that rests, what is decided is no longer compared.
-    place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.both])
-    tab.page.mouse.move(place["x"], place["y"])
+    tab.page.mouse.move(*tab.at(at.both))
     expect(table).to_be_visible()
     tab.accept()
     expect(table).not_to_be_visible()

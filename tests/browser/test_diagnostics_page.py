@@ -10,18 +10,6 @@ from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
-DRAWN = """async ([u, v]) => {
-    await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
-    const c = document.getElementById("canvas"), box = c.getBoundingClientRect();
-    const at = flatcloth.toScreen(u, v), place = [at.x - box.left, at.y - box.top].map(Math.round);
-    return [...c.getContext("2d").getImageData(place[0] - 1, place[1] - 1, 3, 3).data]; }"""
-
-
-def drawn(tab, uv):
-    """Return the colours (9, 4) that the canvas shows around a place of the plane."""
-    data = tab.page.evaluate(DRAWN, uv)
-    return [data[n : n + 4] for n in range(0, 36, 4)]
-
 
 def test_what_placed_a_proposal_is_told_by_pairs_curves_and_lines(open_tab):
     tab = open_tab(width=1280, height=800).ready()
@@ -46,9 +34,9 @@ def test_what_placed_a_proposal_is_told_by_pairs_curves_and_lines(open_tab):
 
 def the_corresponding_lines_are_drawn_and_can_be_hidden(tab):
     line = tab.page.evaluate("flatcloth.diagnostics.known.lines.current")
-    shown = drawn(tab, line["point_uv_m"])
+    shown = tab.drawn(line["point_uv_m"], 1)
     tab.page.get_by_label("Lines", exact=True).uncheck()
-    assert drawn(tab, line["point_uv_m"]) != shown
+    assert tab.drawn(line["point_uv_m"], 1) != shown
     tab.page.get_by_label("Lines", exact=True).check()
 
 
@@ -66,13 +54,12 @@ def a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(tab):
     layers = tab.state()["layers"]
     top = layers["origin_uv_m"][1] - 0.02
     u = (marked / 1000 - du + math.sin(theta) * top) / math.cos(theta)
-    assert max(color[3] for color in drawn(tab, [u, top])) > 0
-    assert max(color[3] for color in drawn(tab, [u + 0.05, top])) == 0
+    assert max(color[3] for color in tab.drawn([u, top], 1)) > 0
+    assert max(color[3] for color in tab.drawn([u + 0.05, top], 1)) == 0
     tab.shoot("diagnostics-column")
 
     on_canvas = [u + 0.03, layers["origin_uv_m"][1] + 0.3]
-    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", on_canvas)
-    tab.page.mouse.move(at["x"], at["y"])
+    tab.page.mouse.move(*tab.at(on_canvas))
     tab.until("Number.isFinite(flatcloth.diagnostics.marked.new)")
     there = 1000 * (math.cos(theta) * on_canvas[0] - math.sin(theta) * on_canvas[1] + du)
     assert tab.page.evaluate("flatcloth.diagnostics.marked.current") == pytest.approx(there, abs=3.0)
@@ -100,8 +87,7 @@ def the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(tab):
     # The residual is that of the two ends on the canvas.
     (u, v), (x, y) = pairs["shape_uv_m"][7], pairs["placed_uv_m"][7]
     assert 1000 * math.hypot(x - u, y - v) == pytest.approx(pairs["residual_mm"][7], abs=0.05)
-    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [u, v])
-    tab.page.mouse.move(at["x"], at["y"])
+    tab.page.mouse.move(*tab.at([u, v]))
     tab.until("flatcloth.diagnostics.pair !== null")
     expect(tab.page.locator(".diagnostics-column")).to_contain_text("apart on the plane")
     tab.shoot("diagnostics-pairs")

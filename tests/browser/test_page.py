@@ -87,8 +87,7 @@ def test_errors_are_told_arrows_are_one_decision_and_a_reload_loses_nothing(open
     tab.accept()
     before = tab.click_shape()
     # The read-out tells of a pick what its numbers are.
-    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", before["uv_m"])
-    tab.page.mouse.move(at["x"], at["y"])
+    tab.page.mouse.move(*tab.at(before["uv_m"]))
     row, col = before["rc"]
     tab.page.wait_for_selector(f"#readout dd >> text='{row}, {col}'")
     position = [f"{1000 * x:.1f}".replace("-", "\u2212") for x in before["position_held_m"]]

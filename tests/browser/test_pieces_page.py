@@ -106,8 +106,8 @@ def test_a_piece_is_seen_beside_the_shape_picked_and_dragged_onto_it_by_hand(
     assert abs(center[0]) < 1.0
     # Dragged to the middle of the shape, it is meant there.
     revision = overlay["revision"]
-    start = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", center)
-    tab.drag((start["x"], start["y"]), (start["x"] - 60, start["y"] + 40))
+    x, y = tab.at(center)
+    tab.drag((x, y), (x - 60, y + 40))
     tab.until(f"flatcloth.overlayRevision > {revision}")
     moved = tab.state()["layers"]["overlay"]["center_uv_m"]
     assert moved[0] < center[0] - 0.01
