@@ -1,4 +1,4 @@
-"""A short session with every kind of decision, for the tests of the journal."""
+"""Short sessions with every kind of decision, for the tests of the session and its journal."""
 
 from __future__ import annotations
 
@@ -10,20 +10,26 @@ from pathlib import Path
 from tiny_recordings import MemoryRecording
 
 from flatcloth.core.config import Config
+from flatcloth.core.strokes import Cut
 from flatcloth.core.types import Rigid2
+from flatcloth.session.garment import ClothPlaces
 from flatcloth.session.machine import (
     Accept,
     Command,
     Event,
+    Followed,
     Nudge,
     Propose,
     Proposed,
     Redo,
     Reject,
+    Reopen,
     SessionState,
     Side,
+    Skip,
     Start,
     Started,
+    TakePart,
     Undo,
     apply,
 )
@@ -46,6 +52,34 @@ SCRIPT: tuple[Command | Event, ...] = (
 )
 
 
+def at(x_m: float) -> Rigid2:
+    return Rigid2(0.0, x_m, 0.0)
+
+
+THREE: tuple[Command | Event, ...] = (
+    *(Start(), Started(1, 0)),
+    *(Propose(), Proposed(2, 1, at(0.1), score=0.9), Accept(1)),
+    *(Propose(), Proposed(3, 2, at(0.2), score=0.8), Accept(2)),
+    *(Propose(), Proposed(4, 3, at(0.3), score=0.7), Accept(3)),
+)
+AGAIN: tuple[Command | Event, ...] = (
+    *THREE,
+    Reopen(1),
+    Nudge(1, at(0.05), "fit pairs of"),
+    Accept(1, 0.6),
+    Followed(5, 2, at(0.25), 0.85),
+    Followed(6, 3, at(0.9), math.nan, 1, holds=False, why="It does not fit."),
+    TakePart(3, 2, at(0.7)),
+    Skip(3),
+    Reopen(3),
+)
+"""The first of three accepted views is decided again, and the others follow it."""
+
+CLOTH = ClothPlaces(((0.0, 0.1, 0.8), (0.1, 0.1, 0.8), (0.0, 0.2, 0.8)), ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1)))
+CUT = Cut(points_m=CLOTH.points_m[:2], normals=((0.0, 0.0, -1.0),) * 2,
+          beyond_m=(0.0, 0.2, 0.8), beyond_normal=(0.0, 0.0, -1.0))  # fmt: skip
+
+
 def opened(place: Path, method: str = "paper") -> SessionFolder:
     return SessionFolder.open(place, RECORDING, Config(), method)
 
@@ -57,9 +91,9 @@ def resumed(place: Path, method: str = "paper") -> SessionState:
     return folder.state
 
 
-def states() -> list[SessionState]:
+def states(script: Sequence[Command | Event] = SCRIPT) -> list[SessionState]:
     """The state after each line of the script, the empty one first."""
-    return [after(*SCRIPT[:n]) for n in range(len(SCRIPT) + 1)]
+    return [after(*script[:n]) for n in range(len(script) + 1)]
 
 
 def after(*steps: Command | Event, n_views: int = len(RECORDING)) -> SessionState:

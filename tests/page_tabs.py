@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import time
@@ -10,6 +11,7 @@ from typing import Any
 import cv2
 import httpx
 import msgspec
+import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from flatcloth.core.parcel import unpack
@@ -108,3 +110,44 @@ class Tab:
 
     def note(self):
         return self.until(lambda m: m["type"] == "note")
+
+
+class Has(str):
+    """Equal to each text that contains it."""
+
+    __hash__ = str.__hash__
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, str) and str(self) in str(other)
+
+
+def part_of(state: Any, path: str) -> Any:
+    """The part of a state that dots lead to: keys, numbers in lists, and names of actions."""
+    for key in path.split("."):
+        if isinstance(state, list):
+            by_number = key.lstrip("-").isdigit()
+            state = state[int(key)] if by_number else next(each for each in state if each["name"] == key)
+        else:
+            state = None if state is None else state[key]
+    return state
+
+
+def leads_to(tab: Tab, said: dict[str, Any] | None, told: dict[str, Any]) -> None:
+    """Say it, and wait for a later state that has all these parts, and for the notice, if there is one."""
+    before, parts = tab.state.get("revision", -1), {path: told[path] for path in told if path != "note"}
+    tab.notes.clear()
+    if said is not None:
+        tab.say(**said)
+
+    def found(_message: Any) -> bool:
+        is_new = not parts or tab.state.get("revision", -1) > before
+        noted = "note" not in told or any(told["note"] in note["text"] for note in tab.notes)
+        with contextlib.suppress(IndexError):
+            return is_new and noted and all(part_of(tab.state, path) == parts[path] for path in parts)
+        return False
+
+    try:
+        tab.until(found)
+    except TimeoutError:
+        there = {path: part_of(tab.state, path) for path in parts}
+        pytest.fail(f"{said} leads to {there}, with {tab.notes}, not to {told}")

@@ -13,11 +13,12 @@ from cells import SHAPE, led, loop_in, seen, sheet_cell
 from garment_evidence import blank_view
 
 from flatcloth.active.choosing import Next, choose_next, expected_std_m, free_angles_deg
-from flatcloth.active.ending import End
+from flatcloth.active.ending import End, end_of
 from flatcloth.active.expecting import OtherSide
 from flatcloth.active.goal import (
     Budget,
     Goal,
+    Knowledge,
     doubt_of_kind_m,
     knowledge_of,
     parse_goal,
@@ -44,7 +45,7 @@ from flatcloth.recordings.writer import RecordingWriter
 from flatcloth.session.document import Document
 
 
-def test_a_shape_is_known_when_no_view_adds_enough_and_its_files_lie_in_the_folder(tmp_path: Path) -> None:
+def test_a_shape_is_known_when_no_view_adds_enough_and_each_turn_says_what_it_got(tmp_path: Path) -> None:
     loop = led(loop_in(tmp_path / "out"), sheet_cell(tmp_path / "cell"))
     files = loop.write()
     loop.close()
@@ -55,22 +56,15 @@ def test_a_shape_is_known_when_no_view_adds_enough_and_its_files_lie_in_the_fold
     assert "other_side" in json.loads((tmp_path / "out" / "outcome.json").read_text())  # as ``run`` writes it
     recording = open_recording(tmp_path / "out" / "recording")
     assert 3 <= len(recording) < 12
-    # 300 degrees of a cylinder of 0.1 m radius and 0.3 m height
-    area_m2 = open_session(tmp_path / "out").view.area_m2
-    assert area_m2 == pytest.approx(np.radians(300) * 0.1 * 0.3, rel=0.1)
-
-
-def test_each_turn_says_what_it_expects_and_what_it_got(tmp_path: Path) -> None:
-    loop = led(loop_in(tmp_path / "out"), sheet_cell(tmp_path / "cell"), most=3)
-    assert isinstance(loop.asked, Next)
-    assert "cm2 new" in loop.asked.why
-    loop.close()
     lines = [json.loads(line) for line in (tmp_path / "out" / "active.jsonl").read_text().splitlines()]
     asked = [line for line in lines if line["event"] == "ask"]
     got = [line for line in lines if line["event"] == "view"]
-    assert [line["number"] for line in asked] == [1, 2, 3]
+    assert [line["number"] for line in asked] == list(range(1, len(recording)))
     assert asked[0]["expected"]["new_cm2"] > 0
     assert "cm2 new" in got[1]["got"]
+    # 300 degrees of a cylinder of 0.1 m radius and 0.3 m height
+    area_m2 = open_session(tmp_path / "out").view.area_m2
+    assert area_m2 == pytest.approx(np.radians(300) * 0.1 * 0.3, rel=0.1)
 
 
 def test_a_loop_that_was_killed_goes_on_with_the_next_angle(tmp_path: Path) -> None:
@@ -120,27 +114,22 @@ def test_a_budget_that_is_spent_ends_without_the_goal(tmp_path: Path) -> None:
 # --- what is wrong with a view ---------------------------------------------------------------
 
 
-def test_a_wrong_angle_is_found_by_registration_told_and_not_believed(tmp_path: Path) -> None:
+def test_right_angles_are_believed_and_a_wrong_one_is_found_by_registration_and_told(tmp_path: Path) -> None:
     cell = sheet_cell(tmp_path / "cell", span_deg=200.0)
     loop = led(loop_in(tmp_path / "out"), cell, most=2)
-    true_deg = loop.asked.angle_deg
-    taken = loop.take(replace(seen(cell, true_deg, 2), angle_deg=(true_deg + 40.0) % 360.0))
+    angle_deg = loop.asked.angle_deg
+    assert not any("announced" in text for text in loop.take(seen(cell, angle_deg, 2)).told)
+    assert loop.stands_deg == angle_deg
+    true_deg = loop.asked.angle_deg if isinstance(loop.asked, Next) else 77.0
+    taken = loop.take(replace(seen(cell, true_deg, 3), angle_deg=(true_deg + 40.0) % 360.0))
     assert "agrees with the others at" in taken.told[0]
     assert loop.integration.recording.angles_deg[-1] == pytest.approx(true_deg, abs=3.0)
     loop.close()
 
 
-def test_right_angles_are_believed(tmp_path: Path) -> None:
-    cell = sheet_cell(tmp_path / "cell", span_deg=200.0)
-    loop = led(loop_in(tmp_path / "out"), cell, most=2)
-    for number in (2, 3):
-        angle_deg = loop.asked.angle_deg if isinstance(loop.asked, Next) else 77.0
-        assert not any("announced" in text for text in loop.take(seen(cell, angle_deg, number)).told)
-        assert loop.stands_deg == angle_deg
-    loop.close()
-
-
-def test_a_doubled_view_is_told_and_taken_once(tmp_path: Path) -> None:
+def test_a_doubled_view_is_taken_once_a_late_one_at_its_angle_and_one_that_is_wrong_not(
+    tmp_path: Path,
+) -> None:
     cell = sheet_cell(tmp_path / "cell")
     loop = led(loop_in(tmp_path / "out"), cell, most=2)
     asked = loop.asked
@@ -149,21 +138,6 @@ def test_a_doubled_view_is_told_and_taken_once(tmp_path: Path) -> None:
     assert "is view 1 already" in taken.told[0]
     assert loop.asked == asked
     assert loop.views == 2
-    loop.close()
-
-
-def test_a_late_view_is_told_and_taken_at_its_angle(tmp_path: Path) -> None:
-    cell = sheet_cell(tmp_path / "cell")
-    loop = led(loop_in(tmp_path / "out"), cell, most=2)
-    taken = loop.take(seen(cell, 200.0, 5), answers=1)
-    assert "it comes late" in taken.told[0]
-    assert loop.stands_deg == 200.0
-    loop.close()
-
-
-def test_a_view_of_another_size_or_without_depth_is_refused_and_nothing_is_lost(tmp_path: Path) -> None:
-    cell = sheet_cell(tmp_path / "cell")
-    loop = led(loop_in(tmp_path / "out"), cell, most=2)
     view = seen(cell, 200.0, 2)
     camera = replace(view.intrinsics, width=64)
     narrow = replace(
@@ -184,7 +158,10 @@ def test_a_view_of_another_size_or_without_depth_is_refused_and_nothing_is_lost(
     with pytest.raises(ViewError, match="is not an angle"):
         loop.take(replace(view, angle_deg=float("nan")))
     assert loop.views == 2
-    assert loop.take(view).number == 2
+    taken = loop.take(view, answers=1)
+    assert taken.number == 2
+    assert "it comes late" in taken.told[0]
+    assert loop.stands_deg == 200.0
     loop.close()
 
 
@@ -224,17 +201,33 @@ def test_no_angle_near_a_recorded_one_is_free() -> None:
     assert free.max() <= 353.0
 
 
-def test_a_loop_ends_when_views_all_round_bring_nothing_and_says_where_to_grasp_next(tmp_path: Path) -> None:
-    goal = parse_goal("points:shoulder_left")
-    cell = sheet_cell(tmp_path / "cell")  # no garment: its points cannot be known
-    loop = led(loop_in(tmp_path / "out", goal, views=30), cell, most=30)
-    loop.close()
-    assert isinstance(loop.asked, End)
-    assert not loop.asked.reached
-    assert "cannot be known" in loop.asked.reason
-    assert "Re-grasp" in loop.asked.reason
-    assert loop.views < 30
-    assert loop.asked.hidden == ("shoulder_left",)
+NEXT = Next(angle_deg=60.0, turn_deg=60.0, why="", most_new_m2=0.01)
+LEAST_M2 = 0.002
+
+
+@pytest.mark.parametrize(
+    ("about", "following", "exhausted", "said"),
+    [
+        ("points:shoulder_left", NEXT, False, None),
+        ("points:shoulder_left", NEXT, True, "shoulder_left cannot be known: no angle shows"),
+        ("points:shoulder_left", None, False, "shoulder_left cannot be known: no angle shows"),
+        ("points:shoulder_left", replace(NEXT, hidden=("shoulder_left",)), False, "hidden in a fold"),
+        ("kind", replace(NEXT, most_new_m2=0.001), False, "The kind cannot be known"),
+        ("shape", replace(NEXT, most_new_m2=0.001), False, "expected to add only 10 cm2"),
+        ("shape", replace(NEXT, most_new_m2=float("nan")), False, None),
+        ("shape", NEXT, True, "Views stand all round, and the last ones added less than 20 cm2"),
+    ],
+)  # fmt: skip
+def test_a_loop_ends_when_nothing_is_worth_a_turn_and_says_why(
+    about: str, following: Next | None, exhausted: bool, said: str | None
+) -> None:
+    goal = parse_goal(about)
+    end = end_of(following, "No garment.", Knowledge(views=9), goal, LEAST_M2, is_exhausted=exhausted)
+    assert (end is None) == (said is None)
+    if end is not None:
+        assert (said or "") in end.reason
+        assert end.reached == (about == "shape")
+        assert end.hidden == goal.points
 
 
 def test_a_point_is_as_unsure_as_the_kinds_that_lay_it_elsewhere() -> None:

@@ -65,33 +65,30 @@ def test_opening_a_recording_loads_no_numerics_and_integrating_no_page() -> None
     assert not {"viser", "starlette", "uvicorn", "open3d", "matplotlib"} & integrating
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/api.md"])
-def test_programs_in_the_documentation_run(page: str, tmp_path: Path) -> None:
-    programs = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
-    assert programs
-    for program in programs:
-        assert "import flatcloth" in program
-        few = re.sub(
-            r"(recording = flatcloth.open_recording.*)", r"\1\nrecording = few(recording, 6)", program
-        )
-        run(
-            f"import os, sys; os.chdir({str(tmp_path)!r}); sys.path.append({str(ROOT / 'examples')!r})\n"
-            f"from from_arrays import few\n{few}"
-        )
-    assert (tmp_path / "result" / "outcome.json").exists()
-
-
-def test_the_notebook_runs_from_top_to_bottom_and_keeps_no_output() -> None:
+def test_what_the_documentation_shows_runs(tmp_path: Path) -> None:
+    """Programs of README and docs, on few views, the notebook, and the example: in one process."""
+    pages = [(ROOT / page).read_text() for page in ("README.md", "docs/api.md")]
+    programs = [code for page in pages for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL)]
+    assert len(programs) > 2
+    assert all("import flatcloth" in program for program in programs)
+    few = [
+        re.sub(r"(recording = flatcloth.open_recording.*)", r"\1\nrecording = few(recording, 6)", p)
+        for p in programs
+    ]
     notebook = json.loads((ROOT / "examples" / "flatcloth.ipynb").read_text())
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in cells)
-    program = "\n".join("".join(cell["source"]) for cell in cells)
-    shown = run(f"import matplotlib; matplotlib.use('agg')\n{program}")
-    assert "long_sleeved_shirt" in shown
-
-
-def test_the_example_prints_grasps() -> None:
-    done = subprocess.run(
-        [sys.executable, "examples/from_arrays.py"], cwd=ROOT, capture_output=True, text=True, check=True
+    shown = [
+        "\n".join("".join(cell["source"]) for cell in cells),
+        (ROOT / "examples" / "from_arrays.py").read_text(),
+    ]
+    (tmp_path / "programs.json").write_text(json.dumps([*few, *shown]))
+    said = run(
+        "import json, os, sys, matplotlib; matplotlib.use('agg')\n"
+        f"os.chdir({str(tmp_path)!r}); sys.path.append({str(ROOT / 'examples')!r})\n"
+        "from from_arrays import few\n"
+        "for code in json.load(open('programs.json')): exec(code, {'__name__': '__main__', 'few': few})"
     )
-    assert "approach" in done.stdout
+    assert (tmp_path / "result" / "outcome.json").exists()
+    assert "long_sleeved_shirt" in said
+    assert "approach" in said

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from tiny_recordings import write_recording
 
-from flatcloth.batch import jobs, task_process
+from flatcloth.batch.jobs import garment_columns
 from flatcloth.batch.rows import DONE, write_row
 from flatcloth.batch.tasks import Task, content_signature, quick_signature, slug, tasks_of
 from flatcloth.core.errors import FlatclothError
@@ -141,13 +141,14 @@ def test_a_moved_data_set_is_the_same_content(data: Path, tmp_path: Path) -> Non
     assert content_signature(here, {}) == content_signature(there, {})
 
 
-def test_a_task_whose_worker_was_killed_ends_its_process_and_is_no_failure(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def lost(_share: float, _text: str) -> None:
-        raise BrokenPipeError
-
-    monkeypatch.setattr(jobs, "answer", lambda _question, progress: progress(0.5, "integrating"))
-    with pytest.raises(SystemExit) as ended:
-        task_process._answer({}, lost)
-    assert ended.value.code == 1
+def test_kind_probability_and_dimensions_are_told() -> None:
+    sizes = {"chest_width": {"value": 512, "std": 6}}
+    document = {
+        "kind": "tshirt", "probabilities": {"tshirt": 0.97, "none": 0.03}, "dimensions_mm": sizes,
+    }  # fmt: skip
+    found = garment_columns(document)
+    assert found["garment"] == "tshirt"
+    assert found["garment_probability"] == 0.97
+    assert json.loads(found["dimensions_mm"]) == sizes
+    none = garment_columns({**document, "kind": None, "probabilities": {"none": 0.8, "towel": 0.2}})
+    assert (none["garment"], none["garment_probability"]) == ("none of these", 0.8)

@@ -6,15 +6,19 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import httpx
 import pytest
 from forked_program import forked
 from playwright.sync_api import Browser, ConsoleMessage, Frame, Page, Response, sync_playwright
 
 from benchmarks.browser import CHROMIUM
+from flatcloth.core.config import Config
+from flatcloth.recordings import SourceOptions, open_recording
+from flatcloth.session.store import SessionFolder
 
 ROOT = Path(__file__).parents[2]
 SCREENSHOTS = ROOT / "tests" / "screenshots"
@@ -135,13 +139,49 @@ def program_of() -> Iterator[Callable[[str, Path | None], Program]]:
         program.stop()
 
 
+class SharedProgram(Program):
+    """The program of all tests of a worker: each opens a session of its own, as from the start screen."""
+
+    def __init__(self, root: Path) -> None:
+        super().__init__(f"--root {root}", None)
+        self._root = root
+        self.session: Path | None = None
+
+    def begin(self, recording: str) -> SharedProgram:
+        """Open a new session of a bundled recording."""
+        name = f"session-{len(list(self._root.iterdir()))}"
+        self.session = self._root / name
+        # The check of the recording has tests of its own: elsewhere it would be a second of CPU a test.
+        source = open_recording(ROOT / recording, SourceOptions(as_recorded=True))
+        SessionFolder.open(self.session, source, Config(), "robust").close()
+        page, token = self.url.split("?token=")
+        answer = httpx.post(
+            f"{page}start/open",
+            json={"kind": "folder", "name": name},
+            headers={"Authorization": f"Bearer {token}"},
+            timeout=START_LIMIT_S,
+        )
+        assert answer.status_code == 200, answer.text
+        return self
+
+
+@pytest.fixture(scope="session")
+def shared_program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedProgram]:
+    running = SharedProgram(tmp_path_factory.mktemp("root"))
+    yield running
+    assert running.stop() in (0, 130)
+
+
 @pytest.fixture
 def program(
     request: pytest.FixtureRequest, program_of: Callable[[str, Path], Program], tmp_path: Path
 ) -> Program:
-    # The check of the recording has tests of its own: elsewhere it would be a second of CPU a test.
+    """A new session of a bundled recording; a program of its own, if it is to have options."""
     source = getattr(request, "param", "recordings/shirt-sleeve-clean")
-    return program_of(f"{source} --as-recorded", tmp_path / "session")
+    if "--" in source:
+        return program_of(f"{source} --as-recorded", tmp_path / "session")
+    shared: SharedProgram = request.getfixturevalue("shared_program")
+    return shared.begin(source)
 
 
 class Tab:
@@ -230,6 +270,26 @@ class Tab:
         self.page.mouse.click(at["x"], at["y"])
         self.until(f"flatcloth.state.picks.length === {count + 1}")
         return self.pick()
+
+    def at(self, uv: Sequence[float]) -> tuple[float, float]:
+        """Return where a place of the plane is on the page."""
+        x, y = self.page.evaluate(
+            "([u, v]) => { const at = flatcloth.toScreen(u, v); return [at.x, at.y]; }", list(map(float, uv))
+        )
+        return x, y
+
+    def drawn(self, uv: Sequence[float], reach: int = 0) -> list[list[int]]:
+        """Return the colours (4,) that the canvas shows at a place of the plane and around it."""
+        data = self.page.evaluate(
+            """async ([u, v, reach]) => {
+                await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+                const c = document.getElementById("canvas"), box = c.getBoundingClientRect();
+                const at = flatcloth.toScreen(u, v), size = 2 * reach + 1;
+                const [x, y] = [at.x - box.left, at.y - box.top].map(Math.round);
+                return [...c.getContext("2d").getImageData(x - reach, y - reach, size, size).data]; }""",
+            [*map(float, uv), reach],
+        )
+        return [data[n : n + 4] for n in range(0, len(data), 4)]
 
     def on_proposal(self, x: float, y: float) -> float:
         """Return the x of the nearest place left of (x, y) on the page where the proposal can be taken."""

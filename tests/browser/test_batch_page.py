@@ -88,7 +88,7 @@ def test_axe_finds_nothing(page: Page) -> None:
     assert findings(page) == []
 
 
-def test_rows_are_sorted_filtered_and_scrolled(page: Page) -> None:
+def test_rows_are_sorted_filtered_scrolled_and_reviewed(page: Page) -> None:
     assert first_name(page) == "r0000"  # failures first, then the least reliable
     header = page.locator("th", has_text="area cm")
     header.get_by_role("button").click()
@@ -109,9 +109,7 @@ def test_rows_are_sorted_filtered_and_scrolled(page: Page) -> None:
     expect(page.locator("#shown")).to_have_text("1 of 1000 shown")
     page.locator("#clear").click()
     expect(page.locator("#shown")).to_have_text("1000 of 1000 shown")
-
-
-def test_a_bar_of_a_histogram_keeps_its_results(page: Page) -> None:
+    # A bar of a histogram keeps its results.
     box = page.locator(".histogram", has_text="area")
     label = box.locator("button").nth(3).get_attribute("aria-label") or ""
     count = int(label.rsplit(" ", 1)[1])
@@ -122,9 +120,8 @@ def test_a_bar_of_a_histogram_keeps_its_results(page: Page) -> None:
     expect(box.locator("button[aria-pressed=true]")).to_have_count(4)
     box.locator("button").nth(6).click()
     expect(page.locator("#shown")).not_to_have_text("1000 of 1000 shown")
-
-
-def test_the_queue_goes_from_the_least_reliable_on_and_a_file_tells_the_command(page: Page) -> None:
+    page.locator("#clear").click()
+    # The queue goes from the least reliable on, and a file tells the command.
     page.keyboard.press("j")
     expect(page.locator("#details h2")).to_have_text("r0001")
     page.keyboard.press("j")

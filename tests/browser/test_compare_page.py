@@ -46,32 +46,22 @@ class Cloth:
         image = cv2.imdecode(np.frombuffer(answer.body(), np.uint8), cv2.IMREAD_UNCHANGED)
         return cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA)
 
-    def drawn(self, uv):
-        """Return the colour (4,) that the canvas shows at a place of the plane."""
-        return self._tab.page.evaluate(
-            """async ([u, v]) => {
-                 await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
-                 const c = document.getElementById("canvas"), at = flatcloth.toScreen(u, v);
-                 const box = c.getBoundingClientRect(), r = devicePixelRatio;
-                 const place = [(at.x - box.left) * r, (at.y - box.top) * r].map(Math.round);
-                 return [...c.getContext("2d").getImageData(...place, 1, 1).data]; }""",
-            [float(x) for x in uv],
-        )
-
     def seen(self):
         """Tell whether something is drawn where only A is, where only B is, and where both are."""
-        return [self.drawn(uv)[3] > 0 for uv in (self.only_shape, self.only_proposal, self.both)]
+        return [self._tab.drawn(uv)[0][3] > 0 for uv in (self.only_shape, self.only_proposal, self.both)]
 
 
-@pytest.fixture
-def cloth(open_tab, program):
+def test_shape_and_proposal_are_compared_by_keys_the_wipe_and_their_difference(open_tab, program):
     tab = open_tab().ready()
     tab.step()
-    return tab, Cloth(tab, program.url)
+    at = Cloth(tab, program.url)
+    each_is_shown_alone_by_its_key(tab, at)
+    the_wipe_shows_the_shape_left_of_it_and_the_proposal_right_of_it(tab, at)
+    the_difference_goes_through_color_height_and_position(tab, at)
+    both_values_and_their_difference_are_told_under_the_pointer(tab, at)
 
 
-def test_each_is_shown_alone_by_its_key(cloth):
-    tab, at = cloth
+def each_is_shown_alone_by_its_key(tab, at):
     assert at.seen() == [True, True, True]
     tab.page.keyboard.press(",")
     assert at.seen() == [True, False, True]
@@ -83,10 +73,10 @@ def test_each_is_shown_alone_by_its_key(cloth):
     assert at.seen() == [True, True, True]
     tab.page.keyboard.press("o")
     assert at.seen() == [True, False, True]
+    tab.page.keyboard.press("o")
 
 
-def test_the_wipe_shows_the_shape_left_of_it_and_the_proposal_right_of_it(cloth):
-    tab, at = cloth
+def the_wipe_shows_the_shape_left_of_it_and_the_proposal_right_of_it(tab, at):
     tab.page.keyboard.press("w")
     handle = tab.page.locator(".wipe")
     handle.wait_for()
@@ -98,12 +88,6 @@ def test_the_wipe_shows_the_shape_left_of_it_and_the_proposal_right_of_it(cloth)
         tab.drag((box["x"] + box["width"] / 2, y), (stage["x"] + share * stage["width"], y))
         assert at.seen() == seen
     assert tab.state()["picks"] == []  # dragging the wipe picks nothing
-
-
-def test_the_wipe_goes_by_keys_and_leaves_the_proposal_where_it_is(cloth):
-    tab, _ = cloth
-    tab.page.keyboard.press("w")
-    handle = tab.page.locator(".wipe")
     handle.focus()
     before = int(handle.get_attribute("aria-valuenow"))
     tab.page.keyboard.press("ArrowRight")
@@ -111,10 +95,11 @@ def test_the_wipe_goes_by_keys_and_leaves_the_proposal_where_it_is(cloth):
     assert int(handle.get_attribute("aria-valuenow")) == before + 12
     tab.page.wait_for_timeout(400)  # longer than the pause that ends a gesture of the arrow keys
     assert tab.state()["pending"]["nudge"]["u_mm"] == 0.0
+    tab.page.keyboard.press("w")
+    expect(handle).to_be_hidden()
 
 
-def test_the_difference_goes_through_color_height_and_position_with_legends(cloth):
-    tab, at = cloth
+def the_difference_goes_through_color_height_and_position(tab, at):
     legend = tab.page.locator("#legend h3")
     layers = tab.state()["layers"]
     of = f"{layers['revision']}-{layers['overlay']['revision']}"
@@ -132,18 +117,17 @@ def test_the_difference_goes_through_color_height_and_position_with_legends(clot
         around = np.stack([image[row - 2 : row + 3, col - 2 : col + 3] for image in averaged])
         around = around.reshape(-1, 3).astype(int)
         tab.until(f"flatcloth.differenceShown === '{kind}'")
-        off = np.abs(around - np.array(at.drawn(at.both)[:3])).max(axis=1)
-        assert off.min() <= 40, (kind, around.tolist(), at.drawn(at.both))
+        off = np.abs(around - np.array(tab.drawn(at.both)[0][:3])).max(axis=1)
+        assert off.min() <= 40, (kind, around.tolist(), tab.drawn(at.both))
         tab.shoot(f"compare-difference-{kind}")
     tab.page.keyboard.press("o")
     expect(legend).to_be_hidden()
+    tab.page.keyboard.press("o")
 
 
-def test_both_values_and_their_difference_are_told_under_the_pointer(cloth):
-    tab, at = cloth
+def both_values_and_their_difference_are_told_under_the_pointer(tab, at):
     stage = tab.page.locator("#stage").bounding_box()
-    place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.both])
-    tab.page.mouse.move(place["x"], place["y"])
+    tab.page.mouse.move(*tab.at(at.both))
     table = tab.page.locator("#readout-both")
     expect(table).to_be_visible()
     rows = [
@@ -157,13 +141,11 @@ def test_both_values_and_their_difference_are_told_under_the_pointer(cloth):
     tab.shoot("compare-values")
     assert tab.page.locator("#stage").bounding_box() == stage  # nothing moves under the pointer
     assert table.evaluate("t => t.offsetWidth <= t.parentElement.clientWidth")
-    place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.only_shape])
-    tab.page.mouse.move(place["x"], place["y"])
+    tab.page.mouse.move(*tab.at(at.only_shape))
     expect(table).not_to_be_visible()
     expect(tab.page.locator("#readout")).to_be_visible()
     # Under a pointer that rests, what is decided is no longer compared.
-    place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [float(x) for x in at.both])
-    tab.page.mouse.move(place["x"], place["y"])
+    tab.page.mouse.move(*tab.at(at.both))
     expect(table).to_be_visible()
     tab.accept()
     expect(table).not_to_be_visible()

@@ -10,58 +10,37 @@ from playwright.sync_api import expect
 
 pytestmark = pytest.mark.browser
 
-DRAWN = """async ([u, v]) => {
-    await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
-    const c = document.getElementById("canvas"), box = c.getBoundingClientRect();
-    const at = flatcloth.toScreen(u, v), place = [at.x - box.left, at.y - box.top].map(Math.round);
-    return [...c.getContext("2d").getImageData(place[0] - 1, place[1] - 1, 3, 3).data]; }"""
 
-
-def drawn(tab, uv):
-    """Return the colours (9, 4) that the canvas shows around a place of the plane."""
-    data = tab.page.evaluate(DRAWN, uv)
-    return [data[n : n + 4] for n in range(0, 36, 4)]
-
-
-def asked_why(open_tab, **size):
-    tab = open_tab(**size).ready()
+def test_what_placed_a_proposal_is_told_by_pairs_curves_and_lines(open_tab):
+    tab = open_tab(width=1280, height=800).ready()
     tab.step()
     tab.page.keyboard.press("i")
     tab.until("flatcloth.diagnostics.known !== null")
-    return tab
-
-
-def asked_for_curves(open_tab):
-    tab = asked_why(open_tab)
+    the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(tab)
+    tab.page.keyboard.press("Backspace")
+    tab.until("flatcloth.state.pending.score > 0.75 && !flatcloth.state.drawing")
     tab.page.get_by_label("Curves", exact=True).check()
-    return tab
+    the_corresponding_lines_are_drawn_and_can_be_hidden(tab)
+    columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(tab)
+    a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(tab)
+    # The panel goes with the proposal, and comes back with the next.
+    first = tab.page.evaluate("flatcloth.diagnostics.known.view_index")
+    tab.accept()
+    expect(tab.page.locator("#diagnostics")).to_be_hidden()
+    tab.step()
+    tab.until(f"flatcloth.diagnostics.known.view_index !== {first}")
+    expect(tab.page.locator("#diagnostics h2")).to_have_text(re.compile(r"What placed view \d+"))
 
 
-def test_the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(open_tab):
-    tab = asked_why(open_tab, width=1280, height=800)
-    pairs = tab.page.evaluate("flatcloth.diagnostics.known.pairs")
-    assert pairs["total"] >= len(pairs["residual_mm"]) > 50
-    assert pairs["median_mm"] < 5
-    expect(tab.page.locator(".diagnostics-facts")).to_contain_text(
-        f"{pairs['total']} pairs of points that are the same cloth"
-    )
-    # The residual is that of the two ends on the canvas.
-    (u, v), (x, y) = pairs["shape_uv_m"][7], pairs["placed_uv_m"][7]
-    assert 1000 * math.hypot(x - u, y - v) == pytest.approx(pairs["residual_mm"][7], abs=0.05)
-    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", [u, v])
-    tab.page.mouse.move(at["x"], at["y"])
-    tab.until("flatcloth.diagnostics.pair !== null")
-    expect(tab.page.locator(".diagnostics-column")).to_contain_text("apart on the plane")
-    tab.shoot("diagnostics-pairs")
-    before = max(pairs["residual_mm"])
-    tab.page.locator("#canvas").focus()
-    for _ in range(2):
-        tab.page.keyboard.press("Shift+ArrowRight")
-    tab.until(f"Math.max(...flatcloth.diagnostics.known.pairs.residual_mm) > {before} + 10")
+def the_corresponding_lines_are_drawn_and_can_be_hidden(tab):
+    line = tab.page.evaluate("flatcloth.diagnostics.known.lines.current")
+    shown = tab.drawn(line["point_uv_m"], 1)
+    tab.page.get_by_label("Lines", exact=True).uncheck()
+    assert tab.drawn(line["point_uv_m"], 1) != shown
+    tab.page.get_by_label("Lines", exact=True).check()
 
 
-def test_a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(open_tab):
-    tab = asked_for_curves(open_tab)
+def a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(tab):
     plot = tab.page.locator(".diagnostics-plots canvas")
     box = plot.bounding_box()
     tab.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.6 * box["height"])
@@ -75,20 +54,18 @@ def test_a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(open_
     layers = tab.state()["layers"]
     top = layers["origin_uv_m"][1] - 0.02
     u = (marked / 1000 - du + math.sin(theta) * top) / math.cos(theta)
-    assert max(color[3] for color in drawn(tab, [u, top])) > 0
-    assert max(color[3] for color in drawn(tab, [u + 0.05, top])) == 0
+    assert max(color[3] for color in tab.drawn([u, top], 1)) > 0
+    assert max(color[3] for color in tab.drawn([u + 0.05, top], 1)) == 0
     tab.shoot("diagnostics-column")
 
     on_canvas = [u + 0.03, layers["origin_uv_m"][1] + 0.3]
-    at = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", on_canvas)
-    tab.page.mouse.move(at["x"], at["y"])
+    tab.page.mouse.move(*tab.at(on_canvas))
     tab.until("Number.isFinite(flatcloth.diagnostics.marked.new)")
     there = 1000 * (math.cos(theta) * on_canvas[0] - math.sin(theta) * on_canvas[1] + du)
     assert tab.page.evaluate("flatcloth.diagnostics.marked.current") == pytest.approx(there, abs=3.0)
 
 
-def test_columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(open_tab):
-    tab = asked_for_curves(open_tab)
+def columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(tab):
     tab.page.locator(".diagnostics-plots canvas").focus()
     tab.page.keyboard.press("ArrowRight")
     tab.page.keyboard.press("ArrowRight")
@@ -100,39 +77,22 @@ def test_columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(open_tab):
     assert tab.state()["pending"]["nudge"]["u_mm"] == 0.0
 
 
-def test_the_corresponding_lines_are_drawn_and_can_be_hidden(open_tab):
-    tab = asked_for_curves(open_tab)
-    line = tab.page.evaluate("flatcloth.diagnostics.known.lines.current")
-    shown = drawn(tab, line["point_uv_m"])
-    tab.page.get_by_label("Lines", exact=True).uncheck()
-    assert drawn(tab, line["point_uv_m"]) != shown
-
-
-@pytest.mark.thorough
-@pytest.mark.scene
-def test_strained_edges_are_drawn_on_both_sides_and_go_with_the_panel(open_tab):
-    tab = asked_why(open_tab)
-    visible = (
-        "(window.__viserMutable?.nodeRefFromName['/edges']?.visible"
-        " && window.__viserMutable.nodeRefFromName['/edges'].parent.visible) ?? false"
+def the_pairs_of_cloth_that_fixed_the_place_are_drawn_and_told(tab):
+    pairs = tab.page.evaluate("flatcloth.diagnostics.known.pairs")
+    assert pairs["total"] >= len(pairs["residual_mm"]) > 50
+    assert pairs["median_mm"] < 5
+    expect(tab.page.locator(".diagnostics-facts")).to_contain_text(
+        f"{pairs['total']} pairs of points that are the same cloth"
     )
-    tab.page.get_by_label(re.compile("Strained edges")).check()
-    tab.until("flatcloth.state.edges")
-    edges = tab.page.evaluate("flatcloth.diagnostics.known.edges")
-    assert edges["shape"]["total"] > 1000
-    if edges["shape"]["strain"] or edges["new"]["strain"]:
-        tab.scene.wait_for_function(visible)
-    tab.shoot("diagnostics-edges")
-    tab.page.keyboard.press("i")
-    tab.until("!flatcloth.state.edges")
-    expect(tab.page.locator("#diagnostics")).to_be_hidden()
-
-
-def test_the_panel_goes_with_the_proposal_and_comes_back_with_the_next(open_tab):
-    tab = asked_why(open_tab)
-    first = tab.page.evaluate("flatcloth.diagnostics.known.view_index")
-    tab.accept()
-    expect(tab.page.locator("#diagnostics")).to_be_hidden()
-    tab.step()
-    tab.until(f"flatcloth.diagnostics.known.view_index !== {first}")
-    expect(tab.page.locator("#diagnostics h2")).to_have_text(re.compile(r"What placed view \d+"))
+    # The residual is that of the two ends on the canvas.
+    (u, v), (x, y) = pairs["shape_uv_m"][7], pairs["placed_uv_m"][7]
+    assert 1000 * math.hypot(x - u, y - v) == pytest.approx(pairs["residual_mm"][7], abs=0.05)
+    tab.page.mouse.move(*tab.at([u, v]))
+    tab.until("flatcloth.diagnostics.pair !== null")
+    expect(tab.page.locator(".diagnostics-column")).to_contain_text("apart on the plane")
+    tab.shoot("diagnostics-pairs")
+    before = max(pairs["residual_mm"])
+    tab.page.locator("#canvas").focus()
+    for _ in range(2):
+        tab.page.keyboard.press("Shift+ArrowRight")
+    tab.until(f"Math.max(...flatcloth.diagnostics.known.pairs.residual_mm) > {before} + 10")

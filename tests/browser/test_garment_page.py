@@ -26,11 +26,6 @@ def point(tab, name):
     )
 
 
-def at(tab, uv):
-    place = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", uv)
-    return place["x"], place["y"]
-
-
 def test_the_garment_is_named_held_picked_and_undone(open_tab):
     tab = open_tab(1400, 1000)
     tab.until(FOUND)
@@ -49,9 +44,9 @@ def test_the_garment_is_named_held_picked_and_undone(open_tab):
     tab.until("flatcloth.garment.pointed !== null")
     for _ in range(4):  # the pipe's ends were not seen: the outline goes on there
         tab.page.keyboard.press("-")
-    x, y = at(tab, point(tab, "corner_0")["uv_m"])
+    x, y = tab.at(point(tab, "corner_0")["uv_m"])
     layers = tab.state()["layers"]
-    there = at(tab, [value + 0.01 for value in layers["origin_uv_m"]])
+    there = tab.at([value + 0.01 for value in layers["origin_uv_m"]])
     tab.page.mouse.move(x, y)
     tab.page.mouse.down()
     tab.page.mouse.move(*there, steps=4)
@@ -61,9 +56,10 @@ def test_the_garment_is_named_held_picked_and_undone(open_tab):
     held = point(tab, "corner_0")
     assert held["held"]
     assert held["seen"]
-    assert at(tab, held["uv_m"]) == pytest.approx(there, abs=1.0)
+    assert tab.at(held["uv_m"]) == pytest.approx(there, abs=1.0)
     expect(panel.get_by_role("button", name="held by hand", exact=False)).to_have_count(1)
     tab.shoot("garment-held")
+    assert tab.findings() == []
     # With the keys: arrows move a point of the list.
     row = panel.locator('[data-id="point-corner_1"]')
     row.focus()

@@ -30,8 +30,7 @@ def middle_of(tab, label):
     )
 
 
-def test_a_piece_is_seen_beside_the_shape_told_and_picked(open_tab):
-    tab = open_tab().ready()
+def a_piece_is_seen_beside_the_shape_told_and_picked(tab):
     (piece,) = tab.state()["layers"]["pieces"]
     assert piece["label"] == "B"
     assert 100 < piece["area_cm2"] < 250
@@ -86,15 +85,18 @@ def it_snaps_to_its_ghost(tab, ghost):
     assert laid["u_m"] == pytest.approx(ghost["u_m"], abs=1e-4)
 
 
-def test_a_proposal_lies_by_its_piece_and_a_piece_is_dragged_onto_the_shape_by_hand(
+def test_a_piece_is_seen_beside_the_shape_picked_and_dragged_onto_it_by_hand(
     open_tab, program, tmp_path, request
 ):
     tab = open_tab().ready()
+    a_piece_is_seen_beside_the_shape_told_and_picked(tab)
     tab.step()
     tab.accept()
     (piece,) = tab.state()["layers"]["pieces"]
-    tab.page.locator('[data-id="part-floating"]').click()
-    tab.page.locator('[data-id="floating-B"]').click()
+    if not tab.page.locator('[data-id="floating-B"]').is_visible():
+        tab.page.locator('[data-id="part-floating"]').click()
+    if not tab.page.locator('[data-id="place-B"]').is_visible():
+        tab.page.locator('[data-id="floating-B"]').click()
     tab.page.locator('[data-id="place-B"]').click()
     tab.until("flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
     pending = tab.state()["pending"]
@@ -104,8 +106,8 @@ def test_a_proposal_lies_by_its_piece_and_a_piece_is_dragged_onto_the_shape_by_h
     assert abs(center[0]) < 1.0
     # Dragged to the middle of the shape, it is meant there.
     revision = overlay["revision"]
-    start = tab.page.evaluate("([u, v]) => flatcloth.toScreen(u, v)", center)
-    tab.drag((start["x"], start["y"]), (start["x"] - 60, start["y"] + 40))
+    x, y = tab.at(center)
+    tab.drag((x, y), (x - 60, y + 40))
     tab.until(f"flatcloth.overlayRevision > {revision}")
     moved = tab.state()["layers"]["overlay"]["center_uv_m"]
     assert moved[0] < center[0] - 0.01

@@ -156,14 +156,15 @@ def test_the_minimisation_plays_beside_its_energy(open_lesson):
     assert lesson.fact("Iteration").startswith("0 of")
 
 
-def test_nothing_moves_by_itself_if_that_is_not_wanted(open_lesson):
-    lesson = open_lesson(motion="reduce").open()
-    lesson.go(MINIMISATION)
-    assert lesson.status()["time"] == 0
-
-
-def test_the_sliders_change_what_is_drawn_and_reset_brings_it_back(open_lesson):
-    lesson = open_lesson().open()
+def test_sliders_panes_and_the_search_show_what_they_change(open_lesson):
+    lesson = open_lesson()
+    # Keys of the teaching mode say where they belong.
+    lesson.page.keyboard.press("PageDown")
+    toast = lesson.page.locator(".toast")
+    toast.wait_for()
+    assert "Open the teaching mode first (H)." in toast.inner_text()
+    toast.get_by_role("button", name="Dismiss").click()
+    lesson.open()
     samples = int(lesson.fact("Samples"))
     assert lesson.slide("sampling_interval_px", "ArrowRight") == 14
     assert int(lesson.fact("Samples")) < samples
@@ -180,6 +181,37 @@ def test_the_sliders_change_what_is_drawn_and_reset_brings_it_back(open_lesson):
     overlap_cm2 = lesson.page.evaluate("flatcloth.teaching.shown.parameters.overlap_cm2")
     assert lesson.slide("overlap_cm2", "End") > overlap_cm2
     assert lesson.fact("u_b, A_0") != place
+    # From a flattened pixel to the image.
+    lesson.go(FLATTENED)
+    place = lesson.fact("x, y, z")
+    assert place != "–"
+    lesson.page.locator("#teaching-canvas").focus()
+    lesson.page.keyboard.press("ArrowDown")
+    lesson.page.wait_for_function(
+        "(p) => document.querySelector('#teaching-facts dt[data-name=\"x, y, z\"] + dd').textContent !== p",
+        arg=place,
+    )
+    lesson.page.get_by_role("button", name="Normal").click()
+    lesson.tab.shoot("teaching-normal")
+    # A pane is zoomed, and fitted again.
+    image = "document.getElementById('teaching-canvas').toDataURL()"
+    whole = lesson.page.evaluate(image)
+    for key, same in (("+", False), ("f", True)):
+        drawn = lesson.status()["drawn"]
+        lesson.page.keyboard.press(key)
+        lesson.until(f"t.drawn > {drawn}")
+        assert (lesson.page.evaluate(image) == whole) is same
+    lesson.go(SEARCH)
+    before, after = (float(x) for x in lesson.fact("Score").split("→"))
+    # The search minimises another cost than the score, so the initial estimate may score more.
+    stands = lesson.fact("Proposed") == "the initial estimate"
+    assert after <= before if stands else after >= before
+    assert float(lesson.fact("Shifted by").split()[0]) > 0  # what is tried is followed all the same
+    assert int(lesson.fact("Places tried")) > 5000
+    # Nothing moves by itself if that is not wanted.
+    lesson.go(MINIMISATION)
+    assert lesson.status()["time"] == 0
+    assert lesson.tab.findings() == []
 
 
 @pytest.mark.parametrize("program", ["recordings/shirt-sleeve-clean"], indirect=True, ids=["own"])
@@ -207,52 +239,6 @@ def test_nothing_is_decided_and_leaving_returns_to_where_one_was(open_lesson, tm
     page.keyboard.press("h")
     lesson.until("!t.open")
     lesson.tab.step()  # and the session goes on
-
-
-def test_keys_of_the_teaching_mode_say_where_they_belong(open_lesson):
-    lesson = open_lesson()
-    lesson.page.keyboard.press("PageDown")
-    toast = lesson.page.locator(".toast")
-    toast.wait_for()
-    assert "Open the teaching mode first (H)." in toast.inner_text()
-
-
-def test_the_link_from_a_flattened_pixel_to_the_image(open_lesson):
-    lesson = open_lesson().open()
-    lesson.go(FLATTENED)
-    place = lesson.fact("x, y, z")
-    assert place != "–"
-    lesson.page.locator("#teaching-canvas").focus()
-    lesson.page.keyboard.press("ArrowDown")
-    lesson.page.wait_for_function(
-        "(p) => document.querySelector('#teaching-facts dt[data-name=\"x, y, z\"] + dd').textContent !== p",
-        arg=place,
-    )
-    lesson.page.get_by_role("button", name="Normal").click()
-    lesson.tab.shoot("teaching-normal")
-
-
-def test_a_pane_is_zoomed_and_fitted_again(open_lesson):
-    lesson = open_lesson().open()
-    lesson.go(FLATTENED)
-    image = "document.getElementById('teaching-canvas').toDataURL()"
-    whole = lesson.page.evaluate(image)
-    for key, same in (("+", False), ("f", True)):
-        drawn = lesson.status()["drawn"]
-        lesson.page.keyboard.press(key)
-        lesson.until(f"t.drawn > {drawn}")
-        assert (lesson.page.evaluate(image) == whole) is same
-
-
-def test_the_search_is_followed(open_lesson):
-    lesson = open_lesson().open()
-    lesson.go(SEARCH)
-    before, after = (float(x) for x in lesson.fact("Score").split("→"))
-    # The search minimises another cost than the score, so the initial estimate may score more.
-    stands = lesson.fact("Proposed") == "the initial estimate"
-    assert after <= before if stands else after >= before
-    assert float(lesson.fact("Shifted by").split()[0]) > 0  # what is tried is followed all the same
-    assert int(lesson.fact("Places tried")) > 5000
 
 
 @pytest.mark.parametrize("program", ["--cell"], indirect=True, ids=["cell"])

@@ -211,11 +211,13 @@ def test_app_starts_without_realsense_and_open3d() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_help_offers_every_method_without_loading_the_numerics() -> None:
+def test_help_offers_every_method_without_loading_the_numerics_which_get_one_blas_thread() -> None:
     code = (
-        "import sys\nimport flatcloth.cli\n"
+        "import os, sys; os.environ.pop('OPENBLAS_NUM_THREADS', None)\nimport flatcloth.cli\n"
         "try: flatcloth.cli.main(['run', '--help'])\nexcept SystemExit: pass\n"
-        "assert not {'numpy', 'scipy', 'cv2', 'numba'} & set(sys.modules)"
+        "assert not {'numpy', 'scipy', 'cv2', 'numba'} & set(sys.modules)\n"
+        "assert flatcloth.cli.main(['run', 'no-such-recording', '--out', 'x']) == 2\n"
+        "assert os.environ['OPENBLAS_NUM_THREADS'] == '1'"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -243,42 +245,18 @@ def test_the_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> Non
         assert f"\n    {command} " in told
 
 
-def test_blas_is_told_to_use_one_thread_before_numpy_is_loaded() -> None:
-    script = (
-        "import os, sys; os.environ.pop('OPENBLAS_NUM_THREADS', None); import flatcloth.cli as cli\n"
-        "assert 'numpy' not in sys.modules\n"
-        "try: cli.main(['run', 'no-such-recording', '--out', 'x'])\n"
-        "finally: print(os.environ['OPENBLAS_NUM_THREADS'])"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert done.stdout.strip() == "1", done.stderr
-
-
-def assert_ends_with_its_status(script: str) -> None:
-    """Run a program that does this, then the command; nothing but its own last word is printed."""
-    script += "cli.main = lambda: 3\ncli.run_and_exit()"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (3, "ended\n")
-
-
-def test_what_is_to_be_ended_with_the_program_is_ended_though_a_thread_still_computes() -> None:
+def test_at_its_end_nothing_waits_for_threads_or_takes_apart_what_was_loaded() -> None:
     script = (
         "import atexit, threading, flatcloth.cli as cli\n"
-        "atexit.register(lambda: print('ended', flush=True))\n"
-        "threading.Thread(target=threading.Event().wait, daemon=True).start()\n"
-    )
-    assert_ends_with_its_status(script)
-
-
-def test_at_its_end_the_process_does_not_take_apart_what_it_loaded() -> None:
-    script = (
-        "import atexit, flatcloth.cli as cli\n"
         "class Loaded:\n"
         "    def __del__(self): print('apart', flush=True)\n"
         "loaded = Loaded()\n"
         "atexit.register(lambda: print('ended'))\n"
+        "threading.Thread(target=threading.Event().wait, daemon=True).start()\n"
+        "cli.main = lambda: 3\ncli.run_and_exit()"
     )
-    assert_ends_with_its_status(script)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (3, "ended\n")
 
 
 def test_the_page_is_started_and_stopped_as_a_user_does_it(tmp_path: Path) -> None:

@@ -1,11 +1,11 @@
-"""Decisions about the garment: undone, journaled, bounded; a running computation is not disturbed."""
+"""Decisions about the garment: undone, bounded; a running computation is not disturbed."""
 
 from __future__ import annotations
 
 import dataclasses
 
 import pytest
-from journal_script import after
+from journal_script import CLOTH, after
 
 from flatcloth.core.errors import IllegalDecisionError, OutOfBoundsError
 from flatcloth.session.garment import (
@@ -21,10 +21,8 @@ from flatcloth.session.garment import (
     ReleasePoints,
     SetKind,
 )
-from flatcloth.session.journal import decode, encode
 from flatcloth.session.machine import Redo, Restart, Start, Started, Undo, apply
 
-CLOTH = ClothPlaces(((0.0, 0.1, 0.8), (0.1, 0.1, 0.8), (0.0, 0.2, 0.8)), ((0.0, 0.0), (0.1, 0.0), (0.0, 0.1)))
 HOLD = HoldPoint(HeldPoint("neck_left", (0.2, 0.3), CLOTH))
 PIECE = DecidePiece(PlacedPiece(True, CLOTH, CLOTH, 0.97))
 LINK = DecideLink(DoubtedPart(True, CLOTH, CLOTH, 0.2))
@@ -72,14 +70,6 @@ def test_a_running_computation_goes_on_and_a_restart_keeps_what_was_said() -> No
     started = apply(decided, Started(1, 2))
     assert started.document.start_view == 2
     assert apply(started, Restart(1)).document.garment.kind == "skirt"
-
-
-@pytest.mark.parametrize(
-    "command", [SetKind("shorts"), SetKind(None), HOLD, ReleasePoints(), PIECE, LINK, SEAM]
-)
-def test_the_journal_gives_back_what_was_decided(command) -> None:
-    line, _ = encode(3, command)
-    assert decode(3, line.rstrip(b"\n")).entry == command
 
 
 @pytest.mark.parametrize(

@@ -3,21 +3,36 @@
 from __future__ import annotations
 
 import json
-import logging
 import math
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from journal_script import SCRIPT, idle, opened, played_in, resumed, states
+from journal_script import AGAIN, CLOTH, CUT, SCRIPT, idle, opened, played_in, resumed, states
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import IllegalDecisionError, JournalError
+from flatcloth.core.strokes import ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
-from flatcloth.session.journal import Pick, PickDeleted, PickRenamed
+from flatcloth.session.commands import LeftOut, paint
+from flatcloth.session.garment import (
+    DecidedSeam,
+    DecideLink,
+    DecidePiece,
+    DecideSeam,
+    DoubtedPart,
+    HeldPoint,
+    HoldPoint,
+    PlacedPiece,
+    ReleasePoints,
+    SetKind,
+)
+from flatcloth.session.journal import Pick, PickDeleted, PickRenamed, decode, encode
 from flatcloth.session.machine import (
-    Accept,
+    AcceptAll,
+    Command,
+    Event,
     LeaveOut,
     Nudge,
     Phase,
@@ -25,9 +40,9 @@ from flatcloth.session.machine import (
     Propose,
     Proposed,
     SessionState,
+    Side,
     Start,
     Undo,
-    apply,
 )
 from flatcloth.session.store import SessionFolder
 
@@ -57,75 +72,6 @@ def test_a_new_folder_says_what_the_session_is_about(place: Path) -> None:
     assert folder.picks == ()
 
 
-def unsealed(place: Path, lines: list[bytes]) -> list[bytes]:
-    """The lines as earlier versions wrote them, which also gave sessions no id."""
-    header = json.loads((place / "session.json").read_text())
-    header.pop("id", None)
-    (place / "session.json").write_text(json.dumps(header))
-    return [re.sub(rb',"crc":"[0-9a-f]{8}"', b"", line) for line in lines]
-
-
-def test_a_journal_of_an_earlier_version_opens_and_is_sealed_from_there_on(
-    played: SessionFolder, place: Path
-) -> None:
-    played.close()
-    journal = place / "journal.jsonl"
-    old = b"".join(line + b"\n" for line in unsealed(place, journal.read_bytes().splitlines()))
-    assert b"crc" not in old
-    journal.write_bytes(old)
-    folder = opened(place)
-    assert folder.state == states()[-1]
-    folder.record(Undo())
-    folder.close()
-    opened(place).close()
-    new = journal.read_bytes()
-    assert new.startswith(old)
-    # The first checksum covers the old lines, too.
-    journal.write_bytes(new.replace(b"0.75", b"0.74"))
-    with pytest.raises(JournalError, match=r"line 13 is damaged .its checksum"):
-        opened(place)
-
-
-def test_every_changed_byte_is_noticed(played: SessionFolder, place: Path) -> None:
-    played.close()
-    journal = place / "journal.jsonl"
-    data = journal.read_bytes()
-    rng = np.random.default_rng(1)
-    for _ in range(300):
-        at = int(rng.integers(len(data) - 1))
-        changed = bytearray(data)
-        changed[at] ^= int(rng.integers(1, 256))
-        journal.write_bytes(bytes(changed))
-        with pytest.raises(JournalError, match="is damaged"):
-            opened(place)
-
-
-def test_lines_of_another_session_are_noticed(played: SessionFolder, place: Path) -> None:
-    played.close()
-    lines = (place / "journal.jsonl").read_bytes().splitlines(keepends=True)
-    other = place.with_name("other")
-    played_in(other, (*SCRIPT[:4], Nudge(1, Rigid2(0.2)), *SCRIPT[5:])).close()
-    theirs = (other / "journal.jsonl").read_bytes().splitlines(keepends=True)
-    (place / "journal.jsonl").write_bytes(b"".join([*lines[:7], *theirs[7:]]))
-    with pytest.raises(JournalError, match=r"line 8 is damaged .its checksum"):
-        opened(place)
-
-
-def test_a_name_that_is_no_unicode_is_refused_and_one_of_an_earlier_version_is_mended(place: Path) -> None:
-    folder = opened(place)
-    with pytest.raises(JournalError, match="not Unicode"):
-        folder.add_pick("hem \ud800", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
-    assert folder.picks == ()
-    folder.add_pick("hem \U0001f455", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
-    folder.close()
-    (line,) = unsealed(place, (place / "journal.jsonl").read_bytes().splitlines())
-    old = json.dumps(json.loads(line) | {"name": "hem \ud800 \U0001f455"}).encode() + b"\n"
-    (place / "journal.jsonl").write_bytes(old)
-    folder = opened(place)
-    assert [p.name for p in folder.picks] == ["hem ? \U0001f455"]
-    folder.close()
-
-
 def test_every_line_is_json_with_number_time_and_kind(played: SessionFolder, place: Path) -> None:
     lines = [json.loads(line) for line in (place / "journal.jsonl").read_text().splitlines()]
     assert [line["line"] for line in lines] == list(range(1, len(SCRIPT) + 1))
@@ -134,6 +80,34 @@ def test_every_line_is_json_with_number_time_and_kind(played: SessionFolder, pla
     assert lines[3]["current_from_new"] == {"theta_rad": 0.1, "u_m": 1 / 3, "v_m": -2e-17}
     assert lines[3]["side"] == "right"
     assert lines[7]["score"] is None
+
+
+ALSO = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.5, 0.0)))
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        *AGAIN[:-4],
+        AcceptAll((3, 5), (LeftOut(4, "it shows nothing"),)),
+        Proposed(2, 1, Rigid2(), Side.LEFT, 0.9, also=ALSO, why="It was asked for."),
+        LeaveOut(1, 0, 1),
+        paint(ImageStroke(side="this", view_index=1, points_rc=((1.0, 2.0), (3.0, 4.0)))),
+        paint(SpaceStroke(side="other", points_m=((0.0, 0.1, 0.8),), normals=((0.0, 0.0, -1.0),))),
+        paint(CUT),
+        SetKind("shorts"),
+        SetKind(None),
+        HoldPoint(HeldPoint("neck_left", (0.2, 0.3), CLOTH)),
+        ReleasePoints(),
+        DecidePiece(PlacedPiece(True, CLOTH, CLOTH, 0.97)),
+        DecideLink(DoubtedPart(True, CLOTH, CLOTH, 0.2)),
+        DecideSeam(DecidedSeam(False, CLOTH.points_m)),
+    ],
+    ids=lambda entry: type(entry).__name__,
+)
+def test_the_journal_gives_back_every_kind_of_entry(entry: Command | Event) -> None:
+    line, _ = encode(3, entry)
+    assert decode(3, line.rstrip(b"\n")).entry == entry
 
 
 def test_a_computation_in_flight_is_given_up_on_resuming_and_the_session_goes_on(place: Path) -> None:
@@ -151,38 +125,6 @@ def test_a_computation_in_flight_is_given_up_on_resuming_and_the_session_goes_on
     assert expected.phase is Phase.DECIDING
     folder.close()
     assert resumed(place) == expected
-
-
-def test_a_journal_cut_at_any_byte_resumes_to_what_was_whole(played: SessionFolder, place: Path) -> None:
-    played.close()
-    data = (place / "journal.jsonl").read_bytes()
-    known = states()
-    for end in range(len(data) + 1):
-        (place / "journal.jsonl").write_bytes(data[:end])
-        whole = data[:end].count(b"\n")
-        folder = opened(place)
-        assert folder.state == idle(known[whole])
-        torn = end > 0 and data[end - 1 : end] != b"\n"
-        told = f"{place / 'journal.jsonl'}: the last line is incomplete after a crash and is dropped."
-        assert folder.take_notices() == (told,) * torn, f"cut to {end} bytes"
-        folder.close()
-        kept = (place / "journal.jsonl").read_bytes()
-        assert kept.startswith(data[: data[:end].rfind(b"\n") + 1])
-        assert kept.endswith(b"\n") or kept == b""
-
-
-def test_a_decision_after_a_torn_line_is_legible(
-    played: SessionFolder, place: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    played.close()
-    with (place / "journal.jsonl").open("ab") as file:
-        file.write(b'{"line": 13, "ki')
-    with caplog.at_level(logging.WARNING, "flatcloth.session.store"):
-        folder = opened(place)
-    assert [r.levelname for r in caplog.records] == ["WARNING"]
-    folder.record(Undo())
-    folder.close()
-    assert resumed(place) == apply(states()[-1], Undo())
 
 
 @pytest.mark.parametrize(
@@ -228,14 +170,101 @@ def test_an_illegal_command_and_a_late_answer_leave_no_line(played: SessionFolde
     assert (place / "journal.jsonl").read_bytes() == before
 
 
-def test_numbers_that_cannot_be_read_back_are_refused(place: Path) -> None:
+def test_numbers_and_names_that_cannot_be_read_back_are_refused(place: Path) -> None:
     folder = played_in(place, SCRIPT[:3])
     before = (place / "journal.jsonl").read_bytes()
     with pytest.raises(JournalError, match="not finite"):
         folder.record(Proposed(2, 1, Rigid2(math.nan, 0.0, 0.0)))
+    with pytest.raises(JournalError, match="not Unicode"):
+        folder.add_pick("hem \ud800", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
     assert folder.state == states()[3]
     assert (place / "journal.jsonl").read_bytes() == before
     folder.close()
+
+
+# --- damage -----------------------------------------------------------------------------------------
+
+
+def unsealed(place: Path, lines: list[bytes]) -> list[bytes]:
+    """The lines as earlier versions wrote them, which also gave sessions no id, and said less."""
+    header = json.loads((place / "session.json").read_text())
+    header.pop("id", None)
+    (place / "session.json").write_text(json.dumps(header))
+    older = [re.sub(rb',"crc":"[0-9a-f]{8}"', b"", line) for line in lines]
+    return [re.sub(rb',"(why|also|how)":("[^"]*"|\[\])', b"", line) for line in older]
+
+
+def test_a_journal_of_an_earlier_version_opens_and_is_sealed_from_there_on(
+    played: SessionFolder, place: Path
+) -> None:
+    played.add_pick("hem", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
+    played.close()
+    journal = place / "journal.jsonl"
+    old = b"".join(line + b"\n" for line in unsealed(place, journal.read_bytes().splitlines()))
+    assert not re.search(b"crc|how", old)
+    old = old.replace(b'"hem"', json.dumps("hem \ud800 \U0001f455").encode())
+    journal.write_bytes(old)
+    folder = opened(place)
+    assert folder.state == states()[-1]
+    assert [p.name for p in folder.picks] == ["hem ? \U0001f455"]
+    folder.record(Undo())
+    folder.close()
+    opened(place).close()
+    new = journal.read_bytes()
+    assert new.startswith(old)
+    # The first checksum covers the old lines, too.
+    journal.write_bytes(new.replace(b"0.75", b"0.74"))
+    with pytest.raises(JournalError, match=r"line 14 is damaged .its checksum"):
+        opened(place)
+
+
+def test_every_changed_byte_is_noticed(played: SessionFolder, place: Path) -> None:
+    played.close()
+    journal = place / "journal.jsonl"
+    data = journal.read_bytes()
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        at = int(rng.integers(len(data) - 1))
+        changed = bytearray(data)
+        changed[at] ^= int(rng.integers(1, 256))
+        journal.write_bytes(bytes(changed))
+        with pytest.raises(JournalError, match="is damaged"):
+            opened(place)
+
+
+@pytest.mark.parametrize("mine", [0, 7])
+def test_lines_of_another_session_are_noticed(played: SessionFolder, place: Path, mine: int) -> None:
+    played.close()
+    lines = (place / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    other = place.with_name("other")
+    played_in(other, (*SCRIPT[:4], Nudge(1, Rigid2(0.2)), *SCRIPT[5:])).close()
+    theirs = (other / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    (place / "journal.jsonl").write_bytes(b"".join([*lines[:mine], *theirs[mine:]]))
+    with pytest.raises(JournalError, match=rf"line {mine + 1} is damaged .its checksum"):
+        opened(place)
+
+
+@pytest.mark.parametrize("script", [SCRIPT, AGAIN])
+def test_a_journal_cut_anywhere_resumes_to_what_was_whole_and_goes_on(
+    place: Path, script: tuple[Command | Event, ...]
+) -> None:
+    """As of a program that was killed; of each line the first, the middle and the last bytes are tried."""
+    played_in(place, script).close()
+    data = (place / "journal.jsonl").read_bytes()
+    known, begun = states(script), 0
+    for whole, line in enumerate(data.splitlines(keepends=True)):
+        for length in (0, 1, len(line) // 2, len(line) - 1):
+            (place / "journal.jsonl").write_bytes(data[: begun + length])
+            folder = opened(place)
+            assert folder.state == idle(known[whole])
+            told = f"{place / 'journal.jsonl'}: the last line is incomplete after a crash and is dropped."
+            assert folder.take_notices() == (told,) * (length > 0), f"cut to {begun + length} bytes"
+            folder.record(SetKind("tshirt"))
+            after_cut = folder.state
+            folder.close()
+            assert resumed(place) == after_cut
+            assert (place / "journal.jsonl").read_bytes().startswith(data[:begun])
+        begun += len(line)
 
 
 # --- picks ----------------------------------------------------------------------------------------
@@ -262,18 +291,6 @@ def test_picks_are_added_renamed_deleted_and_restored(place: Path) -> None:
     folder.close()
 
 
-def test_picks_and_decisions_do_not_disturb_each_other(place: Path) -> None:
-    folder = opened(place)
-    for step in SCRIPT:
-        folder.record(step)
-        folder.add_pick("p", np.zeros(3), np.ones(3), 0, (0.0, 0.0))
-    folder.close()
-    folder = opened(place)
-    assert folder.state == states()[-1]
-    assert len(folder.picks) == len(SCRIPT)
-    folder.close()
-
-
 def test_a_pick_that_is_not_in_the_list_is_refused(place: Path) -> None:
     folder = opened(place)
     with pytest.raises(IllegalDecisionError, match="Pick 7 is not in the list"):
@@ -282,10 +299,3 @@ def test_a_pick_that_is_not_in_the_list_is_refused(place: Path) -> None:
         folder.record(PickDeleted(7))
     assert (place / "journal.jsonl").read_bytes() == b""
     folder.close()
-
-
-def test_further_parts_of_a_proposal_come_back_from_the_journal(place: Path) -> None:
-    also = (PlacedPart(1, 2, Rigid2(0.1, 0.2, 0.3)), PlacedPart(0, 1, Rigid2(0.0, 0.5, 0.0)))
-    proposed = Proposed(2, 1, Rigid2(), score=0.9, also=also)
-    played_in(place, (*SCRIPT[:3], proposed, LeaveOut(1, 0, 1), Undo(), Accept(1))).close()
-    assert [a.also for a in resumed(place).document.accepted] == [also]

@@ -6,17 +6,19 @@ import math
 from dataclasses import replace
 
 import pytest
-from journal_script import after
+from journal_script import CUT, THREE, after, at
 
 from flatcloth.core.errors import IllegalDecisionError
+from flatcloth.core.strokes import ImageStroke, SpaceStroke
 from flatcloth.core.types import Rigid2
-from flatcloth.session.commands import LeftOut
+from flatcloth.session.commands import LeftOut, paint
 from flatcloth.session.machine import (
     UNSURE,
     Accept,
     AcceptAll,
     Cancel,
     Command,
+    Document,
     Event,
     Failed,
     Followed,
@@ -24,7 +26,6 @@ from flatcloth.session.machine import (
     NothingMore,
     Nudge,
     Pending,
-    Phase,
     PlacedPart,
     Propose,
     Proposed,
@@ -32,7 +33,9 @@ from flatcloth.session.machine import (
     Reject,
     Reopen,
     Restart,
+    SessionState,
     Side,
+    Skip,
     Start,
     Started,
     TakePart,
@@ -41,212 +44,329 @@ from flatcloth.session.machine import (
     why_illegal,
 )
 
-STARTED = (Start(), Started(1, 2))
-PENDING = (*STARTED, Propose(), Proposed(2, 3, Rigid2(0.1, 0.2, 0.3), Side.LEFT, 0.8))
+Steps = tuple[Command | Event, ...]
 
-
-def test_a_start_waits_for_its_answer() -> None:
-    asked = after(Start(4))
-    assert asked.phase is Phase.COMPUTING
-    assert asked.request is not None
-    assert (asked.request.kind, asked.request.view_index) == ("start", 4)
-    answered = apply(asked, Started(asked.request.token, 4))
-    assert answered.phase is Phase.READY
-    assert answered.document.used_views == {4}
-
-
-def test_a_proposal_waits_for_a_verdict_and_accepting_makes_it_part_of_the_shape() -> None:
-    state = after(*PENDING)
-    assert state.phase is Phase.DECIDING
-    state = apply(state, Accept(3))
-    assert state.phase is Phase.READY
-    assert state.document.used_views == {2, 3}
-    (accepted,) = state.document.accepted
-    assert (accepted.side, accepted.fixed) == (Side.LEFT, False)
-    placed = accepted.current_from_new
-    assert (placed.theta_rad, placed.u_m, placed.v_m) == pytest.approx((0.1, 0.2, 0.3))
-
-
-def test_nudges_add_up_on_the_plane_of_the_current_view_and_mark_the_placement_as_fixed() -> None:
-    first, second = Rigid2(0.0, 0.01, 0.0), Rigid2(math.pi / 2, 0.0, 0.0)
-    state = after(*PENDING, Nudge(3, first), Nudge(3, second), Accept(3))
-    (accepted,) = state.document.accepted
-    assert accepted.fixed
-    expected = second @ (first @ Rigid2(0.1, 0.2, 0.3))
-    assert accepted.current_from_new.apply([1.0, 2.0]) == pytest.approx(expected.apply([1.0, 2.0]))  # type: ignore[arg-type]
-
-
-def test_rejecting_keeps_the_reason_and_the_view_may_still_be_chosen_by_hand() -> None:
-    state = after(*PENDING, Reject(3, "bad depth"))
-    (rejected,) = state.document.rejected
-    assert (rejected.view_index, rejected.reason, rejected.after_accepted) == (3, "bad depth", 0)
-    assert state.document.refused_views == {3}
-    again = apply(apply(state, Propose(3)), Proposed(3, 3, Rigid2()))
-    accepted = apply(again, Accept(3))
-    assert accepted.document.rejected == ()
-
-
-def test_an_unsure_refusal_is_forgotten_once_the_shape_has_grown() -> None:
-    state = after(*PENDING, Reject(3, UNSURE))
-    assert state.document.refused_views == {3}
-    state = apply(apply(state, Propose(4)), Proposed(3, 4, Rigid2()))
-    assert apply(state, Accept(4)).document.refused_views == frozenset()
-
-
-def test_choosing_another_view_drops_the_proposal_and_undo_brings_it_back() -> None:
-    state = after(*PENDING)
-    other = apply(apply(state, Propose(5)), Proposed(3, 5, Rigid2()))
-    assert other.document.pending is not None
-    assert other.document.pending.view_index == 5
-    assert apply(other, Undo()).document == state.document
-
-
-def test_restart_begins_anew_and_undo_brings_everything_back() -> None:
-    state = after(*PENDING, Accept(3))
-    anew = apply(apply(state, Restart(5)), Started(3, 5))
-    assert anew.document.used_views == {5}
-    assert apply(anew, Undo()).document == state.document
-    assert apply(apply(anew, Undo()), Redo()).document == anew.document
-
-
-def test_undo_gives_up_a_running_computation_and_its_late_answer_is_ignored() -> None:
-    state = after(*PENDING, Accept(3), Propose())
-    back = apply(state, Undo())
-    assert back.phase is Phase.DECIDING
-    assert apply(back, Proposed(3, 4, Rigid2())) is back
-
-
-def test_cancel_and_failure_lead_back_to_where_one_can_ask_again() -> None:
-    for end in (Cancel(), Failed(2)):
-        state = after(*STARTED, Propose(), end)
-        assert state.phase is Phase.READY
-        assert why_illegal(state, Propose()) is None
-
-
-def test_the_end_is_told_and_a_view_chosen_by_hand_goes_on() -> None:
-    state = after(*STARTED, Propose(), NothingMore(2, "The turn is complete."))
-    assert state.phase is Phase.FINISHED
-    assert why_illegal(state, Propose()) == "The turn is complete."
-    on = apply(apply(state, Propose(4)), Proposed(3, 4, Rigid2()))
-    assert on.phase is Phase.DECIDING
-    assert apply(on, Undo()).phase is Phase.FINISHED
-
-
-def test_many_views_are_accepted_at_once_and_undone_at_once() -> None:
-    started = after(*STARTED)
-    state = apply(started, AcceptAll((3, 5), (LeftOut(4, "it shows nothing"),)))
-    assert state.document.views_in_order == (2, 3, 5)
-    assert [(r.view_index, r.reason) for r in state.document.rejected] == [(4, "it shows nothing")]
-    assert apply(state, Undo()).document == started.document
-    assert apply(apply(state, Undo()), Redo()).document == state.document
-    # One of them is decided again: it has no placement to go back to, so it is proposed.
-    again = apply(state, Reopen(3))
-    assert again.request is not None
-    assert (again.request.kind, again.request.view_index) == ("propose", 3)
-    assert [later.decision.view_index for later in again.document.later] == [3, 5]
-    pending = apply(again, Proposed(again.request.token, 3, Rigid2()))
-    followed = apply(pending, Reject(3))
-    assert followed.request is not None
-    done = apply(followed, Followed(followed.request.token, 5, Rigid2(), component=-1))
-    assert done.document.views_in_order == (2, 5)
-
-
-@pytest.mark.parametrize(
-    ("views", "reason"),
-    [((3, 3), "twice"), ((2,), "already part"), ((99,), "does not exist"), ((-1,), "does not exist")],
+STARTED, PENDING = THREE[:2], THREE[:4]
+ENDED = (*STARTED, Propose(), NothingMore(2, "The turn is complete."))
+HUNG = (*STARTED, AcceptAll((3, 5), (LeftOut(4, "it shows nothing"),)))
+REOPENED = (*THREE, Reopen(1))
+ASKED_AGAIN = (*REOPENED, Reject(1), Followed(5, 2, at(0.9), 0.1, holds=False, why="It does not fit."))
+SKIPPED = (
+    *PENDING,
+    Skip(1),
+    Propose(2),
+    Proposed(3, 2, at(0.2)),
+    Skip(2),
+    Propose(1),
+    Proposed(4, 1, at(0.1)),
 )
-def test_what_cannot_be_accepted_at_once_is_refused_with_the_reason(
-    views: tuple[int, ...], reason: str
-) -> None:
-    with pytest.raises(IllegalDecisionError, match=reason):
-        apply(after(*STARTED), AcceptAll(views))
+THIS = ImageStroke(side="this", view_index=1, points_rc=((1.0, 2.0), (3.0, 4.0)))
+OTHER = SpaceStroke(side="other", points_m=((0.0, 0.1, 0.8),), normals=((0.0, 0.0, -1.0),))
 
 
-def test_a_proposal_is_decided_before_others_are_accepted_at_once() -> None:
-    with pytest.raises(IllegalDecisionError, match="Decide about view 4 first"):
-        apply(after(*STARTED, Propose(4), Proposed(2, 4, Rigid2())), AcceptAll((5,)))
+def told(state: SessionState) -> str:
+    """What a session waits for, the views of its shape, and what became of the others."""
+    document, request, pending = state.document, state.request, state.document.pending
+    asked = [] if pending is None else [f"{pending.view_index}{' again' if pending.again else ''}"]
+    parts = {
+        "": [str(state.phase)] if request is None else [request.kind, request.view_index],
+        "shape": document.views_in_order,
+        "asks": asked,
+        "rejected": [f"{each.view_index} ({each.reason})" for each in document.rejected],
+        "skipped": [each.view_index for each in document.skipped],
+        "later": [each.decision.view_index for each in document.later],
+        "refused": sorted(document.refused_views - document.later_views),
+        "end:": [document.finished] if document.finished else [],
+        "strokes": [len(document.strokes)] if document.strokes else [],
+    }
+    return "; ".join(" ".join([name, *map(str, words)]).strip() for name, words in parts.items() if words)
+
+
+TOLD: list[tuple[Steps, str]] = [
+    ((Start(4),), "start 4"),
+    ((Start(4), Started(1, 4)), "ready; shape 4"),
+    ((Start(), Started(7, 4)), "start None"),
+    ((*STARTED, Propose()), "propose None; shape 0"),
+    (PENDING, "deciding; shape 0; asks 1"),
+    ((*PENDING, Accept(1)), "ready; shape 0 1"),
+    # A refusal keeps its reason, until the view is chosen by hand.
+    ((*PENDING, Reject(1, "bad depth")), "ready; shape 0; rejected 1 (bad depth); refused 1"),
+    ((*PENDING, Reject(1), Propose(1), Proposed(3, 1, at(0.0)), Accept(1)), "ready; shape 0 1"),
+    # One that was unsure, or skipped, comes again once the shape has grown.
+    ((*PENDING, Reject(1, UNSURE)), "ready; shape 0; rejected 1 (score too low); refused 1"),
+    (
+        (*PENDING, Reject(1, UNSURE), Propose(4), Proposed(3, 4, at(0.0)), Accept(4)),
+        "ready; shape 0 4; rejected 1 (score too low)",
+    ),
+    ((*PENDING, Skip(1)), "ready; shape 0; skipped 1; refused 1"),
+    ((*PENDING, Skip(1), Propose(), Proposed(3, 2, at(0.2)), Accept(2)), "ready; shape 0 2; skipped 1"),
+    ((*SKIPPED, Skip(1)), "ready; shape 0; skipped 2 1; refused 1 2"),
+    ((*SKIPPED, Accept(1)), "ready; shape 0 1; skipped 2"),
+    # Another view is chosen, and undo brings the proposal back.
+    ((*PENDING, Propose(5)), "propose 5; shape 0"),
+    ((*PENDING, Propose(5), Proposed(3, 5, at(0.0)), Undo()), "deciding; shape 0; asks 1"),
+    ((*PENDING, Accept(1), Restart(5)), "start 5"),
+    ((*PENDING, Accept(1), Restart(5), Started(3, 5), Undo()), "ready; shape 0 1"),
+    ((*PENDING, Accept(1), Restart(5), Started(3, 5), Undo(), Redo()), "ready; shape 5"),
+    # What is given up may be asked again; its late answer says nothing.
+    ((*PENDING, Accept(1), Propose(), Undo(), Proposed(3, 4, at(0.0))), "deciding; shape 0; asks 1"),
+    ((*STARTED, Propose(), Cancel()), "ready; shape 0"),
+    ((*STARTED, Propose(), Failed(2), Propose()), "propose None; shape 0"),
+    # After the end a view that is chosen by hand goes on.
+    (ENDED, "finished; shape 0; end: The turn is complete."),
+    ((*ENDED, Propose(4), Proposed(3, 4, at(0.0))), "deciding; shape 0; asks 4"),
+    ((*ENDED, Propose(4), Proposed(3, 4, at(0.0)), Undo()), "finished; shape 0; end: The turn is complete."),
+    ((*THREE, Propose(), NothingMore(5, "All."), Reopen(2)), "deciding; shape 0 1; asks 2 again; later 3"),
+    # Many views at once; one of them has no placement to go back to, so it is proposed again.
+    (HUNG, "ready; shape 0 3 5; rejected 4 (it shows nothing); refused 4"),
+    ((*HUNG, Undo()), "ready; shape 0"),
+    ((*ENDED, AcceptAll((3,))), "ready; shape 0 3"),
+    ((*HUNG, Reopen(3)), "propose 3; shape 0; rejected 4 (it shows nothing); later 3 5; refused 4"),
+    (
+        (*HUNG, Reopen(3), Proposed(2, 3, at(0.0)), Reject(3), Followed(3, 5, at(0.0), component=-1)),
+        "ready; shape 0 5; rejected 4 (it shows nothing) 3 (wrong place); refused 3 4",
+    ),
+    # A reopened view is asked again, and the later ones follow its verdict one by one.
+    (REOPENED, "deciding; shape 0; asks 1 again; later 2 3"),
+    ((*REOPENED, Accept(1, 0.5)), "ready; shape 0 1 2 3"),
+    ((*REOPENED, Nudge(1, at(0.05)), Accept(1)), "follow 2; shape 0 1; later 2 3"),
+    ((*REOPENED, Nudge(1, at(0.05)), Accept(1), Followed(5, 2, at(0.2))), "follow 3; shape 0 1 2; later 3"),
+    ((*REOPENED, Skip(1)), "follow 2; shape 0; skipped 1; later 2 3; refused 1"),
+    (ASKED_AGAIN, "deciding; shape 0; asks 2 again; rejected 1 (wrong place); later 3; refused 1"),
+    (
+        (*ASKED_AGAIN, Skip(2), Followed(6, 3, at(0.3))),
+        "ready; shape 0 3; rejected 1 (wrong place); skipped 2; refused 1",
+    ),
+    ((*ASKED_AGAIN, Undo(), Undo()), "ready; shape 0 1 2 3"),
+    # While views follow, nothing is lost by an undo, a cancelled computation, or another decision.
+    (
+        (*REOPENED, Reject(1), Undo(), Redo(), Propose()),
+        "follow 2; shape 0; rejected 1 (wrong place); later 2 3; refused 1",
+    ),
+    (
+        (*REOPENED, Reject(1), Cancel()),
+        "ready; shape 0; rejected 1 (wrong place); later 2 3; refused 1",
+    ),
+    ((*THREE, Reopen(2), Propose(5), Proposed(5, 5, at(0.5))), "deciding; shape 0 1; asks 5; later 2 3"),
+    ((*THREE, Reopen(2), Propose(5), Proposed(5, 5, at(0.5)), Accept(5)), "follow 2; shape 0 1 5; later 2 3"),
+    ((*THREE, Reopen(3), Reopen(1)), "deciding; shape 0; asks 1 again; later 2 3"),
+    ((*THREE, Reopen(1), Reopen(3)), "deciding; shape 0; asks 3 again; later 1 2"),
+    ((*REOPENED, Propose(3), Proposed(5, 3, at(0.4))), "deciding; shape 0; asks 3 again; later 1 2"),
+    ((*PENDING, Reject(1), Propose(), Proposed(3, 2, at(0.2)), Accept(2), Reopen(1)), "propose 1; shape 0 2"),
+    ((*PENDING, Skip(1), Propose(2), Proposed(3, 2, at(0.2)), Accept(2), Reopen(1)), "propose 1; shape 0 2"),
+    # A stroke changes the views themselves: they follow it, a proposal is dropped, a restart keeps it.
+    ((Start(4), paint(THIS)), "start 4; strokes 1"),
+    ((*PENDING, paint(CUT)), "ready; shape 0; strokes 1"),
+    ((*THREE, paint(THIS)), "follow 1; shape 0; later 1 2 3; strokes 1"),
+    ((*THREE, paint(THIS), Followed(5, 1, at(0.1))), "follow 2; shape 0 1; later 2 3; strokes 1"),
+    ((*REOPENED, paint(OTHER)), "follow 1; shape 0; later 1 2 3; strokes 1"),
+    ((*THREE, paint(OTHER), Undo()), "ready; shape 0 1 2 3"),
+    ((*THREE, paint(OTHER), Restart()), "start None; strokes 1"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("steps", "command", "reason"),
+    ("steps", "expected"), TOLD, ids=lambda given: given if isinstance(given, str) else ""
+)
+def test_a_session_says_what_it_waits_for_and_what_became_of_each_view(steps: Steps, expected: str) -> None:
+    assert told(after(*steps)) == expected
+
+
+@pytest.mark.parametrize(
+    ("steps", "same"),
     [
-        ((), Undo(), "nothing to undo"),
-        ((), Redo(), "nothing to redo"),
-        ((), Cancel(), "Nothing is being computed"),
-        ((), Propose(), "no start view"),
-        ((), Accept(3), "no start view"),
-        ((), Start(6), "View 6 does not exist"),
-        ((), Restart(-1), "View -1 does not exist"),
-        ((Start(),), Start(), "computation is running"),
-        ((Start(),), Propose(), "computation is running"),
-        (STARTED, Start(), "has started"),
-        (STARTED, Propose(2), "already part of the shape"),
-        (STARTED, Accept(3), "no proposal"),
-        (PENDING, Propose(), "Decide about view 3 first"),
-        (PENDING, Accept(4), "it is view 3 now, not 4"),
-        (PENDING, Reject(4), "it is view 3 now, not 4"),
-        (PENDING, Nudge(4, Rigid2()), "it is view 3 now, not 4"),
-        (PENDING, Nudge(3, Rigid2(math.nan, 0, 0)), "finite"),
-        (PENDING, LeaveOut(3, 3, 1), "Part 2 of view 3 is not placed with the proposal"),
-        ((*PENDING, Accept(3)), Accept(3), "no proposal"),  # the second click of a double click
-        ((*PENDING, Accept(3), Propose()), Accept(3), "computation is running"),
+        ((*REOPENED, Accept(1, 0.5)), THREE),
+        ((*THREE, Reopen(3), Reopen(1), Accept(1)), THREE),
+        ((*ASKED_AGAIN, Undo()), REOPENED),
+        ((*ASKED_AGAIN, Undo(), Redo()), ASKED_AGAIN),
+        ((*PENDING, Nudge(1, at(0.05)), TakePart(1, 2, at(0.4)), Undo()), (*PENDING, Nudge(1, at(0.05)))),
     ],
 )
-def test_a_decision_that_is_not_allowed_says_why(
-    steps: tuple[Command | Event, ...], command: Command, reason: str
-) -> None:
+def test_what_is_taken_back_or_decided_the_same_again_is_exactly_as_it_was(steps: Steps, same: Steps) -> None:
+    assert after(*steps).document == after(*same).document
+
+
+@pytest.mark.parametrize(
+    ("steps", "names"),
+    [
+        (REOPENED, ["accept view 1", "accept view 2", "accept view 3", "reopen view 1"]),
+        ((*PENDING, Nudge(1, at(0.05), "fit pairs of"), Skip(1)), ["fit pairs of view 1", "skip view 1"]),
+        ((*PENDING, TakePart(1, 2, at(0.4)), Reject(1)), ["take part 3 of view 1", "reject view 1"]),
+        ((paint(THIS), paint(OTHER)), ["stroke: this side on view 1", "stroke: not this side"]),
+        ((paint(CUT),), ["cut"]),
+        ((*HUNG, Reopen(5)), ["accept 2 views", "reopen view 5"]),
+        ((*PENDING, Propose(5)), ["choose view 5 instead of 1"]),
+        ((*ENDED, Propose(4)), ["go on with view 4"]),
+    ],
+)  # fmt: skip
+def test_decisions_have_names(steps: Steps, names: list[str]) -> None:
+    assert [item.name for item in after(*steps).undo] == names
+
+
+ILLEGAL: list[tuple[Steps, Command, str]] = [
+    ((), Undo(), "nothing to undo"),
+    ((), Redo(), "nothing to redo"),
+    ((*PENDING, Accept(1), Undo(), Skip(1)), Redo(), "nothing to redo"),
+    ((), Cancel(), "Nothing is being computed"),
+    ((), Propose(), "no start view"),
+    ((), Accept(3), "no start view"),
+    ((), Reopen(1), "no start view"),
+    ((), Start(6), "View 6 does not exist"),
+    ((), Restart(-1), "View -1 does not exist"),
+    ((Start(),), Start(), "computation is running"),
+    ((Start(),), Propose(), "computation is running"),
+    (STARTED, Start(), "has started"),
+    (STARTED, Propose(0), "already part of the shape"),
+    (STARTED, Accept(3), "no proposal"),
+    (PENDING, Propose(), "Decide about view 1 first"),
+    (PENDING, Accept(4), "it is view 1 now, not 4"),
+    (PENDING, Reject(4), "it is view 1 now, not 4"),
+    (PENDING, Nudge(4, Rigid2()), "it is view 1 now, not 4"),
+    (PENDING, Nudge(1, Rigid2(math.nan, 0, 0)), "finite"),
+    (PENDING, TakePart(1, 2, Rigid2(math.nan, 0, 0)), "finite"),
+    (PENDING, LeaveOut(1, 3, 1), "Part 2 of view 3 is not placed with the proposal"),
+    ((*PENDING, Accept(1)), Accept(1), "no proposal"),  # the second click of a double click
+    ((*PENDING, Accept(1), Propose()), Accept(1), "computation is running"),
+    (ENDED, Propose(), "The turn is complete."),
+    (STARTED, AcceptAll((3, 3)), "twice"),
+    (STARTED, AcceptAll((3,), (LeftOut(3, ""),)), "twice"),
+    (STARTED, AcceptAll((0,)), "already part"),
+    (STARTED, AcceptAll((99,)), "does not exist"),
+    (STARTED, AcceptAll((-1,)), "does not exist"),
+    (PENDING, AcceptAll((5,)), "Decide about view 1 first"),
+    (STARTED, Reopen(9), "does not exist"),
+    (STARTED, Reopen(0), "is the start view"),
+    (STARTED, Reopen(1), "Nothing was decided about view 1"),
+    (PENDING, Reopen(1), "is the proposal already"),
+    ((*PENDING, Reject(1), Propose(1), Proposed(3, 1, at(0.1))), Reopen(1), "is the proposal already"),
+    ((*THREE, Propose()), Reopen(1), "computation is running"),
+    (STARTED, paint(replace(THIS, view_index=6)), "View 6 does not exist; there are 6 views"),
+]
+
+
+@pytest.mark.parametrize(("steps", "command", "reason"), ILLEGAL)
+def test_a_decision_that_is_not_allowed_says_why(steps: Steps, command: Command, reason: str) -> None:
     state = after(*steps)
+    assert reason in (why_illegal(state, command) or "")
     with pytest.raises(IllegalDecisionError, match=reason):
         apply(state, command)
 
 
-ALSO = (PlacedPart(3, 1, Rigid2(0.0, 0.5, 0.0)), PlacedPart(2, 4, Rigid2(0.0, 0.0, 0.7)))
+# --- where a view lies ------------------------------------------------------------------------------
+
+
+def test_nudges_add_up_on_the_plane_of_the_current_view_and_mark_the_placement_as_fixed() -> None:
+    first, second = Rigid2(0.0, 0.01, 0.0), Rigid2(math.pi / 2, 0.0, 0.0)
+    proposed = Proposed(2, 3, Rigid2(0.1, 0.2, 0.3), Side.LEFT, 0.8)
+    steps = (*STARTED, Propose(), proposed)
+    (as_proposed,) = after(*steps, Accept(3)).document.accepted
+    assert (as_proposed.side, as_proposed.fixed, as_proposed.current_from_new) == (
+        Side.LEFT, False, proposed.current_from_new,
+    )  # fmt: skip
+    (accepted,) = after(*steps, Nudge(3, first), Nudge(3, second), Accept(3)).document.accepted
+    assert accepted.fixed
+    expected = second @ (first @ proposed.current_from_new)
+    assert accepted.current_from_new.apply([1.0, 2.0]) == pytest.approx(expected.apply([1.0, 2.0]))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("by", "moved"),
+    [
+        (Rigid2(1e-9, 4e-5, 1e-17), False),
+        (Rigid2(0.0, 1e-4, 0.0), True),
+        (Rigid2(math.radians(0.1), 0.0, 0.0), True),
+    ],
+)
+def test_a_move_that_the_page_shows_as_none_is_no_placement_by_hand(by: Rigid2, moved: bool) -> None:
+    assert replace(Pending(1, Rigid2()), nudge=by).moved is moved
+
+
+@pytest.mark.parametrize(
+    ("steps", "score"),
+    [
+        ((Accept(1),), 0.9),
+        ((Accept(1, 0.4),), 0.4),
+        ((Nudge(1, at(0.01)), Accept(1, 0.4)), 0.4),
+        ((Nudge(1, at(0.01)), Accept(1)), None),  # that of the proposal is not that of the place
+    ],
+)
+def test_an_accepted_view_keeps_the_score_of_where_it_was_accepted(steps: Steps, score: float | None) -> None:
+    assert after(*PENDING, *steps).document.accepted[0].score == score
+
+
+def test_views_that_follow_a_changed_one_lie_where_they_are_found_and_tell_why_they_are_asked() -> None:
+    pending = after(*REOPENED).document.pending
+    assert pending is not None
+    assert (pending.current_from_new, pending.score) == (at(0.1), 0.9)
+    changed = (*REOPENED, Nudge(1, at(0.05)), Accept(1, 0.6))
+    document = after(*changed, Followed(5, 2, at(0.25), 0.85), Followed(6, 3, at(0.35), math.nan, 2)).document
+    found = [(a.view_index, a.current_from_new.u_m, a.score, a.fixed) for a in document.accepted]
+    assert found == [(1, pytest.approx(0.15), 0.6, True), (2, 0.25, 0.85, False), (3, 0.35, None, False)]
+    assert [a.component for a in document.accepted] == [0, 0, 2]
+    asked = after(*ASKED_AGAIN).document.pending
+    assert asked is not None
+    assert asked.again is not None
+    assert (asked.why, asked.again.decision.current_from_new) == ("It does not fit.", at(0.2))
+    by_hand = after(*REOPENED, Propose(3), Proposed(5, 3, at(0.4), score=0.5)).document.pending
+    assert by_hand is not None
+    assert by_hand.again is not None
+    assert by_hand.again.decision == after(*THREE).document.accepted[2]
+    # Moved by hand once, it is so when it is accepted where it lay.
+    again = (*PENDING, Nudge(1, at(0.05)), Accept(1), Reopen(1), Accept(1))
+    assert after(*again).document.accepted[0].fixed
+
+
+def test_another_part_is_placed_where_it_is_put_and_back_at_its_hypothesis_is_not_moved() -> None:
+    (accepted,) = after(*PENDING, TakePart(1, 2, at(0.4)), Accept(1)).document.accepted
+    assert (accepted.component, accepted.current_from_new.u_m, accepted.fixed) == (
+        2,
+        pytest.approx(0.4),
+        True,
+    )
+    (accepted,) = after(*PENDING, TakePart(1, 2, at(0.1)), Accept(1)).document.accepted
+    assert (accepted.component, accepted.fixed) == (2, False)
+
+
+ALSO = (PlacedPart(3, 1, Rigid2(0.0, 0.5, 0.0)), PlacedPart(0, 4, Rigid2(0.0, 0.0, 0.7)))
 SEVERAL = (*STARTED, Propose(), Proposed(2, 3, Rigid2(0.0, 0.2, 0.0), Side.LEFT, 0.8, also=ALSO))
 
 
-def test_further_parts_are_accepted_with_the_view_they_were_proposed_with() -> None:
-    document = after(*SEVERAL, Accept(3)).document
-    (accepted,) = document.accepted
-    assert accepted.also == ALSO
-    own = {3: {0}, 2: {0}, 1: set()}  # of these, view 2 is the start view
-    for part in ALSO:
-        own[part.view_index].add(part.component)
-    assert {view: document.components_of(view) for view in own} == own
+def placed_with(document: Document) -> tuple[tuple[PlacedPart, ...], frozenset[tuple[int, int]]]:
+    """The further parts of the only accepted view or of the proposal, and what was left out."""
+    of = document.pending or document.accepted[0]
+    return of.also, of.left_out
+
+
+@pytest.mark.parametrize(
+    ("steps", "also", "left_out"),
+    [
+        ((Accept(3),), ALSO, set()),
+        ((Accept(3), Undo()), ALSO, set()),
+        ((Accept(3), Reopen(3)), ALSO, set()),
+        ((TakePart(3, 2, Rigid2()), Accept(3)), (), set()),
+        ((LeaveOut(3, 0, 4),), ALSO[:1], {(0, 4)}),
+        ((LeaveOut(3, 0, 4), Undo()), ALSO, set()),
+        ((LeaveOut(3, 0, 4), Accept(3)), ALSO[:1], {(0, 4)}),
+        ((LeaveOut(3, 0, 4), LeaveOut(3, 3, 1)), (), {(0, 4), (3, 1)}),
+        ((LeaveOut(3, 0, 4), Accept(3), Reopen(3)), ALSO[:1], {(0, 4)}),
+    ],
+)
+def test_further_parts_go_with_the_view_that_they_were_proposed_with(
+    steps: Steps, also: tuple[PlacedPart, ...], left_out: set[tuple[int, int]]
+) -> None:
+    assert placed_with(after(*SEVERAL, *steps).document) == (also, left_out)
+
+
+def test_a_nudge_moves_further_parts_along_and_they_are_parts_of_their_views() -> None:
+    document = after(*SEVERAL, Nudge(3, Rigid2(math.pi / 2, 0.01, 0.0)), Accept(3)).document
+    (moved, _), _ = placed_with(document)
+    assert moved.current_from_new.apply([0.0, 0.0]) == pytest.approx([0.01, 0.5])  # type: ignore[arg-type]
+    assert [document.components_of(view) for view in (0, 1, 3)] == [{0, 4}, set(), {0, 1}]
     assert after(*SEVERAL, Reject(3)).document.accepted == ()
-    assert after(*SEVERAL, Accept(3), Undo()).document.pending == after(*SEVERAL).document.pending
 
 
-def test_a_nudge_moves_further_parts_along_and_taking_another_part_leaves_them() -> None:
-    by = Rigid2(math.pi / 2, 0.01, 0.0)
-    (accepted,) = after(*SEVERAL, Nudge(3, by), Accept(3)).document.accepted
-    assert [p.component for p in accepted.also] == [1, 4]
-    assert accepted.also[0].current_from_new.apply([0.0, 0.0]) == pytest.approx([0.01, 0.5])  # type: ignore[arg-type]
-    (taken,) = after(*SEVERAL, TakePart(3, 2, Rigid2()), Accept(3)).document.accepted
-    assert (taken.component, taken.also) == (2, ())
-
-
-def test_a_reopened_view_has_its_further_parts_again() -> None:
-    reopened = after(*SEVERAL, Accept(3), Reopen(3)).document.pending
-    assert reopened is not None
-    assert reopened.also == ALSO
-
-
-def test_a_further_part_that_is_left_out_waits_and_undo_takes_it_back() -> None:
-    left = after(*SEVERAL, LeaveOut(3, 2, 4))
-    assert left.document.pending is not None
-    assert left.document.pending.also == ALSO[:1]
-    (accepted,) = apply(left, Accept(3)).document.accepted
-    assert (accepted.also, accepted.left_out) == (ALSO[:1], {(2, 4)})
-    assert apply(left, Undo()).document.pending == after(*SEVERAL).document.pending
-    with pytest.raises(IllegalDecisionError, match="Part 5 of view 2 is not placed"):
-        apply(left, LeaveOut(3, 2, 4))
-    reopened = after(*SEVERAL, LeaveOut(3, 2, 4), Accept(3), Reopen(3)).document.pending
-    assert reopened is not None
-    assert (reopened.also, reopened.left_out) == (ALSO[:1], {(2, 4)})
-
-
-def test_a_move_that_the_page_shows_as_none_is_no_placement_by_hand() -> None:
-    pending = Pending(1, Rigid2())
-    assert not replace(pending, nudge=Rigid2(1e-9, 4e-5, 1e-17)).moved
-    assert replace(pending, nudge=Rigid2(0.0, 1e-4, 0.0)).moved
-    assert replace(pending, nudge=Rigid2(math.radians(0.1), 0.0, 0.0)).moved
+def test_what_can_be_reopened_is_not_the_proposal_and_the_shape_depends_on_strokes() -> None:
+    asked = after(*PENDING, Reject(1), Propose(1), Proposed(3, 1, at(0.1)))
+    assert asked.document.reopenable_views == frozenset()
+    assert after(*THREE, Reopen(3)).document.reopenable_views == {1, 2}
+    assert after(*STARTED).document.shape_key != after(*STARTED, paint(THIS)).document.shape_key

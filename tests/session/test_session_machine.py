@@ -284,4 +284,4 @@ class Sessions(RuleBasedStateMachine):
 
 
 TestSessions = Sessions.TestCase
-TestSessions.settings = settings(max_examples=round(0.8 * settings().max_examples), stateful_step_count=50)
+TestSessions.settings = settings(max_examples=round(0.4 * settings().max_examples), stateful_step_count=50)

@@ -86,17 +86,31 @@ def sheet(tmp_path: Path) -> Path:
     return write_obj(tmp_path / "sheet.obj", *arc(300.0, columns=48))
 
 
-def test_the_example_client_turns_until_the_end_and_the_program_ends_with_its_code(
+def test_the_example_client_turns_until_the_end_and_what_becomes_known_is_pushed(
     tmp_path: Path, sheet: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    port = free_port()
-    process = started(tmp_path / "out", sheet, port, "--goal", "shape", "--budget", "3")
-    end = client(monkeypatch).run(f"http://127.0.0.1:{port}")
+    port, events = free_port(), list[dict[str, Any]]()
+    process = started(tmp_path / "out", sheet, port, "--budget", "3")
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    with connect(f"ws://127.0.0.1:{port}/robot/events", additional_headers=headers) as pushed:
+        end = client(monkeypatch).run(f"http://127.0.0.1:{port}")
+        with contextlib.suppress(ConnectionClosed):  # the program ends
+            for text in pushed:
+                events.append(json.loads(text))
     assert "budget of 3 views" in end["reason"]
     assert end["views"] == 3
     assert process.wait(timeout=60) == 1
     assert len(open_recording(tmp_path / "out" / "recording")) == 3
     assert (tmp_path / "out" / "grasps.json").exists()
+    assert (events[0]["type"], events[0]["recording"]) == ("hello", "out")
+    shapes = [event for event in events if event["type"] == "shape"]
+    revisions = [shape["revision"] for shape in shapes]  # of those that were learnt from before the next came
+    assert revisions == sorted(set(revisions))
+    assert shapes[-1] == {**shapes[-1], "revision": 3, "views": [0, 1, 2]}
+    last = [event for event in events if event["type"] == "points"][-1]
+    assert (last["kind"], last["revision"]) == ("towel", 3)
+    names = {point["name"] for point in last["points"]}  # of one end: which is the first one, nothing tells
+    assert names in ({"corner_0", "corner_1"}, {"corner_2", "corner_3"})
 
 
 def test_a_server_that_is_killed_between_two_views_goes_on_with_the_next_angle(
@@ -118,30 +132,6 @@ def test_a_server_that_is_killed_between_two_views_goes_on_with_the_next_angle(
     assert end["views"] == 4
     assert list(open_recording(out / "recording").angles_deg) == angles
     assert processes[1].wait(timeout=60) == 1
-
-
-def test_what_becomes_known_is_pushed_without_a_page(
-    tmp_path: Path, sheet: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    port, events = free_port(), list[dict[str, Any]]()
-    process = started(tmp_path / "out", sheet, port, "--budget", "3")
-    headers = {"Authorization": f"Bearer {TOKEN}"}
-    with connect(f"ws://127.0.0.1:{port}/robot/events", additional_headers=headers) as pushed:
-        client(monkeypatch).run(f"http://127.0.0.1:{port}")
-        with contextlib.suppress(ConnectionClosed):  # the program ends
-            for text in pushed:
-                events.append(json.loads(text))
-    process.wait(timeout=60)
-    assert events[0]["type"] == "hello"
-    assert events[0]["recording"] == "out"
-    shapes = [event for event in events if event["type"] == "shape"]
-    revisions = [shape["revision"] for shape in shapes]  # of those that were learnt from before the next came
-    assert revisions == sorted(set(revisions))
-    assert shapes[-1] == {**shapes[-1], "revision": 3, "views": [0, 1, 2]}
-    last = [event for event in events if event["type"] == "points"][-1]
-    assert (last["kind"], last["revision"]) == ("towel", 3)
-    names = {point["name"] for point in last["points"]}  # of one end: which is the first one, nothing tells
-    assert names in ({"corner_0", "corner_1"}, {"corner_2", "corner_3"})
 
 
 def test_poses_of_named_points_are_pushed_once_at_the_rotation_of_the_item(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from viewer_fakes import MemoryFolder
 from flatcloth.cli import main
 from flatcloth.core.errors import CancelledError
 from flatcloth.engine.integration import Integration
+from flatcloth.export import by_name
 from flatcloth.export.page import page
 from flatcloth.export.session import OpenedSession, open_session
 from flatcloth.recordings import open_recording
@@ -181,7 +182,7 @@ def test_an_export_that_does_not_exist_or_cannot_be_is_one_line(written: Path) -
 @pytest.fixture
 def slow_export(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowExport]:
     slow = SlowExport()
-    made = exports.made
+    made = by_name.made
 
     def slowly(session: OpenedSession, name: str) -> bytes:
         return slow(session) if name == "outline.svg" else made(session, name)

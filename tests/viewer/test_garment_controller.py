@@ -109,14 +109,14 @@ def service():
 class Page:
     """Stands for the session's thread; jobs are done at once."""
 
-    def __init__(self, service) -> None:
+    def __init__(self, service, put=lambda job: job()) -> None:
         self.told = threading.Event()
         self.answers: list[dict] = []
         self.notes: list[tuple[str, str]] = []
         self.heard = threading.Event()
         self.controller = GarmentController(
             service,
-            lambda job: job(),
+            put,
             self.told.set,
             self.tell,
             lambda _: SetKind("towel"),
@@ -198,8 +198,7 @@ def test_the_garment_decides_on_the_page_what_a_run_decides(page, service) -> No
 
 def test_the_garment_decides_nothing_about_a_shape_that_has_changed_or_that_fails(service) -> None:
     jobs: queue.Queue[Any] = queue.Queue()
-    page, made = Page(service), list[Any]()
-    page.controller._put = jobs.put
+    page, made = Page(service, jobs.put), list[Any]()
     try:
         for error, text in ((None, "The shape has changed"), (FlatclothError("Too little."), "Too little.")):
             page.controller.follow(TWO_VIEWS, busy=False)

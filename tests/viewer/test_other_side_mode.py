@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from page_tabs import Tab, get
+from page_tabs import Has, Tab, get, leads_to
 from PIL import Image
 from viewer_fakes import HEIGHT_M, CylinderIntegration, cylinder_view
 
-from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import LaidPiece, Rigid2
 from flatcloth.methods.answers import Canonical, JoinedSides, Seam
 from flatcloth.session.garment import DecideSeam
 from flatcloth.viewer.modes.session import Application
 from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
 
 PLACES = np.stack([np.zeros(40), np.linspace(0.02, HEIGHT_M - 0.02, 40)], axis=1)
 
@@ -70,51 +70,54 @@ def both(server: PageServer, integration: CylinderIntegration) -> Both:
     return made
 
 
-def known(state) -> bool:
-    return bool(state["other"] and state["other"]["layers"] and not state["other"]["working"])
+SHOW = {"type": "other_side"}
 
 
-def turned_over(tab: Tab) -> dict:
+def known(both: Both, **more) -> dict:
+    """What a tab is told when the other side is known."""
+    more = {f"other.{path.replace('__', '.')}": value for path, value in more.items()}
+    return {"other.working": False, "other.layers.area_cm2": pytest.approx(1e4 * both.view.area_m2), **more}
+
+
+def turned_over(tab: Tab, both: Both) -> dict:
     """Ask for the other side and wait until it is known."""
     tab.proposed()
-    tab.say(type="other_side")
-    return tab.state_where(known)
+    leads_to(tab, SHOW, known(both))
+    return tab.state["other"]
 
 
 def test_the_other_side_is_computed_when_it_is_asked_for_and_its_progress_told(server, both):
     both.gate.clear()
     with Tab(server) as tab:
-        state = tab.proposed()
-        assert state["other"]["layers"] is None
+        assert tab.proposed()["other"]["layers"] is None
         assert not both.asked
-        tab.say(type="other_side")
-        state = tab.state_where(lambda s: s["other"]["progress"])
-        assert state["other"]["progress"]["text"] == "flattening view 7"
+        leads_to(tab, SHOW, {"other.progress.text": "flattening view 7"})
+        # A shape that changes meanwhile is not joined.
+        leads_to(tab, {"type": "do", "action": "accept"}, {"step": 2, "drawing": False})
         both.gate.set()
-        state = tab.state_where(known)
-    other = state["other"]
-    assert other["is_related"]
-    assert other["layers"]["area_cm2"] == pytest.approx(1e4 * both.view.area_m2)
-    (seam,) = other["seams"]
+        leads_to(tab, None, known(both, is_related=True))
+        (seam,) = tab.state["other"]["seams"]
     assert (seam["this_piece"], seam["other_piece"], seam["places"]) == ("A", "A", 40)
     assert (seam["this_views"], seam["other_views"]) == ([1], [6])
     assert seam["residual_mm"] == pytest.approx([3.0, 4.6])
+    assert [len(document.accepted) for document in both.asked] == [0, 1]
+    assert [len(document.accepted) for document in both.joined] == [1]
 
 
 def test_why_there_is_no_other_side_is_told_and_the_papers_method_has_none(server, both, integration):
     both.trouble = "Only one side is in the shape: no cloth."
     with Tab(server) as tab:
         tab.proposed()
-        tab.say(type="other_side")
-        tab.state_where(lambda s: s["other"]["text"] == both.trouble and not s["other"]["working"])
+        leads_to(tab, SHOW, {"other.text": both.trouble, "other.working": False})
+        pick = {"type": "pick", "u_m": 0.0, "v_m": 0.1, "sheet": "other"}
+        leads_to(tab, pick, {"note": "The other side is not known"})
         integration.algorithm.joins_sides = False
-        tab.say(type="other_side")
-        tab.state_where(lambda s: s["other"] is None)
+        leads_to(tab, SHOW, {"other": None})
 
 
 def test_its_layers_and_places_are_served_until_another_is_known(server, both):
     with Tab(server) as tab:
-        revision = turned_over(tab)["other"]["revision"]
+        revision = turned_over(tab, both)["revision"]
     image = Image.open(io.BytesIO(get(server, f"/other/{revision}/color.png").content))
     assert image.size == both.view.shape[::-1]
     places = get(server, f"/other/{revision}/places.json").json()
@@ -125,109 +128,61 @@ def test_its_layers_and_places_are_served_until_another_is_known(server, both):
     assert get(server, f"/other/{revision}/color.png?low=2").status_code == 400
 
 
-def test_a_place_of_the_other_side_is_hovered_and_picked_there_with_its_pose(server, both, folder):
+def test_a_place_of_the_other_side_is_hovered_and_picked_there_with_its_pose(server, both):
     row, col = 20, both.view.shape[1] // 2
     u_m, v_m = both.view.uv_from_rc(np.array([row, col])).tolist()
     with Tab(server) as tab:
-        turned_over(tab)
+        turned_over(tab, both)
         tab.say(type="hover", id=3, u_m=u_m, v_m=v_m, sheet="other")
         answer = tab.until(lambda m: m["type"] == "hover")
         np.testing.assert_allclose(answer["shape"]["xyz_mm"], 1e3 * both.view.xyz_m[row, col], atol=1e-3)
-        assert answer["shape"]["view_index"] == 6
-        assert answer["proposal"] is None
-        tab.say(type="pick", u_m=u_m, v_m=v_m, sheet="other")
-        state = tab.state_where(lambda s: s["pick"])
-    assert state["pick"]["side"] == "other"
-    assert state["pick"]["in_shape"]
-    assert state["pick"]["rc"] == [row, col]
-    assert folder.picks[0].side == "other"
-    (grasp,) = get(server, "/robot/grasps").json()["grasps"]
-    assert grasp["side"] == "other"
-    assert grasp["flattened"]["file"] == "flattened-other.npz"
+        assert (answer["shape"]["view_index"], answer["proposal"]) == (6, None)
+        told = {"pick.side": "other", "pick.in_shape": True, "pick.rc": [row, col], "picks.0.side": "other"}
+        leads_to(tab, {"type": "pick", "u_m": u_m, "v_m": v_m, "sheet": "other"}, told)
+        (grasp,) = get(server, "/robot/grasps").json()["grasps"]
+        # A point in space is found on the side that has it.
+        server.application.propose_pick(tuple(both.view.xyz_m[row, col].astype(float).tolist()))
+        leads_to(tab, None, {"pick.id": 2, "pick.side": "other"})
+    assert (grasp["side"], grasp["flattened"]["file"]) == ("other", "flattened-other.npz")
     approach = np.array(grasp["poses"]["held"]["matrix"])[:3, 2]
     np.testing.assert_allclose(approach, -both.view.normal[row, col], atol=1e-3)
 
 
-def test_a_point_in_space_is_found_on_the_side_that_has_it(server, both):
-    with Tab(server) as tab:
-        turned_over(tab)
-        behind = both.view.xyz_m[20, both.view.shape[1] // 2].astype(float)
-        number = server.application.propose_pick(tuple(behind.tolist()))
-        state = tab.state_where(lambda s: s["pick"] and s["pick"]["id"] == number)
-    assert state["pick"]["side"] == "other"
-
-
-def test_a_pick_on_the_other_side_is_kept_while_that_is_not_known(server, both, folder):
+def test_a_pick_on_the_other_side_is_kept_while_that_is_not_known(integration, folder):
     folder.add_pick("behind", np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 6, (3.0, 4.0), "other")
-    server.application._picks.picks = folder.picks
-    with Tab(server) as tab:
-        state = tab.proposed()
-        assert state["picks"][0]["uv_m"] is None
-        tab.say(type="show_pick", id=folder.picks[0].id)
-        state = tab.state_where(lambda s: s["pick"])
-    assert not state["pick"]["in_shape"]
-    assert state["pick"]["grip"] is None
-
-
-def test_without_another_side_a_pick_there_is_refused_in_words(server, both):
-    with Tab(server) as tab:
-        tab.proposed()
-        tab.say(type="pick", u_m=0.0, v_m=0.1, sheet="other")
-        note = tab.until(lambda m: m["type"] == "note")
-    assert "The other side is not known" in note["text"]
+    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
+        assert tab.proposed()["picks"][0]["uv_m"] is None
+        leads_to(tab, {"type": "show_pick", "id": 1}, {"pick.in_shape": False, "pick.grip": None})
 
 
 def test_a_seam_is_cut_undone_and_kept_and_each_is_a_decision(server, both, folder):
     with Tab(server) as tab:
-        revision = turned_over(tab)["other"]["revision"]
-        tab.say(type="decide_seam", revision=revision, index=0, keep=False)
-        state = tab.state_where(lambda s: known(s) and s["other"]["seams"][0]["decided"] == "cut")
-        assert state["other"]["seams"][0]["why"] == "cut by the operator"
-        assert not state["other"]["is_related"]
-        assert state["undo"] == "cut a seam"
-        tab.say(type="do", action="undo")
-        state = tab.state_where(lambda s: known(s) and s["other"]["seams"][0]["decided"] is None)
-        assert state["other"]["is_related"]
-        tab.say(type="decide_seam", revision=state["other"]["revision"], index=0, keep=True)
-        tab.state_where(lambda s: known(s) and s["other"]["seams"][0]["decided"] == "keep")
+
+        def decide(keep: bool, index: int = 0, older: int = 0) -> dict:
+            revision = tab.state["other"]["revision"] - older
+            return {"type": "decide_seam", "revision": revision, "index": index, "keep": keep}
+
+        turned_over(tab, both)
+        leads_to(tab, decide(True, older=1), {"note": "found again"})
+        leads_to(tab, decide(True, index=1), {"note": "no seam 1"})
+        cut = known(both, seams__0__decided="cut", seams__0__why="cut by the operator", is_related=False)
+        leads_to(tab, decide(False), {**cut, "undo": "cut a seam"})
+        undone = known(both, seams__0__decided=None, is_related=True)
+        leads_to(tab, {"type": "do", "action": "undo"}, undone)
+        leads_to(tab, decide(True), known(both, seams__0__decided="keep"))
     decided = [command for command in folder.recorded if isinstance(command, DecideSeam)]
     assert [command.seam.kept for command in decided] == [False, True]
     assert all(3 <= len(command.seam.points_m) <= 40 for command in decided)
 
 
-def test_a_decision_about_seams_that_are_not_shown_any_more_is_refused(server, both):
-    controller = server.application.other
-    with Tab(server) as tab:
-        revision = turned_over(tab)["other"]["revision"]
-    with pytest.raises(FlatclothError, match="found again"):
-        controller.decision(revision - 1, 0, keep=True)
-    with pytest.raises(FlatclothError, match="no seam 1"):
-        controller.decision(revision, 1, keep=True)
-
-
 def test_after_auto_both_sides_are_known_and_a_changed_shape_is_joined_again(server, both):
     with Tab(server) as tab:
-        tab.state_where(lambda s: s["phase"] == "ready")
-        tab.say(type="auto", running=True)
-        state = tab.state_where(lambda s: s["phase"] == "finished" and known(s))
-        first = state["other"]["revision"]
+        tab.ready()
+        leads_to(tab, {"type": "auto", "running": True}, {"phase": "finished", **known(both)})
+        first = tab.state["other"]["revision"]
         tab.say(type="do", action="undo")
-        state = tab.state_where(lambda s: known(s) and s["other"]["revision"] > first)
+        tab.state_where(lambda s: s["other"]["revision"] > first and not s["other"]["working"])
     assert [len(document.accepted) for document in both.asked] == [3, 2]
-
-
-def test_a_shape_that_changed_while_the_other_side_was_integrated_is_not_joined(server, both):
-    both.gate.clear()
-    with Tab(server) as tab:
-        tab.proposed()
-        tab.say(type="other_side")
-        shown = tab.state_where(lambda s: s["other"]["progress"])["layers"]["revision"]
-        tab.say(type="do", action="accept")
-        tab.state_where(lambda s: s["layers"]["revision"] > shown)
-        both.gate.set()
-        tab.state_where(known)
-    assert [len(document.accepted) for document in both.asked] == [0, 1]
-    assert [len(document.accepted) for document in both.joined] == [1]
 
 
 def test_its_seams_are_taught_and_an_example_until_it_is_known(server, both):
@@ -235,7 +190,7 @@ def test_its_seams_are_taught_and_an_example_until_it_is_known(server, both):
     assert b'"is_example":true' in example
     assert b"toofewplacesmeet" in example
     with Tab(server) as tab:
-        turned_over(tab)
+        turned_over(tab, both)
     answer = get(server, "/teaching/seams?revision=1").content
     assert b"'kind': 'error'" not in answer
     assert b'"kind":"seams"' in answer.replace(b" ", b"")
@@ -259,6 +214,5 @@ def test_pieces_that_seams_lay_are_shown_on_the_shape(server, both, integration,
     with Tab(server) as tab:
         state = tab.proposed()
         assert [piece["placed"] for piece in state["layers"]["pieces"]] == [False]
-        tab.say(type="other_side")
-        state = tab.state_where(lambda s: known(s) and s["layers"]["pieces"][0]["placed"])
-    assert "seams" in state["layers"]["pieces"][0]["reason"]
+        placed = {"layers.pieces.0.placed": True, "layers.pieces.0.reason": Has("seams")}
+        leads_to(tab, SHOW, {**known(both), **placed})

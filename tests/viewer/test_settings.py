@@ -7,15 +7,11 @@ import json
 from pathlib import Path
 
 import pytest
-from page_tabs import Tab
-from viewer_fakes import CylinderIntegration, MemoryFolder
 
 from flatcloth.core.config import Config, PlanningConfig
 from flatcloth.core.errors import FlatclothError
 from flatcloth.viewer.protocol.settings import FILE, SETTINGS, Settings, SettingsStore, method_numbers
 from flatcloth.viewer.protocol.state import Choice, Slider
-from flatcloth.viewer.server.app import PageServer
-from flatcloth.viewer.server.workspace import Opened
 
 FIRST = Settings(auto_threshold=0.5)
 
@@ -90,44 +86,3 @@ def test_the_numbers_of_the_method_are_told_with_their_meaning_and_default() -> 
     assert limit["about"]
     assert {name for name, values in Config().to_dict().items() if values} == set(told)
     assert all(v["about"] for values in told.values() for v in values), "a number without its sentence"
-
-
-# --- on the page ----------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def server():
-    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=0) as running:
-        yield running
-
-
-def value(state, name):
-    return state["settings"][name]["value"]
-
-
-def test_a_tab_sets_and_resets_for_all_tabs(server):
-    with Tab(server) as one, Tab(server) as two:
-        one.ready()
-        one.say(type="set", step_mm=5, follow=False)
-        two.state_where(lambda s: value(s, "step_mm") == 5 and not value(s, "follow"))
-        two.say(type="set", reset=True)
-        one.state_where(lambda s: value(s, "step_mm") == 2 and value(s, "follow"))
-        one.say(type="set", step_mm=1000)
-        assert one.note()["text"] == "Arrow key, mm: between 0.1 and 50, not 1000."
-
-
-def test_with_go_on_each_verdict_is_followed_by_the_next_proposal(server):
-    with Tab(server) as tab:
-        tab.proposed()
-        tab.say(type="set", advance=True)
-        tab.say(type="do", action="accept", view_index=1)
-        tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 2)
-        tab.say(type="do", action="skip", view_index=2)
-        tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 3)
-        tab.say(type="do", action="undo")  # taking back is no verdict
-        state = tab.state_where(lambda s: s["redo"])
-        assert state["phase"] == "deciding"
-        tab.say(type="do", action="reopen", view_index=1)
-        tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 1)
-        tab.say(type="do", action="reject", view_index=1)
-        tab.state_where(lambda s: s["pending"] and s["pending"]["view_index"] == 2)

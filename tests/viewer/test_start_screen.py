@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import gc
 import json
 import os
@@ -10,7 +9,6 @@ import threading
 import time
 import weakref
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,6 @@ from page_tabs import WAIT_S, Tab, bearer, get, post
 from viewer_fakes import CylinderIntegration, MemoryFolder
 
 from flatcloth.cli import main
-from flatcloth.commands.opening import _source_options
 from flatcloth.core.config import Config
 from flatcloth.core.errors import RecordingError
 from flatcloth.core.resources import sample_recordings
@@ -31,7 +28,6 @@ from flatcloth.recordings.base import keep_source_options
 from flatcloth.session.header import default_session_folder
 from flatcloth.session.store import SessionFolder
 from flatcloth.viewer.places import Chosen, PlaceError, Places
-from flatcloth.viewer.routes import start
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
@@ -102,12 +98,12 @@ def test_without_a_recording_the_page_is_the_start_screen(empty: PageServer) -> 
 
 
 def test_what_was_open_is_freed_at_the_switch_also_if_its_tab_stays(
-    empty: PageServer, opener: FakeOpener, monkeypatch: pytest.MonkeyPatch
+    empty: PageServer,
 ) -> None:
     gc.disable()  # what waits for the collector stays
     try:
         assert opened(empty, "folder", "a").status_code == 200
-        before = weakref.ref(empty._now)
+        before = weakref.ref(empty.application)
         with Tab(empty) as tab:
             tab.ready()
             assert opened(empty, "folder", "b").status_code == 200
@@ -129,7 +125,7 @@ def test_what_the_command_line_opened_is_freed_at_the_switch(
     freed = []
 
     def switch(server: PageServer) -> None:
-        before = weakref.ref(server._now._opened.integration)
+        before = weakref.ref(server.application)
         assert opened(server, "folder", "b").status_code == 200
         until = time.monotonic() + WAIT_S
         while before() is not None and time.monotonic() < until:
@@ -155,27 +151,6 @@ def test_a_name_that_is_not_utf_8_is_shown_escaped_and_refused_in_words(
         assert answer.status_code in (400, 409)
         assert answer.json()["error"]
     assert opener.asked == []
-
-
-def test_at_most_two_pictures_are_read_at_a_time(empty: PageServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    at_once, most, lock = 0, 0, threading.Lock()
-
-    def read(_source: str) -> bytes:
-        nonlocal at_once, most
-        with lock:
-            at_once += 1
-            most = max(most, at_once)
-        time.sleep(0.05)
-        with lock:
-            at_once -= 1
-        return b"jpeg"
-
-    monkeypatch.setattr(start, "first_picture", read)
-    names = list(sample_recordings())
-    with ThreadPoolExecutor(len(names)) as pool:
-        answers = list(pool.map(lambda name: get(empty, f"/start/picture/example/{name}"), names))
-    assert [a.content for a in answers] == [b"jpeg"] * len(names)
-    assert len(names) > most == start.PICTURES_AT_ONCE
 
 
 def test_what_is_chosen_opens_and_another_takes_its_place(empty: PageServer, opener: FakeOpener) -> None:
@@ -217,14 +192,11 @@ def test_one_is_opened_at_a_time(empty: PageServer, opener: FakeOpener) -> None:
 OUTSIDE = ("..", "../outside", "way-out", "way-out/", "/etc", "a/../../outside", "loop", "no", "\0")
 
 
-@pytest.mark.parametrize("path", OUTSIDE)
-def test_nothing_outside_the_root_is_listed_or_opened(
-    empty: PageServer, opener: FakeOpener, path: str
-) -> None:
-    answer = get(empty, "/start/folder.json?path=" + path.replace("\0", "%00"))
-    assert answer.status_code == 409
-    answer = opened(empty, "folder", path)
-    assert (answer.status_code, opener.asked) == (409, [])
+def test_nothing_outside_the_root_is_listed_or_opened(empty: PageServer, opener: FakeOpener) -> None:
+    for path in OUTSIDE:
+        answer = get(empty, "/start/folder.json?path=" + path.replace("\0", "%00"))
+        assert answer.status_code == 409
+        assert (opened(empty, "folder", path).status_code, opener.asked) == (409, [])
 
 
 def test_a_folder_lists_what_can_be_opened_and_no_way_out(empty: PageServer) -> None:
@@ -243,9 +215,8 @@ def test_without_a_root_no_folder_is_offered(opener: FakeOpener, tmp_path: Path)
         Places(tmp_path / "nothing")
 
 
-@pytest.mark.parametrize(
-    ("body", "told"),
-    [
+def test_malformed_requests_are_answered_400(empty: PageServer) -> None:
+    for body, told in (
         (b"", "not JSON"),
         (b"[" * 3000, "Not understood"),
         (b'{"kind": "planet"}', "Not understood"),
@@ -253,30 +224,22 @@ def test_without_a_root_no_folder_is_offered(opener: FakeOpener, tmp_path: Path)
         (b'{"kind": "folder", "path": "a"}', "Not understood"),
         (b'{"kind": "folder", "name": "' + b"x" * 1001 + b'"}', "Not understood"),
         (b" " * 5000, "longer than"),
-    ],
-)
-def test_malformed_requests_are_answered_400(empty: PageServer, body: bytes, told: str) -> None:
-    answer = post(empty, "/start/open", content=body)
-    assert answer.status_code == 400
-    assert told in answer.json()["error"]
+    ):
+        answer = post(empty, "/start/open", content=body)
+        assert (answer.status_code, told in answer.json()["error"]) == (400, True)
 
 
-@pytest.mark.parametrize(
-    "headers",
-    [
+def test_only_the_operator_s_own_page_may_open(empty: PageServer, opener: FakeOpener) -> None:
+    address = f"http://127.0.0.1:{empty.port}/start"
+    for headers in (
         {"Authorization": "Bearer wrong"}, {"Origin": "http://evil.example"}, {"Host": "evil.example"},
         {"Sec-Fetch-Site": "cross-site"},
-    ],
-    ids=str,
-)  # fmt: skip
-def test_only_the_operator_s_own_page_may_open(
-    empty: PageServer, opener: FakeOpener, headers: dict[str, str]
-) -> None:
-    address = f"http://127.0.0.1:{empty.port}/start"
-    with httpx.Client(headers=bearer(empty) | headers) as client:
+    ):  # fmt: skip
+        client = httpx.Client(headers=bearer(empty) | headers)
         assert client.post(f"{address}/open", json={"kind": "folder", "name": "a"}).status_code == 403
         for path in ("", "/places.json", "/folder.json", "/picture/example/x"):
             assert client.get(f"{address}{path}").status_code == 403
+        client.close()
     assert get(empty, "/start/open").status_code == 409  # only by POST; nothing else is there
     assert opener.asked == []
 
@@ -329,9 +292,9 @@ def test_a_session_knows_what_its_recording_was_opened_with(tmp_path: Path) -> N
         recording = open_recording(source, options)
         SessionFolder.open(root / name, recording, Config(), "robust").close()
     chosen = Places(root).chosen("folder", "inside")
-    given = argparse.Namespace(angles=None, step=None)
-    again = open_recording(chosen.source, _source_options(given, chosen))
-    assert list(again.angles_deg) == list(recording.angles_deg)
+    assert chosen.header is not None
+    again = SourceOptions.from_dict(chosen.header.recording.options, "session.json").again()
+    assert list(open_recording(chosen.source, again).angles_deg) == list(recording.angles_deg)
     with pytest.raises(PlaceError, match=r"outside\.csv lies outside"):
         Places(root).chosen("folder", "beyond")
 
@@ -374,14 +337,6 @@ def test_no_file_outside_the_root_is_read_for_a_session(
     header.write_text(header.read_text().replace("~/secret", "a\\u0000b"))
     with pytest.raises(RecordingError, match="Give the name of a file"):
         Places(root).chosen("folder", "session")
-
-
-def test_what_a_session_is_opened_with_writes_no_camera_file(tmp_path: Path) -> None:
-    recording = open_recording(write_open3d(tmp_path / "scan"), SourceOptions(step_deg=10.0))
-    keep_source_options(recording, {"camera_file": str(tmp_path / "camera.json"), "fov_deg": [60.0, 40.0]})
-    SessionFolder.open(tmp_path / "session", recording, Config(), "robust").close()
-    chosen = Places(tmp_path).chosen("folder", "session")
-    assert _source_options(argparse.Namespace(), chosen).fov_deg is None
 
 
 def test_what_a_source_was_opened_with_is_read_again() -> None:

@@ -14,6 +14,7 @@ import stat
 import subprocess
 import tempfile
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import urljoin
 
@@ -32,7 +33,7 @@ from flatcloth.core.errors import ServerError
 from flatcloth.viewer import http
 from flatcloth.viewer.server import limits
 from flatcloth.viewer.server.app import PageServer, serve
-from flatcloth.viewer.server.guard import is_loopback, kept_token
+from flatcloth.viewer.server.guard import given_token, is_loopback, kept_token
 from flatcloth.viewer.server.workspace import Opened
 
 
@@ -69,20 +70,19 @@ def test_the_page_and_visers_page_are_served(server):
     assert "<html" in get(server, "/viser/").text
 
 
-@pytest.mark.parametrize(
-    "path",
-    ["/static/../pyproject.toml", "/static/%2e%2e/pyproject.toml", "/static/..%2fpyproject.toml",
-     "/viser/../pyproject.toml", "/viser/%2e%2e/x", "/static//etc/passwd", "/pyproject.toml"],
-)  # fmt: skip
-def test_files_outside_the_page_cannot_be_had(server, path):
-    assert status(ask(server, request(server, path))) == 404
+def test_files_outside_the_page_cannot_be_had(server):
+    for path in (
+        "/static/../pyproject.toml", "/static/%2e%2e/pyproject.toml", "/static/..%2fpyproject.toml",
+        "/viser/../pyproject.toml", "/viser/%2e%2e/x", "/static//etc/passwd", "/pyproject.toml",
+    ):  # fmt: skip
+        assert status(ask(server, request(server, path))) == 404
 
 
-@pytest.mark.parametrize("path", ["/ws", "/viser"])
-def test_sockets_of_foreign_pages_are_refused(server, path):
-    for origin in ("http://evil.example", "null", f"http://127.0.0.1:{server.port + 1}"):
-        with pytest.raises((InvalidStatus, ConnectionClosed)):
-            greet(server, path, origin=origin)
+def test_sockets_of_foreign_pages_are_refused(server):
+    for path in ("/ws", "/viser"):
+        for origin in ("http://evil.example", "null", f"http://127.0.0.1:{server.port + 1}"):
+            with pytest.raises((InvalidStatus, ConnectionClosed)):
+                greet(server, path, origin=origin)
 
 
 def test_a_socket_without_an_origin_needs_the_token_as_a_header_and_is_told_so(server):
@@ -120,35 +120,40 @@ def test_no_port_but_the_page_s_is_opened(server):
             connect(f"ws://127.0.0.1:{port}", subprotocols=[f"viser-v{version}"], open_timeout=2) as opened,
         ):
             opened.recv(timeout=2)
-    mode = server._now.scene.path.parent.stat().st_mode
-    assert stat.S_IMODE(mode) == 0o700
 
 
-def test_the_socket_file_goes_with_the_server(integration, folder):
-    with PageServer(Opened(integration, folder), port=0) as server:
-        path = server._now.scene.path
-        assert path.exists()
-    assert not path.parent.exists()
+@pytest.fixture
+def temporary(monkeypatch):
+    """Where temporary files go: a name that leaves room for that of a socket."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as place:
+        monkeypatch.setattr(tempfile, "tempdir", place)
+        yield Path(place)
 
 
-def test_socket_folders_of_programs_that_were_killed_are_removed(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+def socket_folders(place):
+    return set(place.glob(f"flatcloth-scene-{os.getpid()}-*"))
+
+
+def test_the_socket_file_goes_with_the_server_and_those_of_killed_programs_are_removed(temporary):
     ended = subprocess.Popen(["true"])
     ended.wait()
-    left, running = (tmp_path / f"flatcloth-scene-{pid}-x" for pid in (ended.pid, os.getppid()))
+    left, running = (temporary / f"flatcloth-scene-{pid}-x" for pid in (ended.pid, os.getppid()))
     for folder in (left, running):
         folder.mkdir()
         (folder / "viser").touch()
     with PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=0):
+        (own,) = socket_folders(temporary)
+        assert stat.S_IMODE(own.stat().st_mode) == 0o700
         assert not left.exists()
         assert running.exists()
+    assert not own.exists()
 
 
-def test_a_server_that_is_terminated_leaves_no_files(monkeypatch, capsys, tmp_path):
+def test_a_server_that_is_terminated_leaves_no_files(monkeypatch, temporary, tmp_path):
     places = []
 
-    def terminated(self):
-        places.append(self._now.scene.path.parent)
+    def terminated(_server):
+        places.extend(socket_folders(temporary))
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(WAIT_S)
 
@@ -247,12 +252,36 @@ def test_the_token_stays_the_user_s_own_over_a_restart(state_home):
     assert other.read_text() == "x" * 40 + "\n"
 
 
-@pytest.mark.parametrize("path", ["//evil.example/", "//evil.example", "/\\evil.example", "/static/"])
-def test_the_token_leads_to_the_page_and_nowhere_else(server, path):
-    answer = ask(server, request(server, f"{path}?token={server.token}", token=False))
-    assert status(answer) == 303
-    where = re.search(rb"location: (\S+)", answer.lower())[1].decode()
-    assert urljoin(f"http://page{path}?x", where).partition("?")[0] == "http://page/"
+def test_the_token_of_a_file_is_made_once_and_read_again(tmp_path):
+    file = tmp_path / "token"
+    made = given_token(file)
+    assert made is not None
+    assert given_token(file) == made
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    with PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=0, token=made) as server:
+        assert get(server, "/").status_code == 200
+        assert server.url.endswith(f"?token={made}")
+
+
+def test_the_token_of_the_environment_is_taken_unless_a_file_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("FLATCLOTH_TOKEN", "e" * 32)
+    assert given_token(None) == "e" * 32
+    (tmp_path / "token").write_text("f" * 40)
+    assert given_token(tmp_path / "token") == "f" * 40
+    for weak in ("", "short", "e" * 31, "ä" * 40, "e" * 32 + " "):
+        monkeypatch.setenv("FLATCLOTH_TOKEN", weak)
+        with pytest.raises(ServerError, match="FLATCLOTH_TOKEN: not a token; give 32 to 64"):
+            given_token(None)
+    with pytest.raises(ServerError, match="no token can be kept here"):
+        given_token(tmp_path)
+
+
+def test_the_token_leads_to_the_page_and_nowhere_else(server):
+    for path in ("//evil.example/", "//evil.example", "/\\evil.example", "/static/"):
+        answer = ask(server, request(server, f"{path}?token={server.token}", token=False))
+        assert status(answer) == 303
+        where = re.search(rb"location: (\S+)", answer.lower())[1].decode()
+        assert urljoin(f"http://page{path}?x", where).partition("?")[0] == "http://page/"
 
 
 def test_pages_of_other_sites_cannot_ask_for_anything(server):
@@ -275,9 +304,8 @@ def test_every_answer_says_that_only_the_page_may_use_it(server):
     assert b"cross-origin-resource-policy" in ask(server, request(server, token=False)).lower()
 
 
-@pytest.mark.parametrize(
-    ("path", "host", "headers"),
-    [
+def test_what_no_browser_sends_is_answered_400(server, caplog):
+    cases = [
         ("/", "[::1", {}),
         ("/", "[]", {}),
         ("/", "a b", {}),
@@ -295,10 +323,9 @@ def test_every_answer_says_that_only_the_page_may_use_it(server):
         ("/?" + "x" * 3000, None, {}),
         ("/%00", None, {}),
         ("/a%0d%0ab", None, {}),
-    ],
-)
-def test_what_no_browser_sends_is_answered_400(server, path, host, headers, caplog):
-    assert status(ask(server, request(server, path, host=host, **headers))) == 400
+    ]
+    for path, host, headers in cases:
+        assert status(ask(server, request(server, path, host=host, **headers))) == 400
     assert not [r for r in caplog.records if r.exc_info]
 
 
@@ -419,20 +446,16 @@ def test_logs_are_limited_while_the_page_is_served_and_not_afterwards(monkeypatc
     assert [list(handler.filters) for handler in handlers] == before
 
 
-def test_a_busy_port_is_one_clear_line(server):
-    with pytest.raises(ServerError, match=f"Cannot serve at 127.0.0.1:{server.port} .*--port"):
-        PageServer(Opened(CylinderIntegration(), MemoryFolder()), port=server.port)
+def test_a_port_or_a_host_that_cannot_be_had_is_one_clear_line(server):
+    for host, port, told in (
+        ("127.0.0.1", server.port, f"Cannot serve at 127.0.0.1:{server.port} .*--port"),
+        ("no-such-host.invalid", 0, "no-such-host.invalid"),
+        ("192.0.2.1", 0, "192.0.2.1"),
+    ):
+        with pytest.raises(ServerError, match=told):
+            PageServer(Opened(CylinderIntegration(), MemoryFolder()), host=host, port=port)
 
 
-@pytest.mark.parametrize("host", ["no-such-host.invalid", "192.0.2.1"])
-def test_a_host_that_cannot_be_bound_is_one_clear_line(host):
-    with pytest.raises(ServerError, match=host):
-        PageServer(Opened(CylinderIntegration(), MemoryFolder()), host=host, port=0)
-
-
-@pytest.mark.parametrize(
-    ("host", "expected"),
-    [("127.0.0.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("cell-3", False)],
-)
-def test_loopback_is_known(host, expected):
-    assert is_loopback(host) is expected
+def test_loopback_is_known():
+    assert all(map(is_loopback, ("127.0.0.1", "::1", "localhost")))
+    assert not any(map(is_loopback, ("0.0.0.0", "cell-3")))

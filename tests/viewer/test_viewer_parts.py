@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -15,8 +16,22 @@ from flatcloth.rendering.colormaps import (
     view_colors,
 )
 from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, legends, rgba
-from flatcloth.session.machine import Accept, Propose, Proposed, SessionState, Start, Started, apply
-from flatcloth.viewer.protocol.actions import ACTIONS, REJECT_REASONS
+from flatcloth.session.machine import (
+    Accept,
+    NothingMore,
+    Propose,
+    Proposed,
+    Reject,
+    Reopen,
+    Restart,
+    SessionState,
+    Skip,
+    Start,
+    Started,
+    Undo,
+    apply,
+)
+from flatcloth.viewer.protocol.actions import ACTIONS
 from flatcloth.viewer.protocol.allowed import action_table, command_of
 from flatcloth.viewer.protocol.picture import values_at
 
@@ -24,20 +39,10 @@ AXIS = CylinderRecording().rotation_axis
 # Keys that browsers keep for themselves, or that move the focus.
 RESERVED = {
     "Tab",
-    "F1",
-    "F3",
-    "F5",
-    "F6",
-    "F11",
-    "F12",
-    "Ctrl+t",
-    "Ctrl+w",
-    "Ctrl+n",
-    "Ctrl+r",
-    "Ctrl+l",
-    "Ctrl+f",
     "Enter",
     " ",
+    *(f"F{n}" for n in (1, 3, 5, 6, 11, 12)),
+    *(f"Ctrl+{key}" for key in "twnrlf"),
 }
 
 
@@ -57,13 +62,6 @@ def test_every_action_has_a_name_of_its_own_and_explains_itself():
     assert all(a.description.endswith(".") for a in ACTIONS)
 
 
-def test_the_table_says_why_not():
-    table = {a.name: a.why_not for a in action_table(SessionState(n_views=3))}
-    assert "undo" in table["undo"]
-    assert table["restart"] is None
-    assert "step first" in table["left"]
-
-
 def test_each_mode_says_that_the_others_actions_are_not_its_own():
     session = {a.name: a for a in action_table(SessionState(n_views=3))}
     camera = {a.name: a for a in action_table(None)}
@@ -75,20 +73,73 @@ def test_each_mode_says_that_the_others_actions_are_not_its_own():
     assert camera["layer_stretch"].why_not is None
 
 
-def test_a_step_of_a_session_without_start_view_is_its_start():
-    state = SessionState(n_views=3)
-    assert command_of("step", state, {}) == Start()
-    assert command_of("view", state, {"view_index": 2}) == Start(2)
-    state = apply(apply(state, Start()), Started(1, 0))
-    assert command_of("step", state, {}) == Propose()
-    state = apply(apply(state, Propose()), Proposed(2, 1, Rigid2()))
-    assert command_of("accept", state, {}) == Accept(1)
-    assert command_of("reject", state, {}).reason in REJECT_REASONS
+STARTED = (Start(), Started(1, 0))
+PENDING = (*STARTED, Propose(), Proposed(2, 1, Rigid2()))
+TWO = (*PENDING, Accept(1), Propose(), Proposed(3, 2, Rigid2()), Accept(2))
 
 
-def test_the_height_map_grows_lighter_all_the_way():
-    assert np.all(np.diff(luma(MAPS["sequential"].table())) > -1.0)
-    assert luma(MAPS["sequential"].table())[-1] - luma(MAPS["sequential"].table())[0] > 150
+def state_after(*steps):
+    return reduce(apply, steps, SessionState(n_views=3))
+
+
+@pytest.mark.parametrize(
+    ("steps", "name", "said"),
+    [
+        ((), "restart", None),
+        ((), "capture_keep", "--camera"),
+        ((), "left", "step first"),
+        (PENDING, "left", None),
+        (PENDING, "lowest_score", "No view has been accepted yet."),
+        ((*PENDING, Reject(1)), "lowest_score", "No view has been accepted yet."),
+        ((*PENDING, Accept(1)), "lowest_score", None),
+        (PENDING, "reopen", "There is no decision to reopen."),
+        ((*PENDING, Reject(1)), "reopen", None),
+        ((*PENDING, Accept(1), Propose()), "reopen", "computation is running"),
+        (PENDING, "auto", None),
+        ((*STARTED, Propose(), NothingMore(2, "No view is left.")), "auto", "No view is left."),
+        (TWO, "undo", None),
+        (TWO, "redo", "nothing to redo"),
+    ],
+)
+def test_the_table_says_why_an_action_is_not_allowed_now(steps, name, said):
+    why_not = next(a.why_not for a in action_table(state_after(*steps)) if a.name == name)
+    assert why_not is None if said is None else said in why_not
+
+
+def test_undo_and_redo_name_the_decision_that_they_are_about():
+    table = {a.name: a.description for a in action_table(state_after(*TWO, Undo(), Undo()))}
+    assert table["redo"] == "Redo: accept view 1."
+    assert next(a.description for a in action_table(state_after(*TWO)) if a.name == "undo") == (
+        "Undo: accept view 2."
+    )
+
+
+@pytest.mark.parametrize(
+    ("steps", "name", "given", "command"),
+    [
+        ((), "step", {}, Start()),
+        ((), "view", {"view_index": 2}, Start(2)),
+        (STARTED, "step", {}, Propose()),
+        (STARTED, "view", {"view_index": 2}, Propose(2)),
+        (STARTED, "accept", {}, Accept(-1)),
+        (STARTED, "reopen", {}, Reopen(-1)),
+        (STARTED, "restart", {"view_index": 2}, Restart(2)),
+        (PENDING, "accept", {"score": 0.5}, Accept(1, 0.5)),
+        (PENDING, "accept", {"view_index": 2}, Accept(2)),
+        (PENDING, "skip", {}, Skip(1)),
+        (PENDING, "reject", {}, Reject(1, "wrong place")),
+        (PENDING, "reject", {"view_index": 2, "reason": "bad depth"}, Reject(2, "bad depth")),
+    ],
+)
+def test_an_action_is_the_command_that_it_means_now(steps, name, given, command):
+    assert command_of(name, state_after(*steps), given) == command
+
+
+@pytest.mark.parametrize(("name", "sign"), [("sequential", 1), ("loss", -1)])
+def test_a_map_grows_lighter_or_darker_all_the_way(name, sign):
+    light = sign * luma(MAPS[name].table())
+    assert np.all(np.diff(light) > -1.0)
+    assert light[-1] - light[0] > 150
 
 
 def test_the_diverging_map_is_lightest_in_the_middle_and_its_ends_differ_in_hue():
@@ -98,19 +149,11 @@ def test_the_diverging_map_is_lightest_in_the_middle_and_its_ends_differ_in_hue(
     assert table[-1, 0] > table[-1, 2] + 60
 
 
-def test_the_map_of_losses_grows_darker_all_the_way():
-    assert np.all(np.diff(luma(MAPS["loss"].table())) < 1.0)
-    assert luma(MAPS["loss"].table())[0] - luma(MAPS["loss"].table())[-1] > 150
-
-
-def test_views_used_together_have_colours_of_their_own():
-    used = view_colors(36).astype(int)[[1, 4, 7, 9, 11, 14, 15, 18, 22, 27, 32]]
+def test_views_used_together_and_neighbours_have_colours_of_their_own():
+    colors = view_colors(36).astype(int)
+    used = colors[[1, 4, 7, 9, 11, 14, 15, 18, 22, 27, 32]]
     apart = np.abs(used[:, None] - used[None]).sum(axis=-1)
     assert apart[~np.eye(len(used), dtype=bool)].min() > 45
-
-
-def test_neighbouring_views_have_clearly_different_colours():
-    colors = view_colors(36).astype(int)
     assert np.abs(np.diff(colors, axis=0)).sum(axis=1).min() > 60
 
 

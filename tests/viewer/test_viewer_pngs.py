@@ -55,13 +55,6 @@ def test_a_layer_is_looked_at_with_the_map_and_window_asked_for(client):
     )
 
 
-@pytest.mark.parametrize("window", ["low=0.5&high=0.5", "low=0&high=1e-320", "low=-1", "high=2", "low=nan"])
-def test_an_empty_window_is_refused(client, window):
-    answer = client.get(f"/layers/3/color.png?{window}")
-    assert answer.status_code == 400
-    assert "A window needs" in answer.text
-
-
 def test_colors_get_black_and_white_levels(client):
     image = image_of(client.get("/layers/3/color.png?low=0.2&high=0.6"))
     red = VIEW.rgb[VIEW.valid][:, 0]
@@ -128,7 +121,8 @@ def test_without_a_picture_or_a_proposal_there_is_nothing(client, shown):
 
 
 @pytest.mark.parametrize(
-    "query", ["map=rainbow", "low=0.5&high=0.5", "low=-1", "high=2", "low=nan", "high=much"]
+    "query",
+    ["map=rainbow", "low=0.5&high=0.5", "low=0&high=1e-320", "low=-1", "high=2", "low=nan", "high=much"],
 )
 def test_a_look_that_cannot_be_is_one_clear_line(client, query):
     answer = client.get(f"/layers/3/height.png?{query}")
@@ -178,27 +172,14 @@ def test_equal_steps_of_a_map_look_equal(name):
     assert step.max() < 1.25 * step.min()
 
 
+LMS_FROM_RGB = [[0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],
+                [0.0883024619, 0.2817188376, 0.6299787005]]  # fmt: skip
+LAB_FROM_LMS = [[0.2104542553, 0.7936177850, -0.0040720468], [1.9779984951, -2.4285922050, 0.4505937099],
+                [0.0259040371, 0.7827717662, -0.8086757660]]  # fmt: skip
+
+
 def oklab_from_rgb(rgb):
     """Oklab (B. Ottosson, 2020) of sRGB uint8."""
     c = rgb / 255.0
     linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-    lms = np.cbrt(
-        linear
-        @ np.array(
-            [
-                [0.4122214708, 0.5363325363, 0.0514459929],
-                [0.2119034982, 0.6806995451, 0.1073969566],
-                [0.0883024619, 0.2817188376, 0.6299787005],
-            ]
-        ).T
-    )
-    return (
-        lms
-        @ np.array(
-            [
-                [0.2104542553, 0.7936177850, -0.0040720468],
-                [1.9779984951, -2.4285922050, 0.4505937099],
-                [0.0259040371, 0.7827717662, -0.8086757660],
-            ]
-        ).T
-    )
+    return np.cbrt(linear @ np.transpose(LMS_FROM_RGB)) @ np.transpose(LAB_FROM_LMS)

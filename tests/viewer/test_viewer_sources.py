@@ -16,8 +16,7 @@ from scenes import CAMERA, Cylinder
 
 from flatcloth.engine.integration import Integration
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.protocol.picture import place_under
-from flatcloth.viewer.routes.sources import crop, mask_rgba
+from flatcloth.viewer.routes.sources import crop
 from flatcloth.viewer.server.app import PageServer
 from flatcloth.viewer.server.workspace import Opened
 
@@ -140,11 +139,6 @@ def test_hovering_tells_the_pixel_in_the_view_that_is_shown(server: PageServer) 
                 assert source is None  # on the far side; no such view
 
 
-def test_the_cloth_under_the_pointer_may_be_none() -> None:
-    integration: Any = None
-    assert place_under(integration, 0, None) is None
-
-
 def test_a_crop_at_the_border_is_filled_up() -> None:
     color = np.full((20, 30, 3), 200, dtype=np.uint8)
     part = crop(color, 0.2, 29.4, size_px=8)
@@ -152,8 +146,3 @@ def test_a_crop_at_the_border_is_filled_up() -> None:
     assert (part[4:, :5] == 200).all()
     assert (part[:4] == 128).all()
     assert (part[:, 5:] == 128).all()
-
-
-def test_an_image_without_an_item_is_shaded_all_over() -> None:
-    cover = mask_rgba(np.zeros((4, 5), dtype=np.bool_))
-    assert (cover[..., 3] == 150).all()

@@ -1,13 +1,36 @@
-"""Heavy work of the page is done one at a time, and what waits can be called off."""
+"""Work of the page apart from its thread: one at a time, and what waits can be called off."""
 
 from __future__ import annotations
 
 import threading
 
 import pytest
+from page_tabs import WAIT_S
 
 from flatcloth.core.errors import CancelledError
-from flatcloth.viewer.worker import one_at_a_time
+from flatcloth.viewer.worker import Worker, one_at_a_time
+
+
+def test_nobody_waits_for_a_worker_that_is_to_stop() -> None:
+    gate = threading.Event()
+    worker = Worker("tested")
+    for _ in range(3):
+        worker.put(lambda: gate.wait(WAIT_S) and None)
+    assert worker.waiting >= 2
+    worker.stop(0.0)
+    assert worker.waiting == 0
+    gate.set()
+
+
+def test_a_worker_goes_on_after_a_job_that_failed() -> None:
+    faults: list[BaseException] = []
+    done: list[int] = []
+    worker = Worker("tested", faults.append)
+    worker.put(lambda: 1 / 0)
+    worker.put(lambda: done.append(1))
+    worker.stop(5.0)
+    assert done == [1]
+    assert [type(fault) for fault in faults] == [ZeroDivisionError]
 
 
 def test_what_waits_ends_when_it_is_not_wanted_any_more_and_the_next_has_its_turn() -> None:

@@ -1,0 +1,536 @@
+"""The page of a session, headless: what a tab says, and the state or the notice that comes of it."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+from page_tabs import WAIT_S, Has, Tab, get, leads_to
+from viewer_fakes import point_on_cylinder
+
+from flatcloth.core.errors import FlatclothError, FlatteningError, JournalError
+from flatcloth.core.types import Rigid2
+from flatcloth.methods.paper.merging import shows
+from flatcloth.session.machine import Accept, Cancel, Followed, Nudge, PlacedPart, Reject, Reopen
+from flatcloth.viewer.modes.controller import MOST_WAITING
+from flatcloth.viewer.server.app import PageServer
+from flatcloth.viewer.server.workspace import Opened
+
+Says = dict[str, Any]
+Told = dict[str, Any]
+
+
+def do(action: str, view: int | None = None, **more: Any) -> Says:
+    return {"type": "do", "action": action, **({} if view is None else {"view_index": view}), **more}
+
+
+def move(**by: float) -> Says:
+    return {"type": "move", "view_index": 1, **by}
+
+
+def near(value: float, **within: float) -> Any:
+    return pytest.approx(value, **within)
+
+
+def proposed(view: int, **more: Any) -> Told:
+    return {"phase": "deciding", "pending.view_index": view, "layers.overlay.view_index": view, **more}
+
+
+BEGUN: tuple[None, Told] = (
+    None,
+    {
+        "phase": "ready",
+        "start_view": 0,
+        "step": 1,
+        "views.0.state": "start",
+        "actions.step.why_not": None,
+        "actions.accept.why_not": "There is no proposal to decide about; step first.",
+        "drawing": False,
+    },
+)
+ASKED = [BEGUN, (do("step"), proposed(1, **{"views.1.state": "pending"}))]
+
+
+def accepted(view: int) -> tuple[Says, Told]:
+    return do("accept", view), {"phase": "ready", "step": view + 1, "drawing": False}
+
+
+ONE = [*ASKED, accepted(1)]
+THREE = [*ONE, (do("step"), proposed(2)), accepted(2), (do("step"), proposed(3)), accepted(3)]
+REOPENED = [
+    *THREE,
+    (do("reopen", 1), proposed(1, **{"pending.again": True, "n_later": 2, "views.2.state": "later"})),
+]
+UNSURE = {"scores": 0.1}
+
+SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
+    "a decision is undone and redone, and says its name": ({}, [
+        *ONE,
+        (do("undo"), {**proposed(1), "redo": "accept view 1", "note": "Undone: accept view 1.",
+                      "actions.redo.description": "Redo: accept view 1."}),
+        (do("redo"), {"step": 2, "pending": None, "note": "Redone: accept view 1.", "redo": None,
+                      "actions.undo.description": "Undo: accept view 1.",
+                      "actions.redo.why_not": "There is nothing to redo."}),
+    ]),
+    "a rejection keeps its reason": ({}, [
+        *ASKED,
+        (do("reject", 1, reason="bad depth"),
+         {"pending": None, "views.1.state": "rejected", "views.1.detail": "bad depth"}),
+    ]),
+    "a skipped view waits, and the next is another": ({}, [
+        *ASKED,
+        (do("skip", 1), {"pending": None, "views.1.state": "skipped", "undo": "skip view 1"}),
+        (do("step"), proposed(2)),
+    ]),
+    "a move is one decision, its score is told, and kept with the view": ({}, [
+        *ASKED,
+        (move(u_m=0.010), {"pending.parts.height_rms_mm": near(10.0), "pending.score": near(0.7),
+                           "pending.nudge.u_mm": near(10.0)}),
+        (do("undo"), {"pending.nudge.u_mm": 0, "undo": None}),
+        (do("redo"), {"pending.score": near(0.7)}),
+        (do("accept", 1), {"step": 2, "views.1.score": near(0.7), "views.1.state": "fixed"}),
+    ]),
+    "a turn is told as it is seen, about the proposal's own centre": ({}, [
+        *ASKED,
+        (move(theta_rad=0.2, u_m=0.010),
+         {"pending.nudge.theta_deg": near(math.degrees(0.2)), "pending.nudge.u_mm": near(10.0),
+          "pending.nudge.v_mm": near(0, abs=1e-6)}),
+    ]),
+    "a reopened view is asked, and the later ones follow its verdict": ({}, [
+        *REOPENED,
+        (do("reject", 1), {"phase": "ready", "n_later": 0, "views.1.state": "rejected",
+                           "views.2.state": "accepted", "views.3.state": "accepted"}),
+    ]),
+    "what no longer holds is asked again, and undo brings all back": ({"follow_score": 0.1}, [
+        *REOPENED,
+        (do("reject", 1), {"pending.view_index": 2, "views.1.state": "rejected", "views.3.state": "later",
+                           "pending.why": "No longer sure.",
+                           "log.-1.text": "View 2 is asked again. No longer sure."}),
+        (do("undo"), {"views.1.state": "pending"}),
+        (do("undo"), {"views.1.state": "accepted", "views.2.state": "accepted", "views.3.state": "accepted"}),
+    ]),
+    "the list of what was done leads back and forward": ({}, [
+        *ONE,
+        (do("step"), proposed(2)),
+        (do("reject", 2), {"done": ["accept view 1", "reject view 2"]}),
+        ({"type": "go_to", "done": 0, "of": 2}, {"undone": ["accept view 1", "reject view 2"], "step": 1}),
+        ({"type": "go_to", "done": 2, "of": 2}, {"done": ["accept view 1", "reject view 2"], "step": 2}),
+        ({"type": "go_to", "done": 1, "of": 5}, {"note": "has changed"}),
+    ]),
+    "Auto waits where it is unsure, goes on after the verdict, and undo stops it": (UNSURE, [
+        BEGUN,
+        ({"type": "set", "auto_threshold": 0.75}, {"settings.auto_threshold.value": 0.75}),
+        ({"type": "auto", "running": True},
+         {"pending.view_index": 1, "auto.waits_for": Has("view 1"), "log.-1.text": Has("0.10, below 0.75")}),
+        (do("reject", 1), {"pending.view_index": 2, "auto.waits_for": Has("view 2"), "auto.running": True}),
+        (do("undo"), {"pending.view_index": 1, "auto.running": False}),
+    ]),
+    "Auto ends after as many views as chosen, and step goes on": ({}, [
+        BEGUN,
+        ({"type": "set", "auto_until": "views", "auto_views": 3}, {"settings.auto_until.value": "views"}),
+        ({"type": "auto", "running": True}, {"auto.running": False, "step": 3, "phase": "ready"}),
+        (do("step"), proposed(3)),
+        ({"type": "set", "auto_until": "most"}, {"note": "auto_until"}),
+    ]),
+    "each verdict is followed by the next proposal, if that is wished; undo is no verdict": ({}, [
+        *ASKED,
+        ({"type": "set", "advance": True}, {"settings.advance.value": True}),
+        (do("accept", 1), proposed(2)),
+        (do("skip", 2), proposed(3)),
+        (do("undo"), {"redo": "skip view 2", "phase": "deciding"}),
+        (do("reopen", 1), proposed(1)),
+        (do("reject", 1), proposed(2)),
+    ]),
+    "settings are set and reset": ({}, [
+        BEGUN,
+        ({"type": "set", "step_mm": 5, "follow": False},
+         {"settings.step_mm.value": 5, "settings.follow.value": False}),
+        ({"type": "set", "step_mm": 1000}, {"note": "Arrow key, mm: between 0.1 and 50, not 1000."}),
+        ({"type": "set", "reset": True}, {"settings.step_mm.value": 2, "settings.follow.value": True}),
+    ]),
+    "picks are named, shown and deleted": ({}, [
+        BEGUN,
+        ({"type": "pick", "u_m": 0.0, "v_m": 0.1}, {"pick.id": 1, "pick.in_shape": True, "pick.miss_m": 0}),
+        ({"type": "pick", "u_m": 0.02, "v_m": 0.1}, {"pick.id": 2}),
+        ({"type": "rename_pick", "id": 1, "name": "  collar <b> "}, {"picks.0.name": "collar <b>"}),
+        ({"type": "show_pick", "id": 1}, {"pick.id": 1, "pick.name": "collar <b>"}),
+        ({"type": "delete_pick", "id": 1}, {"pick": None, "picks.0.id": 2}),
+        ({"type": "show_pick", "id": 1}, {"note": "no longer"}),
+    ]),
+    "another part of the view is taken and placed by hand": ({}, [
+        *ASKED,
+        (move(u_m=0.010), {"pending.nudge.u_mm": near(10.0), "pending.pieces.0.chosen": True}),
+        ({"type": "take_part", "view_index": 1, "component": 1},
+         {"undo": "take part 2 of view 1", "pending.pieces.1.chosen": True, "pending.pieces.1.waits": True,
+          "pending.nudge.u_mm": near(10.0)}),  # it begins where the other was
+        ({"type": "take_part", "view_index": 1, "component": 0},
+         {"undo": "take part 1 of view 1", "pending.nudge.u_mm": near(3.0)}),  # where it was found
+        ({"type": "take_part", "view_index": 1, "component": 2}, {"note": "View 1 has no part 3 to place"}),
+    ]),
+    "a part that accepting also places is shown and left out": ({"also": (PlacedPart(2, 0, Rigid2()),)}, [
+        BEGUN,
+        (do("step"), proposed(1, **{"pending.also.0.view_index": 2, "pending.also.0.component": 0})),
+        ({"type": "leave_out", "view_index": 1, "part_view": 2, "component": 0},
+         {"pending.also": [], "undo": "leave out part 1 of view 2"}),
+        ({"type": "leave_out", "view_index": 1, "part_view": 2, "component": 0},
+         {"note": "Part 1 of view 2 is not placed with the proposal"}),
+    ]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "script"), SCRIPTS.values(), ids=list(SCRIPTS))
+def test_what_a_tab_says_leads_to_what_all_are_told(server, integration, given, script) -> None:
+    for name, value in given.items():
+        setattr(integration, name, value)
+    with Tab(server) as tab:
+        for said, told in script:
+            leads_to(tab, said, told)
+
+
+def test_each_decision_is_kept_as_it_was_made(server, folder) -> None:
+    with Tab(server) as tab:
+        for said, told in REOPENED:
+            leads_to(tab, said, told)
+        leads_to(tab, do("undo"), {"pending": None})
+        leads_to(tab, do("redo"), {"pending.again": True})
+        leads_to(tab, do("skip", 1), {"n_later": 0, "phase": "ready"})
+    names = [type(command).__name__ for command in folder.recorded]
+    assert names[:5] == ["Start", "Started", "Propose", "Proposed", "Accept"]
+    assert names[11:] == ["Reopen", "Undo", "Redo", "Skip", "Followed", "Followed"]
+    assert folder.recorded[4] == Accept(1, pytest.approx(0.8))
+
+
+def test_a_part_that_accepting_also_places_is_shown_where_no_other_view_has_cloth(
+    server, integration
+) -> None:
+    integration.also = (PlacedPart(2, 0, Rigid2()),)
+    with Tab(server) as tab:
+        (part,) = tab.proposed()["pending"]["also"]
+    assert part["area_cm2"] == pytest.approx(1e4 * integration.views.part(2, 0).area_m2)
+    place = np.array(part["place_uv_m"])
+    shown = [bool(shows(integration.views.part(view, 0), place)) for view in (0, 1, 2)]
+    assert shown == [False, False, True]
+
+
+REFUSED = [
+    ("not json", "not JSON"),
+    ("[]", "not a JSON object"),
+    ('{"type": "explode"}', "Unknown message type"),
+    ('{"type": "do", "action": "explode"}', "action is 'explode'; expected one of: accept, cancel, redo"),
+    ('{"type": "do", "action": "accept"}', "There is no proposal to decide about; step first."),
+    ('{"type": "do", "action": "view"}', "needs a view_index"),
+    ('{"type": "do", "action": "view", "view_index": 99}', "does not exist"),
+    ('{"type": "do", "action": "reopen"}', "Action 'reopen' needs a view_index."),
+    ('{"type": "do", "action": "reopen", "view_index": 0}', "is the start view"),
+    ('{"type": "do", "action": "reject", "reason": "<script>"}', "Unknown reason"),
+    ('{"type": "pick", "u_m": "1", "v_m": 0}', "u_m is text; expected a number"),
+    ('{"type": "pick", "u_m": 1}', "missing"),
+    ('{"type": "pick", "u_m": 1, "v_m": 0, "w_m": 2}', "no field 'w_m'"),
+    ('{"type": "pick", "u_m": NaN, "v_m": 0}', "not JSON"),
+    ('{"type": "hover", "id": 1.5, "u_m": 0, "v_m": 0}', "id is a number; expected a whole number"),
+    ('{"type": "hover", "id": 1, "u_m": 1e999, "v_m": 0}', "u_m is not a finite number"),
+    ('{"type": "hover", "id": 1, "v_m": 0, "u_m": 1e9}', "expected a number"),
+    ('{"type": "auto"}', "running is missing"),
+    ('{"type": "auto", "running": 1}', "running is a number; expected true or false"),
+    ('{"type": "set", "auto_threshold": 2}', "Auto accepts from: between 0 and 1, not 2"),
+    ('{"type": "set", "advance": ' + "[" * 50_000, "not JSON"),
+    ('{"type": "rename_pick", "id": 1, "name": " "}', "characters"),
+    ('{"type": "rename_pick", "id": 1, "name": "\\ud800"}', "not JSON"),
+    ('{"type": "move", "view_index": true}', "view_index is true or false; expected a whole number"),
+    ('{"type": "move", "view_index": 1, "u_m": 1e308}', "u_m is 1e+308; expected a number <= 10"),
+    ('{"type": "refine", "view_index": 1}', "The proposal has changed; look again."),
+    ('{"type": "measure", "id": 1' + "0" * 5000 + "}", "not JSON"),
+    ('{"type": "play", "playing": true}', "no camera"),
+    ('{"type": "ready", "layer": "x"}', "Unknown layer"),
+    ("x" * 200_000, "too long"),
+]
+
+
+def test_a_bad_message_is_a_notice_for_its_tab_and_nothing_more(server) -> None:
+    with Tab(server) as tab, Tab(server) as other:
+        revision = tab.ready()["revision"]
+        for text, told in REFUSED:
+            tab.say_raw(text)
+            assert told in tab.note()["text"]
+        tab.say(type="set", follow=False)
+        for each in (tab, other):
+            state = each.state_where(lambda s: not s["settings"]["follow"]["value"])
+            assert state["revision"] == revision + 1
+        assert other.notes == []
+
+
+def test_every_tab_is_told_the_same_also_one_that_comes_late(server) -> None:
+    with Tab(server) as one, Tab(server) as two:
+        one.ready()
+        one.say(type="pick", u_m=0.0, v_m=0.1)
+        first = one.state_where(lambda s: s["pick"])
+        assert two.state_where(lambda s: s["revision"] == first["revision"]) == first
+    with Tab(server) as late:
+        assert late.state_where(lambda _: True) == first
+
+
+# --- the cloth under the pointer --------------------------------------------------------------------
+
+
+def test_a_pick_has_the_place_of_its_cloth_also_as_the_camera_sees_it_turned(server) -> None:
+    with Tab(server) as tab:
+        layers = tab.ready()["layers"]
+        u, v = (layers["origin_uv_m"][0] + 20 * layers["pixel_size_m"], layers["origin_uv_m"][1] + 0.1)
+        tab.say(type="pick", u_m=u, v_m=v)
+        pick = tab.state_where(lambda s: s["pick"])["pick"]
+        xyz, normal = point_on_cylinder(u, v)
+        np.testing.assert_allclose(pick["position_held_m"], xyz, atol=1e-6)
+        np.testing.assert_allclose(pick["position_camera_m"], xyz, atol=1e-6)
+        np.testing.assert_allclose(pick["normal_held"], normal, atol=1e-6)
+        np.testing.assert_allclose(pick["uv_m"], (u, v), atol=1e-9)
+        tab.say(type="pick", u_m=0.0, v_m=0.1)
+        tab.say(type="do", action="step")
+        turned = tab.state_where(lambda s: s["pick"]["id"] == 2 and s["pick"]["angle_deg"] == 30)["pick"]
+        # What faces the camera moves to the right of the image.
+        assert turned["position_held_m"][0] == pytest.approx(0.0, abs=0.0025)
+        assert turned["position_camera_m"][0] == pytest.approx(0.075, abs=0.0025)
+        exported = get(server, "/export/grasps.json")
+        assert [grasp["id"] for grasp in exported.json()["grasps"]] == [1, 2]
+        assert "attachment" in exported.headers["content-disposition"]
+
+
+def test_a_click_in_3d_that_meets_nothing_picks_nothing(server) -> None:
+    absurd: list[Any] = [(math.nan, 0.0, 1.0), (0.0, 1.0), "xyz", None, (0.0, 0.0, 0.0)]
+    with Tab(server) as tab:
+        tab.ready()
+        server.application.click_ray((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))  # on the background
+        for ray in absurd:
+            server.application.click_ray((0.0, 0.0, 0.0), ray)
+        state = tab.state_where(lambda s: len(s["log"]) == len(absurd))
+    assert all("no place in the scene" in note["text"] for note in state["log"])
+    assert state["picks"] == []
+
+
+def test_hovering_tells_all_attributes(server) -> None:
+    with Tab(server) as tab:
+        tab.ready()
+        tab.say(type="hover", id=7, u_m=0.0, v_m=0.1)
+        answer = tab.until(lambda m: m["type"] == "hover")
+        tab.say(type="hover", id=8, u_m=-400, v_m=900)
+        off = tab.until(lambda m: m["type"] == "hover")
+    assert (answer["id"], off["id"], off["shape"]) == (7, 8, None)
+    assert set(answer["shape"]) == {
+        "rc", "uv_mm", "rgb", "xyz_mm", "height_mm", "normal", "z_angle_deg", "z_angle_now_deg", "view_index",
+        "source_rc", "density_px_cm2", "incidence_deg", "stretch", "placement_std_mm",
+    }  # fmt: skip
+
+
+def test_a_measure_is_answered_with_its_three_lengths(server) -> None:
+    with Tab(server) as tab:
+        tab.ready()
+        tab.say(type="measure", id=3, from_u_m=-0.1, from_v_m=0.15, to_u_m=0.1, to_v_m=0.15)
+        answer = tab.until(lambda m: m["type"] == "measured")
+        tab.say(type="measure", id=4, from_u_m=-0.1, from_v_m=0.15, to_u_m=5.0, to_v_m=0.15)
+        off = tab.until(lambda m: m["type"] == "measured")
+    assert (answer["id"], answer["flat_mm"]) == (3, pytest.approx(200.0))
+    assert answer["cloth_mm"] == pytest.approx(200.0, rel=0.005)
+    assert answer["air_mm"] < 190.0
+    assert len(answer["path_uv_m"]) == 2
+    assert (off["cloth_mm"], off["air_mm"], off["path_uv_m"]) == (None, None, [])
+
+
+# --- repair -----------------------------------------------------------------------------------------
+
+
+def preview(tab: Tab, number: int, **by: float) -> dict[str, Any]:
+    tab.say(type="preview", id=number, view_index=1, **by)
+    return tab.until(lambda m: m["type"] == "preview" and m["id"] == number)
+
+
+def test_a_preview_tells_the_score_there_and_what_refining_reaches_and_decides_nothing(
+    server, integration, folder
+) -> None:
+    with Tab(server) as tab:
+        tab.ready()
+        # The page asks by itself, so that it is no error when there is no proposal.
+        assert preview(tab, 1)["why"] == "The proposal has changed; look again."
+        tab.say(type="do", action="step")
+        tab.state_where(lambda s: s["pending"] and s["layers"]["overlay"])
+        assert preview(tab, 7, u_m=0.010) == {
+            "type": "preview", "id": 7, "why": "", "score": near(0.7), "apart_mm": near(10.0),
+            "refined_score": near(0.8), "refined_apart_mm": near(0.0),
+        }  # fmt: skip
+        assert not any(isinstance(command, Nudge) for command in folder.recorded)
+        leads_to(tab, move(u_m=0.010), {"pending.nudge.u_mm": near(10.0)})
+        assert preview(tab, 8, u_m=0.020)["apart_mm"] == near(30.0), "on top of what was moved before"
+        integration.error = FlatclothError("The view is gone.")
+        assert preview(tab, 9)["why"] == "The view is gone."
+        integration.error = ValueError("odd")
+        assert "Unexpected error" in preview(tab, 10)["why"]
+        assert preview(tab, 11)["score"] == near(0.7)
+
+
+def test_of_many_previews_only_the_newest_is_computed_and_nothing_waits_for_them(server, integration) -> None:
+    with Tab(server) as tab:
+        tab.proposed()
+        integration.gate.clear()
+        before = integration.reached
+        for number in range(1, 21):
+            tab.say(type="preview", id=number, view_index=1, u_m=0.001 * number)
+        # The page goes on while a score is being computed.
+        leads_to(tab, {"type": "pick", "u_m": 0.0, "v_m": 0.1}, {"pick.id": 1})
+        integration.gate.set()
+        last = tab.until(lambda m: m["type"] == "preview" and m["id"] == 20)
+    assert last["apart_mm"] == pytest.approx(20.0)
+    assert integration.reached - before <= 2
+
+
+REFINE = {"type": "refine", "view_index": 1}
+
+
+def test_refine_from_here_is_one_decision_with_a_name_unless_nothing_is_to_be_gained(
+    server, integration, folder
+) -> None:
+    with Tab(server) as tab:
+        tab.proposed()
+        leads_to(tab, REFINE, {"note": "Refining from here changes nothing."})
+        for error, text in ((FlatclothError("No cloth."), "No cloth."), (ValueError("odd"), "Unexpected")):
+            integration.error = error
+            leads_to(tab, REFINE, {"note": text})
+        leads_to(tab, move(u_m=0.010, theta_rad=0.1), {"undo": "move view 1"})
+        leads_to(tab, REFINE, {"undo": "refine view 1", "note": "Refined: moved by "})
+        assert tab.notes[0]["text"].endswith(", now 0.80.")
+        leads_to(tab, do("accept", 1), {"step": 2, "views.1.state": "fixed"})
+    at = folder.state.document.accepted[0].current_from_new
+    assert (at.theta_rad, at.u_m, at.v_m) == pytest.approx((0, 0.0001, 0), abs=1e-12)
+
+
+def test_a_refinement_of_what_was_changed_meanwhile_is_dropped_and_told(server, integration, folder) -> None:
+    with Tab(server) as tab:
+        tab.proposed()
+        leads_to(tab, move(u_m=0.010), {"pending.nudge.u_mm": near(10.0)})
+        integration.gate.clear()
+        tab.say(**REFINE)
+        leads_to(tab, move(v_m=0.010), {"pending.nudge.v_mm": near(10.0)})
+        integration.gate.set()
+        assert "was changed while it was refined" in tab.note()["text"]
+    assert [c.how for c in folder.recorded if isinstance(c, Nudge)] == ["move", "move"]
+
+
+PAIRS = {"new_uv_m": [[0.0, 0.0], [0.1, 0.0]], "shape_uv_m": [[0.02, 0.0], [0.02, 0.12]], "weights": [1, 1]}
+
+
+def pairs(tab: Tab, **more: Any) -> dict[str, Any]:
+    tab.say(**{"type": "pairs", "view_index": 1, **PAIRS, **more})
+    return tab.until(lambda m: m["type"] in ("pairs", "note"))
+
+
+def test_pairs_tell_their_residuals_fit_as_one_decision_and_go_with_the_proposal(server, folder) -> None:
+    with Tab(server) as tab:
+        tab.proposed()
+        for more, text in (
+            ({"view_index": 2}, "The proposal has changed; look again."),
+            ({"weights": [1]}, "a weight each"),
+            ({"weights": [1, 0]}, "weights[1] is 0; expected a number > 0.0"),
+            ({"weights": [1] * 51}, "weights is a list of 51; expected a list of length <= 50"),
+            ({"new_uv_m": [[0, 0]], "shape_uv_m": [[0, 0]], "weights": [1]}, "at least two pairs of points"),
+            ({"shape_uv_m": [[0, 0], [0, 0]]}, "pick pairs farther apart"),
+            ({"shape_uv_m": [[0, 0], [0, "x"]]}, "shape_uv_m[1][1] is text; expected a number"),
+            ({"shape_uv_m": [[0, 0], [0]]}, "shape_uv_m[1] is a list of 1; expected a list of length 2"),
+        ):
+            assert text in pairs(tab, fit=True, **more)["text"]
+        told = pairs(tab)
+        assert told["residual_mm"] == pytest.approx([20.0, 1000 * math.hypot(0.08, 0.12)])
+        assert told["fitted_mm"] == pytest.approx([10.0, 10.0])
+        assert told["rms_mm"] == pytest.approx(10.0)
+        assert not any(isinstance(command, Nudge) for command in folder.recorded)
+        assert pairs(tab, fit=True)["residual_mm"] == pytest.approx([10.0, 10.0])
+        tab.until(lambda _: tab.state["undo"] == "fit pairs of view 1")
+        placed = folder.recorded[-1]
+        assert placed.by.theta_rad == pytest.approx(math.pi / 2)
+        leads_to(tab, do("undo"), {"undo": None})
+        leads_to(tab, move(u_m=0.020), {"layers.overlay.placement.u_m": near(0.020)})
+        assert pairs(tab)["residual_mm"][0] == pytest.approx(0.0, abs=1e-9)
+
+
+# --- what goes wrong, or takes long -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "error", [FlatteningError("View 3 is <torn>."), ZeroDivisionError("division by zero")]
+)
+def test_a_failing_worker_becomes_a_notification(server, integration, error, caplog) -> None:
+    with Tab(server) as tab:
+        tab.ready()
+        integration.error = error
+        told = {"log.-1.level": "error", "log.-1.text": Has(str(error)), "phase": "ready"}
+        leads_to(tab, do("step"), told)
+        leads_to(tab, do("step"), proposed(1))
+    assert caplog.records
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (JournalError("journal.jsonl: cannot be written (disk full)."), "disk full"),
+        (RuntimeError("torn"), "Unexpected error"),
+        (MemoryError(), "Unexpected error"),
+        (SystemExit(3), "had to restart"),
+        (KeyboardInterrupt(), "had to restart"),
+    ],
+)
+def test_a_decision_that_cannot_be_kept_is_not_made_and_the_session_goes_on(
+    server, folder, monkeypatch, error, told
+) -> None:
+    def fail(*_: object) -> None:
+        monkeypatch.undo()
+        raise error
+
+    with Tab(server) as tab:
+        tab.proposed()
+        monkeypatch.setattr(folder, "record", fail)
+        leads_to(tab, do("accept", 1), {"note": told})
+        leads_to(tab, do("accept", 1), {"step": 2})
+
+
+def test_a_tab_that_says_more_than_is_done_has_to_wait_and_others_do_not(server, folder, monkeypatch) -> None:
+    gate, record = threading.Event(), folder.record
+    hover = {"type": "hover", "u_m": 0.0, "v_m": 0.0}
+    with Tab(server) as tab:
+        tab.proposed()
+        monkeypatch.setattr(folder, "record", lambda *given: gate.wait(WAIT_S) and record(*given))
+        tab.say(**do("skip", 1))
+        for n in range(2 * MOST_WAITING):
+            tab.say(type="set", step_mm=1.0 + n % 2)
+        tab.say(**hover, id=1)  # answered at once when it is read
+        with Tab(server) as other:
+            other.say(**hover, id=2)
+            assert other.until(lambda m: m["type"] == "hover")["id"] == 2
+        gate.set()
+        tab.until(lambda m: m["type"] == "hover")
+        assert tab.state["views"][1]["state"] == "skipped", "it was read after what was said before it"
+
+
+def test_cancel_gives_the_work_up_stops_auto_and_the_late_answer_is_dropped(server, integration) -> None:
+    with Tab(server) as tab:
+        tab.ready()
+        integration.at_gate.clear()
+        integration.gate.clear()
+        leads_to(tab, {"type": "auto", "running": True}, {"auto.running": True, "phase": "computing"})
+        assert integration.at_gate.wait(WAIT_S)
+        leads_to(tab, do("cancel"), {"phase": "ready", "progress": None, "auto.running": False})
+        integration.gate.set()
+        # View 1 was what the cancelled work would have proposed.
+        leads_to(tab, do("view", 5), proposed(5))
+
+
+def test_a_program_that_was_killed_while_views_followed_goes_on_with_them(integration, folder) -> None:
+    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
+        for said, told in THREE:
+            leads_to(tab, said, told)
+    # The last is what resuming a journal does with work that nobody does any more.
+    for step in (Reopen(1), Reject(1), Cancel()):
+        folder.record(step)
+    assert len(folder.state.document.later) == 2
+    with PageServer(Opened(integration, folder), port=0) as server, Tab(server) as tab:
+        leads_to(tab, None, {"phase": "ready", "n_later": 0, "views.1.state": "rejected",
+                             "views.2.state": "accepted", "views.3.state": "accepted"})  # fmt: skip
+    assert [type(command) for command in folder.recorded[-2:]] == [Followed, Followed]
