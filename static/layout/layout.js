@@ -169,7 +169,7 @@ function startDivider(/** @type {Layout} */ layout) {
     property: "--left",
     stored: "flatcloth-split",
     orientation: "vertical",
-    least: [400, 600], // of the scene, of canvas and inspector
+    least: [584, 600], // of the scene; of canvas and inspector
     size: () => split.clientWidth,
     at: (/** @type {PointerEvent} */ event) => event.clientX - split.getBoundingClientRect().left,
     keys: { ArrowLeft: -0.02, ArrowRight: 0.02, Home: -1, End: 1 },
