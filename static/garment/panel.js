@@ -87,13 +87,7 @@ export class GarmentPanel extends PagePart {
   }
 
   tools() {
-    const sure = smallButton("Decide what is sure", () => this.page.send({ type: "decide_sure" }), {
-      key: "garment-sure",
-      tip:
-        "Places pieces, takes off parts and keeps seams where the garment is sure, as flatcloth run does.\n" +
-        "Each is a decision; Undo takes it back.",
-    });
-    return [this.page.smallButton("garment", "Outline"), this.page.smallButton("upright"), sure];
+    return [this.page.smallButton("garment", "Outline"), this.page.smallButton("upright")];
   }
 
   kinds(/** @type {FoundGarment} */ found, /** @type {string[]} */ names) {

@@ -44,11 +44,6 @@ export interface DecideLink {
   taken_off: boolean;
 }
 
-/** Decide all that the garment is sure of, as a run without an operator does. */
-export interface DecideSure {
-  type: "decide_sure";
-}
-
 /** Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``. */
 export interface DecideJoint {
   type: "decide_joint";
@@ -337,7 +332,6 @@ export type ClientMessage =
   | ReleasePoints
   | DecidePiece
   | DecideLink
-  | DecideSure
   | DecideJoint
   | PickPoint
   | ShowOther

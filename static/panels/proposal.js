@@ -4,17 +4,14 @@ import { PagePart } from "../page/page.js";
 import { drawDot } from "../canvas/marks.js";
 import { drawName } from "../garment/marks.js";
 import { button, buttonOf, byId, make, rebuild, valueRows, values } from "../page/dom.js";
-import { cm2, degrees, floatingOf, number, vector } from "../page/format.js";
+import { cm2, degrees, number, vector } from "../page/format.js";
 
 const SEEN = 0.05; // mm, or degrees: what is shown as 0.0 is no move
 
 export class ProposalPanel extends PagePart {
   armed = /** @type {string | null} */ (null); // where Accept was pressed though the score is low
-  /** @type {{ view: number; area: number; step: number; revision: number; added_cm2: number } | null} */
-  before = null;
 
   update(/** @type {State} */ state) {
-    this.tellAdded(state);
     const show = (/** @type {UV} */ [u, v]) => this.page.canvas.centerOn(u, v);
     showProposal(state, (message) => this.page.send(message), show);
     const waits = Boolean(this.armed) && this.armed === this.placeOf(state);
@@ -55,24 +52,6 @@ export class ProposalPanel extends PagePart {
     );
     this.page.changed();
     return false;
-  }
-
-  /** After an acceptance: what it really added, beside what was foreseen. */
-  tellAdded(/** @type {State} */ state) {
-    const { pending, layers, step } = state;
-    const { before } = this;
-    if (!layers) return;
-    const { revision } = layers;
-    const area = layers.area_cm2 + floatingOf(layers).area_cm2;
-    if (before && !pending && step === before.step + 1 && revision !== before.revision) {
-      const added = `View ${before.view} added ${cm2(area - before.area)}`;
-      this.page.notify("info", `${added}; ${cm2(before.added_cm2)} were predicted.`);
-      this.before = null;
-    } else if (pending?.foreseen) {
-      this.before = { view: pending.view_index, area, step, revision, added_cm2: pending.foreseen.added_cm2 };
-    } else if (step !== before?.step && revision !== before?.revision) {
-      this.before = null;
-    }
   }
 }
 

@@ -60,14 +60,6 @@ def test_the_garment_is_turned_over_picked_behind_and_a_seam_is_cut_and_undone(o
     assert tab.state()["undo"] == "cut a seam"
     keys.press("u")
     tab.until(f"{KNOWN} && flatcloth.state.other.seams.every((seam) => seam.decided === null)")
-    # The garment decides what a run decides.
-    tab.until("flatcloth.garment.known?.found && !flatcloth.garment.known.working")
-    panel_of_garment = tab.page.get_by_role("region", name="Garment")
-    if not panel_of_garment.is_visible():
-        tab.page.locator('[data-id="part-garment"]').click()
-    panel_of_garment.get_by_role("button", name="Decide what is sure").click()
-    decided = "Decided by the garment: [0-9]+|The garment is sure of nothing"
-    tab.until(f"flatcloth.state.log.some((note) => /{decided}/.test(note.text))")
     # Both beside one another: what is picked on the right is on the other side.
     keys.press("Shift+J")
     tab.until("flatcloth.bothSides.beside && flatcloth.bothSides.side === 'this'")

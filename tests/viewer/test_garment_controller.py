@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import queue
 import threading
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -176,45 +174,6 @@ def test_a_decision_about_a_piece_is_told_and_undone(page, accepted) -> None:
     session.record(Undo())
     (piece,) = page.follow(session.state.document)["found"]["pieces"]
     assert piece["state"] == "proposed"
-
-
-def test_the_garment_decides_on_the_page_what_a_run_decides(page, service) -> None:
-    with pytest.raises(FlatclothError, match="recognised"):
-        page.controller.take(1, asked.DecideSure(), TWO_VIEWS, list.append)
-    session, wanted = (MemorySession(SessionState(n_views=3, document=TWO_VIEWS)) for _ in range(2))
-    place_sure_pieces(service, wanted)
-    for count, text in ((1, "Decided by the garment: 1."), (0, "sure of nothing that is not decided")):
-        document, made = session.state.document, list[Any]()
-        page.follow(document)
-        page.heard.clear()
-        page.controller.take(1, asked.DecideSure(), document, made.append)
-        assert page.heard.wait(20)
-        assert len(made) == count
-        assert (page.notes[-1][0], text in page.notes[-1][1]) == ("info", True)
-        for command in made:
-            session.record(command)
-    assert session.state.document.garment == wanted.state.document.garment
-
-
-def test_the_garment_decides_nothing_about_a_shape_that_has_changed_or_that_fails(service) -> None:
-    jobs: queue.Queue[Any] = queue.Queue()
-    page, made = Page(service, jobs.put), list[Any]()
-    try:
-        for error, text in ((None, "The shape has changed"), (FlatclothError("Too little."), "Too little.")):
-            page.controller.follow(TWO_VIEWS, busy=False)
-            jobs.get(timeout=20)()  # the garment is recognised
-            service.error = error
-            page.controller.take(1, asked.DecideSure(), TWO_VIEWS, made.append)
-            if error is None:
-                page.controller.follow(dataclasses.replace(TWO_VIEWS, start_view=2), busy=True)
-            jobs.get(timeout=20)()
-            assert page.notes[-1][0] == "warning"
-            assert text in page.notes[-1][1]
-            assert made == []
-            page.controller.forget()
-    finally:
-        service.error = None
-        page.controller.stop()
 
 
 def test_what_is_not_there_is_refused_in_words(page) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from flatcloth.core.types import Float64
@@ -19,10 +17,9 @@ from flatcloth.session.garment import (
     DecideLink,
     DecidePiece,
     DecideSeam,
-    GarmentCommand,
     PlacedPiece,
 )
-from flatcloth.session.machine import Command, Event, Keeper, MemorySession, SessionState
+from flatcloth.session.machine import Keeper, MemorySession, SessionState
 
 _SEAM_PLACES = 40
 """Places that a decision about a seam keeps. Chosen: enough to find the seam again on another shape."""
@@ -55,25 +52,6 @@ def place_sure_pieces(service: GarmentService, session: Keeper) -> KnownGarment 
             decision = decided_part(cloth, link.part, link.probability, taken_off=False, std_m=link.std_m)
             session.record(DecideLink(decision))
     return _with_sure_pieces(known, service, session)
-
-
-def sure_decisions(service: GarmentService, document: Document) -> tuple[GarmentCommand, ...]:
-    """Return the decisions that :func:`place_sure_pieces` takes in a session with a document."""
-    session = _Noting(SessionState(0, document=document))
-    place_sure_pieces(service, session)
-    return tuple(session.noted)
-
-
-@dataclass
-class _Noting(MemorySession):
-    """A session that notes what is recorded."""
-
-    noted: list[GarmentCommand] = field(default_factory=list)
-
-    def record(self, command: Command | Event) -> None:
-        super().record(command)
-        if isinstance(command, GarmentCommand):
-            self.noted.append(command)
 
 
 def decided_seam(xyz_m: Float64, *, kept: bool) -> DecideSeam:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from flatcloth.core.errors import CancelledError, FlatclothError
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Rigid2
-from flatcloth.engine.garment.deciding import link_decision, piece_decision, sure_decisions
+from flatcloth.engine.garment.deciding import link_decision, piece_decision
 from flatcloth.engine.garment.recognition import GarmentService, KnownGarment, points_on_other_side
 from flatcloth.engine.sheet import label_of, order_of
 from flatcloth.export.garment import drawn, summary
@@ -30,12 +30,9 @@ from flatcloth.viewer.protocol.answers import GarmentPreview, ServerMessage
 from flatcloth.viewer.protocol.garment import FoundGarment, GarmentInfo
 from flatcloth.viewer.protocol.picture import OtherSheet, outline_of
 from flatcloth.viewer.protocol.sent import NoteLevel, typed
-from flatcloth.viewer.worker import Worker, attempt, one_at_a_time
+from flatcloth.viewer.worker import Worker, attempt
 
 NOT_YET = "The garment is recognised once two views are integrated."
-_DECIDED = "Decided by the garment: {}. Undo takes them back, the last one first."
-_NOTHING_SURE = "The garment is sure of nothing that is not decided yet."
-_CHANGED = "The shape has changed, so the garment decided nothing; ask again."
 
 
 @dataclass(frozen=True)
@@ -161,8 +158,6 @@ class GarmentController:
         """Apply the decision in a message of the page, or answer its question. Auto continues."""
         if isinstance(message, asked.PreviewPoint):
             self._preview(client, message, document)
-        elif isinstance(message, asked.DecideSure):
-            self._decide_sure(document, decide)
         else:
             decide(self._decision(message))
 
@@ -194,42 +189,6 @@ class GarmentController:
             case asked.DecideLink(revision=revision, index=index, taken_off=taken_off):
                 return link_decision(known, self._link(known, revision, index), taken_off=taken_off)
         raise FlatclothError("This is no decision about the garment.")
-
-    def _decide_sure(self, document: Document, decide: Callable[[GarmentCommand], None]) -> None:
-        """Take the decisions that a run takes; they are found in the background, for the present shape."""
-        self._known()
-        self._not_while_working()
-
-        def has_changed() -> bool:
-            return self._shown is None or not _same(self._shown, document)
-
-        def check() -> None:
-            if has_changed():
-                raise CancelledError
-
-        def find() -> tuple[GarmentCommand, ...]:
-            with one_at_a_time(check):
-                return sure_decisions(self._service, document)
-
-        def take(found: tuple[GarmentCommand, ...] | str) -> None:
-            if isinstance(found, str):
-                self._note("warning", found)
-            elif has_changed():
-                self._note("warning", _CHANGED)
-            else:
-                for decision in found:
-                    decide(decision)
-                self._note("info", _DECIDED.format(len(found)) if found else _NOTHING_SURE)
-
-        def work() -> None:
-            try:
-                found = attempt(find, "deciding by the garment")
-            except CancelledError:
-                found = _CHANGED
-            self._put(lambda: take(found))
-
-        self._note("info", "The garment decides; this takes some seconds.")
-        self._worker.put(work)
 
     def _preview(self, client: int, message: asked.PreviewPoint, document: Document) -> None:
         """Send a tab the outline while a point is dragged; only the last request is answered."""

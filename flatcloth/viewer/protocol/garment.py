@@ -156,10 +156,6 @@ class DecideLink(Said, tag="decide_link", frozen=True, kw_only=True):
     taken_off: bool
 
 
-class DecideSure(Said, tag="decide_sure", frozen=True, kw_only=True):
-    """Decide all that the garment is sure of, as a run without an operator does."""
-
-
 class DecideJoint(Said, tag="decide_joint", frozen=True, kw_only=True):
     """Cut a part off the shape, or keep it: ``index`` in the joints of the picture of this ``revision``."""
 

@@ -38,7 +38,6 @@ from flatcloth.viewer.protocol.garment import (
     DecideJoint,
     DecideLink,
     DecidePiece,
-    DecideSure,
     HoldPoint,
     ReleasePoints,
     SetKind,
@@ -313,7 +312,7 @@ class WhereToStroke(Said, tag="where_to_stroke", frozen=True, kw_only=True):
     number: Annotated[int, Meta(ge=-1000, le=1000)] = 0
 
 
-GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink | DecideSure | DecideJoint
+GarmentDecision = SetKind | HoldPoint | ReleasePoints | DecidePiece | DecideLink | DecideJoint
 Message = Said
 """Any message of the page: each subclass is one."""
 
