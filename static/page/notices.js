@@ -43,11 +43,7 @@ function keep(level, text, timeS) {
   if (kept.length > KEPT) kept.shift();
 }
 
-/**
- * Take the server's log: what is new becomes a toast, except what was there before this page.
- * @param {Note[]} log
- * @param {boolean} isAuto views come one after the other: notes about each are for the log
- */
+/** Take the server's log: what is new becomes a toast; of notes, not while Auto runs. @param {Note[]} log @param {boolean} isAuto */
 export function takeServerLog(log, isAuto) {
   quiet = isAuto;
   const first = lastServerNote < 0;
