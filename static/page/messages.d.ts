@@ -1009,8 +1009,6 @@ export interface ResultInfo {
   median_std_mm: number | null;
   reliable_share: number | null;
   wrong: string[];
-  hanging_cm2: number | null;
-  joint_probability: number | null;
   left_out: LeftOutView[];
   more: MoreViews | null;
 }

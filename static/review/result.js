@@ -1,7 +1,7 @@
 // The result: how much cloth, how reliable, what is missing and why, what to review, and the data to take away.
 
 import { PagePart } from "../page/page.js";
-import { askJson } from "../page/connection.js";
+import { askJson, Fetched } from "../page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
 import { exportButton, showExports } from "../page/exports.js";
 import { cm2, count, endOf, floatingOf, mm, number, percent } from "../page/format.js";
@@ -14,10 +14,11 @@ export class ResultPanel extends PagePart {
   name = "result";
   section = byId("result");
   asked = false; // open, though the integration has not ended
-  wanted = false;
   closed = /** @type {string | null} */ (null); // the end for which it was closed
   found = /** @type {Found | null} */ (null); // the server's answer
   loading = 0; // the revision that was asked for
+  /** @type {Fetched<import("../page/messages").JointsInfo>} */
+  joints = new Fetched(askJson, () => this.page.changed());
   actions = { result: () => this.toggle() };
 
   get pressed() {
@@ -44,10 +45,11 @@ export class ResultPanel extends PagePart {
     this.section.hidden = !state.review || !layers || Boolean(state.pending) || !(ended || this.asked);
     if (this.section.hidden || !layers) return;
     if (this.loading !== layers.revision) this.load(layers.revision);
+    this.joints.want(`joints/${layers.revision}.json`);
     const found = this.found?.revision === layers.revision ? this.found : null;
     rebuild(
       this.section,
-      [state.views, state.sides?.certainty, layers.area_cm2, layers.pieces, endedBy(state), found, state.other],
+      [state.views, state.sides?.certainty, layers, endedBy(state), found, state.other, this.joints.value],
       () => this.build(state, layers, found),
     );
   }
@@ -55,15 +57,12 @@ export class ResultPanel extends PagePart {
   async load(/** @type {number} */ revision) {
     this.loading = revision;
     const found = /** @type {Found | null} */ (await askJson("review/result.json"));
-    const trouble = "The result cannot be had now; the next decision asks again.";
     this.found = found ?? {
       revision,
-      trouble,
+      trouble: "The result cannot be had now; the next decision asks again.",
       median_std_mm: null,
       reliable_share: null,
       wrong: [],
-      hanging_cm2: null,
-      joint_probability: null,
       left_out: [],
       more: null,
     };
@@ -85,7 +84,7 @@ export class ResultPanel extends PagePart {
       found?.wrong.length &&
         make("p.note.warn", { role: "alert" }, `Something about this recording is wrong: ${found.wrong.join("; ")}.`),
       this.sideDoubt(state),
-      found && this.jointDoubt(found),
+      this.jointDoubt(),
       values(
         ["Shape", `${cm2(layers.area_cm2)} from ${count(state.step, "view")}`],
         state.other?.layers && ["Other side", otherSide(state.other), "Cloth of the other side, and what joins it"],
@@ -123,13 +122,14 @@ export class ResultPanel extends PagePart {
     );
   }
 
-  /** What most doubtful cloth hangs on; the way to look at it. */
-  jointDoubt(/** @type {Found} */ { hanging_cm2: area, joint_probability: right }) {
-    if (area === null || right === null) return null;
-    const sure = `${number(100 * right, 1)} %`;
+  /** What most doubtful cloth hangs on, and the way to look at it. */
+  jointDoubt() {
+    const joint = this.joints.value?.joints.find(({ weak }) => weak);
+    if (!joint) return null;
+    const right = `${number(100 * joint.probability, 1)} %`;
     return make(
       "p.note.warn",
-      `${cm2(area)} hang on one joint that is right with ${sure}: `,
+      `${cm2(joint.area_cm2)} hang on one joint that is right with ${right}: `,
       this.page.smallButton("joints"),
     );
   }

@@ -13,7 +13,6 @@ from flatcloth.core.errors import FlatteningError, SurfaceError
 from flatcloth.core.geometry import back_project, object_from_camera, wrapped_deg
 from flatcloth.core.types import FlattenedView, Float64, Uint8
 from flatcloth.engine.evaluation import FIRM_M
-from flatcloth.engine.results.joints import joints_of
 from flatcloth.engine.results.pixel_states import NEAR_M, states_of
 from flatcloth.flattening.pixel_states import TEXTS, PixelState
 from flatcloth.flattening.surface import foreground_mask
@@ -67,16 +66,12 @@ class More:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """The result of an integration; ``uncertainty`` and ``wrong`` as in ``outcome.json``.
-
-    ``hanging`` is the most doubtful joint: what hangs on it, cm2, and the probability that it is right.
-    """
+    """The result of an integration; ``uncertainty`` and ``wrong`` as in ``outcome.json``."""
 
     uncertainty: dict[str, float]
     left_out: tuple[LeftOut, ...]
     more: More
     wrong: tuple[str, ...] = ()
-    hanging: tuple[float, float] | None = None
 
 
 def earlier_shape(integration: Integration, document: Document, order: int) -> Canonical:
@@ -176,17 +171,12 @@ def result_of(areas: Areas, document: Document) -> Result:
         If nothing is flattened yet.
     """
     integration = areas.integration
-    canonical, cloth = integration.canonical(document), integration.cloth(document)
-    joints = () if cloth is None else joints_of(cloth, decisions=document.garment.parts)
-    doubtful = (
-        (1e4 * canonical.view.area_m2 * j.share, j.probability) for j in joints if j.probability < 1.0
-    )
+    canonical = integration.canonical(document)
     return Result(
         uncertainty=uncertainty(canonical.view),
         wrong=tuple(integration.wrong(document)),
         left_out=tuple(left_out(integration, document, canonical)),
         more=_more(areas, document),
-        hanging=next(doubtful, None),
     )
 
 

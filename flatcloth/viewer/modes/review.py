@@ -217,8 +217,6 @@ class ReviewService:
             median_std_mm=found.uncertainty.get("placement_std_median_mm"),
             reliable_share=found.uncertainty.get("firm_share"),
             wrong=list(found.wrong),
-            hanging_cm2=None if found.hanging is None else found.hanging[0],
-            joint_probability=None if found.hanging is None else found.hanging[1],
             left_out=[
                 LeftOutView(view_index=left.view_index, area_cm2=1e4 * left.area_m2, reason=left.reason)
                 for left in found.left_out

@@ -204,8 +204,7 @@ class JointsInfo(Sent, frozen=True):
 class ResultInfo(Sent, frozen=True):
     """The result of a session; ``revision`` 0: there is none yet, ``trouble`` says what failed.
 
-    ``wrong`` says why something about the recording is wrong: nothing is reliable. ``hanging_cm2`` of it hang
-    on one joint that is right with ``joint_probability``, the most doubtful one; None: no joint is in doubt.
+    ``wrong`` says why something about the recording is wrong, so that nothing is reliable.
     """
 
     revision: int
@@ -213,8 +212,6 @@ class ResultInfo(Sent, frozen=True):
     median_std_mm: float | None = None
     reliable_share: float | None = None
     wrong: list[str] = msgspec.field(default_factory=list)
-    hanging_cm2: float | None = None
-    joint_probability: float | None = None
     left_out: list[LeftOutView] = msgspec.field(default_factory=list)
     more: MoreViews | None = None
 
