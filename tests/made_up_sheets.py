@@ -161,7 +161,7 @@ def shape_of(uv: Float64, observations: Sequence[Observation], nodes: Nodes | No
         holds=laid.holds,
         piece=laid.piece,
         all_uv_m=places,
-        std_m=deviations_m(laid.at, graph, laid.piece == 0),
+        std_m=deviations_m(laid.at, graph, np.where(laid.piece == 0, 0, -1)),
         vouched=np.zeros(len(graph.pairs), dtype=bool),
         scale=1.0,
     )

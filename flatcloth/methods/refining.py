@@ -10,9 +10,6 @@ from scipy.spatial import cKDTree
 
 from flatcloth.core.types import Bool, Float64, Int64, Rigid2
 
-_STILL = 1e-5
-"""The rounds end after a smaller step than this (rad, m). Chosen: far below the errors of a placement."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Nodes:
@@ -61,7 +58,7 @@ def fitted(
     radii_m : (float, float)
         Distance in space, m, at which a sample has a quarter of its weight: at first, and at least.
     rounds : int
-        Most steps.
+        Steps.
 
     Returns
     -------
@@ -88,6 +85,4 @@ def fitted(
         step = np.linalg.solve(information + 1e-9 * np.eye(3), right)
         motion = Rigid2(*step.tolist()).about(middle) @ motion
         radius_m = max(0.5 * radius_m, radii_m[1])
-        if np.abs(step).max() < _STILL:
-            break
     return motion, information

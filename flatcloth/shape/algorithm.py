@@ -150,7 +150,7 @@ def _shape(
     uv_m[piece < 0] = np.nan
     # 9. Deviations: errors of pairs as smooth random fields, through the same equations; joints that a noisy
     #    sensor may have made.
-    std_m = deviations_m(laid.at, graph, main, ripples=ripples)
+    std_m = deviations_m(laid.at, graph, np.where(main, 0, -1), ripples=ripples)
     if is_noisy:
         evidence = seen_often(np.where(laid.holds, graph.evidence, 0.0), graph.views)
         std_m = np.hypot(std_m, doubt_m(graph.pairs, evidence, laid.piece == 0, laid.z))

@@ -31,9 +31,9 @@ that eight views see are off by this."""
 
 
 def deviations_m(
-    at: Minimum, graph: Graph, own: Bool, reference: Bool | None = None, ripples: Float64 | None = None
+    at: Minimum, graph: Graph, piece: Int32, reference: Bool | None = None, ripples: Float64 | None = None
 ) -> Float64:
-    """Return the standard deviation (N,) of each node's place per axis, but for a motion of all, m.
+    """Return the standard deviation (N,) of each node's place per axis, but for a motion of its piece, m.
 
     Parameters
     ----------
@@ -41,10 +41,10 @@ def deviations_m(
         The layout.
     graph : Graph
         The same nodes and pairs.
-    own : (N,) bool
-        The nodes of the piece; others get NaN.
+    piece : (N,) int32
+        The piece of each node; those of none, -1, get NaN.
     reference : (N,) bool, optional
-        The nodes of the piece that the deviations are relative to; by default all.
+        The nodes that deviations are relative to; by default, and in pieces without any, all.
     ripples : (N,) float64, optional
         Those that a noisy sensor has smoothed away, rad^2.
     """
@@ -57,11 +57,12 @@ def deviations_m(
     _pulled_by_errors(
         order.low, order.high, at.way, *at.ways, at.weight, LAMBDA, np.sqrt(variance_m2), fields, pull
     )
-    moved = at.displaced(np.asfortranarray(pull))[own]
-    z = np.empty(len(graph), dtype=complex)
+    moved, z, std_m = at.displaced(np.asfortranarray(pull)), np.empty_like(at.z), np.full(len(graph), np.nan)
     z[order.nodes] = at.z
-    std_m = np.full(len(graph), np.nan)
-    std_m[own] = np.hypot(_spread_m(moved, z[own], (own if reference is None else reference)[own]), STRAIN_M)
+    for number in np.unique(piece[piece >= 0]).tolist():
+        own = piece == number
+        firm = own[own] if reference is None or not reference[own].any() else reference[own]
+        std_m[own] = np.hypot(_spread_m(moved[own], z[own], firm), STRAIN_M)
     return std_m
 
 

@@ -124,8 +124,7 @@ def graph_of(
 
 
 def _weights(pair: Int32, offset: Complex128, std_m: Float64) -> Float64:
-    """Return the weight (M,) of each view in the mean of its pair, less where it contradicts the pair's
-    others.
+    """Return the weight (M,) of each view in the mean of its pair, less where it contradicts the others.
 
     The loss is that of Geman and McClure. A view is compared with other views of the same pair only, so that
     no neck loses a pair; where views disagree, the pair's variance grows.
@@ -183,7 +182,6 @@ def merged(parts: Sequence[Graph], xyz_m: Float64) -> tuple[Graph, Int64]:
     """
     pairs = np.concatenate([part.pairs for part in parts])
     order: Int64 = np.lexsort((pairs[:, 1], pairs[:, 0]))
-
     listed = {
         field.name: np.concatenate([getattr(part, field.name) for part in parts])[order]
         for field in fields(Graph)

@@ -24,6 +24,9 @@ square. Measured on 43 noisy shapes: 9 of 114 with less than 1, 5 of 142 up to 4
 _NEGLIGIBLE = 0.005
 """What is false more rarely leaves three deviations as they are. By definition: of what is called reliable,
 this share may be wrong."""
+_FEW_NODES = 25.0
+"""Evidence of fewer nodes than ``LEAST_PIECE`` counts so often. Measured on 12 noisy shapes: of 1,405 nodes
+that hang on so few by less than 0.4 36 are off by 20 mm, of 23,600 others 2."""
 _REACH = 1.2
 """The item is so much larger than what is seen of it. Chosen: parts of shirts lie beyond its other end."""
 
@@ -53,7 +56,7 @@ def doubt_m(
     """
     away_m = np.abs(z - z[own].mean())
     node, before, size, joins = _branches_of(pairs, evidence, own, reference)
-    weakest = np.where(size < LEAST_PIECE, np.inf, joins)
+    weakest = joins * np.where(size < LEAST_PIECE, _FEW_NODES, 1.0)
     weakest[0] = np.inf
     for k in range(1, len(node)):
         weakest[k] = min(weakest[k], weakest[before[k]])
@@ -98,20 +101,16 @@ def joints_of(pairs: Int32, evidence: Float64, own: Bool, reference: Bool | None
     nodes in common the weakest is the joint, and cloth behind it has no other one.
     """
     node, _, size, joins = _branches_of(pairs, evidence, own, reference)
-    weak, found = (size >= LEAST_PIECE) & (joins < evidence_of(0.5 * _NEGLIGIBLE)), list[int]()
+    weak = (size >= LEAST_PIECE) & (joins < evidence_of(0.5 * _NEGLIGIBLE))
+    found = dict[int, Joint]()
     for k in np.argsort(np.where(weak, joins, np.inf), kind="stable")[: weak.sum()].tolist():
-        behind = any(a <= k < a + size[a] for a in found)
-        same = any(k <= a < k + size[k] and 2 * size[a] > size[k] for a in found)
+        behind = any(n <= k < n + size[n] for n in found)
+        same = any(k <= n < k + size[k] and 2 * size[n] > size[k] for n in found)
         if k and not (behind or same):
-            found.append(k)
-    parts = np.zeros((len(found), len(own)), dtype=np.bool_)
-    for part, k in zip(parts, found, strict=True):
-        part[node[k : k + size[k]]] = True
-    false = false_share(joins[found])
-    return [
-        Joint(part=parts[n], evidence=float(joins[found[n]]), false=float(false[n]))
-        for n in np.argsort(-false * parts.sum(axis=1), kind="stable")
-    ]
+            part = np.zeros(len(own), dtype=np.bool_)
+            part[node[k : k + size[k]]] = True
+            found[k] = Joint(part=part, evidence=float(joins[k]), false=float(false_share(joins[k])))
+    return sorted(found.values(), key=lambda joint: -joint.false * np.count_nonzero(joint.part))
 
 
 def _branches_of(
@@ -129,7 +128,8 @@ def _branches_of(
     joined = coo_array((evidence, ends.T), shape=(len(node), len(node))).tocsr()
     both_ways = joined + joined.T
     tree = minimum_spanning_tree(-joined - joined * (both_ways @ both_ways))
-    middle, counts = 0, (own if reference is None else reference)[node]
+    counts = (own if reference is None else reference)[node]
+    middle = int(counts.argmax())
     for _ in range(2):  # the second time from the last node that more than half of the reference hangs on
         order, parent = depth_first_order(tree, middle, directed=False)
         at = np.full(len(node), -1)

@@ -55,18 +55,15 @@ def plain_step(nodes: Nodes, samples: Samples, motion: Rigid2, radius_m: float) 
 @pytest.mark.parametrize("initial", [Rigid2(), Rigid2(0.1, 0.01, -0.004), Rigid2(-0.4, 0.03, 0.05)])
 def test_the_rounds_are_steps_of_gauss_newton(initial: Rigid2) -> None:
     nodes, samples = given(4)
-    motion, radius_m, settled = initial, 0.02, None
+    motion, radius_m = initial, 0.02
     for rounds in range(1, 6):
         motion, hessian = plain_step(nodes, samples, motion, radius_m)
         found, information = fitted(nodes, samples, initial, (0.02, 0.004), rounds)
-        if found == settled:
-            break  # the steps are too small to go on
         corners = np.array([[-0.1, -0.1], [0.1, 0.1]])
         np.testing.assert_allclose(found.apply(corners), motion.apply(corners), atol=1e-9)
         assert information is not None
         np.testing.assert_allclose(information, hessian, atol=1e-6 * hessian.max())
-        radius_m, settled = max(0.5 * radius_m, 0.004), found
-    assert rounds > 1
+        radius_m = max(0.5 * radius_m, 0.004)
 
 
 def test_samples_beside_the_surface_tell_no_motion() -> None:

@@ -19,7 +19,8 @@ PLATE = grid(20, 20)
 
 def deviations(graph: Graph, own: Bool | None = None, reference: Bool | None = None) -> Float64:
     laid = laid_out(graph, np.ones(len(graph.pairs), dtype=bool))
-    return deviations_m(laid.at, graph, np.ones(len(graph), dtype=bool) if own is None else own, reference)
+    every = np.zeros(len(graph), dtype=np.int32)
+    return deviations_m(laid.at, graph, every if own is None else np.where(own, 0, -1), reference)
 
 
 def with_flap(neck: int) -> tuple[Graph, Bool]:
@@ -90,7 +91,7 @@ def test_deviations_are_relative_to_the_reference() -> None:
 def test_ripples_that_noise_took_make_lengths_less_sure() -> None:
     graph, on_flap = with_flap(2)
     laid = laid_out(graph, np.ones(len(graph.pairs), dtype=bool))
-    every = np.ones(len(graph), dtype=bool)
+    every = np.zeros(len(graph), dtype=np.int32)
     smooth, rippled = (
         deviations_m(laid.at, graph, every, ripples=np.full(len(graph), ripples))[on_flap]
         for ripples in (0.0, 0.5)

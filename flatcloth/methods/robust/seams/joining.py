@@ -341,6 +341,7 @@ def _on_plane(this: Shape, graph: Graph, laid: LaidOut, evidence: Float64) -> tu
     """Return the layout of both sides on the plane of this one, and the deviations (N,) of their nodes.
 
     The main piece is that of this side, where a floating one is larger. ``evidence`` is of :func:`_doubted`.
+    Deviations are relative to the nodes of this side's main piece, or of its floating ones in each piece.
     """
     n = len(this.nodes)
     piece, uv = laid.piece.copy(), uv_of(laid.z)
@@ -358,10 +359,13 @@ def _on_plane(this: Shape, graph: Graph, laid: LaidOut, evidence: Float64) -> tu
         )
     uv[piece < 0] = np.nan
     reference = np.zeros(len(graph), dtype=np.bool_)
+    reference[:n] = piece[:n] > 0
     reference[own] = True
-    std_m = deviations_m(laid.at, graph, piece == 0, reference)
+    std_m = deviations_m(laid.at, graph, piece, reference)
     if any(view.is_noisy for view in this.observations):
-        std_m = np.hypot(std_m, doubt_m(graph.pairs, evidence, piece == 0, laid.z, reference))
+        for number in np.unique(piece[reference]).tolist():
+            doubt = doubt_m(graph.pairs, evidence, piece == number, laid.z, reference)
+            std_m = np.hypot(std_m, doubt)
     return Both(all_uv_m=uv, piece=piece), std_m
 
 
