@@ -30,7 +30,7 @@ SHORT = {
 CHANGED = ("the result", "the last digits", "nothing")
 KEPT_FOR = {
     "bounds memory or time, or ends what has converged": (
-        "_MOST_STEPS", "_FACTORS", "MOST_PIXELS", "_STILL", "MOST_KEPT", "_FILLED", "THREADS",
+        "_MOST_STEPS", "_FACTORS", "MOST_PIXELS", "MOST_KEPT", "_FILLED", "THREADS",
         "_IMAGES_KEPT", "_TRIES", "_MOST_STEPS", "MOST_SETS",
     ),
     "finds the axis of recordings that name none (`python -m benchmarks registration`)": (
