@@ -87,7 +87,7 @@ SCRIPTS: dict[str, tuple[Told, list[tuple[Says | None, Told]]]] = {
     ]),
     "a move is one decision, its score is told, and kept with the view": ({}, [
         *ASKED,
-        (move(u_m=0.010), {"pending.parts.height_rms_mm": near(10.0), "pending.score": near(0.7),
+        (move(u_m=0.010), {"pending.score": near(0.7),
                            "pending.nudge.u_mm": near(10.0)}),
         (do("undo"), {"pending.nudge.u_mm": 0, "undo": None}),
         (do("redo"), {"pending.score": near(0.7)}),
@@ -244,7 +244,6 @@ REFUSED = [
     ('{"type": "refine", "view_index": 1}', "The proposal has changed; look again."),
     ('{"type": "measure", "id": 1' + "0" * 5000 + "}", "not JSON"),
     ('{"type": "play", "playing": true}', "no camera"),
-    ('{"type": "ready", "layer": "x"}', "Unknown layer"),
     ("x" * 200_000, "too long"),
 ]
 
