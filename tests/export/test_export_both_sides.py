@@ -140,10 +140,11 @@ def test_the_offline_page_has_the_cloth_of_the_other_side(session) -> None:
 
 
 def test_the_report_says_how_many_seams_are_kept_by_decisions() -> None:
-    seam = {"joins": True, "decided": None, "length_mm": 200}
-    kept, cut = {**seam, "decided": "keep"}, {**seam, "joins": False, "decided": "cut"}
+    seam = {"joins": True, "decided": None, "length_mm": 200, "probability": 0.985}
+    kept, cut = {**seam, "decided": "keep", "probability": 1.0}, {**seam, "joins": False, "decided": "cut"}
     entry = {"area_cm2": 900.0, "is_related": True, "floating": [], "seams": [seam, kept, kept, cut]}
     (line,) = other_side_lines(entry)
-    assert line.startswith("Other side: 900 cm2, joined along 60 cm of seams. 2 of its seams are kept")
+    along = "Other side: 900 cm2, joined along {} cm of seams, the surest right with {}"
+    assert line.startswith(f"{along.format(60, '100.0%')}. 2 of its seams are kept")
     (line,) = other_side_lines({**entry, "seams": [seam]})
-    assert line == "Other side: 900 cm2, joined along 20 cm of seams."
+    assert line == f"{along.format(20, '98.5%')}."
