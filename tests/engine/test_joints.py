@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from flatcloth.engine.outcome import lines_of
 from flatcloth.engine.results.joints import alternatives, joints_of
 from flatcloth.flattening.cloth import Cloth
 from flatcloth.garments.deciding import decided_part
@@ -70,3 +71,14 @@ def test_a_part_has_the_probability_that_a_garment_or_a_seam_leaves_it_until_it_
     assert (joint.probability, joint.is_kept) == (0.7, False)
     (joint,) = joints_of(cloth, [doubted], [decided_part(cloth, found.part, 1.0, taken_off=False)])
     assert (joint.probability, joint.is_kept) == (1.0, True)
+
+
+def test_the_report_names_the_joint_that_most_doubtful_cloth_hangs_on() -> None:
+    joint = {"area_cm2": 740.0, "share": 0.37, "probability": 0.71, "evidence": 0.9, "views": [3]}
+    report = {
+        "recording": "shirt", "start_view": 0, "accepted": [], "left": [], "ended": "No view is left.",
+        "area_cm2": 2000.0, "floating_cm2": [], "wrong": [], "joints": [joint],
+    }  # fmt: skip
+    assert "740 cm2, 37% of the cloth, hang on one joint that is right with 71.0%." in lines_of(report)
+    certain = {**report, "joints": [{**joint, "probability": 1.0}]}
+    assert not any("joint" in line for line in lines_of(certain))
