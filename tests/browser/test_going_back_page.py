@@ -90,7 +90,7 @@ def what_was_done(tab):
 
 
 def why_it_is_joined(tab):
-    """With joints of a made-up garment, as an even cylinder has none."""
+    """With joints of a made-up garment."""
     page = tab.page
     u, v = tab.state()["layers"]["origin_uv_m"]
     pixel = tab.state()["layers"]["pixel_size_m"]
@@ -108,7 +108,7 @@ def why_it_is_joined(tab):
     def answer(route):
         revision = int(re.search(r"(\d+)\.json", route.request.url)[1])
         joints = [joint, {**joint, "weak": False, "evidence": 4.0}]
-        found = {"revision": revision, "trouble": "", "joints": joints}
+        found = {"revision": revision + 1000, "trouble": "", "joints": joints}  # of a shape that is not shown
         route.fulfill(body=json.dumps(found), content_type="application/json")
 
     page.route("**/joints/*.json", answer)
@@ -138,6 +138,6 @@ def why_it_is_joined(tab):
     tab.until("flatcloth.joints.chosen === 0")
     assert tab.findings() == []
     panel.get_by_role("button", name="Cut here").click()
-    page.locator(".toast", has_text="The shape has changed").wait_for()  # the server knows of no such joint
+    page.locator(".toast", has_text="The shape has changed").wait_for()
     page.keyboard.press("Escape")
     page.unroute("**/joints/*.json")
