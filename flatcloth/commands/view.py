@@ -59,7 +59,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="session folder, resumed if it exists (default: one per recording in the user's state folder)",
     )
 
-    parser.add_argument("--live", action="store_true", help=argparse.SUPPRESS)
     add_camera(parser)
     add_goal(parser.add_argument_group("active loop (with --cell, or --camera and --goal)"))
     add_cell(parser)
@@ -69,10 +68,6 @@ def run(options: argparse.Namespace) -> None:
     """Serve the page until it is stopped."""
     from flatcloth.viewer.server.app import serve
 
-    if options.live:
-        raise FlatclothError(
-            "--live is no longer an option: open the recording without it, and press Space to play its views."
-        )
     first, page = first_of_camera(options), page_options(options)
     if options.source is not None:
         serve(first=lambda: opened_recording(options, options.source, options.session), **page)

@@ -172,7 +172,9 @@ def lines_of(outcome: dict[str, Any]) -> list[str]:
     if any(joint["probability"] < 1.0 for joint in outcome["joints"]):
         joint, *_ = outcome["joints"]
         hanging = f"{joint['area_cm2']:.0f} cm2, {joint['share']:.0%} of the cloth,"
-        lines.append(f"{hanging} hang on one joint that is right with {joint['probability']:.1%}.")
+        lines.append(
+            f"{hanging} hang on one joint that is right with a probability of {joint['probability']:.1%}."
+        )
     if "cameras" in outcome:
         lines.append(outcome["cameras"]["found"])
     if "segmentation" in outcome:
@@ -243,8 +245,8 @@ def other_side_lines(entry: dict[str, Any]) -> list[str]:
     length_cm = sum(seam["length_mm"] for seam in joined) / 10
     relation = "joined by no seam"
     if entry["is_related"]:
-        sure = max(seam["probability"] for seam in joined)
-        relation = f"joined along {length_cm:.0f} cm of seams, the surest right with {sure:.1%}"
+        sure = f"the surest right with a probability of {max(seam['probability'] for seam in joined):.1%}"
+        relation = f"joined along {length_cm:.0f} cm of seams, {sure}"
     line = f"Other side: {entry['area_cm2']:.0f} cm2, {relation}"
     if "firm_share" in entry:
         line += f"; {entry['firm_share']:.0%} reliable"

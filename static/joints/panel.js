@@ -110,7 +110,8 @@ export class JointsPanel extends PagePart {
       make(
         "p.note",
         `Held by ${count(pairs, "pair")} of ${count(joint.views.length, "view")}. ` +
-          `Their evidence, ${number(joint.evidence, 1)}, is right with ${number(100 * joint.probability, 1)} %.`,
+          `With their evidence, ${number(joint.evidence, 1)}, the joint is right with a probability of ` +
+          `${number(100 * joint.probability, 1)} %.`,
       ),
       joint.kept && make("p.note", "You kept it."),
       make("div.group", this.decide("Cut here", true, n, waits), this.decide("Keep", false, n, waits)),

@@ -3,7 +3,6 @@
 import { byId, closeButton, make, openSheet, placeBeside, staysIn, targetOf } from "./dom.js";
 
 const STAYS_MS = { info: 7000, warning: 10000, error: 20000 }; // longer under the pointer; the log has all
-const MOST_SHOWN = 1; // more would lie over what they are about
 const KEPT = 200;
 const WORDS = { info: "Note", warning: "Warning", error: "Error" };
 
@@ -25,11 +24,7 @@ export function notify(/** @type {Note["level"]} */ level, /** @type {string} */
     make("p", text),
     closeButton("Dismiss", () => toast.remove()),
   );
-  const toasts = byId("toasts");
-  // The same again takes the place of the former.
-  for (const old of toasts.children) if (old.querySelector("p")?.textContent === text) old.remove();
-  toasts.append(toast);
-  while (toasts.childElementCount > MOST_SHOWN) toasts.firstElementChild?.remove();
+  byId("toasts").replaceChildren(toast); // more would lie over what they are about
   const end = () => {
     if (toast.matches(":hover, :focus-within")) setTimeout(end, STAYS_MS.info);
     else toast.remove();
@@ -43,7 +38,11 @@ function keep(level, text, timeS) {
   if (kept.length > KEPT) kept.shift();
 }
 
-/** Take the server's log: what is new becomes a toast; of notes, not while Auto runs. @param {Note[]} log @param {boolean} isAuto */
+/**
+ * Take the server's log: what is new becomes a toast, except what was there before this page.
+ * @param {Note[]} log
+ * @param {boolean} isAuto while Auto runs, a note about each view is for the log only
+ */
 export function takeServerLog(log, isAuto) {
   quiet = isAuto;
   const first = lastServerNote < 0;

@@ -129,7 +129,7 @@ export class ResultPanel extends PagePart {
     const right = `${number(100 * joint.probability, 1)} %`;
     return make(
       "p.note.warn",
-      `${cm2(joint.area_cm2)} hang on one joint that is right with ${right}: `,
+      `${cm2(joint.area_cm2)} hang on one joint that is right with a probability of ${right}: `,
       this.page.smallButton("joints"),
     );
   }

@@ -115,7 +115,7 @@ def why_it_is_joined(tab):
     page.keyboard.press("Shift+Y")
     panel = page.get_by_role("region", name="Why joined")
     expect(panel.get_by_role("group", name="Part 1")).to_contain_text("14 pairs of 1 view")
-    expect(panel).to_contain_text("right with 10.0 %")
+    expect(panel).to_contain_text("right with a probability of 10.0 %")
     panel.get_by_role("button", name="1 · 30°").click()
     tab.until("flatcloth.sources.drawn.view === 1")
     # The source image is as large as wanted, and the wheel zooms into it.

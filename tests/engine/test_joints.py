@@ -79,6 +79,9 @@ def test_the_report_names_the_joint_that_most_doubtful_cloth_hangs_on() -> None:
         "recording": "shirt", "start_view": 0, "accepted": [], "left": [], "ended": "No view is left.",
         "area_cm2": 2000.0, "floating_cm2": [], "wrong": [], "joints": [joint],
     }  # fmt: skip
-    assert "740 cm2, 37% of the cloth, hang on one joint that is right with 71.0%." in lines_of(report)
+    assert (
+        "740 cm2, 37% of the cloth, hang on one joint that is right with a probability of 71.0%."
+        in lines_of(report)
+    )
     certain = {**report, "joints": [{**joint, "probability": 1.0}]}
     assert not any("joint" in line for line in lines_of(certain))

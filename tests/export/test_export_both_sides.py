@@ -144,7 +144,7 @@ def test_the_report_says_how_many_seams_are_kept_by_decisions() -> None:
     kept, cut = {**seam, "decided": "keep", "probability": 1.0}, {**seam, "joins": False, "decided": "cut"}
     entry = {"area_cm2": 900.0, "is_related": True, "floating": [], "seams": [seam, kept, kept, cut]}
     (line,) = other_side_lines(entry)
-    along = "Other side: 900 cm2, joined along {} cm of seams, the surest right with {}"
+    along = "Other side: 900 cm2, joined along {} cm of seams, the surest right with a probability of {}"
     assert line.startswith(f"{along.format(60, '100.0%')}. 2 of its seams are kept")
     (line,) = other_side_lines({**entry, "seams": [seam]})
     assert line == f"{along.format(20, '98.5%')}."

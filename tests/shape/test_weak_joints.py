@@ -10,7 +10,7 @@ from made_up_sheets import exact_graph, grid, neighbours
 
 from flatcloth.core.types import Bool, Float64
 from flatcloth.shape.graph import Graph, z_of
-from flatcloth.shape.joints import doubt_m, doubt_of, false_share, joints_of, seen_often
+from flatcloth.shape.joints import doubt_m, doubt_of, false_share, seen_often, weak_joints
 from flatcloth.shape.shape import RELIABLE_M
 
 THREE = np.concatenate([grid(10, 10), grid(10, 6, (0.2, 0.0)), grid(8, 5, (0.4, 0.0))])
@@ -65,18 +65,18 @@ def test_cloth_that_many_pairs_join_is_not_doubted() -> None:
     graph, _ = in_a_row((30.0, 300.0))
     for off_m in doubts_m(graph):
         assert off_m.max() < RELIABLE_M
-    assert not joints_of(graph.pairs, graph.evidence, ALL)
+    assert not weak_joints(graph.pairs, graph.evidence, ALL)
 
 
 def test_a_joint_is_what_hangs_on_it_and_cloth_behind_a_weaker_one_has_no_other() -> None:
     graph, _ = in_a_row((10.0, 4.0))
-    weaker, first = joints_of(graph.pairs, graph.evidence, ALL)
+    weaker, first = weak_joints(graph.pairs, graph.evidence, ALL)
     np.testing.assert_array_equal(np.unique(SHEET[weaker.part]), [2])
     np.testing.assert_array_equal(np.unique(SHEET[first.part]), [1, 2])
     assert (round(weaker.evidence, 6), round(first.evidence, 6)) == (4.0, 10.0)
     assert weaker.false == false_share(np.array(4.0))
     graph, _ = in_a_row((4.0, 10.0))
-    (only,) = joints_of(graph.pairs, graph.evidence, ALL)
+    (only,) = weak_joints(graph.pairs, graph.evidence, ALL)
     assert only.evidence == pytest.approx(4.0)
 
 

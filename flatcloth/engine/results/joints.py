@@ -1,4 +1,4 @@
-"""What holds the parts of a shape: where little evidence joins them, how surely, and by which views."""
+"""Weak joints of a shape: where little evidence joins a part, how probably rightly, seen by which views."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from flatcloth.garments.deciding import is_same_part, kept_parts, last_decisions
 from flatcloth.garments.evidence import LEAST_AREA_M2
 from flatcloth.garments.links import DoubtedLink
 from flatcloth.session.garment import DoubtedPart
-from flatcloth.shape import joints
 from flatcloth.shape.graph import pairs_once
+from flatcloth.shape.joints import seen_often, weak_joints
 
 _MOST = 0.9  # by definition: nine tenths of the residuals are below
 
@@ -38,9 +38,9 @@ class HeldBy:
 class Joint:
     """Where a part of the shape hangs on the rest.
 
-    ``part`` (N,) are its samples, ``share`` of all; ``evidence`` joins it, ``probability`` that rightly;
-    ``seam_uv_m`` (K, 2) and ``seam_xyz_m`` (K, 3) are the middles of the different pairs across; ``views``
-    have most pairs first. ``is_kept``: the operator decided so.
+    ``part`` (N,) are the samples behind the joint, ``share`` their share of all; ``evidence`` is that of the
+    pairs across, ``probability`` that the joint is right. ``seam_uv_m`` (K, 2), ``seam_xyz_m`` (K, 3) are the
+    middles of the different pairs across; ``views`` have most pairs first. ``is_kept``: the operator says so.
     """
 
     part: Bool
@@ -56,21 +56,21 @@ class Joint:
 def joints_of(
     cloth: Cloth, doubted: Sequence[DoubtedLink] = (), decisions: Sequence[DoubtedPart] = ()
 ) -> list[Joint]:
-    """Return where parts of a shape hang on the rest by little evidence, that with most doubtful cloth first.
+    """Return the weak joints of a shape, the one with the most doubtful cloth first.
 
-    ``cloth`` is how the shape hangs together, ``doubted`` are links that no garment allows; ``decisions`` are
-    about parts: one that a garment or a seam contradicts has the probability that these leave it,
-    one that the operator keeps is right. Without noise none is joined falsely.
+    ``cloth`` says how the shape hangs together, ``doubted`` are links that no garment allows, ``decisions``
+    are about parts. A part that a garment or a seam contradicts has the probability that these leave it; one
+    that the operator keeps is right. Without noise, no part is joined falsely.
     """
     joined = np.flatnonzero(cloth.joined)
     pairs, pair = pairs_once(cloth.edges[joined])
     evidence = np.bincount(pair, cloth.evidence[joined]).astype(np.float64)
-    each = joints.seen_often(evidence, np.bincount(pair))
+    counted = seen_often(evidence, np.bincount(pair))
     parts = [(link.part, link.probability) for link in doubted]
     parts += [
         (part, decided.probability) for decided, part in last_decisions(cloth, decisions) if decided.std_m
     ]
-    for joint in joints.joints_of(pairs, each, cloth.placed):
+    for joint in weak_joints(pairs, counted, cloth.placed):
         if not any(is_same_part(joint.part, part) for part, _ in parts):
             parts.append((joint.part, 1.0 - joint.false * cloth.is_noisy))
     kept, least = kept_parts(cloth, decisions), LEAST_AREA_M2 / cloth.spacing_m**2
@@ -85,7 +85,7 @@ def joints_of(
             Joint(
                 part=part,
                 share=np.count_nonzero(part) / np.count_nonzero(cloth.placed),
-                evidence=float(each[apart].sum()),
+                evidence=float(counted[apart].sum()),
                 probability=1.0 if is_kept else probability,
                 seam_uv_m=cloth.uv_m[pairs[apart]].mean(axis=1),
                 seam_xyz_m=cloth.xyz_m[pairs[apart]].mean(axis=1),
@@ -99,8 +99,8 @@ def joints_of(
 def alternatives(found: Sequence[Joint]) -> list[tuple[float, Joint | None]]:
     """Return what the shape may be, the most probable first, each with its probability.
 
-    None is the shape as it is; a joint: it is false, and the part that hangs on it lies elsewhere. What is
-    left to 1 are shapes with several false joints.
+    None stands for the shape as it is; a joint for the shape in which this joint is false and its part lies
+    elsewhere. Shapes with several false joints are not listed: they have the rest of the probability.
     """
     right = math.prod(joint.probability for joint in found)
     wrong = [

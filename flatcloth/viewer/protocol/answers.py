@@ -179,7 +179,7 @@ class HeldByView(Sent, frozen=True):
 class JointInfo(Sent, frozen=True):
     """Where a part of the shape is joined to the rest, and what holds it.
 
-    ``evidence`` joins it, ``probability`` that rightly; it is ``weak`` if that leaves a doubt.
+    ``evidence`` is that of the pairs across, ``probability`` that the joint is right; ``weak``: in doubt.
     """
 
     area_cm2: float

@@ -20,9 +20,9 @@ from flatcloth.methods.answers import DoubtedJoint, Ends, Seam
 from flatcloth.methods.robust.seams.decisions import CUT, with_decisions
 from flatcloth.methods.robust.seams.laying import Both, joined_pieces, laid_piece, nodes_on, with_laid
 from flatcloth.methods.robust.seams.links import (
-    Joint,
     Matches,
     SeamLink,
+    SideJoint,
     linked,
     matches_of,
     motion_onto,
@@ -297,7 +297,7 @@ def _own_graph(shape: Shape) -> Graph:
     )
 
 
-def _of_this_side(this: Shape, joint: Joint) -> DoubtedJoint:
+def _of_this_side(this: Shape, joint: SideJoint) -> DoubtedJoint:
     """Return a joint of this side, with the smaller part of the piece that it joins."""
     own = this.placed if joint.piece == 0 else this.piece == joint.piece
     part = min((own & joint.part, own & ~joint.part), key=np.count_nonzero)
@@ -312,7 +312,7 @@ def _doubted(
     nodes: tuple[int, int],
     link_of_seam: Int64,
     links: Sequence[SeamLink],
-    joints: Sequence[Joint],
+    joints: Sequence[SideJoint],
 ) -> Float64:
     """Return the evidence of the pairs (P,) of both sides: of seams and of joints as probable as they are."""
     evidence = seen_often(np.where(holds, graph.evidence, 0.0), graph.views)

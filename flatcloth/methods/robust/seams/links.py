@@ -117,7 +117,7 @@ class SeamLink:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Joint:
+class SideJoint:
     """Cloth of a ``side`` (0 this, 1 the other) that joins a ``part`` (N,) of the nodes of a ``piece``.
 
     ``evidence`` joins it; ``false`` is the probability that it does so falsely, ``is_false`` whether it is
@@ -151,7 +151,7 @@ def linked(
     matches: Matches,
     sets: Sequence[SeamLink],
     ends: tuple[Sequence[Ends], Sequence[Ends]],
-) -> tuple[Shape, Matches, list[SeamLink], list[Joint]]:
+) -> tuple[Shape, Matches, list[SeamLink], list[SideJoint]]:
     """Decide which sets of matches join the sides; take the other side apart where they contradict it.
 
     Two true sets that place one piece of the other side differently on one piece of this side need cloth
@@ -174,10 +174,10 @@ def linked(
         At their places on its new plane.
     list of SeamLink
         All sets, in the same order.
-    list of Joint
+    list of SideJoint
         The cloth between sets that stays joined: on this side also where it is more probably false.
     """
-    links, joints = list(sets), list[Joint]()
+    links, joints = list(sets), list[SideJoint]()
     at = node_at(this, matches.this_uv_m), node_at(other, matches.other_uv_m)
     cloth = Cloth(this), Cloth(other)
     found = [n for n, link in enumerate(links) if not link.why]
@@ -206,7 +206,7 @@ def _decided(
     matches: Matches,
     links: Sequence[SeamLink],
     ends: tuple[Sequence[Ends], Sequence[Ends]],
-) -> tuple[list[SeamLink], list[Joint]]:
+) -> tuple[list[SeamLink], list[SideJoint]]:
     """Return the sets between two pieces as they are true or not, and the joints between those that are."""
     judged = [_log_odds(cloth[1], matches, link, ends, at[1]) for link in links]
     between = {
@@ -219,7 +219,7 @@ def _decided(
     false = {pair: 1.0 - math.prod(1.0 - each.false for each in both) for pair, both in between.items()}
     found = configured([odds for odds, _ in judged], false)
     is_true = found.true & (found.probability > SURE)
-    decided, joints = list(links), list[Joint]()
+    decided, joints = list(links), list[SideJoint]()
     for n, (odds, joint) in enumerate(judged):
         before = _by_strength(links[n])
         why = _CONTRADICTS if odds > _SURE_ODDS else _EDGES if before > _SURE_ODDS else _FEW
@@ -252,7 +252,7 @@ def _log_odds(
     link: SeamLink,
     ends: tuple[Sequence[Ends], Sequence[Ends]],
     at_other: Int64,
-) -> tuple[float, Joint | None]:
+) -> tuple[float, SideJoint | None]:
     """Return the logarithm of the odds that a set is true.
 
     Also the joint between it and the true edges that it lays on the other sheet, None without such edges, and
@@ -282,7 +282,7 @@ class Cloth:
         self.evidence = seen_often(shape.graph.evidence[used], shape.graph.views[used])
 
 
-def joint_between(side: int, cloth: Cloth, one: Int64, other: Int64) -> Joint:
+def joint_between(side: int, cloth: Cloth, one: Int64, other: Int64) -> SideJoint:
     """Return the weakest joint between some nodes of a piece and ``other`` ones; its part has the first.
 
     Where it would leave less than ``LEAST_PIECE`` nodes on a side there is none: it is never false.
@@ -297,7 +297,7 @@ def joint_between(side: int, cloth: Cloth, one: Int64, other: Int64) -> Joint:
         if min((own & part).sum(), (own & ~part).sum()) >= LEAST_PIECE:
             evidence = float(cloth.evidence[part[cloth.pairs[:, 0]] != part[cloth.pairs[:, 1]]].sum())
     false = 1.0 / (_JOINTS[0] + evidence / _JOINTS[1])
-    return Joint(side=side, piece=piece, part=part, evidence=evidence, false=false)
+    return SideJoint(side=side, piece=piece, part=part, evidence=evidence, false=false)
 
 
 def contradicting(
