@@ -1,33 +1,34 @@
 """How probable it is that sets of places where rims meet are seams, and that cloth between them is true.
 
-For each recording: all sets with what their probability is fitted to (strength, true edges on cloth of the
-other sheet), that probability, and whether they are true; then the cloth of either side between each two true
-sets of a piece, with its evidence and how far it is truly bent. The odds of ``seams/links.py`` are fitted to
-these, and reported for garments left out of the fit.
+For each recording and each pair of pieces: all sets with what their probability rests on (strength, true
+edges on cloth of the other sheet), that probability, and whether they are true; for each two that place the
+pieces differently, the evidence of the cloth between them on either side. The odds of ``seams/links.py`` are
+those by which all pairs of pieces are most probably as they truly are; figures are of garments left out.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from itertools import combinations, pairwise
+from itertools import combinations
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.spatial import cKDTree
+from scipy.special import expit, logsumexp
 
 from benchmarks.inputs import measure_each
 from benchmarks.output import Options, Row
-from benchmarks.unattended import logistic, unattended
-from flatcloth.core.geometry import fit_rigid2
-from flatcloth.core.types import MIRROR, FlattenedView, Float64, Int64
+from benchmarks.unattended import unattended
+from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64
 from flatcloth.engine.both_sides import BothSides, one_side
 from flatcloth.engine.evaluation import Truth, look_up
 from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
+from flatcloth.methods.robust.seams.configuration import weights_of
 
-BENT_MM = 100.0
-"""Cloth that is bent more between two seams is joined falsely. Chosen: drift is less."""
-HELD = 0.02
+_HELD = 0.05
 """Weight that draws the coefficients to 0. Chosen: hardly."""
 
 
@@ -53,40 +54,33 @@ def rows_of(source: str) -> list[Row]:
     sets = seam_links.sets_of(*shapes, matches)
     ends = sides[0].ends, sides[1].ends
     decided = seam_links.linked(*shapes, matches, sets, ends)[2]
-    found = [
-        {
-            "places": len(each.members),
-            "strength": round(each.strength, 1),
-            "against": round(float(seam_links.contradicting(matches, each, ends)[0].sum()), 1),
-            "probability": round(link.probability, 4),
-            "joins": not link.why,
-            "true_share": round(float(np.nanmean(off_m[each.members] < FAR_RELATED_M)), 2),
-        }
-        for each, link in zip(sets, decided, strict=True)
-        if np.isfinite(off_m[each.members]).any()
-    ]
-    true_sets = [each for each in sets if np.nanmean(off_m[each.members] < FAR_RELATED_M) >= 0.5]
-    joints = []
-    for side, (shape, uv) in enumerate(zip(shapes, places, strict=True)):
-        cloth, node = seam_links.Cloth(shape), seam_links.node_at(shape, uv)
-        for one, other_set in combinations(true_sets, 2):
-            pieces_of = [(each.this_piece, each.other_piece)[side] for each in (one, other_set)]
-            joint = seam_links.joint_between(side, cloth, node[one.members], node[other_set.members])
-            if pieces_of[0] == pieces_of[1] and np.isfinite(joint.evidence):
-                bent = _bent_mm(uv, true[side], one.members, other_set.members)
-                joints.append({"side": side, "evidence": round(joint.evidence, 1), "bent_mm": bent})
-    is_noisy = any(view.is_noisy for view in shapes[0].observations)
-    name = integration.recording.name
-    return [{"recording": name, "noisy": is_noisy, "sets": found, "joints": joints}]
-
-
-def _bent_mm(uv_m: Float64, true_uv_m: Float64, one: Int64, other: Int64) -> float:
-    """Return how far the cloth between two sets of matches is truly bent; NaN if too little is known."""
-    one, two = (each[np.isfinite(true_uv_m[each, 0])] for each in (one, other))
-    if min(one.size, two.size) < 3:
-        return float("nan")
-    off_m = fit_rigid2(uv_m[one], true_uv_m[one]).apply(uv_m[two]) - true_uv_m[two]
-    return round(1e3 * float(np.median(np.linalg.norm(off_m, axis=1))), 1)
+    cloth = [seam_links.Cloth(shape) for shape in shapes]
+    node = [seam_links.node_at(*each) for each in zip(shapes, places, strict=True)]
+    name, rows = integration.recording.name, []
+    for pieces_of in sorted({(each.this_piece, each.other_piece) for each in sets}):
+        own = [n for n, each in enumerate(sets) if (each.this_piece, each.other_piece) == pieces_of]
+        row: Row = {"recording": name, "sets": [], "between": []}
+        for n in own:
+            known = np.isfinite(off_m[sets[n].members])
+            share = float((off_m[sets[n].members][known] < FAR_RELATED_M).mean()) if known.any() else None
+            row["sets"].append({
+                "strength": round(sets[n].strength, 1),
+                "against": round(float(seam_links.contradicting(matches, sets[n], ends)[0].sum()), 1),
+                "probability": round(decided[n].probability, 4),
+                "joins": not decided[n].why,
+                "true_share": None if share is None else round(share, 2),
+            })  # fmt: skip
+        for one, two in combinations(range(len(own)), 2):
+            ends_of = [sets[own[one]].members, sets[own[two]].members]
+            if not seam_links.agree(matches, sets[own[one]], sets[own[two]]):
+                joints = [
+                    seam_links.joint_between(k, cloth[k], *(node[k][each] for each in ends_of))
+                    for k in (0, 1)
+                ]
+                evidence = [round(j.evidence, 1) if math.isfinite(j.evidence) else None for j in joints]
+                row["between"].append([one, two, *evidence])
+        rows.append(row)
+    return rows
 
 
 def _true_at(pieces: Sequence[FlattenedView], truth: Truth, uv_m: Float64) -> Float64:
@@ -101,55 +95,80 @@ def _true_at(pieces: Sequence[FlattenedView], truth: Truth, uv_m: Float64) -> Fl
 
 def worst_first(rows: Sequence[Row]) -> list[Row]:
     """Return the rows by the surest false set."""
-    return sorted(
-        rows,
-        key=lambda row: -max((s["probability"] for s in row["sets"] if s["true_share"] < 0.5), default=0),
-    )
+    return sorted(rows, key=lambda row: -max((s["probability"] for s in row["sets"] if _is_true(s) is False),
+                                             default=0.0))  # fmt: skip
+
+
+def _is_true(found: Row) -> bool | None:
+    share = found["true_share"]
+    return None if share is None else share >= 0.5
+
+
+def _configurations(row: Row, odds: Float64) -> tuple[Bool, Float64, Bool]:
+    """Return the configurations (C, K) of the sets of a row, the logarithm of the probability of each (C,),
+    and which of them (C,) may be the true one.
+    """
+    sets = np.array([(1.0, math.log(s["strength"]), math.log1p(s["against"])) for s in row["sets"]])
+    false = {}
+    for one, two, *evidence in row["between"]:
+        joined = [expit(odds[3] - math.log1p(each)) for each in evidence if each is not None]
+        false[one, two] = float(1.0 - np.prod(1.0 - np.array(joined)))
+    true, weight, _ = weights_of(sets @ odds[:3], false)
+    known = [(k, _is_true(s)) for k, s in enumerate(row["sets"]) if _is_true(s) is not None]
+    may_be = np.ones(len(true), dtype=np.bool_)
+    for k, is_true in known:
+        may_be &= true[:, k] == is_true
+    return true, weight - logsumexp(weight), may_be
+
+
+def fitted(rows: Sequence[Row]) -> Float64:
+    """Return the odds (4,), those of a set and of cloth, by which the rows are most probably as they are."""
+
+    def loss(odds: Float64) -> float:
+        shares = [_configurations(row, odds)[1:] for row in rows]
+        return _HELD * float(np.square(odds[1:3]).sum()) - sum(
+            float(logsumexp(weight[may_be])) if may_be.any() else math.log(1e-12) for weight, may_be in shares
+        )
+
+    found: Float64 = minimize(loss, np.array([-1.0, 1.5, -0.5, 0.0]), tol=1e-3).x
+    return found
 
 
 def page(rows: Sequence[Row]) -> str:
     """Return the Markdown page."""
-    sets = [(row["recording"].partition("-")[0], each) for row in rows for each in row["sets"]]
-    features = np.array([(1.0, np.log(s["strength"]), np.log1p(s["against"])) for _, s in sets])
-    true = np.array([s["true_share"] >= 0.5 for _, s in sets])
-    garment = np.array([name for name, _ in sets])
-    left_out = np.zeros(len(sets))
+    garment = np.array([row["recording"].partition("-")[0] for row in rows])
+    chance, is_true, today = [], [], []
     for name in np.unique(garment):
-        own = garment == name
-        left_out[own] = 1.0 / (1.0 + np.exp(-features[own] @ logistic(features[~own], true[~own], HELD)))
-    sure = left_out > 0.9
-    joints = {(row["recording"], j["side"], j["evidence"]): j["bent_mm"] for row in rows if row["noisy"]
-              for j in row["joints"]}  # fmt: skip
-    bins = [0.0, 1.0, 4.0, 16.0, 64.0, np.inf]
-    by_evidence = "\n".join(
-        f"| {low:g} to {high:g} | {len(own)} | {sum(bent > BENT_MM for bent in own)} |"
-        for low, high in pairwise(bins)
-        for own in [[bent for (*_, evidence), bent in joints.items() if low <= evidence < high]]
-    )
+        odds = fitted([row for row, of in zip(rows, garment, strict=True) if of != name])
+        for row in (row for row, of in zip(rows, garment, strict=True) if of == name):
+            true, weight, _ = _configurations(row, odds)
+            for probability, each in zip(np.exp(weight) @ true, row["sets"], strict=True):
+                if _is_true(each) is not None:
+                    chance.append(float(probability))
+                    is_true.append(bool(_is_true(each)))
+                    today.append(each["probability"])
+    p, y, now = np.array(chance), np.array(is_true), np.array(today)
+    sure, unlikely = p > 0.9, p < 0.1
     lines = "\n".join(
         f"| {row['recording']} | " + " | ".join(
             ", ".join(f"{s['probability']:.3g} ({s['strength']:.0f}, {s['against']:.0f})"
-                      for s in row["sets"] if (s["true_share"] >= 0.5) == kind)
+                      for s in row["sets"] if _is_true(s) is kind)
             for kind in (False, True)
         ) + " |"
         for row in rows
     )  # fmt: skip
-    odds = ", ".join(f"{value:.2f}" for value in logistic(features, true, HELD))
+    constant, strength, against, joint = fitted(rows)
+    brier, brier_now = (float(np.mean((each - y) ** 2)) for each in (p, now))
     return f"""# Seams: sets of places, true and false
 
-{len(sets)} sets, {true.sum()} true. Their odds are fitted as {odds} (constant, strength, true edges against);
-for garments left out of the fit the Brier score is {np.mean((left_out - true) ** 2):.3f}, and of {sure.sum()}
-sets of .9 and more {true[sure].mean() if sure.any() else 0:.1%} are true.
+{len(y)} sets of {len(rows)} pairs of pieces, {y.sum()} true. The odds that make them most probable: of a
+set {constant:.2f}, {strength:.2f}, {against:.2f} (constant, strength, true edges against), of false cloth
+{math.exp(joint):.2f} over 1 plus its evidence. For garments left out the Brier score is {brier:.3f}
+(by the constants in the source {brier_now:.3f}); of {sure.sum()} sets of .9 and more
+{y[sure].mean():.1%} are true, of {unlikely.sum()} of .1 and less {1 - y[unlikely].mean():.1%} are false.
 
-Cloth between two true sets, of noisy recordings, by its evidence, and how much of it is bent by more than
-{BENT_MM:g} mm:
-
-| evidence | joints | false |
-|---|---|---|
-{by_evidence}
-
-The probability of each set, in brackets its strength and the true edges against it; the surest false set
-comes first.
+The probability of each set by the constants in the source, in brackets its strength and the true edges
+against it; the surest false set comes first.
 
 | recording | false sets | true sets |
 |---|---|---|

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -169,12 +169,7 @@ def lines_of(outcome: dict[str, Any]) -> list[str]:
             f"Placement uncertainty: {outcome['placement_std_median_mm']:.1f} mm (median std); "
             f"{outcome['firm_share']:.0%} reliable."
         )
-    if any(joint["probability"] < 1.0 for joint in outcome["joints"]):
-        joint, *_ = outcome["joints"]
-        hanging = f"{joint['area_cm2']:.0f} cm2, {joint['share']:.0%} of the cloth,"
-        lines.append(
-            f"{hanging} hang on one joint that is right with a probability of {joint['probability']:.1%}."
-        )
+    lines += _joint_line(outcome["joints"], "the cloth")
     if "cameras" in outcome:
         lines.append(outcome["cameras"]["found"])
     if "segmentation" in outcome:
@@ -187,6 +182,16 @@ def lines_of(outcome: dict[str, Any]) -> list[str]:
         lines.append(f"Left out, with the reasons in {FILE}: {left}.")
     lines.append(outcome["ended"])
     return lines
+
+
+def _joint_line(joints: Sequence[dict[str, Any]], of: str) -> list[str]:
+    """Return a line about the most doubtful joint of some, if there is one."""
+    if not any(joint["probability"] < 1.0 for joint in joints):
+        return []
+    hanging = f"{joints[0]['area_cm2']:.0f} cm2, {joints[0]['share']:.0%} of {of},"
+    return [
+        f"{hanging} hang on one joint that is right with a probability of {joints[0]['probability']:.1%}."
+    ]
 
 
 def view_lines(outcome: dict[str, Any]) -> list[str]:
@@ -217,6 +222,15 @@ def sides_entry(sides: JoinedSides | str) -> dict[str, Any]:
             for n, piece in enumerate(floating, start=1)
         ],
         **uncertainty(view),
+        "joints": [
+            {
+                "area_cm2": round(1e4 * joint.area_m2, 1),
+                "share": round(joint.share, 4),
+                "probability": round(joint.probability, 4),
+                "evidence": round(joint.evidence, 2),
+            }
+            for joint in sides.weak
+        ],
         "seams": [_seam(seam) for seam in sides.seams],
     }
 
@@ -256,7 +270,7 @@ def other_side_lines(entry: dict[str, Any]) -> list[str]:
     kept = sum(seam["decided"] == "keep" for seam in joined)
     if kept:
         line += f". {kept} of its seams are kept by decisions, of the garment or by hand"
-    return [f"{line}."]
+    return [f"{line}.", *_joint_line(entry["joints"], "the other side")]
 
 
 class _Accepted(msgspec.Struct, frozen=True):

@@ -65,9 +65,9 @@ class Candidate:
 
     ``overlap_m2`` is cloth in common with the shape, ``improved_m2`` cloth seen only at large incidence
     angles so far, ``beyond_m2`` cloth beyond the outline of the shape, ``joining_m2`` cloth of floating
-    pieces that the view may connect, ``unseen_m2`` an allowance for cloth without any evidence;
-    ``gap_deg`` is the rotation to the nearest visited view. ``floating_m2`` is cloth of floating pieces that
-    it shows with enough of the shape, wherever they hang.
+    pieces that the view may connect, and behind joints that it may show to be false, ``unseen_m2`` an
+    allowance for cloth without any evidence; ``gap_deg`` is the rotation to the nearest visited view.
+    ``floating_m2`` is cloth of floating pieces that it shows with enough of the shape, wherever they hang.
     """
 
     view_index: int
@@ -313,6 +313,21 @@ class DoubtedJoint:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OtherJoint:
+    """Where cloth of the other side hangs on the rest of both by little evidence.
+
+    ``area_m2`` of the other side is behind it, a ``share`` of all that is related to this side.
+    ``probability`` that it is joined rightly; ``xyz_m`` (K, 3) object frame, the middles of what joins it.
+    """
+
+    area_m2: float
+    share: float
+    probability: float
+    evidence: float
+    xyz_m: Float64
+
+
+@dataclass(frozen=True, kw_only=True)
 class JoinedSides:
     """The other side of an item, joined to this one along the seams.
 
@@ -320,7 +335,8 @@ class JoinedSides:
     deviations are relative to this side's shape, and None if it is not related to that. Where
     ``is_related``, a place (u, v) of its plane times ``MIRROR`` lies on the plane of this side.
     ``laid`` are floating pieces of this side that seams join to the shape, over cloth of the other side; the
-    place of the pieces ``unsure`` is not sure. ``joints`` are what seams say against the cloth of this side.
+    place of the pieces ``unsure`` is not sure. ``joints`` are what seams say against the cloth of this side,
+    ``weak`` where cloth of the other side may be joined falsely, the most doubtful first.
     """
 
     other: Canonical
@@ -329,6 +345,7 @@ class JoinedSides:
     laid: tuple[LaidPiece, ...] = ()
     unsure: frozenset[int] = frozenset()
     joints: tuple[DoubtedJoint, ...] = ()
+    weak: tuple[OtherJoint, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

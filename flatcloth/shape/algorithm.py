@@ -23,7 +23,7 @@ from flatcloth.shape.layout import Minimum, Pairs, minimum, pairs_of, places, ro
 from flatcloth.shape.observations import Observed, PlacedView, observe_all, with_view
 from flatcloth.shape.pieces import cut_of_overlap, pieces_of, weakly_joined
 from flatcloth.shape.ripples import LOST, ripples_of
-from flatcloth.shape.shape import PIECES_APART_M, Shape
+from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
 
 def shape(
@@ -148,12 +148,13 @@ def _shape(
     uv_m = scale * uv_of(z)
     uv_m[:, 0] += PIECES_APART_M * np.maximum(piece, 0)
     uv_m[piece < 0] = np.nan
-    # 9. Deviations: errors of pairs as smooth random fields, through the same equations; joints that a noisy
-    #    sensor may have made.
+    # 9. Deviations: errors of pairs as smooth random fields, through the same equations; with a noisy sensor
+    #    also what a node itself is off, and joints that the sensor may have made.
     std_m = deviations_m(laid.at, graph, np.where(main, 0, -1), ripples=ripples)
     if is_noisy:
         evidence = seen_often(np.where(laid.holds, graph.evidence, 0.0), graph.views)
-        std_m = np.hypot(std_m, doubt_m(graph.pairs, evidence, laid.piece == 0, laid.z))
+        doubt = doubt_m(graph.pairs, evidence, laid.piece == 0, laid.z)
+        std_m = np.hypot(std_m, np.hypot(PLACE_STD_M, doubt))
     return Shape(
         nodes=seen.nodes,
         observations=seen.observations,

@@ -35,10 +35,12 @@ _REACH = 1.2
 class WeakJoint:
     """A joint with little evidence: a ``part`` (N,) of the nodes, and what joins it to the rest.
 
-    ``evidence`` is that of all pairs across; ``false`` the probability that they join the part falsely.
+    ``across`` (K, 2) are the pairs that join it, the node of the part first, and ``evidence`` is that of all;
+    ``false`` the probability that they join it falsely.
     """
 
     part: Bool
+    across: Int32
     evidence: float
     false: float
 
@@ -109,7 +111,13 @@ def weak_joints(pairs: Int32, evidence: Float64, own: Bool, reference: Bool | No
         if k and not (behind or same):
             part = np.zeros(len(own), dtype=np.bool_)
             part[node[k : k + size[k]]] = True
-            found[k] = WeakJoint(part=part, evidence=float(joins[k]), false=float(false_share(joins[k])))
+            across = pairs[(evidence > 0.0) & own[pairs].all(axis=1) & (part[pairs].sum(axis=1) == 1)]
+            found[k] = WeakJoint(
+                part=part,
+                across=np.where(part[across[:, :1]], across, across[:, ::-1]),
+                evidence=float(joins[k]),
+                false=float(false_share(joins[k])),
+            )
     return sorted(found.values(), key=lambda joint: -joint.false * np.count_nonzero(joint.part))
 
 

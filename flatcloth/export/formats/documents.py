@@ -178,13 +178,16 @@ class FloatingEntry(Written, frozen=True):
 
 
 class JointEntry(Written, frozen=True):
-    """Where a part hangs on the rest by little evidence; ``probability`` that it does so rightly."""
+    """Where a part hangs on the rest by little evidence; ``probability`` that it does so rightly.
+
+    ``views`` that hold a part of this side, most pairs first.
+    """
 
     area_cm2: float
     share: float
     probability: float
     evidence: float
-    views: list[int]
+    views: list[int] | None = None
 
 
 class CameraEntry(Written, frozen=True):
@@ -257,6 +260,7 @@ class OtherSideEntry(Written, frozen=True):
     floating: list[OtherFloatingEntry] | None = None
     placement_std_median_mm: float | None = None
     firm_share: float | None = None
+    joints: list[JointEntry] | None = None
     seams: list[SeamEntry] | None = None
 
 

@@ -373,6 +373,7 @@ class RobustMethod(Method):
             laid=tuple(piece for piece in joined.laid if piece.std_m <= MOST_STD_M),
             unsure=frozenset(piece.index for piece in joined.laid if piece.std_m > MOST_STD_M),
             joints=seamed.joints,
+            weak=seamed.weak if joined.is_related else (),
         )
 
     # ------------------------------------------------- acceptance without an operator

@@ -22,6 +22,7 @@ from flatcloth.core.types import Bool, Float64, RotationAxis
 from flatcloth.flattening.sampling import LEAST_INTERVAL_M
 from flatcloth.methods.answers import Candidate
 from flatcloth.methods.neighbours import neighbourhoods_of
+from flatcloth.shape.joints import seen_often, weak_joints
 from flatcloth.shape.observations import INCIDENCE_LIMIT_DEG, WELL_SEEN_DEG
 from flatcloth.shape.shape import TWO_ROWS_M, Shape
 
@@ -94,7 +95,7 @@ def rate_candidates(
                 overlap_m2=area * overlap,
                 improved_m2=area * improved,
                 beyond_m2=opened_m2 * novelty,
-                joining_m2=float(0.5 * novelty * area * shown),  # even odds
+                joining_m2=float(novelty * area * shown),
                 unseen_m2=_UNSEEN_M2_PER_DEG * max(0.0, nearest - _EXPLORED_DEG),
                 gap_deg=nearest,
                 floating_m2=area
@@ -106,23 +107,34 @@ def rate_candidates(
     return rated
 
 
-def _gaps(shape: Shape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
-    """Gaps between each floating piece and the main one in space: nodes of both, and the piece's size."""
+def _gaps(shape: Shape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], float]]:
+    """Return what a view decides that shows both ends: nodes of these, and the places that it makes right.
+
+    At a weak joint of the shape, those behind it, as often as it is false. Between a floating piece and the
+    shape, where they are near in space, those of the piece, with even odds.
+    """
     has_place = np.flatnonzero(shape.has_place)
     piece, xyz = shape.piece[has_place], shape.nodes.xyz_m[has_place]
     floating = np.flatnonzero(piece > 0)
+    evidence = seen_often(np.where(shape.holds, shape.graph.evidence, 0.0), shape.graph.views)
+    is_noisy = any(seen.is_noisy for seen in shape.observations)
+    weak = weak_joints(shape.graph.pairs, evidence, shape.placed) if is_noisy else []
+    number = np.cumsum(shape.has_place) - 1
+    found = [
+        (number[joint.across[:, 0]], number[joint.across[:, 1]], joint.false * np.count_nonzero(joint.part))
+        for joint in weak
+    ]
     if not floating.size:
-        return []
+        return found
     low, high = xyz[floating].min(axis=0) - TWO_ROWS_M, xyz[floating].max(axis=0) + TWO_ROWS_M
     main = np.flatnonzero((piece == 0) & ((xyz >= low) & (xyz <= high)).all(axis=1))
     tree = cKDTree(xyz[main], compact_nodes=False, balanced_tree=False)  # quicker to build, asked once
     distance, nearest = tree.query(xyz[floating], distance_upper_bound=TWO_ROWS_M)
     near = np.flatnonzero(np.isfinite(distance))
     of, sizes = piece[floating[near]], np.bincount(piece[floating])
-    found = []
     for n in np.unique(of):
         own = near[of == n]
-        found.append((floating[own], main[nearest[own]], int(sizes[n])))
+        found.append((floating[own], main[nearest[own]], 0.5 * float(sizes[n])))
     return found
 
 

@@ -34,28 +34,8 @@ class Configuration:
 
 
 def configured(log_odds: Sequence[float], false: Mapping[tuple[int, int], float]) -> Configuration:
-    """Return what all configurations of the sets of a pair of pieces say.
-
-    Parameters
-    ----------
-    log_odds : K numbers
-        Logarithm of the odds that each set is true, by itself; the surest first, at most ``MOST_SETS``.
-    false : mapping
-        For each two sets (n, k), n < k, that place the pieces differently: the probability that the cloth
-        between them, of either side, joins falsely.
-    """
-    count = len(log_odds)
-    true = (np.arange(2**count)[:, None] >> np.arange(count)) & 1 > 0
-    weight = true @ np.asarray(log_odds, dtype=np.float64)
-    needs: dict[tuple[int, int], Bool] = {}
-    for k in range(count):
-        # A true set needs one joint to be false, the most doubtful one; none if it agrees with a true one.
-        against = sorted((n for n in range(k) if (n, k) in false), key=lambda n: -false[n, k])
-        alone = true[:, k] & ~true[:, [n for n in range(k) if (n, k) not in false]].any(axis=1)
-        for n in against:
-            needs[n, k] = alone & true[:, n]
-            alone = alone & ~true[:, n]
-            weight[needs[n, k]] += np.log(max(false[n, k], 1e-300)) - np.log1p(-false[n, k])
+    """Return what all configurations of the sets of a pair of pieces say; arguments as :func:`weights_of`."""
+    true, weight, needs = weights_of(log_odds, false)
     chance = np.exp(weight - weight.max())
     chance /= chance.sum()
     best = int(weight.argmax())
@@ -68,3 +48,40 @@ def configured(log_odds: Sequence[float], false: Mapping[tuple[int, int], float]
             for pair, needed in needs.items()
         },
     )
+
+
+def weights_of(
+    log_odds: Sequence[float], false: Mapping[tuple[int, int], float]
+) -> tuple[Bool, Float64, dict[tuple[int, int], Bool]]:
+    """Return all configurations of the sets of a pair of pieces.
+
+    Parameters
+    ----------
+    log_odds : K numbers
+        Logarithm of the odds that each set is true, by itself; the surest first, at most ``MOST_SETS``.
+    false : mapping
+        For each two sets (n, k), n < k, that place the pieces differently: the probability that the cloth
+        between them, of either side, joins falsely.
+
+    Returns
+    -------
+    true : (2^K, K) bool
+        Which sets are true.
+    weight : (2^K,) float64
+        Logarithm of the probability, up to a constant.
+    needs : mapping
+        For each two sets (n, k) the configurations (2^K,) in which they need a false joint.
+    """
+    count = len(log_odds)
+    true = (np.arange(2**count)[:, None] >> np.arange(count)) & 1 > 0
+    weight: Float64 = true @ np.asarray(log_odds, dtype=np.float64)
+    needs: dict[tuple[int, int], Bool] = {}
+    for k in range(count):
+        # A true set needs one joint to be false, the most doubtful one; none if it agrees with a true one.
+        against = sorted((n for n in range(k) if (n, k) in false), key=lambda n: -false[n, k])
+        alone = true[:, k] & ~true[:, [n for n in range(k) if (n, k) not in false]].any(axis=1)
+        for n in against:
+            needs[n, k] = alone & true[:, n]
+            alone = alone & ~true[:, n]
+            weight[needs[n, k]] += np.log(max(false[n, k], 1e-300)) - np.log1p(-false[n, k])
+    return true, weight, needs

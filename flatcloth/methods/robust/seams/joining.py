@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import fit_rigid2
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64, Int32, Int64, LaidPiece
-from flatcloth.methods.answers import DoubtedJoint, Ends, Seam
+from flatcloth.methods.answers import DoubtedJoint, Ends, OtherJoint, Seam
 from flatcloth.methods.robust.seams.decisions import CUT, with_decisions
 from flatcloth.methods.robust.seams.laying import Both, joined_pieces, laid_piece, nodes_on, with_laid
 from flatcloth.methods.robust.seams.links import (
@@ -32,7 +32,7 @@ from flatcloth.session.garment import DecidedSeam
 from flatcloth.shape.algorithm import LaidOut, laid_out
 from flatcloth.shape.deviations import deviations_m
 from flatcloth.shape.graph import Graph, merged, pairs_as_laid, pairs_within, rotations_at, uv_of, z_of
-from flatcloth.shape.joints import doubt_m, doubt_of, evidence_of, seen_often
+from flatcloth.shape.joints import WeakJoint, doubt_m, doubt_of, evidence_of, seen_often, weak_joints
 from flatcloth.shape.observations import PAIR_INTERVALS
 from flatcloth.shape.pieces import both_ends
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
@@ -65,7 +65,7 @@ class Seamed:
     ``both`` has the nodes of ``this``, of the ``other`` and of the places on seams, in this order; ``std_m``
     are the deviations of the nodes of each side; ``joining`` (K,) of the ``matches`` join. ``floating`` are
     the nodes of each floating piece of this side, as it is drawn; ``joints`` what the seams say against the
-    cloth of this side.
+    cloth of this side, ``weak`` where cloth of the other side may hang falsely.
     """
 
     floating: tuple[Int64, ...]
@@ -77,6 +77,7 @@ class Seamed:
     matches: Matches
     links: tuple[SeamLink, ...]
     joints: tuple[DoubtedJoint, ...]
+    weak: tuple[OtherJoint, ...]
 
 
 def join_sides(
@@ -127,7 +128,8 @@ def join_sides(
     laid = laid_out(graph, np.ones(len(graph.pairs), dtype=np.bool_), overlap_cuts=False)
     n, m = len(this.nodes), len(other.nodes)
     evidence = _doubted(graph, laid.holds, (n, m), link_of_seam, true, joints)
-    both, joint_std_m = _on_plane(this, graph, laid, evidence)
+    both, joint_std_m, weak = _on_plane(this, graph, laid, evidence)
+    area_m2 = other.node_area_m2 * np.count_nonzero(both.piece[n : n + m] == 0)
     check()
     return Seamed(
         floating=tuple(nodes_on(this, piece) for piece in pieces[0][1:]),
@@ -139,6 +141,17 @@ def join_sides(
         matches=matches,
         links=tuple(links),
         joints=tuple(_of_this_side(this, joint) for joint in joints if joint.side == 0),
+        weak=tuple(
+            OtherJoint(
+                area_m2=other.node_area_m2 * behind,
+                share=other.node_area_m2 * behind / area_m2,
+                probability=1.0 - joint.false,
+                evidence=joint.evidence,
+                xyz_m=graph.xyz_m[joint.across].mean(axis=1),
+            )
+            for joint in weak
+            if (behind := np.count_nonzero(joint.part[n : n + m]))
+        ),
     )
 
 
@@ -337,8 +350,11 @@ def _doubted(
     return evidence
 
 
-def _on_plane(this: Shape, graph: Graph, laid: LaidOut, evidence: Float64) -> tuple[Both, Float64]:
-    """Return the layout of both sides on the plane of this one, and the deviations (N,) of their nodes.
+def _on_plane(
+    this: Shape, graph: Graph, laid: LaidOut, evidence: Float64
+) -> tuple[Both, Float64, list[WeakJoint]]:
+    """Return the layout of both sides on the plane of this one, the deviations (N,) of their nodes, and the
+    weak joints of the main piece.
 
     The main piece is that of this side, where a floating one is larger. ``evidence`` is of :func:`_doubted`.
     Deviations are relative to the nodes of this side's main piece, or of its floating ones in each piece.
@@ -361,12 +377,14 @@ def _on_plane(this: Shape, graph: Graph, laid: LaidOut, evidence: Float64) -> tu
     reference = np.zeros(len(graph), dtype=np.bool_)
     reference[:n] = piece[:n] > 0
     reference[own] = True
-    std_m = deviations_m(laid.at, graph, piece, reference)
+    std_m, weak = deviations_m(laid.at, graph, piece, reference), list[WeakJoint]()
     if any(view.is_noisy for view in this.observations):
+        std_m = np.hypot(std_m, PLACE_STD_M)
         for number in np.unique(piece[reference]).tolist():
             doubt = doubt_m(graph.pairs, evidence, piece == number, laid.z, reference)
             std_m = np.hypot(std_m, doubt)
-    return Both(all_uv_m=uv, piece=piece), std_m
+        weak = weak_joints(graph.pairs, evidence, piece == 0, reference)
+    return Both(all_uv_m=uv, piece=piece), std_m, weak
 
 
 def _moved(matches: Matches, links: Sequence[SeamLink], before: Shape, now: Shape) -> Matches:

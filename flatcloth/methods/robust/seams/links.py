@@ -29,15 +29,12 @@ from flatcloth.shape.joints import seen_often
 from flatcloth.shape.pieces import LEAST_PIECE
 from flatcloth.shape.shape import PIECES_APART_M, PLACE_STD_M, Shape
 
-_LOG_ODDS = (-1.34, 1.38, -0.89)
+_LOG_ODDS = (-1.18, 1.56, -0.69)
 """Logarithm of the odds that a set is true: a constant, for each e-fold of its strength, and for each of one
-more than the true edges that it lays on the other sheet's cloth. Fitted to 339 sets of 62 recordings
-(``python -m benchmarks seams``); of garments left out of the fit, 98 % of the 175 sets said to be true with
-.9 and more are."""
-_JOINTS = (2.3, 8.0)
-"""Cloth with the evidence C between two true sets joins falsely in one case of the first number plus C over
-the second. Fitted to 155 joints of 44 noisy recordings, 37 of them false (``python -m benchmarks seams``); of
-garments left out of the fit 37 are expected, but of shirts 9 where 18 are."""
+more than the true edges that it lays on the other sheet's cloth. Fitted, with the next, to what 225 pairs of
+pieces of 60 recordings truly are (``python -m benchmarks seams``)."""
+_FALSE_ODDS = 1.34
+"""Cloth between two true sets joins falsely with these odds over 1 plus its evidence. Fitted."""
 _SURE_ODDS = logit(SURE)
 _WELL_SEEN = 0.75
 """Trust of a true edge that counts: more than three views faced it. By definition of the trust; fewer may
@@ -187,9 +184,6 @@ def linked(
         joints += between
         for n, link in zip(own, decided, strict=True):
             links[n] = link
-    for n, k in combinations([n for n in found if not links[n].why], 2):
-        if links[n].other_piece == links[k].other_piece and links[n].this_piece != links[k].this_piece:
-            joints.append(joint_between(1, cloth[1], *(at[1][links[each].members] for each in (n, k))))
     side = np.zeros(len(other.nodes), dtype=np.int64)  # the part of each node
     for joint in joints:
         if joint.side == 1 and joint.is_false:
@@ -274,12 +268,16 @@ def _log_odds(
 
 
 class Cloth:
-    """What joins the nodes of a shape: pairs, and the evidence of each."""
+    """What joins the nodes of a shape: pairs, the evidence of each, and that which is ``often`` seen.
+
+    False pairs are seen by few views: joints are where little is often seen.
+    """
 
     def __init__(self, shape: Shape) -> None:
         used = np.flatnonzero(shape.holds)
         self.shape, self.pairs = shape, shape.graph.pairs[used]
-        self.evidence = seen_often(shape.graph.evidence[used], shape.graph.views[used])
+        self.evidence = shape.graph.evidence[used]
+        self.often = seen_often(self.evidence, shape.graph.views[used])
 
 
 def joint_between(side: int, cloth: Cloth, one: Int64, other: Int64) -> SideJoint:
@@ -293,10 +291,10 @@ def joint_between(side: int, cloth: Cloth, one: Int64, other: Int64) -> SideJoin
     own, evidence = cloth.shape.piece == piece, np.inf
     part = np.zeros(len(own), dtype=np.bool_)
     if one.size and other.size:
-        part = cut_between(len(own), cloth.pairs, cloth.evidence, one, other)
+        part = cut_between(len(own), cloth.pairs, cloth.often, one, other)
         if min((own & part).sum(), (own & ~part).sum()) >= LEAST_PIECE:
             evidence = float(cloth.evidence[part[cloth.pairs[:, 0]] != part[cloth.pairs[:, 1]]].sum())
-    false = 1.0 / (_JOINTS[0] + evidence / _JOINTS[1])
+    false = _FALSE_ODDS / (_FALSE_ODDS + 1.0 + evidence)
     return SideJoint(side=side, piece=piece, part=part, evidence=evidence, false=false)
 
 
