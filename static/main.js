@@ -4,8 +4,7 @@ import { FlatCanvas } from "./canvas/canvas.js";
 import { Handles } from "./canvas/handles.js";
 import { Comparison } from "./canvas/compare.js";
 import { KeyPointer } from "./canvas/key_pointer.js";
-import { Looking } from "./canvas/look.js";
-import { LAYERS, layerAction } from "./canvas/layer_list.js";
+import { LAYERS, layerAction, Looking } from "./canvas/look.js";
 import { isMove, KeyNudges } from "./canvas/nudges.js";
 import { Ruler } from "./canvas/ruler.js";
 import { Column } from "./layout/column.js";
@@ -155,7 +154,7 @@ function showLayer(/** @type {State} */ state) {
     ? [comparison.looked, comparison.legend]
     : [page.layer, state.layers?.legends[page.layer]];
   showLegend(looking.legend(looked, legend));
-  looking.show(looked, legend, state.layers?.legends);
+  looking.show(looked, legend);
   showWords(byId("empty"), state.layers ? "" : whyEmpty(state));
 }
 

@@ -106,7 +106,8 @@ export class Layout extends PagePart {
 
   /** Choose the layout for the window as it is now. */
   apply() {
-    const { kind, panes } = layoutOf(innerWidth, innerHeight);
+    // Not innerWidth: on a phone that grows with whatever sticks out of the page.
+    const { kind, panes } = layoutOf(document.documentElement.clientWidth, innerHeight);
     this.kind = kind;
     this.panes = panes;
     this.pane = this.chosen && panes.includes(this.chosen) ? this.chosen : (panes[0] ?? null);
@@ -116,7 +117,7 @@ export class Layout extends PagePart {
     const folded = localStorage.getItem(FOLDED);
     // The list of the views takes the height that the read-out has otherwise.
     this.listed = !byId("review-list").hidden;
-    const fold = folded === null ? kind !== "wide" || this.listed : folded === "yes";
+    const fold = this.listed || folded !== "no";
     readouts.classList.toggle("folded", fold);
     this.foldButton.setAttribute("aria-expanded", String(!fold));
     this.foldButton.textContent = fold ? "▴" : "▾";
@@ -168,8 +169,9 @@ function startDivider(/** @type {Layout} */ layout) {
   const upright = {
     property: "--left",
     stored: "flatcloth-split",
+    usual: 0.3,
     orientation: "vertical",
-    least: [584, 600], // of the scene; of canvas and inspector
+    least: [300, 600], // of the scene; of canvas and inspector
     size: () => split.clientWidth,
     at: (/** @type {PointerEvent} */ event) => event.clientX - split.getBoundingClientRect().left,
     keys: { ArrowLeft: -0.02, ArrowRight: 0.02, Home: -1, End: 1 },
@@ -177,6 +179,7 @@ function startDivider(/** @type {Layout} */ layout) {
   const level = {
     property: "--top",
     stored: "flatcloth-split-level",
+    usual: 0.45,
     orientation: "horizontal",
     least: [160, 240],
     size: () => split.clientHeight,
@@ -187,13 +190,13 @@ function startDivider(/** @type {Layout} */ layout) {
   const divider = byId("divider");
   const shield = byId("scene-shield");
   const way = () => (layout.kind === "wide" ? upright : level);
-  const stored = () => Number(localStorage.getItem(way().stored)) || 0.45;
+  const stored = () => Number(localStorage.getItem(way().stored)) || way().usual;
 
   const apply = () => {
     const { property, least, size, orientation } = way();
     if (!size()) return;
     const share = shareWithin(stored(), size(), least);
-    split.style.setProperty(property, `${Math.round(share * size())}px`);
+    document.documentElement.style.setProperty(property, `${Math.round(share * size())}px`);
     divider.setAttribute("aria-orientation", orientation);
     divider.setAttribute("aria-valuenow", String(Math.round(100 * share)));
   };
@@ -210,7 +213,7 @@ function startDivider(/** @type {Layout} */ layout) {
     if (divider.hasPointerCapture(event.pointerId)) set(way().at(event) / way().size());
   });
   divider.addEventListener("lostpointercapture", () => (shield.hidden = true));
-  divider.addEventListener("dblclick", () => set(0.45));
+  divider.addEventListener("dblclick", () => set(way().usual));
   divider.addEventListener("keydown", (event) => {
     const by = /** @type {Record<string, number>} */ (way().keys)[event.key];
     if (by === undefined) return;

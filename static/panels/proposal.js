@@ -41,8 +41,17 @@ export class ProposalPanel extends PagePart {
     const { pending, settings } = state;
     const limit = settings.auto_threshold.value;
     const place = this.placeOf(state);
-    if (!pending || pending.score === null || pending.score >= limit || this.armed === place) return true;
+    if (!pending || pending.score === null || this.armed === place) return true;
+    if (pending.joins ?? pending.score >= limit) return true;
     this.armed = place;
+    this.page.changed();
+    if (pending.joins === false) {
+      this.page.notify(
+        "warning",
+        "Here it does not join the shape, and floats still. Press Accept again to leave it so.",
+      );
+      return false;
+    }
     const failed = pending.checks.filter((check) => check.passed === false);
     const why = failed.map((check) => `${check.title.toLowerCase()} ${number(check.value)} ${check.unit}`).join(", ");
     this.page.notify(
@@ -50,7 +59,6 @@ export class ProposalPanel extends PagePart {
       `The score here is ${number(pending.score, 2)}, below ${number(limit, 2)}${why ? `: ${why}` : ""}.` +
         " Press Accept again to accept it anyway; the view is then flagged for review.",
     );
-    this.page.changed();
     return false;
   }
 }
@@ -66,6 +74,7 @@ function showProposal(state, send, show) {
   rebuild(byId("proposal-values"), [pending, limit, layers?.revision], () => [
     make("h2", `${pending.again ? "Again" : "Proposal"}: ${view}`),
     pending.brings &&
+      pending.joins &&
       make(
         "p#brings.extends",
         `Piece ${pending.brings.label} comes along, to the dotted rectangle, and becomes part of the shape.`,
@@ -76,19 +85,35 @@ function showProposal(state, send, show) {
         `Extends the floating piece ${pending.extends}, beside the shape.` +
           " It joins the shape once a view connects them.",
       ),
-    verdictOn(pending, limit),
-    (Math.hypot(nudge.u_mm, nudge.v_mm) >= SEEN || Math.abs(nudge.theta_deg) >= SEEN) &&
+    isMoved(nudge) ? joining(pending) : verdictOn(pending, limit),
+    isMoved(nudge) &&
       values([
         "moved",
         `${vector([nudge.u_mm, nudge.v_mm])} mm  ${degrees(nudge.theta_deg)}`,
         "What you have moved the proposal by: its centre by u, v on the plane, and clockwise",
       ]),
     foreseen(pending.foreseen),
-    checkList(pending.checks, show),
+    pending.joins !== false && checkList(pending.checks, show),
     pending.undetermined.length > 0 && make("p.note", `Not determined: ${pending.undetermined.join(", ")}`),
     pending.why && make("p.asked-again", pending.why),
     placedWithIt(pending, send, show),
   ]);
+}
+
+const isMoved = (/** @type {Pending["nudge"]} */ { u_mm, v_mm, theta_deg }) =>
+  Math.hypot(u_mm, v_mm) >= SEEN || Math.abs(theta_deg) >= SEEN;
+
+/** Of a proposal that was moved by hand: whether it joins the shape there. */
+function joining(/** @type {Pending} */ { joins, score }) {
+  const text = joins === null ? "Does it join here? …" : joins ? "Joins the shape" : "Does not join yet";
+  return make(
+    "div#joining",
+    { role: "status" },
+    make("div", { class: joins === false ? "score low" : "score" }, make("strong", text)),
+    joins === false
+      ? make("p.note", "Drag it farther onto the cloth that it belongs to.")
+      : joins && make("p.note", `Score of this place: ${number(score, 2)}`),
+  );
 }
 
 /** One verdict on where the proposal lies: sure, or why to look. @param {Pending} pending @param {number} limit */

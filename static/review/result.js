@@ -4,7 +4,7 @@ import { PagePart } from "../page/page.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
 import { exportButton, showExports } from "../page/exports.js";
-import { cm2, count, endOf, floatingOf, mm, number, percent } from "../page/format.js";
+import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
 import { doubtsOf, flagsOf } from "./timeline.js";
 
 const MOST = 4; // of each list
@@ -77,10 +77,9 @@ export class ResultPanel extends PagePart {
     const letters = pieces.map((piece) => piece.label).join(", ");
     return [
       heading(
-        finished === null ? "Result so far" : endOf(this.page.thisSide),
+        finished === null ? "Result so far" : "Result",
         closeButton("Close the result", () => this.toggle(), { key: "close-result" }),
       ),
-      finished && make("p.note", finished),
       found?.wrong.length &&
         make("p.note.warn", { role: "alert" }, `Something about this recording is wrong: ${found.wrong.join("; ")}.`),
       this.sideDoubt(state),
@@ -239,8 +238,14 @@ export class ResultPanel extends PagePart {
 }
 
 /** Why the integration has ended, by the method or by the choice of how far Auto runs; null: it has not. */
-const endedBy = (/** @type {State} */ { phase, finished, auto }) =>
-  phase === "finished" ? finished : phase === "ready" && auto.ended ? auto.ended : null;
+const endedBy = (/** @type {State} */ { active, phase, finished, auto }) =>
+  active && !active.end
+    ? null
+    : phase === "finished"
+      ? finished
+      : phase === "ready" && auto.ended
+        ? auto.ended
+        : null;
 
 /** The other side in a few words. */
 function otherSide(/** @type {NonNullable<State["other"]>} */ { layers, is_related, reliable_share }) {

@@ -1,4 +1,4 @@
-"""What placed a proposal: curves linked to the canvas, lines, strained edges."""
+"""What placed a proposal: curves linked to the canvas, and lines."""
 
 from __future__ import annotations
 

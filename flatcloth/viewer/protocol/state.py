@@ -183,7 +183,8 @@ class GhostInfo(Sent, frozen=True):
 class PendingInfo(Sent, frozen=True):
     """The proposal. What the method computes with it has a default while it is being drawn.
 
-    ``best_score`` is that of the best place that the method has found.
+    ``best_score`` is that of the best place that the method has found. ``joins`` is of a proposal that was
+    moved by hand: whether its cloth belongs to the shape if it is accepted there; None: not known yet.
     """
 
     view_index: int
@@ -201,6 +202,7 @@ class PendingInfo(Sent, frozen=True):
     checks: tuple[Check, ...] = ()
     undetermined: tuple[str, ...] = ()
     ghosts: tuple[GhostInfo, ...] = ()
+    joins: bool | None = None
 
 
 class GripInfo(Sent, frozen=True):
@@ -393,7 +395,6 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     recording: RecordingInfo
     notes: tuple[str, ...]
     auto: AutoInfo
-    edges: bool
     layers: Layers | None
     pick: PickInfo | None
     picks: tuple[ListedPick, ...]
