@@ -80,6 +80,7 @@ const teaching = new Teaching({
   views: () => page.state.views.length,
   garment: () => page.state.garment?.revision ?? 0,
   other: () => page.state.other?.revision ?? 0,
+  findOther: () => send({ type: "other_side" }),
   notify,
   run,
 });
@@ -126,6 +127,7 @@ function show(/** @type {State} */ state) {
   page.thisSide = state;
   page.state = seen(state, canvas.side);
   page.each("update", page.state);
+  teaching.follow();
   if (page.hasCamera) showFrame(state);
   else showLayer(page.state);
   takeServerLog(state.log, state.auto.running);
@@ -208,6 +210,8 @@ function run(/** @type {string} */ name, large = false) {
   column.reveal(name);
 }
 
+const PART = { description: "Show this part of the column.", keys: [""] }; // which have none
+
 /** @type {NonNullable<Panel["actions"]>} */
 const PAGE_ACTIONS = {
   auto() {
@@ -228,7 +232,9 @@ const PAGE_ACTIONS = {
   palette() {
     const modes = ["", modesNow()[0]];
     const known = page.state.actions.filter((a) => a.name !== "palette" && modes.includes(a.mode));
-    showPalette(known, run);
+    const parts = column.parts.filter(([part]) => !page.action(part));
+    const rows = parts.map(([name, title]) => ({ ...known[0], name, title, ...PART, why_not: null }));
+    showPalette([...known, ...rows], (name) => (page.action(name) ? run(name) : column.choose(name)));
   },
   home: () => location.assign("start"),
   log: showLog,

@@ -54,7 +54,6 @@ export class Layout extends PagePart {
   panes = /** @type {string[]} */ ([]);
   pane = /** @type {string | null} */ (null);
   present = /** @type {number | null} */ (null);
-  listed = false;
   chosen = localStorage.getItem(CHOSEN);
   box = byId("panes");
   menu = byId("menu");
@@ -78,7 +77,6 @@ export class Layout extends PagePart {
 
   update(/** @type {State} */ state) {
     this.foldButton.dataset.tip = this.page.tip("readout");
-    if (this.listed === byId("review-list").hidden) this.apply();
     this.show();
     if (this.present === state.present_view) return;
     this.present = state.present_view;
@@ -114,10 +112,7 @@ export class Layout extends PagePart {
     const { dataset } = document.documentElement;
     dataset.layout = kind;
     dataset.pane = this.pane ?? "all";
-    const folded = localStorage.getItem(FOLDED);
-    // The list of the views takes the height that the read-out has otherwise.
-    this.listed = !byId("review-list").hidden;
-    const fold = this.listed || folded !== "no";
+    const fold = localStorage.getItem(FOLDED) !== "no";
     readouts.classList.toggle("folded", fold);
     this.foldButton.setAttribute("aria-expanded", String(!fold));
     this.foldButton.textContent = fold ? "▴" : "▾";
@@ -181,7 +176,7 @@ function startDivider(/** @type {Layout} */ layout) {
     stored: "flatcloth-split-level",
     usual: 0.45,
     orientation: "horizontal",
-    least: [160, 240],
+    least: [190, 240],
     size: () => split.clientHeight,
     at: (/** @type {PointerEvent} */ event) => event.clientY - split.getBoundingClientRect().top,
     keys: { ArrowUp: -0.02, ArrowDown: 0.02, Home: -1, End: 1 },

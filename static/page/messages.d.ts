@@ -692,14 +692,12 @@ export interface JoinedPieceInfo {
   placement: Placement;
 }
 
-/** What accepting the proposal would add, measure again, and join. */
+/** What accepting the proposal would add, and join. */
 export interface Foreseen {
   added_cm2: number;
-  again_cm2: number;
   joins: string[];
   moved_mm: number | null;
   contradicted: number | null;
-  made_sure_cm2: number | null;
 }
 
 /** A check of the proposal; ``passed`` is None if the common cloth does not decide it. */

@@ -22,7 +22,6 @@ export function notify(/** @type {Note["level"]} */ level, /** @type {string} */
   const toast = make(
     "div",
     { class: `toast ${level}`, role: level === "error" ? "alert" : "status" },
-    make("strong", WORDS[level]),
     make("p", text),
     closeButton("Dismiss", () => toast.remove()),
   );

@@ -22,7 +22,6 @@ export class Diagnostics extends PagePart {
   actions = { diagnostics: () => this.toggle() };
   open = false;
   wantsCurves = false; // though pairs are known
-  showsLines = true;
   known = /** @type {Known | null} */ (null); // what the server said
   asked = /** @type {string | null} */ (null);
   marked = /** @type {Partial<Record<Side, number>>} */ ({}); // column (mm) of each plot
@@ -111,25 +110,17 @@ export class Diagnostics extends PagePart {
   }
 
   showChoices() {
-    /** @param {string} label @param {string} tip @param {boolean} checked @param {(on: boolean) => void} change */
-    const box = (label, tip, checked, change) =>
-      make("label", { tip }, tickBox(checked, change, { key: label }), label);
-    const { showsPairs } = this;
-    const curves = this.known?.pairs
-      ? box("Curves", "The paper's curves and lines in place of the pairs of cloth", !showsPairs, (on) => {
-          this.wantsCurves = on;
-          this.mark({});
-          if (this.known) this.showFacts(this.known);
-          this.showChoices();
-          this.drawAll();
-        })
-      : null;
-    const lines = () =>
-      box("Lines", "The corresponding lines and points of equal Z-angle, on the canvas", this.showsLines, (on) => {
-        this.showsLines = on;
-        this.canvas.redraw();
-      });
-    rebuild(this.choices, [this.showsLines, showsPairs, Boolean(curves)], () => [curves, !showsPairs && lines()]);
+    const change = (/** @type {boolean} */ on) => {
+      this.wantsCurves = on;
+      this.mark({});
+      if (this.known) this.showFacts(this.known);
+      this.showChoices();
+      this.drawAll();
+    };
+    const tip = "The paper's curves and lines in place of the pairs of cloth";
+    rebuild(this.choices, [this.showsPairs, Boolean(this.known?.pairs)], () => [
+      this.known?.pairs && make("label", { tip }, tickBox(!this.showsPairs, change, { key: "Curves" }), "Curves"),
+    ]);
   }
 
   showFacts(/** @type {Known} */ k) {
@@ -275,7 +266,7 @@ export class Diagnostics extends PagePart {
       new: (u, v) => applied(k.current_from_new, u, v),
     };
     if (this.showsPairs) return this.pairs.paint(context);
-    if (this.showsLines && k.lines) {
+    if (k.lines) {
       this.paintLine(context, k.lines.current, (u, v) => [u, v], this.sheet.color.kept);
       this.paintLine(context, k.lines.new, toPlane.new, this.sheet.color.new);
     }

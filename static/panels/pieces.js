@@ -115,7 +115,7 @@ export class PiecesPanel extends PagePart {
   press(/** @type {PointerPlace} */ { u, v }) {
     if (this.why !== null || this.page.brush?.kind || !this.canvas.layer.covers(u, v)) return false;
     const piece = this.pieces.find((one) => !one.placed && inBox(boxOf(one.grid), u, v));
-    this.held = piece ? { piece, from: [u, v], by: [0, 0], dropped: false } : null;
+    if (piece) this.held = { piece, from: [u, v], by: [0, 0], dropped: false };
     return Boolean(piece);
   }
 
@@ -129,11 +129,10 @@ export class PiecesPanel extends PagePart {
     const { held } = this;
     if (!held) return;
     const [u_m, v_m] = held.by;
-    if (Math.hypot(u_m, v_m) * this.canvas.transform.scale > CLICK_PX) {
-      held.dropped = this.page.send({ type: "place_piece", label: held.piece.label, u_m, v_m });
-      if (held.dropped) return;
-    } else this.canvas.handlers.pick(...held.from);
-    this.cancel();
+    const far = Math.hypot(u_m, v_m) * this.canvas.transform.scale > CLICK_PX;
+    held.dropped = far && this.page.send({ type: "place_piece", label: held.piece.label, u_m, v_m });
+    if (!far) this.canvas.handlers.pick(...held.from);
+    if (!held.dropped) this.cancel();
   }
 
   cancel() {

@@ -7,6 +7,8 @@ import { button, buttonOf, byId, make, rebuild, valueRows, values } from "../pag
 import { cm2, degrees, number, vector } from "../page/format.js";
 
 const SEEN = 0.05; // mm, or degrees: what is shown as 0.0 is no move
+const MOVES_MM = 1; // of the shape's cloth, and the share of contradictions, that are worth a line
+const CONTRADICTS = 0.005;
 
 export class ProposalPanel extends PagePart {
   armed = /** @type {string | null} */ (null); // where Accept was pressed though the score is low
@@ -141,23 +143,18 @@ function foreseen(/** @type {Pending["foreseen"]} */ cloth) {
     "dl#foreseen.values",
     ...valueRows(
       ["adds", cm2(cloth.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
-      ["seen again", cm2(cloth.again_cm2), "Cloth of the proposal that the shape or a piece already has"],
       cloth.joins.length > 0 && ["joins", cloth.joins.join(", "), "Pieces that it would connect (A is the shape)"],
-      cloth.moved_mm !== null && [
+      (cloth.moved_mm ?? 0) >= MOVES_MM && [
         "moves the shape",
         `${number(cloth.moved_mm)} mm`,
         "Nine tenths of the shape's cloth move by less",
       ],
-      cloth.contradicted !== null && [
-        "contradicts",
-        `${number(100 * cloth.contradicted)} %`,
-        "Share of what it measures that the other views contradict",
-      ],
-      cloth.made_sure_cm2 !== null && [
-        "makes sure",
-        cm2(cloth.made_sure_cm2),
-        "Cloth of the shape that becomes reliable, less what no longer is",
-      ],
+      cloth.contradicted !== null &&
+        cloth.contradicted >= CONTRADICTS && [
+          "contradicts",
+          `${number(100 * cloth.contradicted)} %`,
+          "Share of what it measures that the other views contradict",
+        ],
     ),
   );
 }

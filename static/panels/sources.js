@@ -64,7 +64,7 @@ export class SourcePanel extends PagePart {
     source_states: () => this.toggle(this.states.shown),
   };
   panel = byId("sources");
-  folded = new KeptSwitch("source-folded");
+  folded = new KeptSwitch("source-folded", innerWidth < 1200);
   masked = new KeptSwitch("source-mask", true);
   large = new KeptSwitch("source-large");
   zoom = { factor: 1, row: 0, col: 0 }; // and the pixel in the middle

@@ -97,8 +97,8 @@ function card(kind, name, title, ...lines) {
 /** What an example is, as its name says: the garment, where it is held, the camera. */
 function aboutExample(/** @type {string} */ name) {
   const [garment, held, camera] = name.split("-");
-  if (!camera) return `${garment} with a printed test pattern`;
-  return `${garment}, held at the ${held}${camera === "clean" ? ", without noise" : ", with a camera's noise"}`;
+  const noise = camera === "clean" ? "without noise" : "with a camera's noise";
+  return camera ? `${garment}, held at the ${held}, ${noise}` : `${garment} with a printed test pattern`;
 }
 
 /** How far a session is: garment, area, views. @param {Summary | null} summary @param {number | null} of views */

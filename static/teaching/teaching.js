@@ -146,9 +146,16 @@ export class Teaching {
       this.sheet.zooms.clear();
       this.autoplay = Boolean(stage.plays) && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     }
+    if (stage.part === "seams" && !this.session.other()) this.session.findOther();
     this.showTexts();
     this.load();
     this.update();
+  }
+
+  /** Take a new state of the session: its other side may be known by now. */
+  follow() {
+    const { part } = STAGES[this.at];
+    if (this.open && part === "seams" && this.lessons[part]?.key !== this.key(part)) this.load();
   }
 
   parameters() {

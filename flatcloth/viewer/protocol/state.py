@@ -145,19 +145,16 @@ class JoinedPieceInfo(Sent, frozen=True):
 
 
 class Foreseen(Sent, frozen=True):
-    """What accepting the proposal would add, measure again, and join.
+    """What accepting the proposal would add, and join.
 
-    By the shape with the view beside that without it: how far cloth moves (nine tenths of it less), the share
-    of the view's pairs that the others contradict, and how much more is reliable; None if the method does not
-    know.
+    By the shape with the view beside that without it: how far cloth moves (nine tenths of it less), and the
+    share of the view's pairs that the others contradict; None if the method does not know.
     """
 
     added_cm2: float
-    again_cm2: float
     joins: tuple[str, ...]
     moved_mm: float | None = None
     contradicted: float | None = None
-    made_sure_cm2: float | None = None
 
 
 class Check(Sent, frozen=True):

@@ -143,7 +143,8 @@ class Scene:
                 self._fill(ALL, self._all_views.cloud(self._axis, self._color))
             for name, cloud in self._clouds.items():
                 cloud.visible = self._is_visible(name)
-            self._frustum.visible = settings.show_camera
+            # From where the camera stood, its frustum is a frame around everything.
+            self._frustum.visible = settings.show_camera and not settings.follow
             self._axis_line.visible = settings.show_axis
         self._server.flush()
         begins, self._follow = settings.follow and not self._follow, settings.follow
