@@ -61,7 +61,7 @@ export class FlatCanvas {
     this.drawers = /** @type {Drawer[]} */ ([]);
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
     this.center = [0, 0];
-    this.around = () => /** @type {Box | null} */ (null); // what a panel draws beyond the cloth
+    this.around = /** @type {(() => Box | null)[]} */ ([]); // what panels draw beyond the cloth
     this.snap = (/** @type {By} */ by) => by; // to places that a panel knows
     this.gripAt = (/** @type {Point} */ _) => /** @type {"turn" | "drag" | null} */ (null); // a handle of the proposal
     this.dirty = false;
@@ -174,7 +174,7 @@ export class FlatCanvas {
   fit() {
     this.fitted = true;
     const cloth = union(union(this.layer.shown?.box, this.overlay.shown?.box), this.beside.box);
-    const box = this.extent ?? (cloth ? union(cloth, this.around()) : cloth);
+    const box = this.extent ?? (cloth ? this.around.map((of) => of()).reduce(union, cloth) : cloth);
     if (box && this.width) {
       const legend = byId("legend");
       const free = this.width - (legend.hidden ? 0 : legend.offsetWidth + LEGEND_GAP_PX);

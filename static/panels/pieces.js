@@ -3,7 +3,7 @@
 
 import { PagePart } from "../page/page.js";
 import { drawLabel, strokeLoop } from "../canvas/marks.js";
-import { applied, boxOf, cornersOf, inBox } from "../canvas/geometry.js";
+import { applied, boxOf, boxOfPoints, cornersOf, inBox } from "../canvas/geometry.js";
 import { drawPieces } from "../canvas/pieces.js";
 import { percent } from "../garment/lists.js";
 import { byId, make, rebuild, smallButton, swatch, within } from "../page/dom.js";
@@ -22,6 +22,14 @@ export class PiecesPanel extends PagePart {
   why = /** @type {string | null} */ (null); // none can be placed by hand now
   /** The piece that is dragged, from where and by how much; until its proposal is drawn where it was dropped. */
   held = /** @type {{ piece: Piece; from: UV; by: UV; dropped: boolean } | null} */ (null);
+
+  constructor(/** @type {Page} */ page) {
+    super(page);
+    page.canvas.around.push(() => {
+      const place = this.places.get(this.chosen ?? "")?.outline_uv_m ?? [];
+      return place.length ? boxOfPoints(place.flat(2)) : null;
+    });
+  }
 
   update(/** @type {State} */ state) {
     this.pieces = state.layers?.pieces ?? [];
@@ -107,7 +115,7 @@ export class PiecesPanel extends PagePart {
   choose(/** @type {Piece | null} */ piece) {
     this.chosen = piece?.label ?? null;
     this.page.changed();
-    this.canvas.redraw();
+    this.canvas.refit();
   }
 
   // --- dragging a piece ----------------------------------------------------------------------------
@@ -132,7 +140,8 @@ export class PiecesPanel extends PagePart {
     const far = Math.hypot(u_m, v_m) * this.canvas.transform.scale > CLICK_PX;
     held.dropped = far && this.page.send({ type: "place_piece", label: held.piece.label, u_m, v_m });
     if (!far) this.canvas.handlers.pick(...held.from);
-    if (!held.dropped) this.cancel();
+    if (held.dropped) this.chosen = held.piece.label;
+    else this.cancel();
   }
 
   cancel() {

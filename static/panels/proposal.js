@@ -106,15 +106,13 @@ const isMoved = (/** @type {Pending["nudge"]} */ { u_mm, v_mm, theta_deg }) =>
   Math.hypot(u_mm, v_mm) >= SEEN || Math.abs(theta_deg) >= SEEN;
 
 /** Of a proposal that was moved by hand: whether it joins the shape there. */
-function joining(/** @type {Pending} */ { joins, score }) {
+function joining(/** @type {Pending} */ { joins }) {
   const text = joins === null ? "Does it join here? …" : joins ? "Joins the shape" : "Does not join yet";
   return make(
     "div#joining",
     { role: "status" },
     make("div", { class: joins === false ? "score low" : "score" }, make("strong", text)),
-    joins === false
-      ? make("p.note", "Drag it farther onto the cloth that it belongs to.")
-      : joins && make("p.note", `Score of this place: ${number(score, 2)}`),
+    joins === false && make("p.note", "Drag it farther onto the cloth that it belongs to."),
   );
 }
 

@@ -162,17 +162,10 @@ export class ResultPanel extends PagePart {
   more(/** @type {NonNullable<Found["more"]>} */ { expected, share, reason }, /** @type {State} */ state) {
     const open = expected.filter(({ view_index }) => state.views[view_index].why_not === null);
     const likely = (/** @type {number} */ area) => cm2(share === null ? area : share * area);
-    const best = open.slice(0, 3);
-    const total = best.reduce((sum, one) => sum + one.area_cm2, 0);
-    const basis =
-      share === null
-        ? "by the planner's estimate"
-        : `of ${number(total, 0)} estimated: the last views added ${percent(share)} of their estimates`;
+    const best = open.slice(0, 3).filter(({ area_cm2 }) => (share ?? 1) * area_cm2 >= LEAST_CM2);
     return [
       make("h3", "Another view"),
-      best.length
-        ? make("p.note", `${count(best.length, "more view")} would add up to about ${likely(total)}, ${basis}.`)
-        : make("p.note", reason),
+      !best.length && make("p.note", reason || "None would add a square centimetre."),
       make(
         "ul",
         ...best.map(({ view_index, area_cm2 }) =>
