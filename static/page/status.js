@@ -67,8 +67,7 @@ function hint(/** @type {State} */ state) {
 }
 
 function nextOf(/** @type {State} */ state) {
-  const angle = (/** @type {number | null} */ i, word = "view") =>
-    `${word} ${i} (${number(state.views[i ?? 0].angle_deg, 0)}°)`;
+  const angle = (/** @type {number | null} */ i) => `view ${i} (${number(state.views[i ?? 0].angle_deg, 0)}°)`;
   const { request, pending, n_later } = state;
   const { running, waits_for, ended, until } = state.auto;
   if (state.trouble || waits_for) return state.trouble || waits_for;
@@ -86,12 +85,8 @@ function nextOf(/** @type {State} */ state) {
     case "deciding": {
       if (!pending) return "";
       const waiting = n_later ? ` Then ${count(n_later, "later view")} follow${n_later === 1 ? "s" : ""}.` : "";
-      if (pending.again && !pending.why)
-        return (
-          `${angle(pending.view_index, "View")} is decided again: Accept (A), Reject (R), Skip (K) or move it;` +
-          ` Undo (U) leaves it as it was.${waiting}`
-        );
-      return `Is ${angle(pending.view_index)} in its place? Accept (A), Reject (R), Skip (K), or drag it.${waiting}`;
+      const place = `Is ${angle(pending.view_index)} in its place? Accept (A), Reject (R), Skip (K), or drag it.`;
+      return `${place}${pending.again ? " Undo (U) leaves it as it was." : ""}${waiting}`;
     }
     case "finished":
       return (

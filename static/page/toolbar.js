@@ -111,9 +111,9 @@ export class Toolbar extends PagePart {
       input: (event) => page.comparison.setOpacity(event.target.valueAsNumber),
     });
     rebuild(byId("overlay-tools"), ["overlay"], () => [
-      page.comparison.buttons(),
+      this.page.button("diagnostics"),
+      make("details#compare", make("summary", "Compare"), page.comparison.buttons(), field("Opacity", opacity)),
       make("div#difference-kinds.segmented", { role: "group", label: "Difference", hidden: true }),
-      make("div.field", this.page.button("diagnostics"), field("Opacity", opacity)),
       field("Arrows, [ ]", steps, STEPS_TIP),
     ]);
   }

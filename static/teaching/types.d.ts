@@ -80,7 +80,6 @@ declare global {
     garment: () => number;
     other: () => number;
     findOther: () => unknown;
-    notify: Notify;
     run: (name: string) => void;
   };
   type Lessons = {
