@@ -24,7 +24,7 @@ export class ActivePanel extends PagePart {
       make("p.quiet-text", `${count(status.views, "view")}; budget ${status.budget}.`),
       make("p#active-task.active-task", { role: "status" }, task(status)),
       make("p.quiet-text", status.why && `Expected: ${status.why}.`),
-      make("p#active-knows.active-knows", `Known: ${status.knows}`),
+      make("p#active-knows.active-knows", `Known: ${status.knows.replaceAll("_", " ")}`),
       status.turns_itself && this.turnButton(status),
       make(
         "ol.active-steps",
@@ -71,7 +71,7 @@ export class ActivePanel extends PagePart {
       },
     );
     look.id = "active-turn";
-    setAllowed(look, status.angle_deg === null || status.turning ? task(status) : null, look.title);
+    setAllowed(look, status.angle_deg === null || status.turning ? task(status) : null, look.dataset.tip ?? "");
     return look;
   }
 }

@@ -88,7 +88,7 @@ export function startTips() {
   };
   const show = (/** @type {Event} */ event) => {
     const target = /** @type {HTMLElement | null} */ (targetOf(event).closest?.("[data-tip]"));
-    if (!target) return hide();
+    if (!target?.dataset.tip) return hide();
     const byPointer = event instanceof PointerEvent;
     if (byPointer ? event.pointerType === "touch" : !target.matches(":focus-visible")) return;
     if (target === owner) return;
@@ -98,7 +98,7 @@ export function startTips() {
   };
   const appear = (/** @type {HTMLElement} */ target) => {
     if (!target.isConnected) return; // what it was about is gone, and something else lies under the pointer
-    tip.textContent = target.dataset.tip ?? "";
+    tip.textContent = target.dataset.tip ?? ""; // as it is by now
     tip.hidden = false;
     const at = target.getBoundingClientRect();
     placeBeside(tip, at, at.bottom + 8 + tip.getBoundingClientRect().height < innerHeight);

@@ -66,7 +66,7 @@ export class Toolbar extends PagePart {
     setTitle("auto", state.auto.running ? "Stop Auto" : "Auto");
     showSteps(byId("increment"), state.settings);
     this.page.comparison.showKinds(byId("difference-kinds"));
-    const main = { deciding: "accept", ready: "step" }[state.phase];
+    const main = { deciding: "accept", ready: state.active ? "" : "step" }[state.phase];
     for (const name of ["step", "accept"]) {
       buttonOf(name).classList.toggle("primary", name === main && !state.auto.running);
     }
