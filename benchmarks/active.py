@@ -30,7 +30,7 @@ from benchmarks.markdown import percent
 from benchmarks.output import Options, Row, kept, save, say
 from benchmarks.speed import unit_s
 from benchmarks.unattended import integrated_sides
-from flatcloth.active.choosing import Next
+from flatcloth.active.choosing import Next, seconds_of
 from flatcloth.active.ending import End
 from flatcloth.active.goal import Budget, Goal, knowledge_of
 from flatcloth.active.loop import ActiveLoop
@@ -187,7 +187,7 @@ def measured(views: Views, panel: int, start_deg: float, choice: str, truth: Row
         loop = LOOPS[choice](Path(folder) / "out", goal, Budget(views=most))
         steps, learning_s = list[Row](), 0.0
         while isinstance(loop.asked, Next):
-            angle, turn_s = loop.asked.angle_deg, loop.asked.seconds
+            angle, turn_s = loop.asked.angle_deg, seconds_of(loop.asked.turn_deg)
             view = views.at(panel, start_deg, angle)
             began_s = time.process_time()
             loop.take(view, loop.views)

@@ -66,8 +66,8 @@ def _filmed(url: str) -> Iterator[tuple[bytes, int]]:
         _until(page, "flatcloth.layerRevision > 0 && flatcloth.phase === 'ready'")
         page.wait_for_timeout(4 * SETTLED_MS)
         yield _picture(page), 1500
+        page.keyboard.press("s")
         for n in range(VIEWS):
-            page.keyboard.press("s")
             _until(page, "flatcloth.phase === 'deciding' && flatcloth.overlayRevision > 0")
             yield _picture(page), 1300 if n == 0 else 800
             if n == 0:
@@ -75,6 +75,8 @@ def _filmed(url: str) -> Iterator[tuple[bytes, int]]:
                 _until(page, "flatcloth.diagnostics.known !== null")
                 yield _picture(page), 2000
                 page.keyboard.press("i")
+            if n == VIEWS - 1:  # the result is shown after it, and not another proposal
+                page.evaluate("flatcloth.send({type: 'set', advance: false})")
             step, revision = page.evaluate("[flatcloth.step, flatcloth.layerRevision]")
             page.keyboard.press("a")
             _until(page, f"flatcloth.step === {step + 1} && flatcloth.layerRevision > {revision}")

@@ -4,8 +4,7 @@ import { FlatCanvas } from "./canvas/canvas.js";
 import { Handles } from "./canvas/handles.js";
 import { Comparison } from "./canvas/compare.js";
 import { KeyPointer } from "./canvas/key_pointer.js";
-import { Looking } from "./canvas/look.js";
-import { LAYERS, layerAction } from "./canvas/layer_list.js";
+import { LAYERS, layerAction, Looking } from "./canvas/look.js";
 import { isMove, KeyNudges } from "./canvas/nudges.js";
 import { Ruler } from "./canvas/ruler.js";
 import { Column } from "./layout/column.js";
@@ -35,7 +34,6 @@ import { ResultPanel } from "./review/result.js";
 import { Timeline } from "./review/timeline.js";
 import { Verdicts } from "./review/verdicts.js";
 import { answerDrops } from "./start/drop.js";
-import { Teaching } from "./teaching/teaching.js";
 
 byId("unloaded").remove();
 
@@ -74,16 +72,8 @@ page.add(new ResultPanel(page));
 const column = page.add(new Column(page)); // after all that have a part of it
 page.add(new PageAddress(page));
 const keyPointer = new KeyPointer();
-const teaching = new Teaching({
-  actions: () => page.state.actions,
-  name: () => page.state.recording.name,
-  startView: () => page.state.start_view,
-  views: () => page.state.views.length,
-  garment: () => page.state.garment?.revision ?? 0,
-  other: () => page.state.other?.revision ?? 0,
-  notify,
-  run,
-});
+/** The lessons: fetched when they are first wanted. @type {Teaching | null} */
+let teaching = null;
 const rejectMenu = new RejectMenu((reason) => decide("reject", { reason }));
 
 const connection = new Connection({
@@ -127,6 +117,7 @@ function show(/** @type {State} */ state) {
   page.thisSide = state;
   page.state = seen(state, canvas.side);
   page.each("update", page.state);
+  teaching?.follow();
   if (page.hasCamera) showFrame(state);
   else showLayer(page.state);
   takeServerLog(state.log, state.auto.running);
@@ -155,7 +146,7 @@ function showLayer(/** @type {State} */ state) {
     ? [comparison.looked, comparison.legend]
     : [page.layer, state.layers?.legends[page.layer]];
   showLegend(looking.legend(looked, legend));
-  looking.show(looked, legend, state.layers?.legends);
+  looking.show(looked, legend);
   showWords(byId("empty"), state.layers ? "" : whyEmpty(state));
 }
 
@@ -183,7 +174,8 @@ function chooseView(/** @type {ViewRow} */ view) {
 }
 
 function run(/** @type {string} */ name, large = false) {
-  if (!page.state || teaching.takes(name)) return;
+  if (!page.state || teaching?.takes(name)) return;
+  if (name.startsWith("teach_")) return notify("info", "Open the teaching mode first (H).");
   if (name === "cancel" && page.offer("escape")) return;
   const action = page.action(name);
   if (action.why_not !== null) {
@@ -209,8 +201,26 @@ function run(/** @type {string} */ name, large = false) {
   column.reveal(name);
 }
 
+const PART = { description: "Show this part of the column.", keys: [""] }; // which have none
+
+async function openLessons() {
+  const { Teaching } = await import("./teaching/teaching.js");
+  teaching ??= new Teaching({
+    actions: () => page.state.actions,
+    name: () => page.state.recording.name,
+    startView: () => page.state.start_view,
+    views: () => page.state.views.length,
+    garment: () => page.state.garment?.revision ?? 0,
+    other: () => page.state.other?.revision ?? 0,
+    findOther: () => send({ type: "other_side" }),
+    run,
+  });
+  teaching.takes("teach");
+}
+
 /** @type {NonNullable<Panel["actions"]>} */
 const PAGE_ACTIONS = {
+  teach: openLessons,
   auto() {
     nudges.flush();
     send({ type: "auto", running: !page.state.auto.running });
@@ -229,7 +239,9 @@ const PAGE_ACTIONS = {
   palette() {
     const modes = ["", modesNow()[0]];
     const known = page.state.actions.filter((a) => a.name !== "palette" && modes.includes(a.mode));
-    showPalette(known, run);
+    const parts = column.parts.filter(([part]) => !page.action(part));
+    const rows = parts.map(([name, title]) => ({ ...known[0], name, title, ...PART, why_not: null }));
+    showPalette([...known, ...rows], (name) => (page.action(name) ? run(name) : column.choose(name)));
   },
   home: () => location.assign("start"),
   log: showLog,
@@ -239,7 +251,7 @@ const PAGE_ACTIONS = {
 
 /** The modes whose keys come first, the uppermost first. */
 const modesNow = () => [
-  ...(teaching.status.open ? ["teaching"] : []),
+  ...(teaching?.open ? ["teaching"] : []),
   ...(page.state.capture || page.state.active ? ["capture"] : []),
   ...(page.hasCamera ? [] : ["session"]),
 ];
@@ -268,7 +280,7 @@ const shown = {
   phase: () => page.state?.phase ?? null,
   pick: () => page.state?.pick ?? null,
   frame: () => capture.frame,
-  teaching: () => teaching.status,
+  teaching: () => teaching?.status ?? { open: false },
   layerRevision: () => canvas.layerRevision,
   marksDrawn: () => canvas.marksDrawn.map(({ id }) => id),
   layerShown: () => canvas.layer.shown?.address ?? null,

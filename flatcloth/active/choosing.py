@@ -64,11 +64,6 @@ class Next:
     points_m: dict[str, float] = field(default_factory=dict)
     hidden: tuple[str, ...] = ()
 
-    @property
-    def seconds(self) -> float:
-        """The time that turning and looking is expected to take."""
-        return seconds_of(self.turn_deg)
-
 
 def seconds_of(turn_deg: float) -> float:
     """Return the time of a turn and a look."""
@@ -94,6 +89,7 @@ def choose_next(
     stands_deg: float,
     scale: float = 1.0,
     other: OtherSide | None = None,
+    kept: float = 1.0,
 ) -> Next | None:
     """Return the next angle, or None if no angle is left, or the method ends.
 
@@ -107,8 +103,9 @@ def choose_next(
         What is to be known.
     stands_deg : float
         The angle at which the item stands.
-    scale : float
-        What the last views brought, as a share of what was expected of them.
+    scale, kept : float
+        What the last views brought, as a share of what was expected of them: ``scale`` for the choice, which
+        may hope for more, ``kept`` for what is said of it.
     other : OtherSide, optional
         What views are expected to show of the other side, as far as the goal needs it.
     """
@@ -150,9 +147,9 @@ def choose_next(
         gains = lessened * (joins if other is None else np.maximum(joins, novel))
     best = int((gains / np.array([seconds_of(turn) for turn in turns])).argmax())
     points_m = {name: float(std[best]) for name, std in after.items()}
-    why = _why(scale * float(new_m2[best]), rated[best].overlap_m2, knowledge, points_m, hidden)
+    why = _why(kept * float(new_m2[best]), rated[best].overlap_m2, knowledge, points_m, hidden)
     if other is not None:
-        why += f", {1e4 * scale * beyond_m2[best]:.0f} cm2 of the other side"
+        why += f", {1e4 * kept * beyond_m2[best]:.0f} cm2 of the other side"
     return Next(
         angle_deg=free[best],
         turn_deg=float(turns[best]),

@@ -17,7 +17,6 @@ from flatcloth.engine.views import RecordedViews
 from flatcloth.flattening.surface import crop_to_item, foreground_mask
 from flatcloth.recordings.film.angles import apart_deg
 from flatcloth.recordings.growing import GrowingRecording
-from flatcloth.recordings.writer import Uint16
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import Keeper
 
@@ -45,7 +44,6 @@ class SeenView:
 
     ``color`` (H, W, 3) uint8 RGB; ``depth_m`` (H, W) float32, 0 where nothing was measured; ``mask`` (H, W)
     of the side of interest, or None. ``axis`` and ``held_point_m``, camera frame, None if they are not known.
-    ``truth_bgr`` (H, W, 3) uint16 of a simulated cell.
     """
 
     angle_deg: float
@@ -55,7 +53,6 @@ class SeenView:
     mask: Bool | None = None
     axis: RotationAxis | None = None
     held_point_m: Float64 | None = None
-    truth_bgr: Uint16 | None = None
     source: str = "a robot"
 
     @property

@@ -78,14 +78,14 @@ class ActiveLog:
     def kept_promise(self) -> float:
         """Return the new area that the last views brought, as a share of what was expected of them.
 
-        It is 1 before there are three views that joined the shape; no more is believed than was promised.
+        Before there are three that joined the shape, the others count as 1; no more is believed than was
+        promised.
         """
         lines = (line for line in self.lines if line["event"] == "view" and line.get("joined"))
         views = [line for line in lines if line.get("expected_m2")][-LAST_VIEWS:]
-        if len(views) < LAST_VIEWS:
-            return 1.0
         got, expected = (sum(max(0.0, line[key]) for line in views) for key in ("new_m2", "expected_m2"))
-        return float(min(1.0, got / max(expected, 1e-9)))
+        kept = min(1.0, got / max(expected, 1e-9))
+        return float(1.0 - (1.0 - kept) * len(views) / LAST_VIEWS)
 
     def is_exhausted(self, angles_deg: Sequence[float], least_new_m2: float, goal: Goal) -> bool:
         """Return whether views stand all round, and the last ones brought neither cloth nor other news."""

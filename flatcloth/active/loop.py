@@ -174,6 +174,13 @@ class ActiveLoop:
         """Return the views taken, each as its line of the log with the ``why`` of its question."""
         return self._log.steps()
 
+    def aim_at(self, goal: Goal) -> None:
+        """Pursue another goal from now on; a loop that had ended goes on if that is not known yet."""
+        with self.lock:
+            self.goal = goal
+            if not isinstance(self.asked, Waiting):
+                self._ask(self._decided())
+
     def fail(self, text: str) -> None:
         """Note what is wrong with the source of the views; nothing is lost."""
         with self.lock:
@@ -312,9 +319,7 @@ class ActiveLoop:
                 )
             )
         assert self._recording is not None
-        number = self._recording.add(
-            view.angle_deg, view.color, depth_units(view.depth_m), view.mask, view.truth_bgr
-        )
+        number = self._recording.add(view.angle_deg, view.color, depth_units(view.depth_m), view.mask)
         if self.integration is None:
             self._open_session()
             return number
@@ -430,6 +435,7 @@ class ActiveLoop:
         if document.start_view is None or self.integration is None:
             return elsewhere(self._recording.angles_deg if self._recording else (), self.stands_deg)
         taken, least_m2 = self.integration.views.angles_deg, self.integration.config.robust.least_new_m2
+        kept = self._log.kept_promise()
         following = choose_next(
             self.integration,
             document,
@@ -438,8 +444,9 @@ class ActiveLoop:
             goal,
             self.stands_deg,
             # Where nobody has looked yet, there may be more than the last views brought.
-            scale=self._log.kept_promise() if stand_all_round(taken, goal) else 1.0,
+            scale=kept if stand_all_round(taken, goal) else 1.0,
             other=self._learnt.other,
+            kept=kept,
         )
         exhausted = self._log.is_exhausted(taken, least_m2, goal)
         end = end_of(following, self.known, knowledge, goal, least_m2, is_exhausted=exhausted)

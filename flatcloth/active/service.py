@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flatcloth.active.choosing import Next
+from flatcloth.active.choosing import Next, seconds_of
 from flatcloth.active.ending import End, Waiting
 from flatcloth.active.incoming import SeenView, Taken, ViewError
 from flatcloth.active.loop import ActiveLoop
@@ -162,7 +162,7 @@ def _asked(asked: Next | Waiting | End, number: int) -> dict[str, Any]:
         "number": number,
         "angle_deg": asked.angle_deg,
         "turn_deg": asked.turn_deg,
-        "seconds": round(asked.seconds, 1),
+        "seconds": round(seconds_of(asked.turn_deg), 1),
         "why": asked.why,
         "expected": {
             "new_cm2": finite(1e4 * asked.new_m2),

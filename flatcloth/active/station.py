@@ -24,7 +24,6 @@ def view_of_cell(cell: Cell, angle_deg: float, number: int, *, masks: bool = Tru
         mask=seen.mask if masks else None,
         axis=cell.axis,
         held_point_m=cell.held_point_m,
-        truth_bgr=None,
         source=f"a simulated {cell.name}",
     )
 

@@ -1,4 +1,4 @@
-"""Diagnostics of a proposal: pairs of cloth, the paper's curves and lines, and the strained edges.
+"""Diagnostics of a proposal: pairs of cloth, the paper's curves and lines.
 
 They are computed for any method, from the shape and the proposed view at its placement. This takes a few
 hundredths of a second, plus the flattening of the view if it is no longer cached.
@@ -9,43 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from flatcloth.core.errors import AlignmentError, FlatclothError
 from flatcloth.core.geometry import wrapped_deg
-from flatcloth.core.types import Float64, Rigid2
-from flatcloth.flattening.cloth import SurfaceEdges
+from flatcloth.core.types import Rigid2
 from flatcloth.methods.answers import ClothPairs, ColumnCurves, Correspondence
-from flatcloth.methods.edges import edges_of_parts
 from flatcloth.methods.paper.alignment import correspond
 from flatcloth.methods.paper.planning import column_curves, overlap_column, rotation_to_limit_deg
-from flatcloth.session.machine import Document, PlacedPart, Side
+from flatcloth.session.machine import Document, Side
 
 if TYPE_CHECKING:
     from flatcloth.engine.integration import Integration
-
-LEAST_STRAIN = 0.04
-"""An edge is strained if its length is off by at least this share, and by ``LEAST_OFF_M``. Chosen; not
-measured."""
-LEAST_OFF_M = 0.0005
-"""Chosen: smaller changes of length are the rounding of a D435 (1 mm units), averaged."""
-MOST_EDGES = 400
-"""Strained edges that are reported, the most strained first. Chosen: the page draws them in one frame."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StrainedEdges:
-    """Edges whose length on the plane differs much from their length along the cloth (Eq. (2)).
-
-    ``uv_m`` (K, 2, 2) their ends on the plane of the shape, ``xyz_m`` (K, 2, 3) in the object frame;
-    ``strain`` (K,) the relative change of length, positive if longer on the plane; ``total`` the
-    number of all edges.
-    """
-
-    uv_m: Float64
-    xyz_m: Float64
-    strain: Float64
-    total: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,8 +49,6 @@ class Reasons:
     trouble: str
     front_from_current: Rigid2
     current_from_new: Rigid2
-    shape_edges: StrainedEdges
-    new_edges: StrainedEdges
     pairs: ClothPairs | None = None
 
 
@@ -107,10 +78,8 @@ def reasons(integration: Integration, document: Document) -> Reasons:
         found = correspond(canonical.view, new, axis, seen, front_from_current, limit)
     except AlignmentError as error:
         trouble = str(error)
-    algorithm = integration.algorithm
-    own = PlacedPart(pending.view_index, pending.component, pending.current_from_new)
     return Reasons(
-        pairs=algorithm.pairs(document, pending.view_index, pending.component),
+        pairs=integration.algorithm.pairs(document, pending.view_index, pending.component),
         view_index=pending.view_index,
         side=side,
         front_view=front,
@@ -124,21 +93,4 @@ def reasons(integration: Integration, document: Document) -> Reasons:
         trouble=trouble,
         front_from_current=front_from_current,
         current_from_new=pending.current_from_new,
-        shape_edges=strained_edges(algorithm.surface_edges(document)),
-        new_edges=strained_edges(edges_of_parts(integration.views, angles, [own])),
-    )
-
-
-def strained_edges(found: SurfaceEdges, most: int = MOST_EDGES) -> StrainedEdges:
-    """Return the edges with the largest strain, without those that have an unknown end (NaN)."""
-    uv_m, xyz_m, edges, length_m = found.uv_m, found.xyz_m, found.edges, found.length_m
-    flat = np.linalg.norm(uv_m[edges[:, 0]] - uv_m[edges[:, 1]], axis=1)
-    off = flat - length_m
-    known = np.isfinite(off)
-    with np.errstate(invalid="ignore"):
-        strain = off / np.maximum(length_m, 1e-9)
-        large = np.flatnonzero(known & (np.abs(strain) >= LEAST_STRAIN) & (np.abs(off) >= LEAST_OFF_M))
-    worst = large[np.argsort(-np.abs(strain[large]), kind="stable")][:most]
-    return StrainedEdges(
-        uv_m=uv_m[edges[worst]], xyz_m=xyz_m[edges[worst]], strain=strain[worst], total=int(known.sum())
     )

@@ -20,7 +20,7 @@ from flatcloth.engine.views import RecordedViews
 from flatcloth.recordings.base import Recording, ViewImages, altered, images_of
 from flatcloth.segmentation.explanation import Slice, telling_slice
 from flatcloth.segmentation.observed import Evidence, gather_evidence, observe
-from flatcloth.segmentation.result import OF_INTEREST, Segmentation
+from flatcloth.segmentation.result import Segmentation
 from flatcloth.segmentation.solver import SideSolver
 from flatcloth.session.commands import paint
 from flatcloth.session.machine import Keeper
@@ -154,18 +154,11 @@ def summary(segmentation: Segmentation) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class SidesLesson:
-    """How the side of interest is found: the views, a slice through the evidence, and a stroke.
-
-    ``frame`` is the start view as recorded; ``found`` is the result without strokes;
-    ``stroke`` contradicts it where a stroke would help most, and ``stroked`` is the result with it; both
-    are None if no place is uncertain.
-    """
+    """How the side of interest is found: the start view as recorded, the result, a slice of the evidence."""
 
     frame: RgbdFrame
     found: Segmentation
     section: Slice
-    stroke: ImageStroke | None
-    stroked: Segmentation | None
 
 
 def sides_lesson(views: RecordedViews, progress: Progress = no_progress) -> SidesLesson:
@@ -177,20 +170,8 @@ def sides_lesson(views: RecordedViews, progress: Progress = no_progress) -> Side
         As :func:`prepare`.
     """
     solver = prepare(views, progress) if views.sides is None else views.sides.solver(progress)
-    found, place = solver.solve(()), next(solver.places(()), None)
-    stroke = None
-    if place is not None:
-        side, _ = found.at(np.array([place.point_m]), np.array([place.normal]))
-        row, col = place.rc
-        stroke = ImageStroke(
-            side="other" if side[0] == OF_INTEREST else "this",
-            view_index=place.view_index,
-            points_rc=((float(row), float(col)),),
-        )
     return SidesLesson(
         frame=views.recorded(solver.observed.start_view),
-        found=found,
+        found=solver.solve(()),
         section=telling_slice(solver.observed, views.axis),
-        stroke=stroke,
-        stroked=None if stroke is None else solver.solve((stroke,)),
     )

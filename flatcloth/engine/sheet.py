@@ -312,23 +312,26 @@ class PiecePlace:
 
 
 def place_of_piece(views: Views, piece: SheetPiece, accepted: Sequence[int]) -> PiecePlace:
-    """Return the component of an accepted view that shows most of a piece, and where it lies.
+    """Return the component of an accepted view that shows much of a piece, and where it lies.
+
+    Of the views that show at least half as much as the best one, it is the one accepted last: fewer
+    decisions follow it.
 
     Raises
     ------
     FlatclothError
         If only the start view shows the piece.
     """
-    shown = [v for v in piece.views if v in set(accepted)]
+    shown = [v for v in accepted if v in piece.views]
     if not shown:
         raise FlatclothError(
             f"Piece {piece.label} was seen by the start view only, which stays where it is."
             " Step on: another view may connect it."
         )
     own = piece.view
-    pixels = {v: own.valid & (own.view_index == v) for v in shown}
-    view_index = max(shown, key=lambda v: int(pixels[v].sum()))
-    where = np.argwhere(pixels[view_index])
+    area = {v: np.count_nonzero(own.valid & (own.view_index == v)) for v in shown}
+    view_index = next(v for v in reversed(shown) if 2 * area[v] >= max(area.values()))
+    where = np.argwhere(own.valid & (own.view_index == view_index))
     there = own.uv_from_rc(where)
     source = own.source_rc[where[:, 0], where[:, 1]]
     best: tuple[int, int, Rigid2] = (0, 0, Rigid2())
@@ -345,6 +348,19 @@ def place_of_piece(views: Views, piece: SheetPiece, accepted: Sequence[int]) -> 
             f"No component of view {view_index} shows piece {piece.label}; reopen the view itself."
         )
     return PiecePlace(view_index=view_index, component=best[1], placement=best[2])
+
+
+def is_on_shape(views: Views, canonical: Canonical, view_index: int, component: int) -> bool:
+    """Return whether cloth of a component of a view belongs to the shape, and not to a floating piece."""
+    part = views.part(view_index, component)
+    own = cKDTree(part.source_rc[part.valid])
+
+    def shown_by(view: FlattenedView) -> int:
+        source = view.source_rc[view.valid & (view.view_index == view_index)]
+        off, _ = own.query(source, distance_upper_bound=1.0)
+        return int(np.isfinite(off).sum())
+
+    return shown_by(canonical.view) > max(map(shown_by, canonical.floating), default=0)
 
 
 def label_of(piece: int) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import cv2
@@ -54,16 +54,16 @@ def evidence(recording: Recording, finding: Finding) -> Uint8 | None:
     return np.concatenate([pictures[0], *(part for p in pictures[1:] for part in (gap, p))], axis=1)
 
 
-def mistaken(recording: Recording, views: tuple[int, int], mistakes: Sequence[Mends]) -> Uint8:
-    """Return a picture (H, W, 3) of two views laid on each other as recorded, and with mistakes.
+def mistaken(recording: Recording, views: tuple[int, int], mistakes: Mapping[str, Mends]) -> Uint8:
+    """Return a picture (H, W, 3) of two views laid on each other as recorded, and with mistakes, each named.
 
     Raises
     ------
     RecordingError
         If the views cannot be read.
     """
-    told = [("as recorded", recording), *((mends.words(), mended(recording, mends)) for mends in mistakes)]
-    pictures = [_captioned(_fitted(_turned(made, views)), text) for text, made in told]
+    told = {"as recorded": recording, **{text: mended(recording, m) for text, m in mistakes.items()}}
+    pictures = [_captioned(_fitted(_turned(made, views)), text) for text, made in told.items()]
     return np.concatenate(pictures, axis=1)
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +24,8 @@ MOST_SESSIONS = 12
 """Sessions that are listed. Chosen: what a page shows without scrolling."""
 MOST_ENTRIES = 500
 """Entries of a folder that are looked at. Chosen: it bounds the time of a listing."""
+NO_CELL = "Needs Open3D: pip install 'flatcloth[synthesis]'"
+"""What the card of the simulated robot cell says where it cannot be opened."""
 FILES = (".bag", ".db3", ".mcap")
 """Recordings that are one file."""
 
@@ -74,6 +78,7 @@ class Places:
         return {
             "examples": [{"name": name} for name in sample_recordings()],
             "sessions": [_plain_session(*session) for session in self._sessions()],
+            "cell": "" if find_spec("open3d") else NO_CELL,
             "root": None if self._root is None else shown(self._root.name or str(self._root)),
         }
 
@@ -82,11 +87,22 @@ class Places:
         if folder is None:
             return None
         found = folder.resolve()
-        if self._own and found.parent == (state_folder() / "sessions").resolve():
-            return {"kind": "session", "name": shown(found.name)}
+        for own, _, _ in self._sessions():
+            if own.resolve() == found:
+                return {"kind": "session", "name": shown(own.name)}
         if self._root is not None and found.is_relative_to(self._root):
             return {"kind": "folder", "name": shown(found.relative_to(self._root).as_posix())}
         return None
+
+    def remember(self, folder: Path | None) -> None:
+        """List a session whose folder is elsewhere among the user's own, by a link to it."""
+        if folder is None or not self._own or self.place_of(folder) is not None:
+            return
+        target = folder.resolve()
+        name = f"{target.name}-{hashlib.sha256(os.fsencode(target)).hexdigest()[:8]}"
+        with contextlib.suppress(OSError):
+            _sessions_folder().mkdir(parents=True, exist_ok=True)
+            (_sessions_folder() / name).symlink_to(target, target_is_directory=True)
 
     def listing(self, path: str) -> dict[str, Any]:
         """Return what can be opened in a folder below the root, and its folders.
@@ -188,13 +204,17 @@ class Places:
             return []
         found = []
         with contextlib.suppress(OSError):
-            for folder in (state_folder() / "sessions").iterdir():
+            for folder in _sessions_folder().iterdir():
                 with contextlib.suppress(OSError, FlatclothError):
                     header = read_header(folder)
                     if Path(header.recording.location).exists():
                         found.append((folder, header, _used_at(folder)))
         found.sort(key=lambda session: session[2], reverse=True)
         return found[:MOST_SESSIONS]
+
+
+def _sessions_folder() -> Path:
+    return state_folder() / "sessions"
 
 
 def _kind_of(path: Path) -> str:

@@ -1,7 +1,7 @@
 // The active loop: what is to be known, the next angle with what is expected of it, and what the last turns brought.
 
 import { PagePart } from "../page/page.js";
-import { button, byId, heading, make, rebuild, setAllowed } from "../page/dom.js";
+import { button, byId, choice, field, heading, make, rebuild, setAllowed } from "../page/dom.js";
 import { count, degrees } from "../page/format.js";
 
 export class ActivePanel extends PagePart {
@@ -14,16 +14,17 @@ export class ActivePanel extends PagePart {
     section.hidden = !status;
     if (!status) return;
     section.dataset.state = stateOf(status);
-    rebuild(section, [JSON.stringify(status)], () => this.parts(status));
+    rebuild(section, [status, state.garment?.found?.points], () => this.parts(status));
   }
 
   parts(/** @type {ActiveStatus} */ status) {
     return [
       heading("Active loop", make("span.quiet-text", { tip: status.folder }, status.source)),
-      make("p.active-goal", `Goal: ${status.goal}. ${count(status.views, "view")}; budget ${status.budget}.`),
+      field("Goal", this.goals(status)),
+      make("p.quiet-text", `${count(status.views, "view")}; budget ${status.budget}.`),
       make("p#active-task.active-task", { role: "status" }, task(status)),
       make("p.quiet-text", status.why && `Expected: ${status.why}.`),
-      make("p#active-knows.active-knows", `Known: ${status.knows}`),
+      make("p#active-knows.active-knows", `Known: ${status.knows.replaceAll("_", " ")}`),
       status.turns_itself && this.turnButton(status),
       make(
         "ol.active-steps",
@@ -40,6 +41,23 @@ export class ActivePanel extends PagePart {
     ];
   }
 
+  /** What can be wanted: the shape, the kind, and where each point of the recognised garment is. */
+  goals(/** @type {ActiveStatus} */ status) {
+    const now = status.goal.replace(/ within .*/, "");
+    const points = this.page.state.garment?.found?.points ?? [];
+    const goals = new Map([
+      ["shape", "the whole shape"],
+      ["kind", "the kind of garment"],
+      ...points.map(({ name }) => /** @type {[string, string]} */ ([`points:${name}`, name.replaceAll("_", " ")])),
+    ]);
+    if (!goals.has(now)) goals.set(now, status.goal);
+    return choice([...goals], now, {
+      id: "active-goal",
+      tip: "What the loop is to find out. It turns to where a view helps most, and ends when this is known.",
+      change: ({ target }) => this.page.send({ type: "aim", goal: target.value }),
+    });
+  }
+
   turnButton(/** @type {ActiveStatus} */ status) {
     const look = button(
       status.is_simulated ? "Turn and look" : "It is there: look",
@@ -53,7 +71,7 @@ export class ActivePanel extends PagePart {
       },
     );
     look.id = "active-turn";
-    setAllowed(look, status.angle_deg === null || status.turning ? task(status) : null, look.title);
+    setAllowed(look, status.angle_deg === null || status.turning ? task(status) : null, look.dataset.tip ?? "");
     return look;
   }
 }
@@ -64,7 +82,7 @@ function stateOf(/** @type {ActiveStatus} */ status) {
 }
 
 /** What is to be done now, in one line. */
-function task(/** @type {ActiveStatus} */ status) {
+export function task(/** @type {ActiveStatus} */ status) {
   if (status.end !== null) return status.end;
   if (status.turning)
     return status.is_simulated

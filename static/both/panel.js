@@ -4,11 +4,13 @@ import { PagePart } from "../page/page.js";
 import { mirrored } from "./seen.js";
 import { nearest } from "../canvas/geometry.js";
 import { drawSeamInScene, drawSeams, strokeLoop } from "../canvas/marks.js";
+import { words } from "../garment/marks.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { closeButton, byId, heading, make, rebuild, smallButton, swatch, values } from "../page/dom.js";
 import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
 
 const HIT_PX = 8;
+const NEAR_M = 0.08; // from a seam to a point by which it is named
 /** @type {SideName[]} */
 const SHEETS = ["this", "other"];
 const MOST_VIEWS = 6; // that are named for each rim of a seam
@@ -20,7 +22,10 @@ export class BothSides extends PagePart {
   name = "bothSides";
   other = /** @type {NonNullable<State["other"]> | null} */ (null);
   /** @type {Fetched<SidePlaces>} */
-  fetched = new Fetched(askJson, () => this.page.redrawMarks());
+  fetched = new Fetched(askJson, () => {
+    this.page.redrawMarks();
+    this.page.changed();
+  });
   showsSeams = false;
   chosen = /** @type {number | null} */ (null); // of the seams
   turnsOnceKnown = false;
@@ -117,7 +122,8 @@ export class BothSides extends PagePart {
       this.page.group("Sides, shown", ["beside", "seams", "joints"]),
       make("div#both-about"),
     ]);
-    rebuild(byId("both-about"), [other, own, this.showsSeams, this.chosen], () => [
+    const named = thisSide.garment?.found?.points;
+    rebuild(byId("both-about"), [other, own, this.showsSeams, this.chosen, this.places, named], () => [
       this.progress(other),
       other.layers && this.areas(other.layers, own ?? 0, other),
       this.showsSeams && other.layers && this.seams(other),
@@ -182,16 +188,27 @@ export class BothSides extends PagePart {
         {
           pressed: on,
           key: `seam-${n}`,
-          tip: "Between a piece of this side and one of the other. Click: show it.",
+          tip: `Between piece ${seam.this_piece} of this side and ${seam.other_piece} of the other. Click: show it.`,
           click: () => this.choose(on ? null : n),
         },
         swatch(color),
-        make("b", `${seam.this_piece}–${seam.other_piece}`),
+        make("b", this.nameOf(seam, n)),
         ` ${number(seam.length_mm / 10, 0)} cm`,
         make("small", seam.why ? "does not join" : "joins"),
       ),
       on && this.detail(seam, n, working),
     );
+  }
+
+  /** A seam by the points of the garment that it comes nearest to; where there are none by its pieces. */
+  nameOf(/** @type {SeamInfo} */ seam, /** @type {number} */ n) {
+    const places = this.places?.seams[n]?.this_uv_m ?? [];
+    const near = (this.page.thisSide.garment?.found?.points ?? [])
+      .map(({ name, uv_m: [u, v] }) => ({ name, off: Math.min(...places.map(([x, y]) => Math.hypot(x - u, y - v))) }))
+      .filter(({ off }) => off < NEAR_M)
+      .sort((a, b) => a.off - b.off);
+    const ends = near.slice(0, 2).map(({ name }) => words(name));
+    return ends.length ? ends.join(" to ") : `${seam.this_piece}–${seam.other_piece}`;
   }
 
   /** What speaks for a seam, and the decision about it. */

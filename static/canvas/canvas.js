@@ -16,14 +16,8 @@ const LEAST_FREE_SHARE = 0.5; // a legend that leaves less of the pane lies over
 /** @type {Scenery} */
 const SHAPE_ALONE = { paint: (canvas) => canvas.drawShape(), holds: () => false };
 
-/** @type {ShapeLayers} */
-const ONE_LAYER = {
-  paintShape: (canvas) => canvas.layer.shown && canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image),
-};
-
 /**
  * @typedef {{ paint: (canvas: FlatCanvas) => void; holds: (x: number, y: number) => boolean }} Scenery
- * @typedef {{ paintShape: (canvas: FlatCanvas) => void }} ShapeLayers
  *
  * @typedef {{
  *   kind: "tool" | "turn" | "drag" | "pan"; tool?: Tool; button: number; x: number; y: number; lastX: number;
@@ -63,12 +57,11 @@ export class FlatCanvas {
     this.scenery = SHAPE_ALONE;
     this.side = /** @type {SideName} */ ("this"); // of the item, which is shown
     this.beside = new Beside(this); // the other side, where both are shown
-    this.layers = ONE_LAYER; // how they are looked at; a page without a list of layers has one
     this.tools = /** @type {Tool[]} */ ([]);
     this.drawers = /** @type {Drawer[]} */ ([]);
     this.preview = { theta: 0, u: 0, v: 0 }; // of the proposal, before the server has moved it
     this.center = [0, 0];
-    this.around = () => /** @type {Box | null} */ (null); // what a panel draws beyond the cloth
+    this.around = /** @type {(() => Box | null)[]} */ ([]); // what panels draw beyond the cloth
     this.snap = (/** @type {By} */ by) => by; // to places that a panel knows
     this.gripAt = (/** @type {Point} */ _) => /** @type {"turn" | "drag" | null} */ (null); // a handle of the proposal
     this.dirty = false;
@@ -181,7 +174,7 @@ export class FlatCanvas {
   fit() {
     this.fitted = true;
     const cloth = union(union(this.layer.shown?.box, this.overlay.shown?.box), this.beside.box);
-    const box = this.extent ?? (cloth ? union(cloth, this.around()) : cloth);
+    const box = this.extent ?? (cloth ? this.around.map((of) => of()).reduce(union, cloth) : cloth);
     if (box && this.width) {
       const legend = byId("legend");
       const free = this.width - (legend.hidden ? 0 : legend.offsetWidth + LEGEND_GAP_PX);
@@ -271,7 +264,7 @@ export class FlatCanvas {
   }
 
   drawShape() {
-    if (this.layer.shown) this.layers.paintShape(this);
+    if (this.layer.shown) this.drawPicture(this.layer.shown, this.layer.shown.image);
   }
 
   /** The proposal where it is, or is being moved to; `outlined` also its outline, which is never pale. */

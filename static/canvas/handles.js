@@ -5,7 +5,7 @@ import { drawLabel, drawRing, strokeLine, strokeRimmed, traceCross } from "./mar
 import { byId, rebuild, smallButton } from "../page/dom.js";
 import { mm } from "../page/format.js";
 
-const REACH_PX = 13;
+const REACH_PX = matchMedia("(pointer: coarse)").matches ? 24 : 13;
 const ABOVE_PX = 26; // of the ring over the proposal
 const LABEL_PX = 26; // of a ghost, below its middle
 const SNAP_PX = 16;

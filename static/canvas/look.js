@@ -3,7 +3,6 @@
 
 import { PagePart } from "../page/page.js";
 import { askJson } from "../page/connection.js";
-import { LayerList } from "./layer_list.js";
 import { drawLabel, strokeLine } from "./marks.js";
 import { onPinch } from "./pinch.js";
 import { SceneLook } from "./scene_look.js";
@@ -17,7 +16,12 @@ const ENDS = /** @type {("low" | "high")[]} */ (["low", "high"]);
 /** @type {Record<string, string>} */
 const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", grid: "Grid", ruler: "Ruler" };
 /** @type {LayerLook} */
-const PLAIN = { map: "", low: 0, high: 1, shown: false, opacity: 1 };
+const PLAIN = { map: "", low: 0, high: 1 };
+/** All layers; the table of actions has their titles, keys and descriptions. */
+export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place"];
+
+/** The action that chooses a layer. */
+export const layerAction = (/** @type {string} */ layer) => `layer_${layer}`;
 
 /** Keeps how each layer is looked at. */
 export class Looking extends PagePart {
@@ -37,13 +41,12 @@ export class Looking extends PagePart {
   maps = /** @type {Record<string, { title: string; colors: string[] }>} */ ({});
   open = false;
   grid = false;
-  list = new LayerList(this.page, this);
+  sentLook = ""; // what the 3D scene last got
   scene = new SceneLook(this.page);
   chip = byId("turned");
 
   constructor(/** @type {Page} */ page) {
     super(page);
-    this.canvas.layers = this;
     this.chip.addEventListener("click", () => this.turn(0, false));
     this.loadMaps();
     onPinch(
@@ -102,24 +105,18 @@ export class Looking extends PagePart {
     this.page.changed();
   }
 
-  /** While a slider is moved: only the canvas follows. */
-  setQuietly(/** @type {string} */ layer, /** @type {Partial<LayerLook>} */ change) {
-    this.settings.set(layer, { ...this.of(layer), ...change });
-    this.canvas.redraw();
-  }
-
+  /** The 3D scene is one for all tabs, so each tells only what its operator has changed. */
   update(/** @type {State} */ state) {
-    this.list.update(state);
-  }
-
-  /** Draw the shape: the chosen layer, and those that lie over it. */
-  paintShape(/** @type {FlatCanvas} */ canvas) {
-    const { context } = canvas;
-    const pale = context.globalAlpha;
-    context.globalAlpha = pale * this.of(this.page.layer).opacity;
-    if (canvas.layer.shown) canvas.drawPicture(canvas.layer.shown, canvas.layer.shown.image);
-    context.globalAlpha = pale;
-    if (!this.page.hasCamera) this.list.paint(canvas);
+    if (state.mode !== "session") return;
+    const { map, low, high } = this.of(this.page.layer);
+    const layer = /** @type {import("../page/messages").Look["layer"]} */ (this.page.layer);
+    /** @type {import("../page/messages").Look} */
+    const message = { type: "look", layer, map: map || null, low, high };
+    const text = JSON.stringify(message);
+    if (this.sentLook === text) return;
+    const first = this.sentLook === "";
+    this.sentLook = text;
+    if (!first || this.page.layer !== "color") this.page.send(message);
   }
 
   /** How a layer is looked at, as part of an address. */
@@ -157,11 +154,10 @@ export class Looking extends PagePart {
   }
 
   /**
-   * Show the panel for a layer with its legend (null: it has no numbers), and the legends of all. A frame of a camera
-   * has one layer, in its own colours.
-   * @param {string} layer @param {Legend | null} [legend] @param {Record<string, Legend>} [legends]
+   * Show the panel for a layer with its legend (null: it has no numbers). A frame of a camera has its own colours.
+   * @param {string} layer @param {Legend | null} [legend]
    */
-  show(layer, legend, legends) {
+  show(layer, legend) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
@@ -169,8 +165,11 @@ export class Looking extends PagePart {
     const ramp = legend?.kind === "ramp";
     const all = [...this.settings.entries()];
     const camera = this.page.hasCamera;
-    rebuild(panel, [layer, legend, all, Object.keys(this.maps), legends, this.page.layer, this.scene.key], () => [
-      !camera && [make("h2", "Layers"), this.list.build(legends)],
+    rebuild(panel, [layer, legend, all, Object.keys(this.maps), this.scene.key], () => [
+      !camera && [
+        make("h2", "Layers"),
+        make("div.looks", ...LAYERS.map((one) => this.page.button(layerAction(one)))),
+      ],
       make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
       button("Reset", () => this.reset(), {
         class: "last",

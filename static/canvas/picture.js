@@ -33,18 +33,17 @@ export class Picture {
     if (this.wanted !== address) return;
     if (!image) return void (this.wanted = null); // the next state asks again
     const anew = this.shown?.revision !== revision;
-    const shape = !withOutline
-      ? {}
-      : anew
-        ? { alpha: alphaOf(image), outline: new Pyramid(outlineOf(image)) }
-        : { alpha: this.shown?.alpha, outline: this.shown?.outline };
+    const shape = !withOutline ? {} : { outline: anew ? new Pyramid(outlineOf(image)) : this.shown?.outline };
     this.shown = { address, revision, grid, box: boxOf(grid), image: new Pyramid(image), ...shape };
     this.onReady(anew);
   }
 
   /** Whether the picture is opaque at a place of the plane. */
   covers(/** @type {number} */ u, /** @type {number} */ v) {
-    return Boolean(this.shown?.alpha && this.shown.alpha[pixelAt(this.shown.grid, u, v)] > 0);
+    const { shown } = this;
+    if (!shown) return false;
+    shown.alpha ??= alphaOf(shown.image instanceof Pyramid ? shown.image.at(1) : shown.image);
+    return shown.alpha[pixelAt(shown.grid, u, v)] > 0;
   }
 }
 
@@ -64,7 +63,7 @@ export function outlineOf(/** @type {Drawable} */ image, color = OUTLINE) {
   return outline.canvas;
 }
 
-function alphaOf(/** @type {ImageBitmap} */ image) {
+function alphaOf(/** @type {Drawable} */ image) {
   const { width, height } = image;
   const context = contextOf(new OffscreenCanvas(width, height), { willReadFrequently: true });
   context.drawImage(image, 0, 0);

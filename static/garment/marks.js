@@ -1,6 +1,11 @@
 // The outline of a garment and its named points on a flattened view.
 
-import { drawDot, drawLabel, drawRing, strokeLoop } from "../canvas/marks.js";
+import { drawDot, drawLabel, drawRing, strokeLoop, strokeRimmed } from "../canvas/marks.js";
+import { WAYS } from "../page/dom.js";
+
+const STEP_M = 0.006; // along the outline
+const NEAR_M = 0.012; // from it to cloth
+const AROUND = [[0, 0], ...Object.values(WAYS)];
 
 /** A name of the files as words. */
 export const words = (/** @type {string} */ name) => name.replaceAll("_", " ");
@@ -14,7 +19,10 @@ export const words = (/** @type {string} */ name) => name.replaceAll("_", " ");
 export function drawGarment(canvas, context, style, found, pointed) {
   const { transform } = canvas;
   const color = style.getPropertyValue("--garment");
-  strokeLoop(canvas, found.outline_uv_m, color, 2, { rim: 2 });
+  context.globalAlpha = 0.5;
+  strokeLoop(canvas, found.outline_uv_m, color, 1.5, { dash: [5, 5] });
+  context.globalAlpha = 1;
+  strokeRimmed(context, color, 2, () => traceSeen(canvas, context, found.outline_uv_m));
   for (const point of found.points) {
     const at = transform.toPane(...point.uv_m);
     const on = point.name === pointed;
@@ -24,6 +32,24 @@ export function drawGarment(canvas, context, style, found, pointed) {
     if (point.held) drawRing(context, at, color, on ? 12 : 9);
     if (on) drawName(context, style, at, point.name);
   }
+}
+
+/** The parts of an outline that run along cloth: the others are foretold. */
+function traceSeen(/** @type {FlatCanvas} */ canvas, /** @type {Context} */ context, /** @type {UV[]} */ outline) {
+  const isSeen = (/** @type {number} */ u, /** @type {number} */ v) =>
+    AROUND.some(([right, down]) => canvas.layer.covers(u + NEAR_M * right, v + NEAR_M * down));
+  outline.forEach(([u, v], i) => {
+    const [nextU, nextV] = outline[(i + 1) % outline.length];
+    const n = Math.ceil(Math.hypot(nextU - u, nextV - v) / STEP_M);
+    for (let k = 0; k < n; k++) {
+      const at = (/** @type {number} */ x) =>
+        /** @type {UV} */ ([u + (x / n) * (nextU - u), v + (x / n) * (nextV - v)]);
+      if (!isSeen(...at(k + 0.5))) continue;
+      const [from, to] = [k, k + 1].map((x) => canvas.transform.toPane(...at(x)));
+      context.moveTo(from.x, from.y);
+      context.lineTo(to.x, to.y);
+    }
+  });
 }
 
 /** @param {Context} context @param {Style} style @param {Point} parts @param {string} name */

@@ -38,7 +38,7 @@ export class GarmentPanel extends PagePart {
 
   constructor(/** @type {Page} */ page) {
     super(page);
-    page.canvas.around = () => this.box;
+    page.canvas.around.push(() => this.box);
   }
 
   /** Where the outline is, once the shape is upright; of the first views it may lie anywhere. @returns {Box | null} */

@@ -54,7 +54,6 @@ export class Layout extends PagePart {
   panes = /** @type {string[]} */ ([]);
   pane = /** @type {string | null} */ (null);
   present = /** @type {number | null} */ (null);
-  listed = false;
   chosen = localStorage.getItem(CHOSEN);
   box = byId("panes");
   menu = byId("menu");
@@ -78,7 +77,6 @@ export class Layout extends PagePart {
 
   update(/** @type {State} */ state) {
     this.foldButton.dataset.tip = this.page.tip("readout");
-    if (this.listed === byId("review-list").hidden) this.apply();
     this.show();
     if (this.present === state.present_view) return;
     this.present = state.present_view;
@@ -106,17 +104,15 @@ export class Layout extends PagePart {
 
   /** Choose the layout for the window as it is now. */
   apply() {
-    const { kind, panes } = layoutOf(innerWidth, innerHeight);
+    // Not innerWidth: on a phone that grows with whatever sticks out of the page.
+    const { kind, panes } = layoutOf(document.documentElement.clientWidth, innerHeight);
     this.kind = kind;
     this.panes = panes;
     this.pane = this.chosen && panes.includes(this.chosen) ? this.chosen : (panes[0] ?? null);
     const { dataset } = document.documentElement;
     dataset.layout = kind;
     dataset.pane = this.pane ?? "all";
-    const folded = localStorage.getItem(FOLDED);
-    // The list of the views takes the height that the read-out has otherwise.
-    this.listed = !byId("review-list").hidden;
-    const fold = folded === null ? kind !== "wide" || this.listed : folded === "yes";
+    const fold = localStorage.getItem(FOLDED) !== "no";
     readouts.classList.toggle("folded", fold);
     this.foldButton.setAttribute("aria-expanded", String(!fold));
     this.foldButton.textContent = fold ? "▴" : "▾";
@@ -168,8 +164,9 @@ function startDivider(/** @type {Layout} */ layout) {
   const upright = {
     property: "--left",
     stored: "flatcloth-split",
+    usual: 0.3,
     orientation: "vertical",
-    least: [584, 600], // of the scene; of canvas and inspector
+    least: [300, 600], // of the scene; of canvas and inspector
     size: () => split.clientWidth,
     at: (/** @type {PointerEvent} */ event) => event.clientX - split.getBoundingClientRect().left,
     keys: { ArrowLeft: -0.02, ArrowRight: 0.02, Home: -1, End: 1 },
@@ -177,8 +174,9 @@ function startDivider(/** @type {Layout} */ layout) {
   const level = {
     property: "--top",
     stored: "flatcloth-split-level",
+    usual: 0.45,
     orientation: "horizontal",
-    least: [160, 240],
+    least: [190, 240],
     size: () => split.clientHeight,
     at: (/** @type {PointerEvent} */ event) => event.clientY - split.getBoundingClientRect().top,
     keys: { ArrowUp: -0.02, ArrowDown: 0.02, Home: -1, End: 1 },
@@ -187,13 +185,13 @@ function startDivider(/** @type {Layout} */ layout) {
   const divider = byId("divider");
   const shield = byId("scene-shield");
   const way = () => (layout.kind === "wide" ? upright : level);
-  const stored = () => Number(localStorage.getItem(way().stored)) || 0.45;
+  const stored = () => Number(localStorage.getItem(way().stored)) || way().usual;
 
   const apply = () => {
     const { property, least, size, orientation } = way();
     if (!size()) return;
     const share = shareWithin(stored(), size(), least);
-    split.style.setProperty(property, `${Math.round(share * size())}px`);
+    document.documentElement.style.setProperty(property, `${Math.round(share * size())}px`);
     divider.setAttribute("aria-orientation", orientation);
     divider.setAttribute("aria-valuenow", String(Math.round(100 * share)));
   };
@@ -210,7 +208,7 @@ function startDivider(/** @type {Layout} */ layout) {
     if (divider.hasPointerCapture(event.pointerId)) set(way().at(event) / way().size());
   });
   divider.addEventListener("lostpointercapture", () => (shield.hidden = true));
-  divider.addEventListener("dblclick", () => set(0.45));
+  divider.addEventListener("dblclick", () => set(way().usual));
   divider.addEventListener("keydown", (event) => {
     const by = /** @type {Record<string, number>} */ (way().keys)[event.key];
     if (by === undefined) return;

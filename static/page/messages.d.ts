@@ -119,10 +119,12 @@ export interface LeaveOut {
   component: number;
 }
 
-/** Place a floating piece by hand: the view that shows most of it becomes the proposal, where it lies. */
+/** Place a floating piece by hand, shifted: a view that shows much of it becomes the proposal there. */
 export interface PlacePiece {
   type: "place_piece";
   label: string;
+  u_m?: number;
+  v_m?: number;
 }
 
 /** Refine the pending view from where it lies. */
@@ -247,12 +249,6 @@ export interface Set {
   step_deg?: number | null;
 }
 
-/** Draw the edges that the flattening strained in the 3D scene as well, or not. */
-export interface ShowEdges {
-  type: "edges";
-  show: boolean;
-}
-
 /** Set the turning axis by hand, as the camera of view 0 sees it; without ``apply`` it is only drawn. */
 export interface SetAxis {
   type: "axis";
@@ -283,6 +279,12 @@ export interface Capture {
   type: "capture";
   action: "aim" | "begin" | "finish" | "keep" | "repeat" | "turned";
   angle_deg?: number | null;
+}
+
+/** Give an active loop another goal: shape, kind, or points:NAME,NAME. */
+export interface Aim {
+  type: "aim";
+  goal: string;
 }
 
 /** Say which side the cloth under a stroke on the image of a view is; ``radius_m`` on the cloth. */
@@ -357,11 +359,11 @@ export type ClientMessage =
   | GoTo
   | SetAuto
   | Set
-  | ShowEdges
   | SetAxis
   | Look
   | Play
   | Capture
+  | Aim
   | StrokeImage
   | StrokeShape
   | CutShape
@@ -378,7 +380,6 @@ export interface PageState {
   recording: RecordingInfo;
   notes: string[];
   auto: AutoInfo;
-  edges: boolean;
   layers: Layers | null;
   pick: PickInfo | null;
   picks: ListedPick[];
@@ -659,6 +660,7 @@ export interface PendingInfo {
   checks: Check[];
   undetermined: string[];
   ghosts: GhostInfo[];
+  joins: boolean | null;
 }
 
 /** A rigid motion of the plane for reading. */
@@ -690,14 +692,12 @@ export interface JoinedPieceInfo {
   placement: Placement;
 }
 
-/** What accepting the proposal would add, measure again, and join. */
+/** What accepting the proposal would add, and join. */
 export interface Foreseen {
   added_cm2: number;
-  again_cm2: number;
   joins: string[];
   moved_mm: number | null;
   contradicted: number | null;
-  made_sure_cm2: number | null;
 }
 
 /** A check of the proposal; ``passed`` is None if the common cloth does not decide it. */
@@ -1050,7 +1050,6 @@ export interface DiagnosticsInfo {
   trouble: string;
   front_from_current: [number, number, number];
   current_from_new: [number, number, number];
-  edges: BothEdges;
   pairs: ClothPairs | null;
 }
 
@@ -1077,19 +1076,6 @@ export interface LineInfo {
   center_uv_m: [number, number];
   direction: [number, number];
   point_uv_m: [number, number];
-}
-
-/** The strained edges of the shape and of the new view. */
-export interface BothEdges {
-  shape: EdgesInfo;
-  new: EdgesInfo;
-}
-
-/** The most strained edges of a flattening; ``total`` is the number of all. */
-export interface EdgesInfo {
-  uv_m: [[number, number], [number, number]][];
-  strain: number[];
-  total: number;
 }
 
 /** Pairs of the same cloth, evenly chosen, and the statistics of all pairs. */

@@ -4,23 +4,24 @@ import { byId, closeButton, make, openSheet, placeBeside, staysIn, targetOf } fr
 
 const STAYS_MS = { info: 7000, warning: 10000, error: 20000 }; // longer under the pointer; the log has all
 const KEPT = 200;
+const RESTS_MS = 500; // the pointer on a thing, until its tooltip appears: it only passes over most
 const WORDS = { info: "Note", warning: "Warning", error: "Error" };
 
 let lastServerNote = -1; // none
 const kept = /** @type {{ level: Note["level"]; text: string; timeS: number }[]} */ ([]);
 
-/** A note is not shown while something worse is, nor while it is `quiet`: the log has it. */
+/** A note is not shown while something worse is, and errors alone while it is `quiet`: the log has all. */
 let quiet = false;
 
 /** Show a message and keep it in the log. */
 export function notify(/** @type {Note["level"]} */ level, /** @type {string} */ text, timeS = Date.now() / 1000) {
   keep(level, text, timeS);
-  if (level === "info" && (quiet || byId("toasts").querySelector(".warning, .error"))) return;
+  if (level !== "error" && quiet) return;
+  if (level === "info" && byId("toasts").querySelector(".warning, .error")) return;
   /** @type {HTMLElement} */
   const toast = make(
     "div",
     { class: `toast ${level}`, role: level === "error" ? "alert" : "status" },
-    make("strong", WORDS[level]),
     make("p", text),
     closeButton("Dismiss", () => toast.remove()),
   );
@@ -41,7 +42,7 @@ function keep(level, text, timeS) {
 /**
  * Take the server's log: what is new becomes a toast, except what was there before this page.
  * @param {Note[]} log
- * @param {boolean} isAuto while Auto runs, a note about each view is for the log only
+ * @param {boolean} isAuto while Auto runs, the hint line says what it does
  */
 export function takeServerLog(log, isAuto) {
   quiet = isAuto;
@@ -79,16 +80,25 @@ export function showLog() {
 export function startTips() {
   const tip = byId("tip");
   let owner = /** @type {Element | null} */ (null);
+  let timer = 0;
   const hide = () => {
+    clearTimeout(timer);
     tip.hidden = true;
     owner = null;
   };
   const show = (/** @type {Event} */ event) => {
     const target = /** @type {HTMLElement | null} */ (targetOf(event).closest?.("[data-tip]"));
-    if (!target) return hide();
-    if (event.type === "focusin" && !target.matches(":focus-visible")) return;
+    if (!target?.dataset.tip) return hide();
+    const byPointer = event instanceof PointerEvent;
+    if (byPointer ? event.pointerType === "touch" : !target.matches(":focus-visible")) return;
+    if (target === owner) return;
+    hide();
     owner = target;
-    tip.textContent = target.dataset.tip ?? "";
+    timer = setTimeout(() => appear(target), byPointer ? RESTS_MS : 0);
+  };
+  const appear = (/** @type {HTMLElement} */ target) => {
+    if (!target.isConnected) return; // what it was about is gone, and something else lies under the pointer
+    tip.textContent = target.dataset.tip ?? ""; // as it is by now
     tip.hidden = false;
     const at = target.getBoundingClientRect();
     placeBeside(tip, at, at.bottom + 8 + tip.getBoundingClientRect().height < innerHeight);

@@ -39,7 +39,7 @@ export function showPalette(/** @type {ActionRow[]} */ actions, /** @type {(name
       },
       make("strong", action.title),
       make("span", off ? `Not now: ${action.why_not}` : action.description),
-      make("kbd", keyName(action.keys[0])),
+      action.keys[0] && make("kbd", keyName(action.keys[0])),
     );
   }
 

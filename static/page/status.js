@@ -1,8 +1,9 @@
 // The lines above the canvas: the shown view, the next step, the progress, and notes about the session.
 
 import { PagePart } from "./page.js";
+import { task } from "../active/panel.js";
 import { byId, closeButton, make, rebuild, setText } from "./dom.js";
-import { count, endOf, floatingOf, number } from "./format.js";
+import { cm2, count, endOf, floatingOf, number } from "./format.js";
 
 const BUSY_AFTER_MS = 250;
 
@@ -14,8 +15,8 @@ export class StatusLines extends PagePart {
 
   update(/** @type {State} */ state) {
     const { name, description, n_views } = state.recording;
-    setText(byId("recording"), `${name} · ${count(n_views, "view")} · method ${state.method}`);
-    byId("recording").dataset.tip = description || name;
+    setText(byId("recording"), [...shapeOf(this.page.thisSide), name].join(" · "));
+    byId("recording").dataset.tip = `${name}, ${count(n_views, "view")}, method ${state.method}\n${description}`;
     document.title = `${name} · flatcloth`;
     byId("live").hidden = state.mode !== "camera";
     byId("hint").hidden = state.mode === "camera";
@@ -59,59 +60,51 @@ export class StatusLines extends PagePart {
   }
 }
 
-/** How large the shape is, and what floats beside it. */
-function shapeOf(/** @type {number} */ step, /** @type {NonNullable<State["layers"]>} */ layers) {
-  const { pieces, area_cm2: floating } = floatingOf(layers);
-  const beside = floating ? ` ${number(floating, 0)} cm² float in ${count(pieces.length, "piece")}.` : "";
-  return ` Shape: ${count(step, "view")}, ${number(layers.area_cm2, 0)} cm².${beside}`;
+/** What to do next, in a line; without the keys where there are none. */
+function hint(/** @type {State} */ state) {
+  const text = nextOf(state);
+  return matchMedia("(pointer: coarse)").matches ? text.replace(/ \((Shift\+)?[A-Z]\)/g, "") : text;
 }
 
-/** What to do next, in a line. */
-function hint(/** @type {State} */ state) {
-  const angle = (/** @type {number | null} */ i, word = "view") =>
-    `${word} ${i} (${number(state.views[i ?? 0].angle_deg, 0)}°)`;
-  const { request, pending } = state;
-  if (state.trouble) return state.trouble;
-  const area = state.layers ? shapeOf(state.step, state.layers) : "";
-  const waiting = state.n_later
-    ? ` Then ${count(state.n_later, "later view")} follow${state.n_later === 1 ? "s" : ""}.`
-    : "";
+function nextOf(/** @type {State} */ state) {
+  const angle = (/** @type {number | null} */ i) => `view ${i} (${number(state.views[i ?? 0].angle_deg, 0)}°)`;
+  const { request, pending, n_later } = state;
   const { running, waits_for, ended, until } = state.auto;
-  if (waits_for) return `${waits_for}${area}`;
-  const auto = running ? `Auto (G stops it) goes on ${until}. ` : "";
-  if (auto && state.phase !== "computing") return `${auto}${area}`;
-  if (ended && state.phase === "ready") return `Auto has ended: ${ended} Step (S) goes on.${area}`;
+  if (state.trouble || waits_for) return state.trouble || waits_for;
+  const auto = running ? `Auto goes on ${until}. ` : "";
+  if (state.active && ["ready", "finished"].includes(state.phase)) return auto + task(state.active);
+  if (auto && state.phase !== "computing") return auto;
+  if (ended && state.phase === "ready") return `Auto has ended: ${ended} Step (S) goes on.`;
   if (state.mode === "camera") return "";
   switch (state.phase) {
     case "computing":
       if (!request || request.kind === "start") return "Choosing and flattening the start view.";
-      if (request.kind === "follow") return `Laying ${angle(request.view_index)} on the changed shape.${area}`;
-      return request.view_index === null
-        ? `${auto}Looking for the next view.${area}`
-        : `${auto}Laying ${angle(request.view_index)} on the shape.${area}`;
-    case "deciding":
+      if (request.kind === "follow") return `Laying ${angle(request.view_index)} on the changed shape.`;
+      if (request.view_index === null) return `${auto}Looking for the next view.`;
+      return `${auto}Laying ${angle(request.view_index)} on the shape.`;
+    case "deciding": {
       if (!pending) return "";
-      if (pending.again && !pending.why)
-        return (
-          `${angle(pending.view_index, "View")} is decided again: Accept (A), Reject (R), Skip (K) or move it;` +
-          ` Undo (U) leaves it as it was.${waiting}${area}`
-        );
-      return (
-        `Is ${angle(pending.view_index)} in its place? Accept (A), Reject (R), Skip (K),` +
-        ` or move it with the arrow keys.${waiting}${area}`
-      );
+      const waiting = n_later ? ` Then ${count(n_later, "later view")} follow${n_later === 1 ? "s" : ""}.` : "";
+      const place = `Is ${angle(pending.view_index)} in its place? Accept (A), Reject (R), Skip (K), or drag it.`;
+      return `${place}${pending.again ? " Undo (U) leaves it as it was." : ""}${waiting}`;
+    }
     case "finished":
       return (
         `${endOf(state)}: ${state.finished ?? ""}` +
         (state.sides ? " Without masks, some may be of the wrong side (see Result)." : "") +
-        ` Click the cloth for a grasp point.${area}`
+        " Click the cloth for a grasp point."
       );
     default:
-      return state.start_view === null
-        ? "Press Step (S): the start view is chosen and flattened."
-        : state.n_later
-          ? `${count(state.n_later, "later view")} wait${state.n_later === 1 ? "s" : ""} to follow.` +
-            ` Press Step (S) to go on.${area}`
-          : `Press Step (S): the next view is chosen, flattened and placed on the shape.${area}`;
+      if (state.start_view === null) return "Press Step (S): the start view is chosen and flattened.";
+      if (n_later) return `${count(n_later, "later view")} wait${n_later === 1 ? "s" : ""}. Press Step (S) to go on.`;
+      return "Press Step (S): the next view is chosen, flattened and placed on the shape.";
   }
+}
+
+/** How large the shape is, and what floats beside it. */
+function shapeOf(/** @type {State} */ { step, layers }) {
+  if (!layers) return [];
+  const { pieces, area_cm2: floating } = floatingOf(layers);
+  const floats = floating ? [`${cm2(floating)} float in ${count(pieces.length, "piece")}`] : [];
+  return [`${cm2(layers.area_cm2)} from ${count(step, "view")}`, ...floats];
 }

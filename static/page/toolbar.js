@@ -16,7 +16,7 @@ import {
   taken,
 } from "./dom.js";
 import { tipOf } from "./format.js";
-import { LAYERS, layerAction } from "../canvas/layer_list.js";
+import { LAYERS, layerAction } from "../canvas/look.js";
 import { PagePart } from "./page.js";
 import { actionSection, keySection, showKeys } from "./keys.js";
 
@@ -34,7 +34,8 @@ const STEPS = [
 ]; // of the keys that move the proposal: mm, degrees
 const STEPS_TIP =
   "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged.";
-const QUALITY = ["stretch", "incidence", "density", "place"];
+/** Layers with a button of their own; Look has all. */
+const FIRST = ["color", "z_angle", "source", "place"];
 /** @type {Record<string, string>} */
 const SIGNS = { zoom_out: "−", zoom_in: "+" };
 
@@ -55,7 +56,9 @@ export class Toolbar extends PagePart {
     byId("canvas").classList.toggle("measuring", this.page.ruler.on);
     if (state.capture) setTitle("capture_pause", state.capture.playing ? "Pause" : "Go on");
     else this.updateSession(state);
-    for (const layer of LAYERS) setPressed(buttonOf(layerAction(layer)), this.page.layer === layer);
+    for (const layer of LAYERS)
+      for (const button of findAll(`[data-action="${layerAction(layer)}"]`))
+        setPressed(button, this.page.layer === layer);
   }
 
   updateSession(/** @type {State} */ state) {
@@ -63,7 +66,7 @@ export class Toolbar extends PagePart {
     setTitle("auto", state.auto.running ? "Stop Auto" : "Auto");
     showSteps(byId("increment"), state.settings);
     this.page.comparison.showKinds(byId("difference-kinds"));
-    const main = { deciding: "accept", ready: "step" }[state.phase];
+    const main = { deciding: "accept", ready: state.active ? "" : "step" }[state.phase];
     for (const name of ["step", "accept"]) {
       buttonOf(name).classList.toggle("primary", name === main && !state.auto.running);
     }
@@ -89,10 +92,8 @@ export class Toolbar extends PagePart {
   }
 
   buildLayers(/** @type {boolean} */ camera) {
-    const quality = QUALITY.filter((layer) => !camera || layer !== "place"); // a single view has no placement
-    const others = LAYERS.filter((layer) => !QUALITY.includes(layer));
-    this.build("layers", others.map(layerAction));
-    this.build("quality-layers", quality.map(layerAction));
+    const first = FIRST.filter((layer) => !camera || layer !== "place"); // a single view has no placement
+    this.build("layers", [...new Set([...first, this.page.layer])].map(layerAction));
     this.build("look-tools", camera ? ["look"] : ["look", "turn_over"]);
   }
 
@@ -110,9 +111,9 @@ export class Toolbar extends PagePart {
       input: (event) => page.comparison.setOpacity(event.target.valueAsNumber),
     });
     rebuild(byId("overlay-tools"), ["overlay"], () => [
-      page.comparison.buttons(),
+      this.page.button("diagnostics"),
+      make("details#compare", make("summary", "Compare"), page.comparison.buttons(), field("Opacity", opacity)),
       make("div#difference-kinds.segmented", { role: "group", label: "Difference", hidden: true }),
-      make("div.field", this.page.button("diagnostics"), field("Opacity", opacity)),
       field("Arrows, [ ]", steps, STEPS_TIP),
     ]);
   }

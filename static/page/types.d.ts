@@ -3,7 +3,6 @@
 import type * as M from "./messages";
 import type * as E from "./elements";
 import type { FlatCanvas as FlatCanvasClass } from "../canvas/canvas.js";
-import type { LayerList as LayerListClass } from "../canvas/layer_list.js";
 import type { Looking as LookingClass } from "../canvas/look.js";
 import type { Comparison as ComparisonClass } from "../canvas/compare.js";
 import type { Picture as PictureClass } from "../canvas/picture.js";
@@ -132,7 +131,6 @@ declare global {
 
   type Page = PageClass;
   type FlatCanvas = FlatCanvasClass;
-  type LayerList = LayerListClass;
   type Looking = LookingClass;
   type Comparison = ComparisonClass;
   type Picture = PictureClass;
@@ -173,7 +171,7 @@ declare global {
   type Rect = { x: number; y: number; w: number; h: number };
 
   /** How a layer is looked at; low and high are shares of its range. */
-  type LayerLook = { map: string; low: number; high: number; shown: boolean; opacity: number };
+  type LayerLook = { map: string; low: number; high: number };
   /** A picture that is shown, where it lies. */
   type Shown = {
     revision: number;

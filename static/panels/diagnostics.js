@@ -1,4 +1,4 @@
-// What placed a proposal: pairs of cloth; the paper's curves, linked to the canvas, and lines; strained edges.
+// What placed a proposal: pairs of cloth, or the paper's curves, linked to the canvas, and lines.
 
 import { PagePart } from "../page/page.js";
 import { ask } from "../page/connection.js";
@@ -13,7 +13,6 @@ import { Plot } from "../teaching/plot.js";
 /** @typedef {"current" | "new"} Side */
 
 const PLOTS = /** @type {Side[]} */ (["current", "new"]);
-const EDGE_COLORS = ["#d95f02", "#286ec8"]; // longer, shorter: as in the 3D scene
 const FAR_M = 4;
 const CURVES = "Curves over the columns. The arrow keys move the marked column.";
 const HISTOGRAMS = "How many pairs of cloth lie how far apart, on the plane and in space.";
@@ -23,8 +22,6 @@ export class Diagnostics extends PagePart {
   actions = { diagnostics: () => this.toggle() };
   open = false;
   wantsCurves = false; // though pairs are known
-  showsLines = true;
-  showsEdges = false;
   known = /** @type {Known | null} */ (null); // what the server said
   asked = /** @type {string | null} */ (null);
   marked = /** @type {Partial<Record<Side, number>>} */ ({}); // column (mm) of each plot
@@ -68,18 +65,11 @@ export class Diagnostics extends PagePart {
 
   toggle() {
     this.open = !this.open;
-    if (!this.open && this.showsEdges) this.setEdges(false);
     this.page.changed();
   }
 
   get pressed() {
     return { diagnostics: this.open };
-  }
-
-  setEdges(/** @type {boolean} */ on) {
-    this.showsEdges = on;
-    this.page.send({ type: "edges", show: on });
-    this.canvas.redraw();
   }
 
   /** Take a state; what it is about is fetched while the panel is open. */
@@ -120,37 +110,16 @@ export class Diagnostics extends PagePart {
   }
 
   showChoices() {
-    const edges = this.known?.edges;
-    const count = (/** @type {"shape" | "new"} */ of) => edges?.[of].strain.length ?? 0;
-    const shown = edges ? ` (${count("shape") + count("new")} of ${edges.shape.total + edges.new.total})` : "";
-    /** @param {string} label @param {string} tip @param {boolean} checked @param {(on: boolean) => void} change */
-    const box = (label, tip, checked, change) =>
-      make("label", { tip }, tickBox(checked, change, { key: label }), label);
-    const { showsPairs } = this;
-    const curves = this.known?.pairs
-      ? box("Curves", "The paper's curves and lines in place of the pairs of cloth", !showsPairs, (on) => {
-          this.wantsCurves = on;
-          this.mark({});
-          if (this.known) this.showFacts(this.known);
-          this.showChoices();
-          this.drawAll();
-        })
-      : null;
-    const lines = () =>
-      box("Lines", "The corresponding lines and points of equal Z-angle, on the canvas", this.showsLines, (on) => {
-        this.showsLines = on;
-        this.canvas.redraw();
-      });
-    rebuild(this.choices, [shown, this.showsLines, this.showsEdges, showsPairs, Boolean(curves)], () => [
-      ...(curves ? [curves] : []),
-      ...(showsPairs ? [] : [lines()]),
-      box(
-        `Strained edges${shown}`,
-        "Edges that are over 4 % longer (orange) or shorter (blue) on the plane than along the cloth; on the " +
-          "canvas and in 3D",
-        this.showsEdges,
-        (on) => this.setEdges(on),
-      ),
+    const change = (/** @type {boolean} */ on) => {
+      this.wantsCurves = on;
+      this.mark({});
+      if (this.known) this.showFacts(this.known);
+      this.showChoices();
+      this.drawAll();
+    };
+    const tip = "The paper's curves and lines in place of the pairs of cloth";
+    rebuild(this.choices, [this.showsPairs, Boolean(this.known?.pairs)], () => [
+      this.known?.pairs && make("label", { tip }, tickBox(!this.showsPairs, change, { key: "Curves" }), "Curves"),
     ]);
   }
 
@@ -296,9 +265,8 @@ export class Diagnostics extends PagePart {
       current: (u, v) => unapplied(k.front_from_current, u, v),
       new: (u, v) => applied(k.current_from_new, u, v),
     };
-    if (this.showsEdges) this.paintEdges(context, k.edges);
     if (this.showsPairs) return this.pairs.paint(context);
-    if (this.showsLines && k.lines) {
+    if (k.lines) {
       this.paintLine(context, k.lines.current, (u, v) => [u, v], this.sheet.color.kept);
       this.paintLine(context, k.lines.new, toPlane.new, this.sheet.color.new);
     }
@@ -332,15 +300,6 @@ export class Diagnostics extends PagePart {
     const ends = [Math.min(...along), Math.max(...along)].map((t) => this.at(place(cu + t * du, cv + t * dv)));
     strokeLine(context, ends, color, 2.5);
     drawDot(context, this.at(place(...line.point_uv_m)), color, 6);
-  }
-
-  paintEdges(/** @type {Context} */ context, /** @type {Known["edges"]} */ edges) {
-    for (const { uv_m: ends, strain } of [edges.shape, edges.new]) {
-      ends.forEach((pair, i) => {
-        const [a, b] = pair.map((uv) => this.at(uv));
-        strokeLine(context, [a, b], EDGE_COLORS[strain[i] > 0 ? 0 : 1], 2);
-      });
-    }
   }
 }
 

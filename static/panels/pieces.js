@@ -1,12 +1,16 @@
-// The pieces that float: listed with area and reason, marked on the canvas, placed by hand or by the garment.
+// The pieces that float: listed with area and reason, marked on the canvas, dragged to where they belong, or
+// placed by the garment.
 
 import { PagePart } from "../page/page.js";
-import { strokeLoop } from "../canvas/marks.js";
-import { applied, boxOf, cornersOf } from "../canvas/geometry.js";
+import { drawLabel, strokeLoop } from "../canvas/marks.js";
+import { applied, boxOf, boxOfPoints, cornersOf, inBox } from "../canvas/geometry.js";
 import { drawPieces } from "../canvas/pieces.js";
 import { percent } from "../garment/lists.js";
-import { byId, make, rebuild, smallButton, swatch } from "../page/dom.js";
+import { byId, make, rebuild, smallButton, swatch, within } from "../page/dom.js";
 import { cm2, count, floatingOf, mm } from "../page/format.js";
+
+const CLICK_PX = 4;
+const SAMPLE_M = 0.004; // between places at which an overlap is looked for
 
 export class PiecesPanel extends PagePart {
   name = "pieces";
@@ -15,6 +19,17 @@ export class PiecesPanel extends PagePart {
   places = new Map();
   chosen = /** @type {string | null} */ (null); // its letter
   section = byId("floating");
+  why = /** @type {string | null} */ (null); // none can be placed by hand now
+  /** The piece that is dragged, from where and by how much; until its proposal is drawn where it was dropped. */
+  held = /** @type {{ piece: Piece; from: UV; by: UV; dropped: boolean } | null} */ (null);
+
+  constructor(/** @type {Page} */ page) {
+    super(page);
+    page.canvas.around.push(() => {
+      const place = this.places.get(this.chosen ?? "")?.outline_uv_m ?? [];
+      return place.length ? boxOfPoints(place.flat(2)) : null;
+    });
+  }
 
   update(/** @type {State} */ state) {
     this.pieces = state.layers?.pieces ?? [];
@@ -23,7 +38,7 @@ export class PiecesPanel extends PagePart {
     this.places = new Map(places.map((place) => [place.label, place]));
     if (!this.pieces.some((piece) => piece.label === this.chosen)) this.chosen = null;
     this.section.hidden = !this.pieces.length;
-    const why =
+    this.why =
       this.canvas.side === "other"
         ? "The seams place the pieces of the other side: cut or keep one."
         : state.pending
@@ -31,20 +46,24 @@ export class PiecesPanel extends PagePart {
           : state.request
             ? "Something is being computed."
             : null;
-    rebuild(this.section, [this.pieces, [...this.places.values()], this.chosen, why], () => this.build(why));
+    if (this.held?.dropped && !state.pending) this.held = null;
+    const shown = [this.pieces, [...this.places.values()], this.chosen, this.why];
+    rebuild(this.section, shown, () => this.build());
   }
 
-  build(/** @type {string | null} */ why) {
+  build() {
     const { pieces: floating, area_cm2: area } = floatingOf({ pieces: this.pieces });
     const placed = this.pieces.length - floating.length;
     return [
       make("h2", `Floating: ${count(floating.length, "piece")}, ${cm2(area)}`),
       placed && make("p.note", `${count(placed, "piece")} placed by the garment.`),
-      make("ul.pieces", ...this.pieces.map((piece) => this.row(piece, why))),
+      floating.length > 0 && make("p.note", this.why ?? "Drag a piece on the flattened view to where it belongs."),
+      make("ul.pieces", ...this.pieces.map((piece) => this.row(piece))),
     ];
   }
 
-  row(/** @type {Piece} */ piece, /** @type {string | null} */ why) {
+  row(/** @type {Piece} */ piece) {
+    const { why } = this;
     const on = piece.label === this.chosen;
     const views = `Seen by view${piece.views.length === 1 ? "" : "s"} ${piece.views.join(", ")}.`;
     const place = () =>
@@ -53,12 +72,7 @@ export class PiecesPanel extends PagePart {
       "li",
       make(
         "button.button.piece",
-        {
-          pressed: on,
-          key: `floating-${piece.label}`,
-          tip: `${piece.reason}\n${views}\nClick: show it.`,
-          click: () => this.choose(on ? null : piece),
-        },
+        { pressed: on, key: `floating-${piece.label}`, click: () => this.choose(on ? null : piece) },
         swatch(piece.color),
         make("b", piece.label),
         ` ${cm2(piece.area_cm2)}`,
@@ -69,7 +83,7 @@ export class PiecesPanel extends PagePart {
         smallButton("Place by hand", place, {
           "aria-disabled": why ? "true" : null,
           key: `place-${piece.label}`,
-          tip: why ?? "The view that shows most of it is proposed: drag it onto the shape; the piece comes along.",
+          tip: why ?? "Place it where it is now, to be moved by the arrow keys or the handles.",
         }),
       ],
     );
@@ -101,7 +115,75 @@ export class PiecesPanel extends PagePart {
   choose(/** @type {Piece | null} */ piece) {
     this.chosen = piece?.label ?? null;
     this.page.changed();
+    this.canvas.refit();
+  }
+
+  // --- dragging a piece ----------------------------------------------------------------------------
+
+  press(/** @type {PointerPlace} */ { u, v }) {
+    if (this.why !== null || this.page.brush?.kind || !this.canvas.layer.covers(u, v)) return false;
+    const piece = this.pieces.find((one) => !one.placed && inBox(boxOf(one.grid), u, v));
+    if (piece) this.held = { piece, from: [u, v], by: [0, 0], dropped: false };
+    return Boolean(piece);
+  }
+
+  drag(/** @type {PointerPlace} */ { u, v }) {
+    if (!this.held) return;
+    this.held.by = [u - this.held.from[0], v - this.held.from[1]];
     this.canvas.redraw();
+  }
+
+  release() {
+    const { held } = this;
+    if (!held) return;
+    const [u_m, v_m] = held.by;
+    const far = Math.hypot(u_m, v_m) * this.canvas.transform.scale > CLICK_PX;
+    held.dropped = far && this.page.send({ type: "place_piece", label: held.piece.label, u_m, v_m });
+    if (!far) this.canvas.handlers.pick(...held.from);
+    if (held.dropped) this.chosen = held.piece.label;
+    else this.cancel();
+  }
+
+  cancel() {
+    this.held = null;
+    this.canvas.redraw();
+  }
+
+  /** How much of a piece would lie on the shape, moved by so much (cm2). */
+  overlapOf(/** @type {Piece} */ { grid }, /** @type {UV} */ [du, dv]) {
+    const { layer } = this.canvas;
+    const boxes = this.pieces.filter((one) => !one.placed).map((one) => boxOf(one.grid));
+    const { left, top, right, bottom } = boxOf(grid);
+    let n = 0;
+    for (let u = left; u < right; u += SAMPLE_M)
+      for (let v = top; v < bottom; v += SAMPLE_M) {
+        if (!layer.covers(u, v) || !layer.covers(u + du, v + dv)) continue;
+        n += Number(!boxes.some((box) => inBox(box, u + du, v + dv)));
+      }
+    return n * (100 * SAMPLE_M) ** 2;
+  }
+
+  /** The piece where it is dragged to, and what it has in common with the shape there. */
+  drawHeld(/** @type {Context} */ context, /** @type {Style} */ style) {
+    const { held, canvas } = this;
+    const shown = canvas.layer.shown;
+    if (held?.dropped && canvas.overlay.shown) this.held = null;
+    if (!this.held || !held || !shown) return;
+    const [du, dv] = held.by;
+    const moved = cornersOf(boxOf(held.piece.grid)).map(([u, v]) => canvas.transform.toPane(u + du, v + dv));
+    context.save();
+    context.beginPath();
+    for (const { x, y } of moved) context.lineTo(x, y);
+    context.clip();
+    canvas.drawPicture(shown, shown.image, false, [0, du, dv]);
+    context.restore();
+    const overlap = this.overlapOf(held.piece, held.by);
+    const text = overlap < 1 ? "does not touch the shape" : `${cm2(overlap)} on the shape`;
+    context.font = "600 13px system-ui, sans-serif";
+    const width = context.measureText(text).width + 12;
+    const x = within(Math.min(...moved.map((at) => at.x)), 0, canvas.width - width);
+    const y = within(Math.max(...moved.map((at) => at.y)) + 4, 0, canvas.height - 20);
+    drawLabel(context, style, text, [x + 6, y + 10], [x, y, width, 20]);
   }
 
   /** Each floating piece has a rectangle and its letter; one with a place by the garment its outline there. */
@@ -110,6 +192,7 @@ export class PiecesPanel extends PagePart {
     this.drawBrought();
     const beside = this.pieces.filter((piece) => !piece.placed);
     drawPieces(this.canvas, context, style, beside, this.chosen);
+    this.drawHeld(context, style);
   }
 
   /** Where a piece comes to lie that goes along with the proposal. */

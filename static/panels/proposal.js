@@ -7,6 +7,8 @@ import { button, buttonOf, byId, make, rebuild, valueRows, values } from "../pag
 import { cm2, degrees, number, vector } from "../page/format.js";
 
 const SEEN = 0.05; // mm, or degrees: what is shown as 0.0 is no move
+const MOVES_MM = 1; // of the shape's cloth, and the share of contradictions, that are worth a line
+const CONTRADICTS = 0.005;
 
 export class ProposalPanel extends PagePart {
   armed = /** @type {string | null} */ (null); // where Accept was pressed though the score is low
@@ -41,8 +43,17 @@ export class ProposalPanel extends PagePart {
     const { pending, settings } = state;
     const limit = settings.auto_threshold.value;
     const place = this.placeOf(state);
-    if (!pending || pending.score === null || pending.score >= limit || this.armed === place) return true;
+    if (!pending || pending.score === null || this.armed === place) return true;
+    if (pending.joins ?? pending.score >= limit) return true;
     this.armed = place;
+    this.page.changed();
+    if (pending.joins === false) {
+      this.page.notify(
+        "warning",
+        "Here it does not join the shape, and floats still. Press Accept again to leave it so.",
+      );
+      return false;
+    }
     const failed = pending.checks.filter((check) => check.passed === false);
     const why = failed.map((check) => `${check.title.toLowerCase()} ${number(check.value)} ${check.unit}`).join(", ");
     this.page.notify(
@@ -50,7 +61,6 @@ export class ProposalPanel extends PagePart {
       `The score here is ${number(pending.score, 2)}, below ${number(limit, 2)}${why ? `: ${why}` : ""}.` +
         " Press Accept again to accept it anyway; the view is then flagged for review.",
     );
-    this.page.changed();
     return false;
   }
 }
@@ -66,6 +76,7 @@ function showProposal(state, send, show) {
   rebuild(byId("proposal-values"), [pending, limit, layers?.revision], () => [
     make("h2", `${pending.again ? "Again" : "Proposal"}: ${view}`),
     pending.brings &&
+      pending.joins &&
       make(
         "p#brings.extends",
         `Piece ${pending.brings.label} comes along, to the dotted rectangle, and becomes part of the shape.`,
@@ -76,19 +87,33 @@ function showProposal(state, send, show) {
         `Extends the floating piece ${pending.extends}, beside the shape.` +
           " It joins the shape once a view connects them.",
       ),
-    verdictOn(pending, limit),
-    (Math.hypot(nudge.u_mm, nudge.v_mm) >= SEEN || Math.abs(nudge.theta_deg) >= SEEN) &&
+    isMoved(nudge) ? joining(pending) : verdictOn(pending, limit),
+    isMoved(nudge) &&
       values([
         "moved",
         `${vector([nudge.u_mm, nudge.v_mm])} mm  ${degrees(nudge.theta_deg)}`,
         "What you have moved the proposal by: its centre by u, v on the plane, and clockwise",
       ]),
     foreseen(pending.foreseen),
-    checkList(pending.checks, show),
+    pending.joins !== false && checkList(pending.checks, show),
     pending.undetermined.length > 0 && make("p.note", `Not determined: ${pending.undetermined.join(", ")}`),
     pending.why && make("p.asked-again", pending.why),
     placedWithIt(pending, send, show),
   ]);
+}
+
+const isMoved = (/** @type {Pending["nudge"]} */ { u_mm, v_mm, theta_deg }) =>
+  Math.hypot(u_mm, v_mm) >= SEEN || Math.abs(theta_deg) >= SEEN;
+
+/** Of a proposal that was moved by hand: whether it joins the shape there. */
+function joining(/** @type {Pending} */ { joins }) {
+  const text = joins === null ? "Does it join here? …" : joins ? "Joins the shape" : "Does not join yet";
+  return make(
+    "div#joining",
+    { role: "status" },
+    make("div", { class: joins === false ? "score low" : "score" }, make("strong", text)),
+    joins === false && make("p.note", "Drag it farther onto the cloth that it belongs to."),
+  );
 }
 
 /** One verdict on where the proposal lies: sure, or why to look. @param {Pending} pending @param {number} limit */
@@ -116,23 +141,18 @@ function foreseen(/** @type {Pending["foreseen"]} */ cloth) {
     "dl#foreseen.values",
     ...valueRows(
       ["adds", cm2(cloth.added_cm2), "Cloth of the proposal that neither the shape nor a piece has yet"],
-      ["seen again", cm2(cloth.again_cm2), "Cloth of the proposal that the shape or a piece already has"],
       cloth.joins.length > 0 && ["joins", cloth.joins.join(", "), "Pieces that it would connect (A is the shape)"],
-      cloth.moved_mm !== null && [
+      (cloth.moved_mm ?? 0) >= MOVES_MM && [
         "moves the shape",
         `${number(cloth.moved_mm)} mm`,
         "Nine tenths of the shape's cloth move by less",
       ],
-      cloth.contradicted !== null && [
-        "contradicts",
-        `${number(100 * cloth.contradicted)} %`,
-        "Share of what it measures that the other views contradict",
-      ],
-      cloth.made_sure_cm2 !== null && [
-        "makes sure",
-        cm2(cloth.made_sure_cm2),
-        "Cloth of the shape that becomes reliable, less what no longer is",
-      ],
+      cloth.contradicted !== null &&
+        cloth.contradicted >= CONTRADICTS && [
+          "contradicts",
+          `${number(100 * cloth.contradicted)} %`,
+          "Share of what it measures that the other views contradict",
+        ],
     ),
   );
 }

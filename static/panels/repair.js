@@ -127,19 +127,11 @@ export class Repair {
     if (!this.pending) return;
     /** @param {number | null} score @param {number | null} mm */
     const fit = (score, mm) => `${number(score, 2)}${mm === null ? "" : `, ${number(mm)} mm apart`}`;
-    const here = fit(message.score, message.apart_mm);
-    const refined = fit(message.refined_score, message.refined_apart_mm);
-    const best = this.pending.best_score;
-    const [score, refinedScore] = [message.score ?? 0, message.refined_score ?? 0];
-    const gains = refinedScore - score >= LEAST_GAIN;
-    const far = best !== null && Math.max(score, refinedScore) < best - FAR_BELOW;
-    const more = gains
-      ? `Refined from here: ${refined}.`
-      : far
-        ? "You are far from the best place: back to it?"
-        : "Refine would not improve it.";
-    setText(byId("fit-here"), message.why || `At this place: score ${here}. ${more}`);
-    byId("back-to-best").hidden = !far;
+    const [score, refined] = [message.score ?? 0, message.refined_score ?? 0];
+    const better = `Refined from here: ${fit(refined, message.refined_apart_mm)}.`;
+    const here = `At this place: score ${fit(message.score, message.apart_mm)}.`;
+    setText(byId("fit-here"), message.why || (refined - score < LEAST_GAIN ? here : `${here} ${better}`));
+    byId("back-to-best").hidden = Math.max(score, refined) >= (this.pending.best_score ?? 0) - FAR_BELOW;
   }
 
   // --- pairs -----------------------------------------------------------------------------------

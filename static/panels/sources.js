@@ -25,9 +25,9 @@ import { count, number } from "../page/format.js";
 import { KeptSwitch } from "../page/theme.js";
 import { PixelStates } from "./pixel_states.js";
 
-const LEAST_PX = 200; // of the image's longer side; it grows with the scene
-const MOST_SHARE = 0.42; // of the scene's width and height
-const LARGE_SHARE = 0.86; // of the same, if it is shown large
+const LEAST_PX = 120; // of the image's longer side; it grows with the scene
+const MOST_SHARE = 0.28; // of the scene's width and height
+const LARGE_SHARE = 0.7; // of the same, if it is shown large
 const MOST_ZOOM = 16;
 const LOW_PX = 420; // a scene that is lower than this keeps the most of it for itself
 const MARGIN = 0.12; // around the item, as a share of its size
@@ -64,7 +64,7 @@ export class SourcePanel extends PagePart {
     source_states: () => this.toggle(this.states.shown),
   };
   panel = byId("sources");
-  folded = new KeptSwitch("source-folded");
+  folded = new KeptSwitch("source-folded", innerWidth < 1200);
   masked = new KeptSwitch("source-mask", true);
   large = new KeptSwitch("source-large");
   zoom = { factor: 1, row: 0, col: 0 }; // and the pixel in the middle

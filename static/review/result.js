@@ -4,7 +4,7 @@ import { PagePart } from "../page/page.js";
 import { askJson, Fetched } from "../page/connection.js";
 import { button, byId, closeButton, heading, make, rebuild, values } from "../page/dom.js";
 import { exportButton, showExports } from "../page/exports.js";
-import { cm2, count, endOf, floatingOf, mm, number, percent } from "../page/format.js";
+import { cm2, count, floatingOf, mm, number, percent } from "../page/format.js";
 import { doubtsOf, flagsOf } from "./timeline.js";
 
 const MOST = 4; // of each list
@@ -77,10 +77,9 @@ export class ResultPanel extends PagePart {
     const letters = pieces.map((piece) => piece.label).join(", ");
     return [
       heading(
-        finished === null ? "Result so far" : endOf(this.page.thisSide),
+        finished === null ? "Result so far" : "Result",
         closeButton("Close the result", () => this.toggle(), { key: "close-result" }),
       ),
-      finished && make("p.note", finished),
       found?.wrong.length &&
         make("p.note.warn", { role: "alert" }, `Something about this recording is wrong: ${found.wrong.join("; ")}.`),
       this.sideDoubt(state),
@@ -163,17 +162,10 @@ export class ResultPanel extends PagePart {
   more(/** @type {NonNullable<Found["more"]>} */ { expected, share, reason }, /** @type {State} */ state) {
     const open = expected.filter(({ view_index }) => state.views[view_index].why_not === null);
     const likely = (/** @type {number} */ area) => cm2(share === null ? area : share * area);
-    const best = open.slice(0, 3);
-    const total = best.reduce((sum, one) => sum + one.area_cm2, 0);
-    const basis =
-      share === null
-        ? "by the planner's estimate"
-        : `of ${number(total, 0)} estimated: the last views added ${percent(share)} of their estimates`;
+    const best = open.slice(0, 3).filter(({ area_cm2 }) => (share ?? 1) * area_cm2 >= LEAST_CM2);
     return [
       make("h3", "Another view"),
-      best.length
-        ? make("p.note", `${count(best.length, "more view")} would add up to about ${likely(total)}, ${basis}.`)
-        : make("p.note", reason),
+      !best.length && make("p.note", reason || "None would add a square centimetre."),
       make(
         "ul",
         ...best.map(({ view_index, area_cm2 }) =>
@@ -239,8 +231,14 @@ export class ResultPanel extends PagePart {
 }
 
 /** Why the integration has ended, by the method or by the choice of how far Auto runs; null: it has not. */
-const endedBy = (/** @type {State} */ { phase, finished, auto }) =>
-  phase === "finished" ? finished : phase === "ready" && auto.ended ? auto.ended : null;
+const endedBy = (/** @type {State} */ { active, phase, finished, auto }) =>
+  active && !active.end
+    ? null
+    : phase === "finished"
+      ? finished
+      : phase === "ready" && auto.ended
+        ? auto.ended
+        : null;
 
 /** The other side in a few words. */
 function otherSide(/** @type {NonNullable<State["other"]>} */ { layers, is_related, reliable_share }) {

@@ -46,7 +46,8 @@ export class Timeline {
     const small = Boolean(state.capture);
     const labels = [this.page.brush?.addressOf(0), this.page.brush?.certain];
     this.listed = !byId("review-list").hidden; // the list has the pictures then
-    rebuild(this.row, [state.views, state.review?.token, labels, this.listed], () =>
+    const at = [state.present_view, Boolean(state.pending)];
+    rebuild(this.row, [state.views, at, state.review?.token, labels, this.listed], () =>
       state.views.map((view) => this.cell(view, state)),
     );
     rebuild(this.tools, [small], () => (small ? [] : TOOLS.map((name) => this.page.button(name))));
@@ -69,6 +70,8 @@ export class Timeline {
         label: about,
         key: `view-${view.index}`,
         tip: about + whatAPressDoes(view, state),
+        // One stop of Tab, from which the arrow keys go on; while they move a proposal, each view is one.
+        tabindex: state.pending || view.index === (state.present_view ?? 0) ? 0 : -1,
         click: () => this.choose(view),
       },
       shown && make("span.pair", ...this.pictures(view, state, labelled)),

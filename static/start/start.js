@@ -25,6 +25,7 @@ const WORDS = { recording: "recording", session: "session", file: "file", folder
  * @typedef {object} Places what can be opened
  * @property {{ name: string }[]} examples
  * @property {{ name: string; recording: string; views: number; used: string; summary: Summary | null }[]} sessions
+ * @property {string} cell why the robot cell cannot be opened; empty if it can
  * @property {string | null} root
  * @property {string | null} current
  */
@@ -96,7 +97,8 @@ function card(kind, name, title, ...lines) {
 /** What an example is, as its name says: the garment, where it is held, the camera. */
 function aboutExample(/** @type {string} */ name) {
   const [garment, held, camera] = name.split("-");
-  return `${garment}, held at the ${held}${camera === "clean" ? ", without noise" : ", with a camera's noise"}`;
+  const noise = camera === "clean" ? "without noise" : "with a camera's noise";
+  return camera ? `${garment}, held at the ${held}, ${noise}` : `${garment} with a printed test pattern`;
 }
 
 /** How far a session is: garment, area, views. @param {Summary | null} summary @param {number | null} of views */
@@ -106,23 +108,29 @@ function aboutSession(summary, of = null) {
   const floats = floating_cm2 >= 1 ? `, ${number(floating_cm2, 0)} float` : "";
   return [
     `${garment.replaceAll("_", " ") || "garment not known"} · ${cm2(area_cm2)}${floats}`,
-    `${views}${of === null ? "" : ` of ${of}`} views · ${ended ? "ended" : "not ended"}`,
+    `${of === null ? count(views, "view") : `${views} of ${count(of, "view")}`} · ${ended ? "ended" : "not ended"}`,
   ];
 }
 
 /** @param {string} text */
 const dated = (text) => new Date(text).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
 
-function showPlaces(/** @type {Places} */ { examples, sessions, root, current }) {
+function showPlaces(/** @type {Places} */ { examples, sessions, cell, root, current }) {
   show("back", current === null ? "" : `Back to ${current}`);
   byId("examples").replaceChildren(...examples.map(({ name }) => card("example", name, name, aboutExample(name))));
   byId("examples").append(
     make(
       "button.card",
-      { id: "open-cell", data: { kind: "cell" }, click: () => open("cell", "", "the simulated robot cell") },
+      {
+        id: "open-cell",
+        data: { kind: "cell" },
+        disabled: cell !== "",
+        click: () => open("cell", "", "the simulated robot cell"),
+      },
       make("img", { src: "static/start/cell.svg", alt: "", width: 72, height: 92 }),
       make("strong", "robot cell"),
       make("span", "simulated: a T-shirt on a turntable, turned to where it helps"),
+      cell && make("b", cell),
     ),
   );
   byId("recent").replaceChildren(

@@ -9,6 +9,24 @@ import { viewName } from "./rotation.js";
 
 /** @type {Record<string, StageCode>} */
 export const RECORDING_STAGES = {
+  overview: {
+    facts: ({ start: lesson }) => [
+      ["Views", String(lesson.angles_deg.length)],
+      ["The first one shows", cm2(lesson.array.area_cm2[lesson.view_index])],
+      ["It is seen at", degrees(lesson.angles_deg[lesson.view_index], 0)],
+    ],
+    draw(sheet, rect, { start: lesson }) {
+      const { image, color: flat } = lesson.picture;
+      const [left, right] = columns(rect, [1, 1]);
+      sheet.image("image", image, imageBox(image), sheet.titled(left, "One of the views", "as the item hangs"));
+      sheet.image(
+        "flat",
+        flat,
+        boxOf(lesson.flat),
+        sheet.titled(right, "The same cloth, flat", "to grow by the others"),
+      );
+    },
+  },
   start_view: {
     facts({ start: lesson }) {
       const { tried, session_view: session } = lesson;

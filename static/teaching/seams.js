@@ -1,8 +1,7 @@
-// The stages of the seams: where the rims of both sides meet, and what the seams hold together.
+// The stage of the seams: where the rims of both sides meet, and what they hold together.
 
-import { boxOf, boxOfPoints } from "../canvas/geometry.js";
+import { boxOfPoints } from "../canvas/geometry.js";
 import { cm2, count, number } from "../page/format.js";
-import { columns } from "./draw.js";
 
 const EXAGGERATED = 5; // as often are residuals drawn as long as they are
 
@@ -22,41 +21,12 @@ function drawPlaces(sheet, map, lesson, uv, radius) {
   );
 }
 
-const aboutOf = (/** @type {SeamsLesson} */ lesson) =>
-  lesson.is_example ? "the other side of the session is not known yet" : "as seen from outside";
-
-const joinedOf = (/** @type {SeamsLesson} */ { seams }) => seams.filter((seam) => !seam.why);
-const lengthOf = (/** @type {SeamsLesson["seams"]} */ seams) =>
-  `${number(seams.reduce((sum, seam) => sum + seam.length_mm, 0) / 10, 0)} cm`;
-
 /** @type {Record<string, StageCode>} */
 export const SEAM_STAGES = {
-  rims: {
-    facts: ({ seams: lesson }) => [
-      ["Places that meet", String(lesson.seams.reduce((sum, seam) => sum + seam.places, 0))],
-      ["Sets", `${count(lesson.seams.length, "set")}, ${joinedOf(lesson).length} join`],
-      ["Joined along", lengthOf(joinedOf(lesson))],
-      ["Decided by hand", String(lesson.seams.filter((seam) => seam.decided).length)],
-    ],
-    draw(sheet, rect, { seams: lesson }) {
-      const [left, right] = columns(rect, [1, 1]);
-      /** @type {(name: string, pane: Rect, grid: Grid, uv: Float32Array) => PaneMap} */
-      const show = (name, pane, grid, uv) =>
-        sheet.show(`seams-${name}`, boxOf(grid), pane, { margin: 14, bar: true }, (map) => {
-          sheet.picture(map, lesson.picture[name], boxOf(grid), 0.45);
-          drawPlaces(sheet, map, lesson, uv, 2.2);
-        });
-      const { this_grid, other_grid, array } = lesson;
-      const own = sheet.titled(left, lesson.is_example ? "An example" : "This side", aboutOf(lesson));
-      show("this", own, this_grid, array.this_uv);
-      const other = sheet.titled(right, "The other side", "as seen from its own outside");
-      show("other", other, other_grid, array.other_uv);
-    },
-  },
   seams: {
     facts: ({ seams: lesson }) => [
-      ["This side", cm2(lesson.this_cm2)],
-      ["Other side", cm2(lesson.other_cm2)],
+      ["This side, other side", `${cm2(lesson.this_cm2)}, ${cm2(lesson.other_cm2)}`],
+      ["Sets", `${count(lesson.seams.length, "set")}, ${lesson.seams.filter((seam) => !seam.why).length} join`],
       ["Pieces that float", `${lesson.this_floating} here, ${lesson.other_floating} there`],
       [
         "Residual",
@@ -67,11 +37,7 @@ export const SEAM_STAGES = {
       const { this_uv: own, mirrored_uv: its } = lesson.array;
       const loops = Object.entries(lesson.array).filter(([name]) => name.includes("_loop_"));
       const box = boxOfPoints(Float32Array.from(loops.flatMap(([, uv]) => Array.from(uv))));
-      const inner = sheet.titled(
-        rect,
-        lesson.is_example ? "An example" : "One plane",
-        "the other side through this one",
-      );
+      const inner = sheet.titled(rect, "One plane", "the other side through this one");
       sheet.show("seams-held", box, inner, { margin: 18, bar: true }, (map) => {
         for (const [name, uv] of loops)
           sheet.loop(map, uv, name.startsWith("this") ? sheet.color.kept : sheet.color.new, 1.6);

@@ -1,4 +1,4 @@
-// The stages of the side of interest: the item, the evidence of two layers, the sides, and a stroke.
+// The stages of the side of interest: the item, the evidence of two layers, and the sides.
 
 import { boxOfPoints } from "../canvas/geometry.js";
 import { cm2, number, percent } from "../page/format.js";
@@ -152,37 +152,6 @@ export const SIDE_STAGES = {
         certain,
       );
       drawSection(sheet, sheet.titled(right, "The slice", "of all views, seen from above"), lesson, true);
-    },
-  },
-  stroke: {
-    facts: ({ sides: lesson }) => [
-      ["The stroke says", lesson.stroke ? (lesson.stroke.side === "this" ? "this side" : "not this side") : "–"],
-      ["What it changed", lesson.stroke?.changed || "nothing"],
-      [
-        "Mean certainty",
-        lesson.stroke
-          ? `${percent(lesson.certainty)} → ${percent(lesson.stroke.certainty)}`
-          : percent(lesson.certainty),
-      ],
-    ],
-    draw(sheet, rect, { sides: lesson }) {
-      const stroke = lesson.stroke;
-      if (!stroke) {
-        sheet.text("All cloth is certain: no stroke is needed.", rect.x, rect.y + 2 * sheet.em);
-        return;
-      }
-      const [left, right] = columns(rect, [1, 1]);
-      const show = (
-        /** @type {"before" | "after"} */ name,
-        /** @type {Rect} */ part,
-        /** @type {string} */ title,
-      ) => {
-        const inner = sheet.titled(part, title, `view ${stroke.view_index}`);
-        const map = drawLabels(sheet, inner, name, lesson, name, stroke[name], false);
-        sheet.within(inner, () => sheet.ring(map.at(...stroke.at), 8, sheet.color.mark, 3));
-      };
-      show("before", left, "Before");
-      show("after", right, "After");
     },
   },
 };

@@ -1,7 +1,7 @@
 // The teaching mode: the stages of the method on the current recording. It only asks; it decides nothing.
 
 import { byId, find, findAll, make, rebuild, setAllowed, setCurrent, setText } from "../page/dom.js";
-import { keyName, number, tipOf } from "../page/format.js";
+import { number, tipOf } from "../page/format.js";
 import { Sheet, inset } from "./draw.js";
 import { action, connectFrame, fitMath, FRAME, showLayers, STAGES, symbols } from "./frame.js";
 import { onKey } from "./keys.js";
@@ -70,10 +70,8 @@ export class Teaching {
   /** Take an action of the page's table; returns whether it was meant for the teaching mode. */
   takes(/** @type {string} */ name) {
     if (!this.open) {
-      if (name === "teach" && action(this, name).why_not !== null) return false; // the page says why
-      if (name === "teach") return (this.enter(), true);
-      if (!name.startsWith("teach_")) return false;
-      this.session.notify("info", `Open the teaching mode first (${keyName(action(this, "teach").keys[0])}).`);
+      if (name !== "teach" || action(this, name).why_not !== null) return false; // the page says why
+      this.enter();
       return true;
     }
     if (PASSED_ON.includes(name)) return false;
@@ -146,9 +144,16 @@ export class Teaching {
       this.sheet.zooms.clear();
       this.autoplay = Boolean(stage.plays) && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     }
+    if (stage.part === "seams" && !this.session.other()) this.session.findOther();
     this.showTexts();
     this.load();
     this.update();
+  }
+
+  /** Take a new state of the session: its other side may be known by now. */
+  follow() {
+    const { part } = STAGES[this.at];
+    if (this.open && part === "seams" && this.lessons[part]?.key !== this.key(part)) this.load();
   }
 
   parameters() {

@@ -79,7 +79,7 @@ declare global {
     views: () => number;
     garment: () => number;
     other: () => number;
-    notify: Notify;
+    findOther: () => unknown;
     run: (name: string) => void;
   };
   type Lessons = {
@@ -203,26 +203,14 @@ declare global {
     certainty: number;
     found_cm2: number;
     undecided_cm2: number;
-    stroke: {
-      side: "this" | "other";
-      view_index: number;
-      at: UV;
-      certainty: number;
-      changed: string;
-      before: Crop;
-      after: Crop;
-    } | null;
   };
   type SeamsLesson = Lesson & {
-    is_example: boolean;
-    this_grid: Grid;
-    other_grid: Grid;
     this_cm2: number;
     other_cm2: number;
     this_floating: number;
     other_floating: number;
     residual_mm: number | null;
-    seams: { start: number; places: number; length_mm: number; why: string; decided: string | null }[];
+    seams: { start: number; places: number; why: string }[];
   };
   type GarmentLesson = Lesson & {
     flat: Grid | null;

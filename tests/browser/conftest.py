@@ -227,8 +227,10 @@ class Tab:
         return self.page.evaluate("flatcloth.pick")
 
     def ready(self) -> Tab:
-        """Wait until the start view is drawn, on both sides if there is a scene."""
+        """Wait until the start view is drawn, also in the scene; then no step is made unasked."""
         self.until("flatcloth.layerRevision > 0 && flatcloth.phase === 'ready'")
+        self.page.evaluate("flatcloth.send({type: 'set', advance: false})")
+        self.until("!flatcloth.state.settings.advance.value")
         if self.has_scene:
             self.scene_shows("/live/cloud")
         return self

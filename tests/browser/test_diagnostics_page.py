@@ -1,4 +1,4 @@
-"""What placed a proposal: curves linked to the canvas, lines, strained edges."""
+"""What placed a proposal: curves linked to the canvas, and lines."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_what_placed_a_proposal_is_told_by_pairs_curves_and_lines(open_tab):
     tab.page.keyboard.press("Backspace")
     tab.until("flatcloth.state.pending.score > 0.75 && !flatcloth.state.drawing")
     tab.page.get_by_label("Curves", exact=True).check()
-    the_corresponding_lines_are_drawn_and_can_be_hidden(tab)
+    the_corresponding_lines_are_drawn_with_the_curves(tab)
     columns_are_marked_by_the_arrow_keys_and_the_proposal_stays(tab)
     a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(tab)
     # The panel goes with the proposal, and comes back with the next.
@@ -32,12 +32,12 @@ def test_what_placed_a_proposal_is_told_by_pairs_curves_and_lines(open_tab):
     expect(tab.page.locator("#diagnostics h2")).to_have_text(re.compile(r"What placed view \d+"))
 
 
-def the_corresponding_lines_are_drawn_and_can_be_hidden(tab):
+def the_corresponding_lines_are_drawn_with_the_curves(tab):
     line = tab.page.evaluate("flatcloth.diagnostics.known.lines.current")
-    shown = tab.drawn(line["point_uv_m"], 1)
-    tab.page.get_by_label("Lines", exact=True).uncheck()
+    curves, shown = tab.page.get_by_label("Curves", exact=True), tab.drawn(line["point_uv_m"], 1)
+    curves.uncheck()
     assert tab.drawn(line["point_uv_m"], 1) != shown
-    tab.page.get_by_label("Lines", exact=True).check()
+    curves.check()
 
 
 def a_column_under_the_pointer_is_marked_in_plot_and_canvas_both_ways(tab):

@@ -101,7 +101,7 @@ def test_settings_are_set_kept_and_reset(open_tab, program):
 
     keys.press("Control+,")
     sheet.get_by_role("button", name="Reset all").click()
-    tab.until("!flatcloth.state.settings.advance.value && flatcloth.state.settings.step_mm.value === 2")
+    tab.until("flatcloth.state.settings.advance.value && flatcloth.state.settings.step_mm.value === 2")
     sheet.get_by_label("Theme").select_option("Dark")
     assert tab.page.evaluate("document.documentElement.dataset.theme") == "dark"
     sheet.get_by_role("button", name="Reset Theme").click()

@@ -20,7 +20,7 @@ HIDDEN = """() => {
     return [b.left + b.width / 2, b.top + b.height / 2]; };
   const scrolls = (e) => e.closest(".inspector, .views, dialog");
   const within = ([x, y], e) => { const b = (scrolls(e) ?? document.documentElement).getBoundingClientRect();
-    return x >= b.left && x <= b.right && y >= b.top && y <= b.bottom; };
+    return x >= b.left && x <= b.right && y >= b.top && y < b.bottom - 1; };
   return [...document.querySelectorAll("button, input, select, #canvas, #panes, .hint")]
     .filter((e) => e.checkVisibility() && !e.closest(".toast") && (!scrolls(e) || within(here(e), e)))
     .filter((e) => { const top = document.elementFromPoint(...here(e)); return !top || !(e.contains(top)); })

@@ -137,7 +137,7 @@ def work_through(tab, hands, name, tmp_path, *, still_floats=True):
 
     hands.do("auto")
     tab.until("flatcloth.phase === 'finished' && !flatcloth.state.drawing")
-    expect(page.locator("#result")).to_contain_text("of the cloth floats" if still_floats else "Finished")
+    expect(page.locator("#hint")).to_contain_text("of the cloth floats" if still_floats else "Finished")
     tab.shoot(f"operator-{name}")
     with page.expect_download() as download:
         hands.do("export")

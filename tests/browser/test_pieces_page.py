@@ -35,7 +35,7 @@ def a_piece_is_seen_beside_the_shape_told_and_picked(tab):
     assert piece["label"] == "B"
     assert 100 < piece["area_cm2"] < 250
     expect(tab.page.locator("#floating")).to_contain_text("Floating: 1 piece")
-    expect(tab.page.locator("#hint")).to_contain_text("cm\u00b2 float in 1 piece.")
+    expect(tab.page.locator("#recording")).to_contain_text("cm\u00b2 float in 1 piece")
     # It lies beside the shape and not metres away, with all of it on the canvas.
     at, canvas = middle_of(tab, "B"), tab.page.locator("#canvas").bounding_box()
     assert canvas["x"] < at["x"] < canvas["x"] + canvas["width"]
@@ -132,3 +132,20 @@ def test_a_piece_is_seen_beside_the_shape_picked_and_dragged_onto_it_by_hand(
     tab.until("flatcloth.state.pending === null && flatcloth.state.layers.overlay === null")
     tab.until("flatcloth.state.layers.pieces.length === 1")
     assert tab.state()["layers"]["pieces"][0]["area_cm2"] == pytest.approx(piece["area_cm2"])
+    it_is_told_before_accept_whether_a_dropped_piece_joins(tab)
+
+
+def it_is_told_before_accept_whether_a_dropped_piece_joins(tab):
+    """The piece itself is dragged; where it touches nothing it floats on, as the page has said."""
+    at = middle_of(tab, "B")
+    layers = tab.state()["layers"]
+    far = tab.at([layers["origin_uv_m"][0], layers["origin_uv_m"][1] - 0.1])
+    tab.drag((at["x"], at["y"]), far)
+    tab.until("flatcloth.state.pending && flatcloth.state.pending.joins !== null")
+    assert tab.state()["pending"]["joins"] is False
+    expect(tab.page.locator("#joining")).to_contain_text("Does not join yet")
+    tab.page.keyboard.press("a")
+    tab.page.locator(".toast.warning", has_text="floats still").wait_for()
+    tab.page.keyboard.press("a")
+    tab.until("flatcloth.state.pending === null && !flatcloth.state.drawing")
+    assert len(tab.state()["layers"]["pieces"]) == 1

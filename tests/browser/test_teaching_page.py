@@ -7,8 +7,8 @@ from conftest import Program  # type: ignore[attr-defined]  # mypy takes the con
 
 pytestmark = pytest.mark.browser
 
-STAGES = 26
-MINIMISATION, FLATTENED, Z_ANGLE, CURVES, ROTATION, SEARCH = 4, 7, 9, 10, 11, 15
+STAGES = 25
+SAMPLING, MINIMISATION, FLATTENED, Z_ANGLE, CURVES, ROTATION, SEARCH = 2, 5, 8, 10, 11, 12, 16
 
 
 class Lesson:
@@ -164,7 +164,7 @@ def test_sliders_panes_and_the_search_show_what_they_change(open_lesson):
     toast.wait_for()
     assert "Open the teaching mode first (H)." in toast.inner_text()
     toast.get_by_role("button", name="Dismiss").click()
-    lesson.open()
+    lesson.open().go(SAMPLING)
     samples = int(lesson.fact("Samples"))
     assert lesson.slide("sampling_interval_px", "ArrowRight") == 14
     assert int(lesson.fact("Samples")) < samples

@@ -12,9 +12,7 @@ from viewer_fakes import HEIGHT_M, PIXEL_M, RADIUS_M, CylinderRecording
 
 from flatcloth.core.config import Config
 from flatcloth.core.errors import FlatclothError
-from flatcloth.core.geometry import object_from_camera
-from flatcloth.engine.diagnostics import LEAST_STRAIN, MOST_EDGES, reasons, strained_edges
-from flatcloth.flattening.cloth import SurfaceEdges
+from flatcloth.engine.diagnostics import reasons
 from flatcloth.session.machine import Side
 
 RECORDING = CylinderRecording()
@@ -80,51 +78,6 @@ def test_the_papers_method_continues_its_front_and_the_side_that_was_planned():
     assert found.u_b_m > 0
 
 
-def test_the_strained_edges_lie_where_they_are_drawn():
-    views = CylinderViews()
-    found = reasons(views, proposed(1))
-    (ends,), (strain,) = found.new_edges.uv_m, found.new_edges.strain
-    assert strain == pytest.approx(0.2)
-    np.testing.assert_allclose(ends, [[0.012, -0.004], [0.132, -0.004]], atol=1e-9)
-    held = object_from_camera(views.axis, RECORDING.angles_deg[1])
-    np.testing.assert_allclose(
-        found.new_edges.xyz_m[0], held.apply(np.array([[0, 0, 0.801], [0.1, 0, 0.801]])), atol=1e-9
-    )
-    assert found.new_edges.total == 2
-    assert found.shape_edges.total == 2
-    np.testing.assert_allclose(found.shape_edges.uv_m[0], [[0, 0], [0.12, 0]], atol=1e-9)
-
-
 def test_without_a_proposal_there_are_no_reasons():
     with pytest.raises(FlatclothError, match="no proposal to explain"):
         reasons(CylinderViews(), replace(proposed(1), pending=None))
-
-
-def test_edges_are_told_the_worst_first_and_only_so_many():
-    random = np.random.default_rng(1)
-    count = 2 * MOST_EDGES
-    uv = np.zeros((2 * count, 2))
-    uv[1::2, 0] = 0.1 * random.uniform(0.7, 1.3, count)
-    uv[5] = np.nan
-    edges = np.arange(2 * count, dtype=np.int32).reshape(count, 2)
-    found = strained_edges(
-        SurfaceEdges(uv_m=uv, xyz_m=np.zeros((2 * count, 3)), edges=edges, length_m=np.full(count, 0.1))
-    )
-    assert len(found.strain) == MOST_EDGES
-    assert found.total == count - 1
-    assert (np.diff(np.abs(found.strain)) <= 0).all()
-    assert np.isfinite(found.uv_m).all()
-    assert np.abs(found.strain).min() >= LEAST_STRAIN
-
-
-def test_a_short_edge_is_not_strained_by_less_than_half_a_millimetre():
-    uv = np.array([[0.0, 0.0], [0.0054, 0.0]])
-    found = strained_edges(
-        SurfaceEdges(
-            uv_m=uv,
-            xyz_m=np.zeros((2, 3)),
-            edges=np.array([[0, 1]], np.int32),
-            length_m=np.array([0.005]),
-        )
-    )
-    assert len(found.strain) == 0

@@ -51,7 +51,8 @@ BEGUN: tuple[None, Told] = (
         "drawing": False,
     },
 )
-ASKED = [BEGUN, (do("step"), proposed(1, **{"views.1.state": "pending"}))]
+STEP_BY_STEP = ({"type": "set", "advance": False}, {"settings.advance.value": False})
+ASKED = [BEGUN, STEP_BY_STEP, (do("step"), proposed(1, **{"views.1.state": "pending"}))]
 
 
 def accepted(view: int) -> tuple[Says, Told]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,21 +11,12 @@ from route_client import RouteClient
 from viewer_fakes import PIXEL_M
 
 from flatcloth.core.types import Rigid2
-from flatcloth.viewer.modes.diagnostics import LONGER, SHORTER, DiagnosticsService, edge_colors
-
-
-class SceneView:
-    def __init__(self):
-        self.drawn = []
-
-    def show_edges(self, ends_m, colors):
-        self.drawn.append((ends_m, colors))
+from flatcloth.viewer.modes.diagnostics import DiagnosticsService
 
 
 @pytest.fixture
 def held():
-    views, stage = CylinderViews(), SceneView()
-    jobs: list[Any] = []
+    views = CylinderViews()
     hypotheses = tuple(SimpleNamespace(current_from_new=Rigid2(0.0, u, 0.0)) for u in (0.0, 0.15))
     proposal = SimpleNamespace(view_index=1, component=0, placement=SimpleNamespace(hypotheses=hypotheses))
     sheet = SimpleNamespace(shown=lambda motion, _center: motion)
@@ -35,13 +25,11 @@ def held():
     held = SimpleNamespace(
         picture=SimpleNamespace(revision=3, overlay=overlay, document=document, view=views.view(0))
     )
-    made = DiagnosticsService(views, lambda: held.picture, stage, jobs.append)
-    return SimpleNamespace(
-        service=made, views=views, stage=stage, jobs=jobs, held=held, get=RouteClient(made.routes()).get
-    )
+    made = DiagnosticsService(views, lambda: held.picture)
+    return SimpleNamespace(held=held, get=RouteClient(made.routes()).get)
 
 
-def test_the_page_is_told_curves_lines_and_edges_in_its_units(held):
+def test_the_page_is_told_curves_and_lines_in_its_units(held):
     told = held.get("/diagnostics/3-7.json").json()
     assert (told["view_index"], told["front_view"], told["side"]) == (1, 0, "left")
     u, a_z = np.array(told["current"]["u_mm"]), np.array(told["current"]["a_z_deg"])
@@ -49,7 +37,6 @@ def test_the_page_is_told_curves_lines_and_edges_in_its_units(held):
     assert np.diff(u) == pytest.approx(1000 * PIXEL_M)
     assert told["lines"]["a_m_deg"] == pytest.approx(-15.0, abs=2.5)
     assert told["current_from_new"] == [0.0, 0.012, -0.004]
-    assert told["edges"]["new"]["strain"] == [0.2]
     assert told["limit_deg"] == 50.0
     assert told["trouble"] == ""
 
@@ -77,36 +64,3 @@ def test_what_is_no_longer_shown_is_not_there(held, path):
     assert held.get(path).status_code == 410
     held.held.picture = None
     assert held.get(path).status_code == 410
-
-
-def test_edges_are_drawn_in_3d_while_they_are_wished(held):
-    held.service.picture_changed()
-    assert (held.jobs, held.stage.drawn) == ([], [])
-    held.service.show_edges(True)
-    held.jobs.pop()()
-    ends, colors = held.stage.drawn.pop()
-    assert ends.shape == (2, 2, 3)
-    assert colors.shape == (2, 2, 3)
-    assert colors[0, 0].tolist() == list(LONGER)
-    held.service.picture_changed()
-    assert len(held.jobs) == 1
-    held.held.picture.overlay = None  # accepted meanwhile
-    held.service.picture_changed()
-    assert held.stage.drawn.pop() == (None, None)
-    held.held.picture = None  # begun anew
-    held.service.picture_changed()
-    assert held.stage.drawn.pop() == (None, None)
-    held.service.show_edges(False)
-    assert held.stage.drawn.pop() == (None, None)
-
-
-def test_a_late_drawing_of_an_older_picture_is_dropped(held):
-    held.service.show_edges(True)
-    held.held.picture = SimpleNamespace(**vars(held.held.picture))
-    held.jobs.pop()()
-    assert held.stage.drawn == []
-
-
-def test_longer_and_shorter_have_colours_of_their_own():
-    edges = SimpleNamespace(strain=np.array([0.2, -0.2]))
-    assert edge_colors(edges).tolist() == [list(LONGER), list(SHORTER)]

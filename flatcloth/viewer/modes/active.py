@@ -17,7 +17,7 @@ from msgspec import structs
 from flatcloth.active.choosing import Next
 from flatcloth.active.ending import End, Waiting
 from flatcloth.active.eye import CameraEye
-from flatcloth.active.goal import Knowledge
+from flatcloth.active.goal import Goal, Knowledge, parse_goal
 from flatcloth.active.incoming import SeenView, Taken
 from flatcloth.active.loop import ActiveLoop
 from flatcloth.active.service import ActiveService, Eye
@@ -112,6 +112,10 @@ class ActiveApplication(Application):
         match message:
             case messages.Capture(action="turned"):
                 self._turn()
+            case messages.Aim(goal=goal):
+                self._work.later(
+                    functools.partial(self._aim, parse_goal(goal, 1e3 * self.loop.goal.within_m))
+                )
             case _:
                 super()._take(client, message)
 
@@ -145,6 +149,9 @@ class ActiveApplication(Application):
             return
         self._is_learning = True
         self._work.later(functools.partial(self._learn, number))
+
+    def _go_on(self) -> None:
+        """Propose nothing after a verdict: the loop asks for the next view."""
 
     def _answered(self, answer: Answer) -> None:
         """Also let Auto go on after a view that cannot be placed: it is put off, as without a page."""
@@ -227,6 +234,10 @@ class ActiveApplication(Application):
             self.loop.fail(trouble)
         finally:
             self._put(None, functools.partial(self._turned, trouble))
+
+    def _aim(self, goal: Goal) -> None:
+        self.loop.aim_at(goal)
+        self._put(None, self._settle)
 
     def _turned(self, trouble: str) -> None:
         self._is_turning = False

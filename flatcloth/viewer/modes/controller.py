@@ -345,7 +345,6 @@ class PageController(ABC):
             ),
             notes=tuple(integration.notes),
             auto=status.auto,
-            edges=status.edges,
             layers=None if picture is None else layers_of_shape(picture),
             pick=self._picks.current_info(picture),
             picks=self._picks.listed(picture),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable
 from dataclasses import astuple
@@ -12,29 +11,19 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from flatcloth.core.errors import FlatclothError
-from flatcloth.core.types import Uint8
-from flatcloth.engine.diagnostics import Reasons, StrainedEdges, reasons
+from flatcloth.engine.diagnostics import Reasons, reasons
 from flatcloth.engine.integration import Integration
 from flatcloth.methods.answers import ColumnCurves, ZAngleLine
 from flatcloth.shape.pieces import TWICE_M
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.answers import (
-    BothEdges,
     ClothPairs,
     CurvesInfo,
     DiagnosticsInfo,
-    EdgesInfo,
     LineInfo,
     ZAngleLines,
 )
 from flatcloth.viewer.protocol.picture import Picture
-from flatcloth.viewer.scene.scene import Scene
-
-_log = logging.getLogger(__name__)
-
-LONGER, SHORTER = (217, 95, 2), (40, 110, 200)
-"""Colours of edges longer, or shorter, on the plane than on the cloth; safe for colour-blind eyes."""
 
 _MOST_LINE_PIXELS = 1500
 """Largest number of pixels of a line that is sent. Chosen for speed."""
@@ -46,7 +35,7 @@ _GONE = "This proposal is no longer shown; a newer state follows."
 
 
 class DiagnosticsService:
-    """Answers with curves, lines and strained edges; the last answer is cached.
+    """Answers with curves, lines and pairs of cloth; the last answer is cached.
 
     Parameters
     ----------
@@ -54,56 +43,18 @@ class DiagnosticsService:
         The session's; only read.
     picture : callable
         Returns the present picture; called from any thread.
-    scene_view : Scene
-        Draws strained edges in 3D if they are switched on.
-    later : callable
-        Adds a job to the worker's queue.
     """
 
-    def __init__(
-        self,
-        integration: Integration,
-        picture: Callable[[], Picture | None],
-        scene_view: Scene,
-        later: Callable[[Callable[[], None]], None],
-    ) -> None:
+    def __init__(self, integration: Integration, picture: Callable[[], Picture | None]) -> None:
         self._integration, self._picture = integration, picture
-        self._scene_view, self._later = scene_view, later
         self._lock = threading.Lock()
         self._last: tuple[tuple[int, int], Reasons] | None = None
-        self._drawing = False
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of this service."""
         return [
             Route("/diagnostics/{revision:int}-{overlay:int}.json", self._serve),
         ]
-
-    def show_edges(self, on: bool) -> None:
-        """Switch the strained edges in 3D on or off; call it also after each new picture."""
-        self._drawing = on
-        picture = self._picture()
-        if on and picture is not None and picture.overlay is not None:
-            self._later(lambda: self._draw(picture))
-        else:
-            self._scene_view.show_edges(None, None)
-
-    def picture_changed(self) -> None:
-        """Draw the edges of the new picture if they are switched on."""
-        if self._drawing:
-            self.show_edges(True)
-
-    def _draw(self, picture: Picture) -> None:
-        try:
-            found = self._of(picture)
-        except FlatclothError as error:
-            _log.warning("no edges are drawn: %s", error)
-            return
-        if self._drawing and self._picture() is picture:
-            both = (found.shape_edges, found.new_edges)
-            ends = np.concatenate([edges.xyz_m for edges in both])
-            colors = np.concatenate([edge_colors(edges) for edges in both])
-            self._scene_view.show_edges(ends, np.repeat(colors[:, None], 2, axis=1))
 
     def _of(self, picture: Picture) -> Reasons:
         assert picture.overlay is not None
@@ -127,12 +78,6 @@ class DiagnosticsService:
             )
 
         return await http.made(make)
-
-
-def edge_colors(edges: StrainedEdges) -> Uint8:
-    """Return a colour (K, 3) for each edge."""
-    colors: Uint8 = np.where(edges.strain[:, None] > 0, LONGER, SHORTER).astype(np.uint8)
-    return colors
 
 
 def diagnostics_info(
@@ -164,7 +109,6 @@ def diagnostics_info(
         trouble=found.trouble,
         front_from_current=astuple(found.front_from_current),
         current_from_new=astuple(found.current_from_new),
-        edges=BothEdges(shape=_edges(found.shape_edges), new=_edges(found.new_edges)),
         pairs=_pairs(found, picture),
     )
 
@@ -211,12 +155,4 @@ def _line(line: ZAngleLine) -> LineInfo:
         center_uv_m=line.center_uv_m.tolist(),
         direction=line.direction.tolist(),
         point_uv_m=line.point_uv_m.tolist(),
-    )
-
-
-def _edges(edges: StrainedEdges) -> EdgesInfo:
-    return EdgesInfo(
-        uv_m=np.round(edges.uv_m, 5).tolist(),
-        strain=np.round(edges.strain, 4).tolist(),
-        total=edges.total,
     )

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from flatcloth.checking.lesson import CheckLesson
+from flatcloth.core.errors import FlatclothError
 from flatcloth.core.parcel import Parcel
 from flatcloth.core.types import MIRROR, Bool, FlattenedView, Int32, RotationAxis, Uint8, finite
 from flatcloth.engine.garment.lesson import GarmentLesson
-from flatcloth.engine.garment.seams_example import example_of_both_sides
 from flatcloth.engine.segmenting import SidesLesson
-from flatcloth.engine.sheet import lay_out, outline_loops
+from flatcloth.engine.sheet import outline_loops
 from flatcloth.engine.teaching import AlignmentLesson, FlatteningLesson, PlanningLesson, StartLesson
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.flatten import Level
@@ -299,23 +299,7 @@ def sides_parcel(lesson: SidesLesson) -> Parcel:
         "found_cm2": CM2 * found.area_of_interest_m2,
         "undecided_cm2": CM2 * found.area_undecided_m2,
         "first": _labels(parcel, "first", found, frame.view_index),
-        "stroke": None,
     }
-    stroke, stroked = lesson.stroke, lesson.stroked
-    if stroke is not None and stroked is not None:
-        at = stroke.view_index
-        top, left = observed.views[at].offset_rc
-        row, col = stroke.points_rc[0]
-        parcel.values["stroke"] = {
-            "side": stroke.side,
-            "view_index": at,
-            "at": [col - left, row - top],
-            "before": _labels(parcel, "before", found, at),
-            "after": _labels(parcel, "after", stroked, at),
-            "certainty": stroked.mean_certainty,
-            "undecided_cm2": CM2 * stroked.area_undecided_m2,
-            "changed": stroked.changed,
-        }
     return parcel
 
 
@@ -367,30 +351,29 @@ def garment_parcel(lesson: GarmentLesson, axis: RotationAxis) -> Parcel:
 # --- both sides ------------------------------------------------------------------------------------
 
 
-def seams_parcel(other: OtherSheet | None, axis: RotationAxis) -> Parcel:
-    """Return the drawing data of the seams between both sides; of an example while they are not known."""
+def seams_parcel(other: OtherSheet | None) -> Parcel:
+    """Return the drawing data of the seams between both sides.
+
+    Raises
+    ------
+    FlatclothError
+        While they are not known.
+    """
     if other is None:
-        canonical, sides = example_of_both_sides()
-        this, its_sheet = lay_out(canonical), lay_out(sides.other)
-    else:
-        sides, this, its_sheet = other.sides, other.this, other.sheet
+        raise FlatclothError("The other side is being computed; this stage is drawn when it is known.")
+    sides, this, its_sheet = other.sides, other.this, other.sheet
     parcel, seams = Parcel(), sides.seams
     for name, sheet in (("this", this), ("other", its_sheet)):
-        _picture(parcel, name, layers.rgba(sheet.view, "color", axis, 1))
         for n, loop in enumerate(outline_loops(sheet.canonical.view)):
             parcel.array(f"{name}_loop_{n}", loop if name == "this" else loop * MIRROR, "float32")
     none = [np.zeros((0, 2))]
     own = [this.places(seam.this_uv_m)[1] for seam in seams]
     its = [its_sheet.places(seam.other_uv_m)[1] for seam in seams]
     parcel.array("this_uv", np.concatenate([*none, *own]), "float32")
-    parcel.array("other_uv", np.concatenate([*none, *its]), "float32")
     parcel.array("mirrored_uv", np.concatenate([*none, *its]) * MIRROR, "float32")
     starts = np.cumsum([0, *(len(seam.xyz_m) for seam in seams)])
     joining = [seam.residual_m for seam in seams if not seam.why]
     parcel.values = {
-        "is_example": other is None,
-        "this_grid": grid_of(this.view),
-        "other_grid": grid_of(its_sheet.view),
         "this_cm2": CM2 * this.shape_m2,
         "other_cm2": CM2 * its_sheet.shape_m2,
         "this_floating": len(this.pieces),
@@ -400,9 +383,7 @@ def seams_parcel(other: OtherSheet | None, axis: RotationAxis) -> Parcel:
             {
                 "start": int(start),
                 "places": len(seam.xyz_m),
-                "length_mm": 1e3 * seam.length_m,
                 "why": seam.why,
-                "decided": seam.decided,
             }
             for start, seam in zip(starts, seams, strict=False)
         ],

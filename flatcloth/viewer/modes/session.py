@@ -55,6 +55,7 @@ from flatcloth.viewer.protocol.sent import NoteLevel
 from flatcloth.viewer.protocol.snapshot import of_session
 from flatcloth.viewer.protocol.state import AutoInfo, PageState
 from flatcloth.viewer.scene.scene import Scene
+from flatcloth.viewer.worker import attempt
 
 _log = logging.getLogger(__name__)
 
@@ -79,15 +80,14 @@ class Application(PageController):
         super().__init__(integration, folder, scene_view, sink)
         self._going_on = False
         self._expected: tuple[Document, float | None] | None = None
+        self._joins: tuple[Document, bool] | None = None
         self._placing = session_work.Placing(ghosts=read_ghosts(getattr(folder, "folder", None)))
         on_thread = partial(self._put, None)
         self.other = OtherSideController(self._both, on_thread, self._other_made, self._publish)
         tell = partial(sink.tell, None)
         self._work = SessionWork(integration, on_thread, self._answered, self._drawn, tell, self.other.laid)
         self._repair = repair.RepairService(integration, sink.tell)
-        self._diagnostics = DiagnosticsService(
-            integration, lambda: self.picture, scene_view, self._work.later
-        )
+        self._diagnostics = DiagnosticsService(integration, lambda: self.picture)
         self._review = ReviewService(
             integration,
             folder,
@@ -176,11 +176,11 @@ class Application(PageController):
                 self._by_hand(TakePart(view, component, place))
             case messages.LeaveOut(view_index=view, part_view=part_view, component=component):
                 self._by_hand(LeaveOut(view, part_view, component))
-            case messages.PlacePiece(label=label):
+            case messages.PlacePiece():
                 sheet = None if self.picture is None else self.picture.sheet
                 laid = self.other.laid(self._state.document)
                 self._placing = session_work.placing_piece(
-                    self._integration, self._state.document, sheet, label, self.garments.last, laid
+                    self._integration, self._state.document, sheet, message, self.garments.last, laid
                 )
                 for command in self._placing.commands:
                     self._by_hand(command)
@@ -194,10 +194,6 @@ class Application(PageController):
                 self._by_hand(session_work.back_to_best(pending, self._overlay))
             case messages.PickAt(u_m=u, v_m=v, sheet=sheet):
                 self._pick_at(u, v, side=sheet)
-            case messages.ShowEdges(show=show):
-                self._page_status = replace(self._page_status, edges=show)
-                self._diagnostics.show_edges(show)
-                self._publish()
             case messages.SetAxis(apply=apply):
                 axis = session_work.meant_axis(self._integration.axis, message)
                 if apply:
@@ -334,7 +330,6 @@ class Application(PageController):
         if document.start_view is None and self.picture is not None:
             self.picture = None
             self._scene_view.show(None)
-            self._diagnostics.picture_changed()
         self._publish()
         if self._page_status.auto.running:
             self._put(None, self._auto_step)
@@ -400,6 +395,8 @@ class Application(PageController):
         told = {"sides": self._sides.info(), "garment": self._garment.info(), "other": self.other.info()}
         until = structs.replace(state.auto, until=auto.until_text(self._page_settings.now))
         pending = self._placing.shown(state.pending, self._overlay)
+        if pending is not None and self._joins is not None and self._joins[0] is self._state.document:
+            pending = structs.replace(pending, joins=self._joins[1])
         axis = session_work.axis_info(self._integration.axis)
         return structs.replace(
             state, views=views, review=review, pending=pending, auto=until, axis=axis, **told
@@ -451,4 +448,18 @@ class Application(PageController):
         self.picture = picture
         self._scene_view.show(picture)
         self._review.follow(picture)
-        self._diagnostics.picture_changed()
+        document = picture.document
+        if document is not None and document.pending is not None and document.pending.moved:
+            self._work.later(lambda: self._find_out(document))
+
+    def _find_out(self, document: Document) -> None:
+        """Find out, on the worker, whether a proposal that was moved by hand joins the shape."""
+        if self._state.document is not document:
+            return  # it was moved on, or decided
+        found = attempt(lambda: session_work.joins(self._integration, document), "trying the placement")
+        if isinstance(found, bool):
+            self._put(None, lambda: self._found_out(document, joins=found))
+
+    def _found_out(self, document: Document, *, joins: bool) -> None:
+        self._joins = document, joins
+        self._publish()

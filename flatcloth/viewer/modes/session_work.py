@@ -17,9 +17,10 @@ from flatcloth.core.errors import CancelledError, FlatclothError
 from flatcloth.core.types import LaidPiece, Rigid2, RotationAxis, finite
 from flatcloth.engine.garment.recognition import KnownGarment
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.sheet import Sheet, place_of_piece
+from flatcloth.engine.sheet import Sheet, is_on_shape, place_of_piece
 from flatcloth.engine.warmup import is_of_one_view, wait_until_compiled
 from flatcloth.session.axis_file import check_axis
+from flatcloth.session.document import accept
 from flatcloth.session.ghosts import Ghost, Ghosts
 from flatcloth.session.machine import (
     Command,
@@ -36,7 +37,7 @@ from flatcloth.session.machine import (
     apply,
 )
 from flatcloth.session.store import SessionFolder
-from flatcloth.viewer.protocol.messages import GoTo, Move, SetAxis
+from flatcloth.viewer.protocol.messages import GoTo, Move, PlacePiece, SetAxis
 from flatcloth.viewer.protocol.picture import Overlay, Picture, make_picture
 from flatcloth.viewer.protocol.sent import Progress
 from flatcloth.viewer.protocol.snapshot import center_uv_m, placement_of
@@ -268,6 +269,17 @@ def keep_axis(axis: RotationAxis, folder: SessionFolder) -> None:
     folder.keep_axis(axis)
 
 
+def joins(integration: Integration, document: Document) -> bool:
+    """Return whether the cloth of the proposal belongs to the shape, if it is accepted where it lies.
+
+    The shape with it is kept, so that accepting it takes no time.
+    """
+    pending = document.pending
+    assert pending is not None
+    made = integration.canonical(accept(document, None))
+    return is_on_shape(integration.views, made, pending.view_index, pending.component)
+
+
 def back_to_best(pending: Pending, overlay: Overlay | None) -> Nudge:
     """Return the decision that moves a proposal to the best place that the method has found.
 
@@ -351,11 +363,11 @@ def placing_piece(
     integration: Integration,
     document: Document,
     sheet: Sheet | None,
-    label: str,
+    asked: PlacePiece,
     known: KnownGarment | None = None,
     laid: Sequence[LaidPiece] = (),
 ) -> Placing:
-    """Return how the view that shows most of a floating piece becomes the proposal, with the piece.
+    """Return how a view that shows much of a floating piece becomes the proposal, with the piece.
 
     ``known`` is the garment, if it was recognised; ``laid`` are the pieces that seams lay.
 
@@ -364,9 +376,9 @@ def placing_piece(
     FlatclothError
         If there is no such piece, or only the start view shows it.
     """
-    piece = next((p for p in (() if sheet is None else sheet.pieces) if p.label == label), None)
+    piece = next((p for p in (() if sheet is None else sheet.pieces) if p.label == asked.label), None)
     if sheet is None or piece is None:
-        raise FlatclothError(f"There is no floating piece {label!r:.20}; look again.")
+        raise FlatclothError(f"There is no floating piece {asked.label!r:.20}; look again.")
     accepted = [a.view_index for a in document.accepted]
     found = place_of_piece(integration.views, piece, accepted)
     plane_from_own = piece.sheet_from_plane.inverse() @ found.placement
@@ -384,7 +396,7 @@ def placing_piece(
     return Placing(
         commands=(
             Reopen(found.view_index),
-            TakePart(found.view_index, found.component, found.placement),
+            TakePart(found.view_index, found.component, Rigid2(0.0, asked.u_m, asked.v_m) @ found.placement),
         ),
         ghosts=Ghosts(view_index=found.view_index, component=found.component, places=tuple(places)),
     )

@@ -155,11 +155,15 @@ class TeachingRoutes:
             case "garment":
                 parcel = garment_parcel(garment_lesson(self._garment(), progress), axis)
             case "seams":
-                parcel = seams_parcel(self._other(), axis)
+                parcel = seams_parcel(self._other())
             case "check":
                 checked = check_lesson(recording, self._integration.views.recorded, axis)
                 views = checked.pair.first, checked.pair.second
-                mistakes = Mends(reverse=True), Mends(angle_factor=2.0), Mends(focal_factor=1.3)
+                mistakes = {
+                    "turned back": Mends(reverse=True),
+                    "twice as far": Mends(angle_factor=2.0),
+                    "longer lens": Mends(focal_factor=1.3),
+                }
                 parcel = check_parcel(checked, mistaken(recording, views, mistakes))
             case _:
                 parcel = alignment_parcel(teaching.alignment(view, parameters, progress), axis)

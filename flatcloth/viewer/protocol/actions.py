@@ -185,7 +185,7 @@ ACTIONS: tuple[Action, ...] = (
         "diagnostics",
         "Diagnostics",
         ("i",),
-        "Show the diagnostics of the proposal: pairs of cloth or curves, lines, strained edges.",
+        "Show the diagnostics of the proposal: pairs of cloth, or curves and lines.",
         "proposal",
     ),
     Action("capture_pause", "Pause", ("Space",), "Capture: hold the picture, or go on.", "capture"),

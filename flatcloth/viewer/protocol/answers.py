@@ -244,21 +244,6 @@ class ZAngleLines(Sent, frozen=True):
     new: LineInfo
 
 
-class EdgesInfo(Sent, frozen=True):
-    """The most strained edges of a flattening; ``total`` is the number of all."""
-
-    uv_m: list[tuple[UV, UV]]
-    strain: list[float]
-    total: int
-
-
-class BothEdges(Sent, frozen=True):
-    """The strained edges of the shape and of the new view."""
-
-    shape: EdgesInfo
-    new: EdgesInfo
-
-
 class ClothPairs(Sent, frozen=True):
     """Pairs of the same cloth, evenly chosen, and the statistics of all pairs."""
 
@@ -294,7 +279,6 @@ class DiagnosticsInfo(Sent, frozen=True):
     trouble: str
     front_from_current: tuple[float, float, float]
     current_from_new: tuple[float, float, float]
-    edges: BothEdges
     pairs: ClothPairs | None
 
 

@@ -98,9 +98,11 @@ class LeaveOut(Said, tag="leave_out", frozen=True, kw_only=True):
 
 
 class PlacePiece(Said, tag="place_piece", frozen=True, kw_only=True):
-    """Place a floating piece by hand: the view that shows most of it becomes the proposal, where it lies."""
+    """Place a floating piece by hand, shifted: a view that shows much of it becomes the proposal there."""
 
     label: str
+    u_m: Metres = 0.0
+    v_m: Metres = 0.0
 
 
 class Refine(Said, tag="refine", frozen=True, kw_only=True):
@@ -235,12 +237,6 @@ class Set(Said, tag="set", frozen=True, kw_only=True):
     step_deg: Finite | None = None
 
 
-class ShowEdges(Said, tag="edges", frozen=True, kw_only=True):
-    """Draw the edges that the flattening strained in the 3D scene as well, or not."""
-
-    show: bool
-
-
 class SetAxis(Said, tag="axis", frozen=True, kw_only=True):
     """Set the turning axis by hand, as the camera of view 0 sees it; without ``apply`` it is only drawn."""
 
@@ -271,6 +267,12 @@ class Capture(Said, tag="capture", frozen=True, kw_only=True):
 
     action: CaptureAction
     angle_deg: Degrees | None = None
+
+
+class Aim(Said, tag="aim", frozen=True, kw_only=True):
+    """Give an active loop another goal: shape, kind, or points:NAME,NAME."""
+
+    goal: str
 
 
 class StrokeImage(Said, tag="stroke_image", frozen=True, kw_only=True):

@@ -257,14 +257,13 @@ def _foreseen(
     components: Sequence[tuple[FlattenedView, Bool]],
     change: Change | None,
 ) -> Foreseen:
-    """Return what accepting a proposal on a piece would add (cm2), measure again, and join.
+    """Return what accepting a proposal on a piece would add (cm2), and join.
 
     ``components`` are those of the view, the chosen one first, each with where it is new.
     """
     view = components[0][0]
     pixel_cm2 = 1e4 * view.pixel_size_m**2
     added = sum(int(new.sum()) for _, new in components)
-    whole = sum(int(part.valid.sum()) for part, _ in components)
     rc = np.rint(sheet.view.rc_from_uv(view.uv_from_rc(np.argwhere(view.valid)))).astype(int)
     inside = ((rc >= 0) & (rc < sheet.view.shape)).all(axis=1)
     on = sheet.piece[rc[inside, 0], rc[inside, 1]]
@@ -275,11 +274,8 @@ def _foreseen(
         by_shape = {
             "moved_mm": 1e3 * change.moved_m,
             "contradicted": change.contradicted,
-            "made_sure_cm2": 1e4 * change.made_sure_m2,
         }
-    return Foreseen(
-        added_cm2=pixel_cm2 * added, again_cm2=pixel_cm2 * (whole - added), joins=tuple(joins), **by_shape
-    )
+    return Foreseen(added_cm2=pixel_cm2 * added, joins=tuple(joins), **by_shape)
 
 
 def _checks(

@@ -41,7 +41,7 @@ class Settings:
     auto_until: Literal["all", "area", "views"] = "all"
     auto_least_cm2: float = 50.0
     auto_views: float = 14.0
-    advance: bool = False
+    advance: bool = True
     follow: bool = True
     turn_to_pick: bool = True
     step_mm: float = 2.0

@@ -39,7 +39,6 @@ class PageStatus:
     """The state of the page outside the session: Auto, progress, messages."""
 
     auto: AutoInfo = field(default_factory=AutoInfo)
-    edges: bool = False
     progress: Progress | None = None
     log: tuple[Note, ...] = ()
     trouble: str = ""  # why the shape of the present document cannot be drawn

@@ -145,19 +145,16 @@ class JoinedPieceInfo(Sent, frozen=True):
 
 
 class Foreseen(Sent, frozen=True):
-    """What accepting the proposal would add, measure again, and join.
+    """What accepting the proposal would add, and join.
 
-    By the shape with the view beside that without it: how far cloth moves (nine tenths of it less), the share
-    of the view's pairs that the others contradict, and how much more is reliable; None if the method does not
-    know.
+    By the shape with the view beside that without it: how far cloth moves (nine tenths of it less), and the
+    share of the view's pairs that the others contradict; None if the method does not know.
     """
 
     added_cm2: float
-    again_cm2: float
     joins: tuple[str, ...]
     moved_mm: float | None = None
     contradicted: float | None = None
-    made_sure_cm2: float | None = None
 
 
 class Check(Sent, frozen=True):
@@ -183,7 +180,8 @@ class GhostInfo(Sent, frozen=True):
 class PendingInfo(Sent, frozen=True):
     """The proposal. What the method computes with it has a default while it is being drawn.
 
-    ``best_score`` is that of the best place that the method has found.
+    ``best_score`` is that of the best place that the method has found. ``joins`` is of a proposal that was
+    moved by hand: whether its cloth belongs to the shape if it is accepted there; None: not known yet.
     """
 
     view_index: int
@@ -201,6 +199,7 @@ class PendingInfo(Sent, frozen=True):
     checks: tuple[Check, ...] = ()
     undetermined: tuple[str, ...] = ()
     ghosts: tuple[GhostInfo, ...] = ()
+    joins: bool | None = None
 
 
 class GripInfo(Sent, frozen=True):
@@ -393,7 +392,6 @@ class PageState(Sent, tag_field="type", tag="state", frozen=True):
     recording: RecordingInfo
     notes: tuple[str, ...]
     auto: AutoInfo
-    edges: bool
     layers: Layers | None
     pick: PickInfo | None
     picks: tuple[ListedPick, ...]

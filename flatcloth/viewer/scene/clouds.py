@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.types import Bool, FlattenedView, Floats, RotationAxis, Uint8
@@ -22,6 +23,8 @@ MOST_POINTS = 60_000
 """More points are thinned. Chosen for the browser's speed."""
 _HIGHLIGHT = np.array([255, 140, 0], dtype=np.float64)
 """Color of what is pointed at. Chosen."""
+_BESIDE_M = 0.006
+"""Points nearer than this are of the same cloth. Chosen: some pixels of the shape, and its noise."""
 _GREY = 150.0
 """Grey of points that are not of interest. Chosen."""
 
@@ -69,12 +72,20 @@ def clouds_of(
         new = cloud(overlay.view, overlay.new_points & overlay.view.valid, 0.0026)
         if color == "color":
             new = Cloud(new.points_m, (0.35 * new.colors + 0.65 * _HIGHLIGHT).astype(np.uint8), new.size_m)
-    return {
-        # The view's own points have no layers: in grey they do not mix with those that have.
-        LIVE: Cloud(live.xyz_m, dimmed(live.rgb, live.of_interest & (color == "color")), 0.0015),
-        HELD: held if picture.other is None else _both(held, picture.other.view, cloud),
-        PROPOSAL: new,
-    }
+    if picture.other is not None:
+        held = _both(held, picture.other.view, cloud)
+    # The view's own points have no layers: in grey they do not mix with those that have.
+    shown = Cloud(live.xyz_m, dimmed(live.rgb, live.of_interest & (color == "color")), 0.0015)
+    return {LIVE: shown if picture.sheet is None else _apart(shown, held), HELD: held, PROPOSAL: new}
+
+
+def _apart(cloud: Cloud, of: Cloud) -> Cloud:
+    """Return the points of a cloud that have none of another beside them: both together are confetti."""
+    off, _ = cKDTree(of.points_m[:: max(1, len(of.points_m) // MOST_POINTS)]).query(
+        cloud.points_m, distance_upper_bound=_BESIDE_M
+    )
+    alone = np.isinf(off)
+    return Cloud(cloud.points_m[alone], cloud.colors[alone], cloud.size_m)
 
 
 def _both(this: Cloud, other: FlattenedView, cloud: Callable[[FlattenedView, Bool, float], Cloud]) -> Cloud:

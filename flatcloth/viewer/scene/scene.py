@@ -77,10 +77,6 @@ class Scene:
         self._axis_line = server.scene.add_line_segments(
             "/axis", self._axis_points(self._axis), (140, 140, 140), thickness=1.5, thickness_units="screen"
         )
-        self._edges = server.scene.add_line_segments(
-            "/edges", np.zeros((1, 2, 3)), (0, 0, 0),
-            thickness=3.0, thickness_units="screen", visible=False,
-        )  # fmt: skip
 
         @server.scene.on_click()
         def _(event: viser.SceneClickEvent) -> None:
@@ -131,16 +127,6 @@ class Scene:
             self._fill(name, cloud)
         self._frame_view(picture.angle_deg, picture.present_view)
 
-    def show_edges(self, ends_m: Float64 | None, colors: Uint8 | None) -> None:
-        """Draw edges (K, 2, 3) in the object frame with colours (K, 2, 3), or hide them."""
-        with self._lock, self._server.atomic():
-            there = ends_m is not None and len(ends_m) > 0
-            if there:
-                lines: Any = (ends_m, colors)
-                self._edges.points, self._edges.colors = lines
-            self._edges.visible = there
-        self._server.flush()
-
     def arrange(self, settings: Settings) -> None:
         """Show what is wanted; let the cameras go to the real camera's position at each new view, or not."""
         wanted = {
@@ -157,7 +143,8 @@ class Scene:
                 self._fill(ALL, self._all_views.cloud(self._axis, self._color))
             for name, cloud in self._clouds.items():
                 cloud.visible = self._is_visible(name)
-            self._frustum.visible = settings.show_camera
+            # From where the camera stood, its frustum is a frame around everything.
+            self._frustum.visible = settings.show_camera and not settings.follow
             self._axis_line.visible = settings.show_axis
         self._server.flush()
         begins, self._follow = settings.follow and not self._follow, settings.follow

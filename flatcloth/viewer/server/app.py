@@ -121,8 +121,10 @@ class PageServer:
         self.port: int = self._socket.getsockname()[1]
         self._opener = opener
         self._loop: asyncio.AbstractEventLoop | None = None
+        places = places or Places(own=not is_open(host, public))
+        places.remember(self.session)
         self._start = StartRoutes(
-            places or Places(own=not is_open(host, public)),
+            places,
             self._open,
             lambda: self.recording,
             lambda: self.session,
