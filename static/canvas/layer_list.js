@@ -6,7 +6,7 @@ import { number } from "../page/format.js";
 import { Picture } from "./picture.js";
 
 /** All of them; the table of actions has their titles, keys and descriptions. */
-export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place"];
+export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place", "truth"];
 
 /** The action that chooses a layer. */
 export const layerAction = (/** @type {string} */ layer) => `layer_${layer}`;
@@ -74,7 +74,8 @@ export class LayerList {
 
   /** The rows; `legends` by layer. */
   build(/** @type {Record<string, Legend> | undefined} */ legends) {
-    const rows = LAYERS.map((name) => this.row(name, legends?.[name]));
+    const known = LAYERS.filter((name) => name !== "truth" || legends?.truth.kind === "ramp");
+    const rows = known.map((name) => this.row(name, legends?.[name]));
     return make("ul.layer-list", { label: "Layers" }, ...rows);
   }
 

@@ -34,7 +34,6 @@ const STEPS = [
 ]; // of the keys that move the proposal: mm, degrees
 const STEPS_TIP =
   "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged.";
-const QUALITY = ["stretch", "incidence", "density", "place"];
 /** @type {Record<string, string>} */
 const SIGNS = { zoom_out: "−", zoom_in: "+" };
 
@@ -55,6 +54,7 @@ export class Toolbar extends PagePart {
     byId("canvas").classList.toggle("measuring", this.page.ruler.on);
     if (state.capture) setTitle("capture_pause", state.capture.playing ? "Pause" : "Go on");
     else this.updateSession(state);
+    buttonOf("layer_truth").hidden = state.layers?.legends.truth.kind !== "ramp";
     for (const layer of LAYERS) setPressed(buttonOf(layerAction(layer)), this.page.layer === layer);
   }
 
@@ -89,9 +89,8 @@ export class Toolbar extends PagePart {
   }
 
   buildLayers(/** @type {boolean} */ camera) {
-    const quality = QUALITY.filter((layer) => !camera || layer !== "place"); // a single view has no placement
-    const others = LAYERS.filter((layer) => !QUALITY.includes(layer));
-    this.build("layers", others.map(layerAction));
+    const quality = LAYERS.slice(4).filter((layer) => !camera || layer !== "place"); // a single view has no placement
+    this.build("layers", LAYERS.slice(0, 4).map(layerAction));
     this.build("quality-layers", quality.map(layerAction));
     this.build("look-tools", camera ? ["look"] : ["look", "turn_over"]);
   }
