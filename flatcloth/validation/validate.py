@@ -22,7 +22,7 @@ from scipy.optimize import least_squares
 from flatcloth import __version__
 from flatcloth.api.integrating import Sides, integrate
 from flatcloth.core.geometry import horizontal_axes, rotations_by
-from flatcloth.core.types import FlattenedView, Float64, Int64, Progress, RotationAxis, finite, no_progress
+from flatcloth.core.types import FlattenedView, Float64, Int64, Progress, RotationAxis, no_progress
 from flatcloth.engine.evaluation import relative_errors_m
 from flatcloth.export.figures import Figure, map_drawing
 from flatcloth.export.files import write_text
@@ -131,7 +131,7 @@ def validate(
         off_m = np.linalg.norm(flat_m - true_m, axis=1)
         pixels.append(np.column_stack(np.broadcast_arrays(1e3 * off_m, 1e3 * std_m, view.view_index[known])))
     error_mm, std_mm, source = np.concatenate(pixels).T
-    own = np.where(std_mm >= 0, error_mm <= 3 * std_mm + 1, np.nan).mean()
+    own = error_mm[std_mm >= 0] <= 3 * std_mm[std_mm >= 0] + 1  # those of pieces that float are not known
     axis, figures = recording.rotation_axis or shape.axis, _figures(error_mm)
     document = {
         "format": "flatcloth-validation/1",
@@ -147,7 +147,7 @@ def validate(
         "is_within": figures["p95_mm"] <= within_mm,
         "shape": {
             **figures,
-            "within_3_std_share": finite(float(own)),
+            "within_3_std_share": float(own.mean()) if len(own) else None,
             "compared_share": len(error_mm) / sum(int(view.valid.sum()) for view in views.values()),
         },
         "pieces": pieces,
