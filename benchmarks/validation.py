@@ -17,11 +17,11 @@ from benchmarks.output import Options, save, say
 from flatcloth.engine.evaluation import compare
 from flatcloth.engine.results.sides_truth import OtherTruth
 from flatcloth.recordings import open_recording
+from flatcloth.recordings.base import altered, images_of
 from flatcloth.recordings.truth import TrueView, Truth
-from flatcloth.validation.cell import cell_errors
 from flatcloth.validation.kit import Kit, read_kit
-from flatcloth.validation.markers import found_markers
-from flatcloth.validation.validate import validate
+from flatcloth.validation.markers import terms
+from flatcloth.validation.validate import Validation, cell_errors, validate
 
 MOST_FACING_DEG = 55.0
 """Markers that face the camera within this angle are asked for."""
@@ -32,33 +32,33 @@ GRID = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 5)] * 2), axis=-1).reshape(-
 
 
 def run(options: Options) -> None:
-    rows, off_px = [], []
+    rows, off_px, errors = [], [], []
     for name in options.recordings:
-        row, off = markers_of(name)
-        rows.append(row)
+        recording, truth = Remembered(open_recording(name)), Truth(name)
+        kit = read_kit(Path(name) / "kit.json")
+        found = validate(recording, kit, sides="both" if len({*kit.sheet.values()}) > 1 else "one")
+        row, off = markers_of(found, truth, kit)
+        rows.append({"recording": recording.name} | row)
         off_px.append(off)
-        say(str(row))
+        errors.append({"recording": recording.name} | compared(found, recording, truth))
+        say(f"{rows[-1]} {errors[-1]}")
     total = {key: sum(row[key] for row in rows) for key in ("facing", "read_of_facing", "found", "wrong")}
     total |= {"recording": "all", **spread(np.concatenate(off_px))}
     say(str(total))
     if not options.quick:
-        found = {"markers": [*rows, total], "compared": [compared(name) for name in options.recordings]}
-        save("validation", found, options.recordings)
+        save("validation", {"markers": [*rows, total], "compared": errors}, options.recordings)
 
 
-def markers_of(name: str) -> tuple[dict[str, Any], np.ndarray]:
+def markers_of(found: Validation, truth: Truth, kit: Kit) -> tuple[dict[str, Any], np.ndarray]:
     """Return the figures of a recording, and by how many pixels the corners that face the camera are off."""
-    recording, truth = open_recording(name), Truth(name)
-    kit = read_kit(Path(recording.location) / "kit.json")
     row = dict.fromkeys(("facing", "read_of_facing", "found", "wrong"), 0)
     off_px = [np.zeros((0, 4))]
-    for n in range(len(recording)):
+    for n in range(len(truth)):
         places = true_places(truth[n], kit)
         facing = {i for i, (_, angle, is_whole) in places.items() if is_whole and angle <= MOST_FACING_DEG}
-        seen = found_markers(recording[n].color, kit)
         off = {
             i: np.linalg.norm(corners - places[i][0], axis=1) if i in places else np.full(4, np.inf)
-            for i, corners in seen.items()
+            for i, corners in found.seen.of_view(n).items()
         }
         right = {i for i in off if np.median(off[i]) < WRONG_PX}
         row["facing"] += len(facing)
@@ -66,19 +66,20 @@ def markers_of(name: str) -> tuple[dict[str, Any], np.ndarray]:
         row["found"] += len(off)
         row["wrong"] += len(off) - len(right)
         off_px += [off[i][None] for i in facing & right]
-    return {"recording": Path(name).name, **row, **spread(np.concatenate(off_px))}, np.concatenate(off_px)
+    return row | spread(np.concatenate(off_px)), np.concatenate(off_px)
 
 
-def compared(name: str) -> dict[str, Any]:
+def compared(found: Validation, recording: Any, truth: Truth) -> dict[str, Any]:
     """Return the errors by the kit and by the truth, those of the cell, and the size found of faults."""
-    recording, truth = Remembered(open_recording(name)), Truth(name)
-    kit, row = read_kit(Path(recording.location) / "kit.json"), {"recording": recording.name}
-    found = validate(recording, kit, sides="both" if len(set(kit.sheet.values())) > 1 else "one")
-    for side, its_truth in (("this side", truth), ("other side", OtherTruth(truth, len(recording)))):
-        for view, by_kit in (found.pieces[side],) if side in found.pieces else ():
-            true = compare(view, its_truth, recording).evaluation
-            for key in ("absolute_median_mm", "absolute_p95_mm", "relative_p95_mm"):
-                row[f"{side} {key}"] = [getattr(by_kit.evaluation, key), getattr(true, key)]
+    row: dict[str, Any] = {"compared_share": found.document["shape"]["compared_share"]}
+    unmasked = altered(recording, read=lambda n: images_of(recording[n])._replace(mask=None))
+    for by_kit in found.document["pieces"]:
+        side, _, piece = by_kit["piece"].partition(",")
+        if not piece:
+            its_truth = truth if side == "this side" else OtherTruth(truth, len(recording))
+            true = compare(found.shape[side], its_truth, unmasked).evaluation
+            for key in ("median_mm", "p95_mm"):
+                row[f"{side} {key}"] = [by_kit[key], getattr(true, f"absolute_{key}")]
     axis, angles = recording.rotation_axis, np.array(recording.angles_deg)
     turned = np.random.default_rng(1).normal(size=len(angles))
     moved = replace(axis, point_m=axis.point_m + np.array([0.003, 0.0, 0.004]))
@@ -90,7 +91,7 @@ def compared(name: str) -> dict[str, Any]:
         ("angles 1 degree off", 1.0, axis, angles + turned / turned.std()),
     ):
         seen = replace(found.seen, corners_m=found.seen.corners_m * scale)
-        errors = cell_errors(seen, kit, its_axis, recording.held_point_m, its_angles)
+        errors = cell_errors(seen, found.truth.kit, its_axis, recording.held_point_m, its_angles)
         row[fault] = {e["name"]: [round(e["size"], 2), round(e["std"], 2), e["is_fault"]] for e in errors}
     return row
 
@@ -114,7 +115,7 @@ def true_places(view: TrueView, kit: Kit) -> dict[int, tuple[np.ndarray, float, 
         uv = view.flat_uv_m[row, col].astype(float)
         tree = cKDTree(uv)
         for i in (i for i in kit.corners_m if kit.sheet[i] == sheet):
-            corners = kit.corners_m[i] - np.array(kit.size_m) / 2
+            corners = kit.corners_m[i] - np.array(kit.size_mm) / 2e3
             middle, sides = corners.mean(axis=0), corners[[1, 3]] - corners[0]
             own = np.array(tree.query_ball_point(middle, 0.75 * np.linalg.norm(sides[0])), dtype=int)
             if len(own) < 20:
@@ -126,8 +127,3 @@ def true_places(view: TrueView, kit: Kit) -> dict[int, tuple[np.ndarray, float, 
             angle_deg = float(np.degrees(np.arccos(stretch[1] / stretch[0])))
             places[i] = terms(corners - middle) @ map_px, angle_deg, is_whole
     return places
-
-
-def terms(at: np.ndarray) -> np.ndarray:
-    u, v = at.T
-    return np.stack([np.ones_like(u), u, v, u * v, u * u, v * v], axis=-1)

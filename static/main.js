@@ -146,7 +146,7 @@ function showLayer(/** @type {State} */ state) {
     ? [comparison.looked, comparison.legend]
     : [page.layer, state.layers?.legends[page.layer]];
   showLegend(looking.legend(looked, legend));
-  looking.show(looked, legend);
+  looking.show(looked, legend, state.layers?.legends.truth.kind === "ramp");
   showWords(byId("empty"), state.layers ? "" : whyEmpty(state));
 }
 

@@ -40,9 +40,8 @@ def _size(text: str) -> tuple[float, float]:
 def run(options: argparse.Namespace) -> None:
     """Write the files, and print what they hold."""
     from flatcloth.recordings.files.images import decode_color
-    from flatcloth.validation.kit import grid_kit, read_kit, write_kit
+    from flatcloth.validation.kit import grid_kit, read_kit, write_kit, write_pages
     from flatcloth.validation.markers import measured_kit
-    from flatcloth.validation.printing import write_pages
 
     written = ["kit.json"]
     if options.from_photo:

@@ -110,8 +110,7 @@ def run(options: argparse.Namespace) -> None:
     from flatcloth.synthesis.hanging import PoseErrors
     from flatcloth.synthesis.recording import Request, camera_of, synthesize
     from flatcloth.synthesis.stereo import Exposure
-    from flatcloth.validation.kit import read_kit, write_kit
-    from flatcloth.validation.printing import printed_cloth
+    from flatcloth.validation.kit import printed_cloth, read_kit, write_kit
 
     kit = read_kit(Path(options.texture)) if (options.texture or "").endswith(".json") else None
     request = Request(

@@ -30,7 +30,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Validate, and say what is off; 1 if the cloth is not as near to its place as is asked."""
     from flatcloth.recordings import open_recording
-    from flatcloth.validation.validate import kit_of, validate
+    from flatcloth.validation.markers import kit_of
+    from flatcloth.validation.validate import validate
 
     recording = open_recording(options.source, source_options_of(options))
     kit, given = kit_of(recording, options.kit), {"method": options.method, "sides": options.sides}

@@ -93,14 +93,6 @@ def height_m(xyz_m: Floats, axis: RotationAxis) -> Float64:
     return (np.asarray(xyz_m, dtype=np.float64) - axis.point_m) @ axis.direction
 
 
-def directions_across(axis: RotationAxis) -> tuple[Float64, Float64]:
-    """Return two unit directions (3,) that are perpendicular to the axis and to each other."""
-    along = np.asarray(axis.direction, dtype=np.float64)
-    one = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
-    one /= np.linalg.norm(one)
-    return one, np.cross(along, one)
-
-
 def horizontal_axes(axis: RotationAxis) -> tuple[Float64, Float64]:
     """Return the unit vectors (3,), (3,) across the axis to the right of the image, and to the camera."""
     k = axis.direction

@@ -158,6 +158,8 @@ class FlattenedView:
     relative change of length by flattening near the pixel); None if unknown. ``placement_std_m``
     float32 (H, W), NaN where not valid: placement uncertainty, i.e. the standard deviation of the
     pixel's position on the plane relative to the main piece of the start view; None if unknown.
+    ``error_m`` float32 (H, W) is its distance from its true place, for display only; NaN where the markers
+    of a kit do not show that (``flatcloth.validation.truth``), None without a kit.
     """
 
     rgb: Uint8
@@ -171,6 +173,7 @@ class FlattenedView:
     origin_uv_m: tuple[float, float]
     quality: Float32 | None = None
     placement_std_m: Float32 | None = None
+    error_m: Float32 | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

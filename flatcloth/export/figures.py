@@ -35,7 +35,7 @@ from flatcloth.rendering.drawing import (
     style,
     svg_of,
 )
-from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, hex_of, legend, rgba
+from flatcloth.rendering.layers import LAYERS, hex_of, is_known, legend, rgba
 from flatcloth.rendering.pictures import PlanePicture, cropped, laid_on, side_by_side
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def maps(session: OpenedSession, names: tuple[str, ...] = LAYERS) -> Iterator[Fi
     if growth.sheet.floating_m2 > 0.0:
         about += f"; {1e4 * growth.sheet.floating_m2:.0f} cm\u00b2 float"
     for name in names:
-        if name in QUALITY_LAYERS and view.quality is None:
+        if not is_known(view, name, integration.axis):
             continue
         picture = cropped(rgba(view, name, integration.axis, len(angles_deg)), view)
         shape = name == "color"

@@ -32,7 +32,7 @@ from flatcloth.grasping.grips import grip_numbers
 from flatcloth.methods.answers import JoinedSides
 from flatcloth.rendering.colormaps import piece_color
 from flatcloth.rendering.drawing import data_url, webp_of
-from flatcloth.rendering.layers import LAYERS, QUALITY_LAYERS, hex_of, legend, rgba
+from flatcloth.rendering.layers import LAYERS, hex_of, is_known, legend, rgba
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.journal import Pick
 
@@ -356,7 +356,7 @@ def _layers(
     angles_deg = integration.recording.angles_deg
     made = []
     for name in LAYERS:
-        if name in QUALITY_LAYERS and view.quality is None:
+        if not is_known(view, name, integration.axis):
             continue
         image = rgba(view, name, integration.axis, len(angles_deg), colors=_COLORS)[window]
         parcel.picture(f"{prefix}layer {name}", webp_of(image), image.shape[:2], "webp")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -13,36 +13,46 @@ from flatcloth.core.types import Bool, FlattenedView, Float32, Floats, RotationA
 from flatcloth.flattening.resampling import sample
 from flatcloth.rendering.colormaps import MAPS, apply_table, view_colors
 
-LAYERS = ("color", "height", "z_angle", "source", "stretch", "incidence", "density", "place")
-"""Names of the layers, in the order of their keys 1 to 8."""
+LayerName = Literal[
+    "color", "height", "z_angle", "source", "stretch", "incidence", "density", "place", "truth"
+]
+LAYERS: tuple[LayerName, ...] = get_args(LayerName)
+"""Names of the layers, in the order of their keys; the last one shows the error of recordings with a kit."""
 
 QUALITY_LAYERS = {"density": 0, "incidence": 1, "stretch": 2}
 """Quality layers and their channel in ``FlattenedView.quality``."""
 
-OWN_MAPS = {
-    "height": "sequential", "z_angle": "diverging", "density": "sequential",
-    "stretch": "loss", "incidence": "loss", "place": "loss",
-}  # fmt: skip
-"""The scalar layers and their default colour maps."""
+Z_ANGLE_SPAN_DEG, ERROR_SPAN_M = 90.0, 0.020
+"""Ranges of the Z-angle, and of errors and their deviations. Chosen: larger ones are plain errors."""
 
-Z_ANGLE_SPAN_DEG = 90.0
-"""Fixed range of the Z-angle, so that its colours mean the same in every view."""
 
-STRETCH_SPAN = 0.10
-"""Fixed ranges of the stretch and of the placement's standard deviation. Chosen: larger ones are plain
-errors."""
-PLACE_SPAN_M = 0.020
-"""See ``STRETCH_SPAN``."""
-INCIDENCE_SPAN_DEG = 80.0
-"""Fixed as well; surface at larger incidence angles is not flattened."""
+class Scalar(NamedTuple):
+    """A layer of values: its title, its own colour map, the factor to the title's unit, and its range.
+
+    The range is fixed, so that colours mean the same in every view; None: it is the view's own.
+    """
+
+    title: str
+    map: str
+    scale: float = 1.0
+    span: tuple[float, float] | None = None
+
+
+SCALARS = {
+    "height": Scalar("Height z (mm)", "sequential", 1000.0),
+    "z_angle": Scalar("Z-angle (deg)", "diverging", 1.0, (-Z_ANGLE_SPAN_DEG, Z_ANGLE_SPAN_DEG)),
+    "stretch": Scalar("Stretch (%)", "loss", 100.0, (0.0, 0.10)),
+    "incidence": Scalar("Incidence (deg)", "loss", 1.0, (0.0, 80.0)),  # more is not flattened
+    "density": Scalar("Density (px/cm²)", "sequential"),
+    "place": Scalar("Uncertainty, std (mm)", "loss", 1000.0, (0.0, ERROR_SPAN_M)),
+    "truth": Scalar("Error by the kit (mm)", "loss", 1000.0, (0.0, ERROR_SPAN_M)),
+}
 
 DIFFERENCES = ("color", "height", "position")
 """The kinds of difference between proposal and shape."""
 
 COLOR_DIFFERENCE_SPAN = 64.0
 """A quarter of the range of 8-bit color. Chosen."""
-POSITION_DIFFERENCE_SPAN_M = 0.020
-"""Fixed ranges, so that the colours mean the same for every proposal."""
 CONFLICT_M = 0.010
 """Points of proposal and shape at one place of the plane that are farther apart in space are in conflict.
 Chosen: half the range of the colours of this difference."""
@@ -114,13 +124,11 @@ def rgba(
         image[valid, :3] = _levels(view.rgb[valid], appearance)
     elif layer == "source":
         image[valid, :3] = view_colors(n_views)[np.clip(view.view_index[valid], 0, n_views - 1)]
+    elif (values := _values(view, layer, axis)) is None:
+        image[valid, :3] = _UNKNOWN
     else:
-        values = _values(view, layer, axis)
-        if values is None:
-            image[valid, :3] = _UNKNOWN
-        else:
-            low, high = layer_range(view if like is None else like, layer, axis)
-            image[valid, :3] = _colors(values, OWN_MAPS[layer], low, high, appearance, colors)
+        low, high = layer_range(view if like is None else like, layer, axis)
+        image[valid, :3] = _colors(values, SCALARS[layer].map, low, high, appearance, colors)
     return image
 
 
@@ -159,15 +167,8 @@ def layer_range(view: FlattenedView, layer: str, axis: RotationAxis) -> tuple[fl
 
     Those of the height and the density are the view's, 0 and 1 where it has none.
     """
-    match layer:
-        case "z_angle":
-            return -Z_ANGLE_SPAN_DEG, Z_ANGLE_SPAN_DEG
-        case "place":
-            return 0.0, PLACE_SPAN_M
-        case "stretch":
-            return 0.0, STRETCH_SPAN
-        case "incidence":
-            return 0.0, INCIDENCE_SPAN_DEG
+    if (span := SCALARS[layer].span) is not None:
+        return span
     values = _values(view, layer, axis)
     values = np.zeros(0) if values is None else values[np.isfinite(values)]
     if not values.size:
@@ -186,6 +187,8 @@ def _values(view: FlattenedView, layer: str, axis: RotationAxis) -> Floats | Non
             return view.z_angle_deg[view.valid]
         case "place":
             return None if view.placement_std_m is None else view.placement_std_m[view.valid]
+        case "truth":
+            return None if view.error_m is None else view.error_m[view.valid]
     return None if view.quality is None else view.quality[view.valid, QUALITY_LAYERS[layer]]
 
 
@@ -205,8 +208,12 @@ def _levels(rgb: Uint8, appearance: Appearance) -> Uint8:
         return rgb
     share = (np.arange(256) / 255.0 - appearance.low) / (appearance.high - appearance.low)
     level: Uint8 = np.rint(255.0 * share.clip(0.0, 1.0)).astype(np.uint8)
-    leveled: Uint8 = level[rgb]
-    return leveled
+    return np.take(level, rgb)
+
+
+def is_known(view: FlattenedView, layer: str, axis: RotationAxis) -> bool:
+    """Return whether a view has a layer."""
+    return layer in ("color", "source") or _values(view, layer, axis) is not None
 
 
 def legends(view: FlattenedView, axis: RotationAxis, angles_deg: tuple[float, ...]) -> dict[str, Any]:
@@ -218,24 +225,16 @@ def legend(
     view: FlattenedView, layer: str, axis: RotationAxis, angles_deg: tuple[float, ...]
 ) -> dict[str, Any]:
     """Return the legend of a layer for the page."""
-    if layer in QUALITY_LAYERS and view.quality is None:
-        return {"kind": "classes", "title": "Not measured", "classes": []}
-    if layer == "place" and view.placement_std_m is None:
-        return {"kind": "classes", "title": "Not provided by this method", "classes": []}
+    if not is_known(view, layer, axis):
+        lacking = {"place": "Not provided by this method", "truth": "No kit was recorded"}
+        return {"kind": "classes", "title": lacking.get(layer, "Not measured"), "classes": []}
     if layer == "source":
         return {"kind": "classes", "title": "Source view", "classes": _sources(view, angles_deg)}
     if layer == "color":
         return {"kind": "none", "title": "Color"}
-    title, scale = {
-        "height": ("Height z (mm)", 1000.0),
-        "z_angle": ("Z-angle (deg)", 1.0),
-        "stretch": ("Stretch (%)", 100.0),
-        "incidence": ("Incidence (deg)", 1.0),
-        "density": ("Density (px/cm²)", 1.0),
-        "place": ("Uncertainty, std (mm)", 1000.0),
-    }[layer]
+    scalar = SCALARS[layer]
     low, high = layer_range(view, layer, axis)
-    return _ramp(title, OWN_MAPS[layer], scale * low, scale * high)
+    return _ramp(scalar.title, scalar.map, scalar.scale * low, scalar.scale * high)
 
 
 def difference_legend(kind: str) -> dict[str, Any]:
@@ -250,10 +249,10 @@ def difference_legend(kind: str) -> dict[str, Any]:
         case "color":
             return _ramp("Color, difference", "loss", 0.0, COLOR_DIFFERENCE_SPAN)
         case "height":
-            span_mm = 1000.0 * POSITION_DIFFERENCE_SPAN_M
+            span_mm = 1000.0 * ERROR_SPAN_M
             return _ramp("Height, B − A (mm)", "diverging", -span_mm, span_mm)
         case "position":
-            return _ramp("Distance in 3D (mm)", "loss", 0.0, 1000.0 * POSITION_DIFFERENCE_SPAN_M)
+            return _ramp("Distance in 3D (mm)", "loss", 0.0, 1000.0 * ERROR_SPAN_M)
     raise FlatclothError(f"Unknown difference {kind!r:.40}; choose one of {', '.join(DIFFERENCES)}.")
 
 

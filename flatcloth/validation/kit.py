@@ -1,21 +1,28 @@
-"""The kit: which marker lies where on the sheets of a coded fabric, and its file ``kit.json``."""
+"""The kit: which marker lies where on the sheets of a coded fabric; its file ``kit.json``; its print."""
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Callable
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import cv2
 import msgspec
 import numpy as np
+from scipy.spatial import cKDTree
 
 from flatcloth.core.decoding import MisfitError, fitted
 from flatcloth.core.errors import FlatclothError, os_errors_as
 from flatcloth.core.plain_files import replace_file
 from flatcloth.core.types import Bool, Float64
 from flatcloth.recordings.files.text import load_table
+from flatcloth.rendering.drawing import figure_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 HEM_M = 0.015
 """Plain margin of a sheet. Chosen: the seam allowance of sewing patterns."""
@@ -26,9 +33,17 @@ _DICTIONARIES = {"DICT_APRILTAG_36h11": 587, "DICT_6X6_1000": 1000}
 _REMEDY = "Restore the file, or make a kit: flatcloth kit."
 SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 """The corners of a marker in OpenCV's order: clockwise from its own top left; x right, y down."""
-APART_M, NEAR = 100.0, 2.0
-"""Distance of the sheets in the third coordinate, larger than any; neighbours are within so many sides of a
-marker: with their cells side by side or at a corner, and no fold hidden between. Chosen."""
+NEAR = 2.0
+"""Neighbours are within so many sides of a marker: their cells are side by side or at a corner. Chosen: no
+fold is hidden between."""
+_A4_MM, _MARGIN_MM = np.array([210.0, 297.0]), np.array([10.0, 20.0])
+"""Size of a page (ISO 216), and what printers and the scale need at each of its sides. Chosen."""
+_BAR_MM, _LINE_MM, _TEXT_MM = 100.0, 0.25, 3.0
+"""Length of the scale bar, width of its lines, size of letters. Chosen."""
+_PT = 72 / 25.4
+"""Points, the unit of lines and letters, in a millimetre. By definition."""
+_INK, _CLOTH = 0.07, 0.88
+"""Their brightness. Chosen: prints are never quite black, nor is cloth quite white."""
 
 
 class KitError(FlatclothError):
@@ -36,9 +51,8 @@ class KitError(FlatclothError):
 
 
 Size = Annotated[float, msgspec.Meta(gt=0, le=1e4)]
-Point = tuple[
-    Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)], Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
-]
+Place = Annotated[float, msgspec.Meta(ge=-1e4, le=1e4)]
+Point = tuple[Place, Place]
 
 
 class Marker(msgspec.Struct, frozen=True):
@@ -75,34 +89,14 @@ class Kit(msgspec.Struct, frozen=True, dict=True):
         return {marker.id: int(marker.sheet) for marker in self.markers}
 
     @property
-    def size_m(self) -> tuple[float, float]:
-        """The width and height of a sheet."""
-        return self.size_mm[0] / 1e3, self.size_mm[1] / 1e3
-
-    @property
     def reach_m(self) -> float:
         """The largest distance of neighbouring markers."""
         return NEAR * math.dist(*self.markers[0].corners_mm[:2]) / 1e3
 
-    def centers(self) -> Float64:
-        """Return the centers (K, 3) of the markers; the third coordinate keeps sheets apart."""
-        return np.array([(*c.mean(axis=0), APART_M * self.sheet[i]) for i, c in self.corners_m.items()])
 
-
-def kit_from(
-    corners_m: dict[int, Float64],
-    sheet: dict[int, int],
-    size_m: tuple[float, float],
-    *,
-    dictionary: str,
-    name: str = "kit",
-    is_measured: bool = True,
-) -> Kit:
-    """Return a kit, to a micrometre."""
-    corners_mm = {i: np.round(1e3 * corners, 3).tolist() for i, corners in corners_m.items()}
-    markers = [Marker(i, 2 if sheet[i] == 2 else 1, corners) for i, corners in corners_mm.items()]
-    size_mm = round(1e3 * size_m[0], 3), round(1e3 * size_m[1], 3)
-    return Kit("flatcloth-kit/1", name, dictionary, size_mm, is_measured, markers)
+def marker_at(marker_id: int, sheet: int, corners_m: Float64) -> Marker:
+    """Return a marker, to a micrometre."""
+    return Marker(marker_id, 2 if sheet == 2 else 1, np.round(1e3 * corners_m, 3).tolist())
 
 
 def read_kit(path: Path) -> Kit:
@@ -157,21 +151,109 @@ def grid_kit(size_m: tuple[float, float], cell_m: float, sides: int, stickers: i
         raise KitError(f"{given}: {columns * rows} cells fit within the hem. Choose a larger --size.")
     if count > most:
         larger = math.ceil(cell_m * 1e3 * math.sqrt(count / most))
-        raise KitError(
-            f"{given} --sides {sides}: {count} cells, but a dictionary has {most} ids. "
-            f"Choose --cell {larger}, or a smaller --size."
-        )
-    corner = (np.array(size_m) - np.array([columns, rows]) * cell_m) / 2
-    places = {i: i % (columns * rows) for i in range(count)}
-    kind = f"{stickers} stickers" if stickers else f"{size_m[0] * 1e3:g} x {size_m[1] * 1e3:g} mm"
-    return kit_from(
-        {
-            i: corner + (SQUARE * MARKER_SHARE / 2 + 0.5 + np.array([n % columns, n // columns])) * cell_m
-            for i, n in places.items()
-        },
-        {i: i // (columns * rows) + 1 for i in range(count)},
-        size_m,
-        dictionary=next(name for name, ids in _DICTIONARIES.items() if count <= ids),
-        name=f"{kind}, cells of {cell_m * 1e3:g} mm" + ", front and back" * (sides == 2),
-        is_measured=stickers is None,
-    )
+        said = f"{count} cells, but a dictionary has {most} ids. Choose --cell {larger}, or a smaller --size."
+        raise KitError(f"{given} --sides {sides}: {said}")
+    first = (np.array(size_m) - np.array([columns, rows]) * cell_m) / 2
+    cells = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 1, 2)
+    corners_m = first + (SQUARE * MARKER_SHARE / 2 + 0.5 + cells) * cell_m
+    size_mm = round(1e3 * size_m[0], 3), round(1e3 * size_m[1], 3)
+    kind = f"{stickers} stickers" if stickers else f"{size_mm[0]:g} x {size_mm[1]:g} mm"
+    name = f"{kind}, cells of {cell_m * 1e3:g} mm" + ", front and back" * (sides == 2)
+    dictionary = next(name for name, ids in _DICTIONARIES.items() if count <= ids)
+    markers = [marker_at(i, i // len(cells) + 1, corners_m[i % len(cells)]) for i in range(count)]
+    return Kit("flatcloth-kit/1", name, dictionary, size_mm, stickers is None, markers)
+
+
+def tiles(kit: Kit) -> list[Figure]:
+    """Return A4 pages of whole cells with marks at their corners, row by row."""
+    found: list[Figure] = []
+    cell = float(np.ptp(next(iter(kit.corners_m.values()))[:, 0])) / MARKER_SHARE * 1e3
+    step = np.maximum((_A4_MM - 2 * _MARGIN_MM + 1e-6) // cell, 1) * cell
+    inner = (np.array(kit.size_mm) - 2e3 * HEM_M + 1e-6) // cell * cell
+    columns, rows = (int(n) for n in np.ceil(inner / step - 1e-6))
+    for sheet, row, column in itertools.product(sorted({*kit.sheet.values()}), range(rows), range(columns)):
+        low = (np.array(kit.size_mm) - inner) / 2 + step * (column, row)
+        place = f"; page {len(found) + 1}, row {row + 1} of {rows}, column {column + 1} of {columns}"
+        found.append(_drawn(kit, sheet, _A4_MM, low, low + step, place))
+    return found
+
+
+def _modules(kit: Kit, sheet: int) -> tuple[Float64, Float64]:
+    """Return the middles (K, 2) of the black modules of a sheet, and those of the white ones, in metres.
+
+    A plain module around each marker is white as well.
+    """
+    ids = [i for i in kit.corners_m if kit.sheet[i] == sheet]
+    black = np.pad(dictionary_codes(kit.dictionary), ((0, 0), (1, 1), (1, 1)))[ids]
+    corners = np.reshape([kit.corners_m[i] for i in ids], (-1, 4, 1, 1, 2))
+    down, right = ((np.indices(black.shape[1:]) - 0.5) / (len(black[0]) - 2))[..., None]
+    origin = corners[:, 0]
+    middles = origin + right * (corners[:, 1] - origin) + down * (corners[:, 3] - origin)
+    return middles[black], middles[~black]
+
+
+def _drawn(kit: Kit, sheet: int, size: Float64, low: Float64, high: Float64, place: str = "") -> Figure:
+    """Return a page of ``size`` (2,) that shows a sheet from ``low`` to ``high`` (2,), mm, as one path.
+
+    The scale bar, in the hem or margin, is measured between the left sides of its ticks; a text is under it.
+    """
+    text = f"{_BAR_MM:g} mm; {('front', 'back')[sheet - 1]} of {kit.name}; print at 100 %{place}"
+    figure, corner = figure_of(*(size * _PT)), (low + high - size) / 2
+    from matplotlib.patches import PathPatch, Rectangle
+    from matplotlib.path import Path as Outline
+
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(corner[0], corner[0] + size[0]), ylim=(corner[1] + size[1], corner[1]))
+    axes.set_axis_off()
+    middles = 1e3 * _modules(kit, sheet)[0]
+    middles = middles[((middles > low) & (middles < high)).all(axis=1)]
+    side = 1e3 * kit.reach_m / NEAR / len(dictionary_codes(kit.dictionary)[0])
+    corners = middles[:, None] + side / 2 * SQUARE  # kits to be printed are upright
+    axes.add_patch(PathPatch(Outline.make_compound_path_from_polys(corners), fc="black", lw=0, snap=False))
+    left, foot = corner[0] + 1e3 * HEM_M, corner[1] + size[1] - 6.0
+    lines = [(left, foot, _BAR_MM + _LINE_MM, _LINE_MM)]
+    lines += [(left + x, foot - 2, _LINE_MM, 2) for x in (0.0, _BAR_MM / 2, _BAR_MM)]
+    lines += [(x, y, _LINE_MM, 3) for x in (low[0], high[0]) for y in (low[1] - 4, high[1] + 1)]
+    for x, y, width, height in lines:
+        axes.add_patch(Rectangle((x, y), width, height, fc="black", lw=0))
+    axes.text(left, foot + 4, text, fontsize=_TEXT_MM * _PT, parse_math=False)
+    return figure
+
+
+def write_pages(kit: Kit, folder: Path) -> list[str]:
+    """Write a kit and its pages to a folder without one, which may be printed; return the names of files."""
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    if (folder / "kit.json").exists():
+        raise KitError(f"{folder}: has a kit already, which may be printed. Choose a new folder.")
+    size: Float64 = np.array(kit.size_mm)
+    whole = [_drawn(kit, n, size, 0 * size, size) for n in sorted({*kit.sheet.values()})]
+    names = ["kit-a4.pdf", "kit-whole.pdf", *(f"kit-sheet-{n + 1}.svg" for n in range(len(whole)))]
+    with os_errors_as(KitError, f"{folder}: cannot be written", "Choose a writable folder."):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, pages in zip(names, (tiles(kit), whole), strict=False):
+            with PdfPages(folder / name, metadata={"CreationDate": None}) as pdf:
+                for page in pages:
+                    pdf.savefig(page)
+        for name, page in zip(names[2:], whole, strict=True):
+            page.savefig(folder / name, metadata={"Date": None})
+    write_kit(kit, folder / "kit.json")
+    return ["kit.json", *names]
+
+
+def printed_cloth(kit: Kit) -> Callable[[Float64, int], Float64]:
+    """Return the function of the colors (N, 3), 0 to 1, at places (N, 2) of a panel's flat plane, in metres.
+
+    Sheet 1 is on panel 1, sheet 2 on panel 2, its middle on the middle of the plane, x along u and y along
+    v: places of the kit and of the truth differ by a shift. Beyond its sheet a panel is plain.
+    """
+    modules = {sheet: _modules(kit, sheet) for sheet in {*kit.sheet.values()}}
+    nearest = {sheet: cKDTree(np.concatenate(middles)) for sheet, middles in modules.items()}
+
+    def rgb(uv_m: Float64, panel: int) -> Float64:
+        is_black = np.zeros(len(uv_m), dtype=bool)
+        if panel in modules:
+            is_black = nearest[panel].query(uv_m + np.array(kit.size_mm) / 2e3)[1] < len(modules[panel][0])
+        return np.where(is_black[:, None], _INK, _CLOTH) * np.ones(3)
+
+    return rgb

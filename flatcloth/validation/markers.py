@@ -1,4 +1,4 @@
-"""Markers of a kit: in a color image, in the views of a recording, and as stickers in photos.
+"""Markers of a kit: in a color image, in the views of a recording, the truth they show, stickers in photos.
 
 OpenCV reads some markers of an image. The print is known, so the map from a marker's plane to the image is
 the one that makes them most alike, which finds corners to about 0.1 px, also on bent cloth. The neighbours of
@@ -10,20 +10,33 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
 from scipy.optimize import least_squares
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay
 
-from flatcloth.core.types import Bool, Float32, Float64, Int64, Progress, RgbdFrame, Uint8, no_progress
+from flatcloth.core.types import (
+    Bool,
+    FlattenedView,
+    Float32,
+    Float64,
+    Int64,
+    Progress,
+    RgbdFrame,
+    Uint8,
+    no_progress,
+)
+from flatcloth.engine.evaluation import trimmed_fit
 from flatcloth.recordings.base import Recording
-from flatcloth.validation.kit import NEAR, SQUARE, Kit, KitError, dictionary_codes, kit_from
+from flatcloth.validation.kit import NEAR, SQUARE, Kit, KitError, dictionary_codes, marker_at, read_kit
 
 _MOST_UP, _LARGE_PX = 3, 2600
 """Images are enlarged to so many times and pixels at most before reading. Chosen: codes of 17 px are read."""
@@ -43,6 +56,8 @@ _LEAST_PIXELS, _LEAST_SHARE, _OUTLIER = 24, 0.7, 3.0
 count. Chosen: four times the unknowns."""
 _FEWEST, _LEAST_STICKERS = 6, 4
 """Fewer markers prove nothing; fewer stickers fix a plane badly. Chosen."""
+APART_M = 100.0
+"""Distance of the sheets where places of both are told, larger than any sheet. By definition."""
 _MOST_OFF = 0.03
 """Root mean square by which stickers may differ from squares, a share of their side. Chosen: bent ones differ
 by more, those of a photo taken from 1 m by a hundredth."""
@@ -57,9 +72,8 @@ def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
     gray = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
     slopes = [cv2.Sobel(gray, cv2.CV_32F, k, 1 - k, scale=1 / 8) for k in (1, 0)]
     image = np.dstack([gray.astype(np.float32), *slopes])
-    prints, ids, centers = dictionary_codes(kit.dictionary), list(kit.corners_m), kit.centers()
-    near = cKDTree(centers).query_ball_point(centers, kit.is_measured * kit.reach_m)
-    around = {i: [ids[n] for n in row] for i, row in zip(ids, near, strict=True)}
+    prints, ids, sheets = dictionary_codes(kit.dictionary), *np.array(list(kit.sheet.items())).T
+    centers = np.stack([kit.corners_m[i].mean(axis=0) for i in kit.sheet])
     found: dict[int, Float64] = {}
     tries: Counter[int] = Counter()
     waiting = deque(_read(gray, kit))
@@ -71,7 +85,9 @@ def found_markers(color: Uint8, kit: Kit) -> dict[int, Float64]:
         if (corners_px := _fitted(image, prints[i], guess_px)) is not None:
             found[i] = corners_px
             motion = cv2.getPerspectiveTransform(*np.array([kit.corners_m[i], corners_px], dtype=np.float32))
-            waiting += [(n, cv2.perspectiveTransform(kit.corners_m[n][None], motion)[0]) for n in around[i]]
+            apart = np.linalg.norm(centers - centers[ids == i], axis=1) / kit.reach_m
+            around = ids[(apart <= kit.is_measured) & (sheets == kit.sheet[i])].tolist()
+            waiting += [(n, cv2.perspectiveTransform(kit.corners_m[n][None], motion)[0]) for n in around]
     return dict(sorted(found.items()))
 
 
@@ -93,11 +109,6 @@ def terms(places: Float64) -> Float64:
     return np.stack([np.ones_like(x), x, y, x * y, x * x, y * y], axis=-1)
 
 
-def _grid(along: Float64) -> Float64:
-    """Return the places (N * N, 2) of a square grid."""
-    return np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
-
-
 def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
     """Return the corners (4, 2) of a marker that is where it was guessed, otherwise None.
 
@@ -106,7 +117,8 @@ def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
     """
     module_px = float(np.linalg.norm(guess_px[2] - guess_px[0])) / math.sqrt(2) / len(black)
     samples = int(np.clip(round(module_px), *_SAMPLES))
-    at = _grid((np.arange(samples * (len(black) + 1)) + 0.5) / samples - 0.5)  # with half the quiet zone
+    along = np.ones(samples * (len(black) + 1))  # with half the quiet zone
+    at = (np.argwhere(np.outer(along, along))[:, ::-1] + 0.5) / samples - 0.5
     places = at * (2 / len(black)) - 1
     enlarged = np.kron(np.pad(~black, 1, constant_values=True), np.ones((8, 8))).astype(np.float32)
     blurred = cv2.GaussianBlur(enlarged, (0, 0), 8 * max(_BLUR_PX / module_px, _LEAST_BLUR))
@@ -127,7 +139,8 @@ def _fitted(image: Float32, black: Bool, guess_px: Float64) -> Float64 | None:
         normal = columns.T @ columns + np.diag(np.append(weight, np.zeros(4)))
         motion += np.linalg.lstsq(normal, right)[0][:12].reshape(2, 6).T
     # The code without its border is compared in each half: other codes fit by chance, or a side slips.
-    inner = terms(_grid((np.arange(1.0, len(black) - 1) + 0.5) * (2 / len(black)) - 1))
+    modules = np.argwhere(black[1:-1, 1:-1] >= 0)[:, ::-1].astype(np.float64)
+    inner = terms((modules + 1.5) * (2 / len(black)) - 1)
     pairs = np.stack([_looked_up(image, inner @ motion)[:, 0], ~black[1:-1, 1:-1].ravel()])
     halves = [pairs[:, inner[:, k] * sign > 0] for k in (1, 2) for sign in (1, -1)]
     with np.errstate(invalid="ignore", divide="ignore"):  # where nothing varies nothing is alike
@@ -156,6 +169,11 @@ class Sightings:
     corners_m: Float64
     noise_m: Float64
 
+    def of_view(self, view: int) -> dict[int, Float64]:
+        """Return the corners (4, 2) of the markers of a view by their ids, as ``found_markers`` does."""
+        rows = np.flatnonzero(self.view == view)
+        return dict(zip(self.marker[rows].tolist(), self.corners_px[rows], strict=True))
+
 
 def sightings_of(recording: Recording, kit: Kit, progress: Progress = no_progress) -> Sightings:
     """Find the markers of a kit in all views; ``KitError`` tells why there are too few."""
@@ -180,15 +198,12 @@ def _surface(frame: RgbdFrame, corners_px: Float64) -> tuple[Float64, float]:
     """Return the corners (4, 3) and the noise of a marker; NaN if too little is measured inside."""
     inside = np.zeros(frame.depth_m.shape, dtype=np.uint8)
     cv2.fillConvexPoly(inside, np.rint(16 * corners_px).astype(np.int32), 1, shift=4)
-    pixels, middle, k = np.argwhere(inside)[:, ::-1], corners_px.mean(axis=0), frame.intrinsics
-    z = frame.depth_m[pixels[:, 1], pixels[:, 0]].astype(np.float64)
-    pixels, z, least = pixels[z > 0], z[z > 0], _LEAST_SHARE * len(z)
-    at, kept = terms(pixels - middle), np.full(len(z), len(z) >= least)
-    if kept.any():
-        kept = np.abs(z - np.median(z)) < np.ptp(corners_px, axis=0).max() * np.median(z) / k.fx
+    (y, x), middle, k = np.nonzero(inside & (frame.depth_m > 0)), corners_px.mean(axis=0), frame.intrinsics
+    if len(x) < max(_LEAST_PIXELS, _LEAST_SHARE * np.count_nonzero(inside)):
+        return np.full((4, 3), np.nan), math.nan
+    z, at = frame.depth_m[y, x].astype(np.float64), terms(np.stack([x, y], axis=1) - middle)
+    kept = np.abs(z - np.median(z)) < np.ptp(corners_px, axis=0).max() * np.median(z) / k.fx
     for _ in range(3):
-        if kept.sum() < _LEAST_PIXELS:
-            return np.full((4, 3), np.nan), math.nan
         fit = np.linalg.lstsq(at[kept], z[kept], rcond=None)[0]
         off = np.abs(z - at @ fit)
         noise = 1.4826 * float(np.median(off[kept]))
@@ -197,26 +212,91 @@ def _surface(frame: RgbdFrame, corners_px: Float64) -> tuple[Float64, float]:
     return rays * (terms(corners_px - middle) @ fit)[:, None], noise
 
 
+@dataclass(frozen=True)
+class KitTruth:
+    """The truth that the markers of a recording show, inside and between them, linear in the image.
+
+    ``corners_px`` returns the corners (4, 2), x right, y down, of the markers in a view by their ids.
+    """
+
+    kit: Kit
+    corners_px: Callable[[int], Mapping[int, Float64]]
+
+    def places(self, view_index: int, at_px: Float64) -> Float64:
+        """Return the places (N, 2), metres, of (x, y) (N, 2) in a view; NaN if markers do not show them.
+
+        Those of sheet 2 are ``APART_M`` to the right of those of sheet 1.
+        """
+        found, kit, seen = np.full((len(at_px), 2), np.nan), self.kit, self.corners_px(view_index)
+        if not seen:
+            return found
+        flat = np.concatenate([kit.corners_m[i] + (APART_M * (kit.sheet[i] - 1), 0.0) for i in seen])
+        between = Delaunay(np.concatenate(list(seen.values())))
+        triangles = [at[between.simplices] for at in (flat, between.points)]
+        sides, seen_sides = (np.roll(each, -1, axis=1) - each for each in triangles)
+        turned = np.linalg.det(sides[:, :2]) * np.linalg.det(seen_sides[:, :2])
+        near = (np.linalg.norm(sides, axis=2).max(axis=1) <= kit.reach_m) & (turned > 0)
+        inside = between.find_simplex(at_px)
+        shown = (inside >= 0) & near[inside]
+        found[shown] = LinearNDInterpolator(between, flat)(at_px[shown])
+        return found
+
+    def compared(self, view: FlattenedView) -> tuple[Bool, Float64, Float64]:
+        """Compare a view with the sheet that most of its pixels are of, after one rigid motion onto it.
+
+        Return which of its pixels (H, W) markers show, their places (K, 2) after the motion, trimmed as that
+        of ``flatcloth evaluate``, and their true ones (K, 2) on the sheet.
+        """
+        source, at_px = view.view_index[view.valid], view.source_rc[view.valid][:, ::-1].astype(np.float64)
+        true_m = np.full((len(source), 2), np.nan)
+        for n in np.unique(source):
+            true_m[source == n] = self.places(int(n), at_px[source == n])
+        is_known, is_second = np.isfinite(true_m[:, 0]), true_m[:, 0] > APART_M / 2
+        is_known &= is_second == (2 * is_second.sum() > is_known.sum())
+        known, true_m = view.valid.copy(), true_m[is_known]
+        known[known] = is_known
+        at_m = view.uv_from_rc(np.argwhere(known))
+        return known, trimmed_fit(at_m, true_m) if known.any() else true_m, true_m
+
+    def with_errors(self, view: FlattenedView, piece: NDArray[np.int16] | int = 0) -> FlattenedView:
+        """Return a view with the error of each pixel; ``piece`` (H, W) numbers what is compared by itself."""
+        error_m, piece = np.full(view.shape, np.nan, dtype=np.float32), np.broadcast_to(piece, view.shape)
+        for n in np.unique(piece[view.valid]):
+            known, flat_m, true_m = self.compared(replace(view, valid=view.valid & (piece == n)))
+            error_m[known] = np.linalg.norm(flat_m - true_m, axis=1)
+        return replace(view, error_m=error_m)
+
+
+def kit_of(recording: Recording, given: Path | None = None) -> Kit:
+    """Read the kit that was given, else the ``kit.json`` in the folder of the recording."""
+    path = given or Path(recording.location) / "kit.json"
+    if given is None and not path.is_file():
+        raise KitError(f"{recording.location}: has no kit.json. Say what it shows: --kit kit.json.")
+    if not (kit := read_kit(path)).is_measured:
+        raise KitError(f"{path}: stickers are not measured. Photograph them: flatcloth kit --from-photo.")
+    return kit
+
+
 def measured_kit(kit: Kit, photos: Sequence[Uint8]) -> Kit:
     """Return a kit of the stickers in one or two photos (H, W, 3), RGB, of the front and of the back."""
     if len(photos) > 2:
         raise KitError(f"--from-photo: {len(photos)} photos. Give one of the front, and one of the back.")
-    corners: dict[int, Float64] = {}
-    sheet: dict[int, int] = {}
+    found: dict[int, tuple[int, Float64]] = {}
     side_m = kit.reach_m / NEAR
     for number, photo in enumerate(photos, start=1):
         seen = found_markers(photo, msgspec.structs.replace(kit, is_measured=False))
-        if len(seen) < _LEAST_STICKERS or not sheet.keys().isdisjoint(seen):
+        if len(seen) < _LEAST_STICKERS or not found.keys().isdisjoint(seen):
             raise KitError(
                 f"Photo {number}: {len(seen)} stickers are read. Each photo needs {_LEAST_STICKERS} that "
                 "no other one shows; come nearer, or turn the garment over."
             )
         places = _flat_places(np.stack(list(seen.values())), side_m)
         places += side_m - places.min(axis=(0, 1))  # a plain margin
-        corners |= dict(zip(seen, places, strict=True))
-        sheet |= dict.fromkeys(seen, number)
-    width, height = (np.max(list(corners.values()), axis=(0, 1)) + side_m).tolist()
-    return kit_from(corners, sheet, (width, height), dictionary=kit.dictionary, name=kit.name)
+        found |= {i: (number, corners_m) for i, corners_m in zip(seen, places, strict=True)}
+    far_m = np.max([corners_m for _, corners_m in found.values()], axis=(0, 1)) + side_m
+    width_mm, height_mm = (1e3 * far_m).round(3).tolist()
+    markers = [marker_at(i, *place) for i, place in found.items()]
+    return msgspec.structs.replace(kit, size_mm=(width_mm, height_mm), is_measured=True, markers=markers)
 
 
 def _flat_places(corners_px: Float64, side_m: float) -> Float64:

@@ -18,7 +18,7 @@ const SIGNS = { turn_left_seen: "↺", turn_right_seen: "↻", flip: "Flip", gri
 /** @type {LayerLook} */
 const PLAIN = { map: "", low: 0, high: 1 };
 /** All layers; the table of actions has their titles, keys and descriptions. */
-export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place"];
+export const LAYERS = ["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place", "truth"];
 
 /** The action that chooses a layer. */
 export const layerAction = (/** @type {string} */ layer) => `layer_${layer}`;
@@ -155,9 +155,10 @@ export class Looking extends PagePart {
 
   /**
    * Show the panel for a layer with its legend (null: it has no numbers). A frame of a camera has its own colours.
-   * @param {string} layer @param {Legend | null} [legend]
+   * Without a kit in the recording no error is known.
+   * @param {string} layer @param {Legend | null} [legend] @param {boolean} [hasKit]
    */
-  show(layer, legend) {
+  show(layer, legend, hasKit = false) {
     const panel = byId("look");
     panel.hidden = !this.open;
     if (!this.open) return;
@@ -165,10 +166,13 @@ export class Looking extends PagePart {
     const ramp = legend?.kind === "ramp";
     const all = [...this.settings.entries()];
     const camera = this.page.hasCamera;
-    rebuild(panel, [layer, legend, all, Object.keys(this.maps), this.scene.key], () => [
+    rebuild(panel, [layer, legend, hasKit, all, Object.keys(this.maps), this.scene.key], () => [
       !camera && [
         make("h2", "Layers"),
-        make("div.looks", ...LAYERS.map((one) => this.page.button(layerAction(one)))),
+        make(
+          "div.looks",
+          ...LAYERS.filter((one) => one !== "truth" || hasKit).map((one) => this.page.button(layerAction(one))),
+        ),
       ],
       make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
       button("Reset", () => this.reset(), {

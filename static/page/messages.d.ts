@@ -262,7 +262,7 @@ export interface SetAxis {
 /** Colour the 3D scene by a layer of the flattened view, with its colour map and window. */
 export interface Look {
   type: "look";
-  layer: "color" | "density" | "height" | "incidence" | "place" | "source" | "stretch" | "z_angle";
+  layer: "color" | "density" | "height" | "incidence" | "place" | "source" | "stretch" | "truth" | "z_angle";
   map?: string | null;
   low?: number;
   high?: number;
@@ -434,7 +434,6 @@ export interface Layers {
   pixel_size_m: number;
   origin_uv_m: [number, number];
   revision: number;
-  names: string[];
   area_cm2: number;
   pieces: FloatingPiece[];
   legends: Record<string, Legend>;
@@ -916,6 +915,7 @@ export interface PixelValues {
   incidence_deg: number | null;
   stretch: number | null;
   placement_std_mm: number | null;
+  error_mm: number | null;
 }
 
 /** A pixel of the source image of a view. */

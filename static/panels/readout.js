@@ -20,7 +20,8 @@ const READOUT = [
   [
     "Place ±",
     "mm on the plane: one standard deviation of where this pixel lies, relative to the start view's main piece",
-    (a) => (a.placement_std_mm === null ? "–" : `${number(a.placement_std_mm)} mm`),
+    (a) =>
+      `${number(a.placement_std_mm)} mm${a.error_mm === null ? "" : `; ${number(a.error_mm)} mm off, by the kit`}`,
   ],
   [
     "Quality",

@@ -44,8 +44,6 @@ function probed(/** @type {FlatteningLesson} */ lesson, /** @type {Ui} */ ui) {
   return at < 0 || lesson.array.source_rc[2 * at] < 0 ? -1 : at;
 }
 
-const FLAT_LAYERS = { color: "Color", height: "Height z", normal: "Normal" };
-
 // --- the stages ------------------------------------------------------------------------------------
 
 /** @type {Record<string, StageCode>} */
@@ -145,18 +143,18 @@ export const FLATTENING_STAGES = {
   flattened_view: {
     probe: "flat",
     start: ({ flattening: f }) => middleOf(f.flat, (i) => f.array.source_rc[2 * i] >= 0),
-    layers: FLAT_LAYERS,
+    layers: { color: "Color", height: "Height z", normal: "Normal", truth: "Error" },
     facts({ flattening: lesson }, ui) {
       const at = probed(lesson, ui);
       /** @param {Numbers} array @param {number} scale @param {number} decimals */
       const three = (array, scale, decimals) =>
         at < 0 ? "–" : [0, 1, 2].map((i) => number(array[3 * at + i] * scale, decimals)).join(" ");
       const others = lesson.parts_cm2.slice(1);
-      /** @type {(Fact | null)[]} */
-      const facts = [
+      return [
         ["r, g, b", three(lesson.array.rgb, 1, 0)],
         ["x, y, z", at < 0 ? "–" : `${three(lesson.array.xyz_mm, 1, 0)} mm`],
         ["normal", three(lesson.array.normal_percent, 0.01, 2)],
+        lesson.array.error_mm ? ["Error by the kit", `${mm(lesson.array.error_mm[at])}; purple: 20 mm`] : null,
         ["Area", cm2(lesson.area_cm2)],
         ["Pixel of F", mm(1000 * lesson.flat.pixel_size_m)],
         others.length ? ["Other parts", others.map((x) => number(x, 0)).join(", ") + " cm²"] : null,
@@ -164,7 +162,6 @@ export const FLATTENING_STAGES = {
           ? ["Folded", `${number(100 * lesson.folded_share, 0)} % lies on itself: not to be used`]
           : null,
       ];
-      return facts.filter((fact) => fact !== null);
     },
     draw(sheet, rect, { flattening: lesson }, ui) {
       const image = lesson.picture.image;

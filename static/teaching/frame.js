@@ -6,8 +6,8 @@ import {
   find,
   findAll,
   make,
+  rebuild,
   setAllowed,
-  setPressed,
   setText,
   swatch,
 } from "../page/dom.js";
@@ -111,21 +111,21 @@ export function fitMath() {
 
 addEventListener("resize", fitMath);
 
-/** The layers of a stage that has several to show. */
-export function showLayers(/** @type {Teaching} */ teaching, /** @type {Stage} */ stage) {
+/**
+ * The layers of a stage that has several to show: those of which the lesson has a picture.
+ * @param {Teaching} teaching @param {Stage} stage @param {Lesson} lesson
+ */
+export function showLayers(teaching, stage, lesson) {
   const box = byId("teaching-layers");
   box.hidden = !stage.layers;
-  box.replaceChildren(
-    ...Object.entries(stage.layers ?? {}).map(([layer, title]) =>
-      textButton(
-        title,
-        () => {
-          teaching.ui.layer = layer;
-          for (const other of box.children) setPressed(other, other.textContent === title);
-          teaching.update();
-        },
-        { pressed: layer === teaching.ui.layer },
-      ),
-    ),
+  const shown = Object.entries(stage.layers ?? {}).filter(([layer]) => lesson.picture[layer]);
+  rebuild(box, [shown, teaching.ui.layer], () =>
+    shown.map(([key, title]) => {
+      const choose = () => {
+        teaching.ui.layer = key;
+        teaching.update();
+      };
+      return textButton(title, choose, { key, pressed: key === teaching.ui.layer });
+    }),
   );
 }

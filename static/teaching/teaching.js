@@ -301,7 +301,7 @@ export class Teaching {
     }
     byId("teaching-next").classList.toggle("primary", this.at < STAGES.length - 1);
     this.canvas.tabIndex = stage.probe ? 0 : -1;
-    showLayers(this, stage);
+    byId("teaching-layers").hidden = true;
   }
 
   /** What changes with the lessons, the parameters, the time and the probe. */
@@ -321,6 +321,7 @@ export class Teaching {
     byId("teaching-facts").hidden = !lesson;
     FRAME.classList.toggle("unknown", !lesson);
     if (lesson) {
+      showLayers(this, stage, lesson);
       this.ui.parameters = /** @type {Ui["parameters"]} */ (this.parameters());
       this.ui.time = Math.min(this.ui.time, this.lastTime());
       for (const [name, text] of Object.entries(stage.values?.(lessons) ?? {}))
@@ -352,7 +353,7 @@ export class Teaching {
     if (this.probe) this.ui.at = this.probe.at;
     const rect = this.sheet.begin();
     stage.draw(this.sheet, inset(rect, 14, 10, 14, 14), lessons, this.ui);
-    this.showFacts(stage.facts(lessons, this.ui));
+    this.showFacts(stage.facts(lessons, this.ui).filter((fact) => fact !== null));
     const key = this.lessons[stage.part]?.key ?? null;
     this.shown = { stage: this.at + 1, key, parameters: lesson.parameters };
     this.drawn += 1;

@@ -48,7 +48,7 @@ declare global {
   type StageDrawing = (sheet: Sheet, rect: Rect, lessons: Lessons, ui: Ui) => void;
   /** What a stage draws and tells of the lesson; what it says is in paper.html or beyond.html. */
   type StageCode = {
-    facts: (lessons: Lessons, ui: Ui) => Fact[];
+    facts: (lessons: Lessons, ui: Ui) => (Fact | null)[];
     draw: StageDrawing;
     layers?: Record<string, string>;
     /** The key of the pane that is probed, and where the probe begins. */

@@ -11,10 +11,9 @@ import pytest
 
 from flatcloth.core.geometry import camera_from_object
 from flatcloth.core.types import Intrinsics, RotationAxis
-from flatcloth.validation.cell import cell_errors
 from flatcloth.validation.kit import grid_kit
-from flatcloth.validation.markers import Sightings
-from flatcloth.validation.validate import KitTruth
+from flatcloth.validation.markers import KitTruth, Sightings
+from flatcloth.validation.validate import cell_errors, depth_by_incidence
 
 KIT = grid_kit((0.48, 0.42), 0.03, 1)
 CAMERA = Intrinsics(width=640, height=640, fx=600.0, fy=600.0, cx=319.5, cy=319.5)
@@ -30,7 +29,7 @@ def sightings() -> Sightings:
     for n, angle_deg in enumerate(ANGLES_DEG):
         turned = camera_from_object(AXIS, angle_deg)
         for marker, corners in KIT.corners_m.items():
-            u, v = (corners - np.array(KIT.size_m) / 2).T
+            u, v = (corners - np.array(KIT.size_mm) / 2e3).T
             bend = u / RADIUS_M - np.radians(75.0)
             outward = np.stack([np.sin(bend), 0 * bend, -np.cos(bend)], axis=1)
             points = turned.apply(
@@ -57,14 +56,31 @@ def found(
     return {error["name"]: error for error in cell_errors(seen, KIT, axis, None, angles_deg.tolist())}
 
 
-def test_a_right_cell_has_no_errors():
+def test_sway_is_found_beside_the_noise():
+    seen = sightings()
+    below_m = seen.corners_m[..., 1] - AXIS.point_m[1]
+    swing = np.random.default_rng(4).normal(size=len(ANGLES_DEG)) * 0.005 / below_m.max()
+    aside_m = np.dstack([swing[seen.view][:, None] * below_m, 0 * below_m, 0 * below_m])
+    errors = cell_errors(
+        replace(seen, corners_m=seen.corners_m + aside_m), KIT, AXIS, AXIS.point_m, ANGLES_DEG.tolist()
+    )
+    # To one side only, of two directions.
+    assert errors[-1]["size"] == pytest.approx(1e3 * below_m.max() * swing.std() / 2, rel=0.3)
+    assert [error["name"] for error in errors if error["is_fault"]] == ["sway"]
+
+
+def test_depth_is_told_by_incidence():
+    rows = depth_by_incidence(replace(sightings(), corners_m=1.02 * sightings().corners_m), KIT)
+    assert [row["incidence_deg"] for row in rows] == ["0 to 20", "20 to 40", "40 to 60"]
+    assert [row["noise_mm"] for row in rows] == pytest.approx([0.5] * 3)
+    assert rows[0]["longer_percent"] == pytest.approx(2.0, abs=0.3)
+
+
+def test_a_right_cell_has_no_errors_and_one_view_judges_nothing():
     errors = found()
-    assert list(errors) == ["depth", "focal length", "axis", "angles"]
+    assert list(errors) == ["depth", "focal length", "axis", "angles", "sway"]
     assert not [error["text"] for error in errors.values() if error["is_fault"]]
     assert all(abs(error["size"]) < 4 * error["std"] for error in errors.values())
-
-
-def test_too_few_sightings_judge_nothing():
     few = replace(sightings(), noise_m=np.where(sightings().view < 1, 5e-4, np.nan))
     assert cell_errors(few, KIT, AXIS, None, ANGLES_DEG.tolist()) == []
 
@@ -94,14 +110,17 @@ def test_the_factor_that_is_named_mends_the_depth():
 
 def test_markers_give_the_place_of_the_pixels_between_them():
     seen, middle = sightings(), int(np.flatnonzero(ANGLES_DEG == 75.0)[0])
-    true = KitTruth(seen, KIT, CAMERA, 1)[middle]
-    rows, cols = np.nonzero(true.panel == 1)
-    assert len(rows) > 45_000
-    x, y = (cols - CAMERA.cx) / CAMERA.fx, (rows - CAMERA.cy) / CAMERA.fy
+    pixels = np.stack(np.meshgrid(*[np.arange(640.0)] * 2), axis=-1).reshape(-1, 2)
+    found = KitTruth(KIT, seen.of_view).places(middle, pixels)
+    known = np.isfinite(found[:, 0])
+    assert known.sum() > 45_000
+    x, y = ((pixels[known] - (CAMERA.cx, CAMERA.cy)) / (CAMERA.fx, CAMERA.fy)).T
     cx, _, cz = camera_from_object(AXIS, 75.0).apply((BESIDE_M + AXIS.point_m)[None])[0]
     half = (x * cx + cz) / (1 + x**2)
     z = half - np.sqrt(half**2 - (cx**2 + cz**2 - RADIUS_M**2) / (1 + x**2))
-    places = np.stack([RADIUS_M * np.arctan2(x * z - cx, cz - z), y * z], axis=1) + np.array(KIT.size_m) / 2
-    off_mm = 1e3 * np.linalg.norm(true.flat_uv_m[rows, cols] - places, axis=1)
+    places = (
+        np.stack([RADIUS_M * np.arctan2(x * z - cx, cz - z), y * z], axis=1) + np.array(KIT.size_mm) / 2e3
+    )
+    off_mm = 1e3 * np.linalg.norm(found[known] - places, axis=1)
     assert np.median(off_mm) < 0.3
     assert off_mm.max() < 1.5

@@ -319,7 +319,7 @@ def test_hovering_tells_all_attributes(server) -> None:
     assert (answer["id"], off["id"], off["shape"]) == (7, 8, None)
     assert set(answer["shape"]) == {
         "rc", "uv_mm", "rgb", "xyz_mm", "height_mm", "normal", "z_angle_deg", "z_angle_now_deg", "view_index",
-        "source_rc", "density_px_cm2", "incidence_deg", "stretch", "placement_std_mm",
+        "source_rc", "density_px_cm2", "incidence_deg", "stretch", "placement_std_mm", "error_mm",
     }  # fmt: skip
 
 

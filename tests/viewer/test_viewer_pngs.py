@@ -10,16 +10,20 @@ import pytest
 from route_client import RouteClient
 from viewer_fakes import PIXEL_M, CylinderIntegration, cylinder_view
 
+from flatcloth.api.integrating import flatten
 from flatcloth.core.errors import FlatclothError
+from flatcloth.recordings import open_recording
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.layers import (
     DIFFERENCES,
-    OWN_MAPS,
+    SCALARS,
     Appearance,
     difference_legend,
     difference_rgba,
+    legend,
     rgba,
 )
+from flatcloth.viewer.protocol.picture import truth_of
 from flatcloth.viewer.routes.layers import LayerRoutes
 
 VIEW = cylinder_view({0: 0.0})
@@ -28,7 +32,7 @@ VIEW = cylinder_view({0: 0.0})
 @pytest.fixture
 def shown():
     overlay = SimpleNamespace(revision=7, view=cylinder_view({1: -30.0}))
-    return SimpleNamespace(picture=SimpleNamespace(revision=3, view=VIEW, overlay=overlay))
+    return SimpleNamespace(picture=SimpleNamespace(revision=3, view=VIEW, overlay=overlay, other=None))
 
 
 @pytest.fixture
@@ -53,6 +57,17 @@ def test_a_layer_is_looked_at_with_the_map_and_window_asked_for(client):
     np.testing.assert_array_equal(
         image_of(client.get("/layers/3/height.png")), rgba(VIEW, "height", axis, 12)
     )
+
+
+def test_a_recording_with_a_kit_shows_the_error_of_each_pixel():
+    recording = open_recording("tshirt-kit")
+    truth, axis = truth_of(recording), recording.rotation_axis
+    view = truth.with_errors(flatten(recording, 0).view)
+    assert np.nanmedian(view.error_m[view.valid]) < 0.003
+    assert np.isfinite(view.error_m[view.valid]).mean() > 0.3
+    assert legend(view, "truth", axis, ())["title"] == "Error by the kit (mm)"
+    assert legend(VIEW, "truth", axis, ())["title"] == "No kit was recorded"
+    assert truth_of(open_recording("shirt-sleeve-clean")) is None
 
 
 def test_colors_get_black_and_white_levels(client):
@@ -133,7 +148,7 @@ def test_a_look_that_cannot_be_is_one_clear_line(client, query):
 
 def test_the_page_is_told_the_maps_it_can_choose_from(client):
     told = client.get("/colormaps.json").json()
-    assert set(told) == set(MAPS) >= set(OWN_MAPS.values())
+    assert set(told) == set(MAPS) >= {layer.map for layer in SCALARS.values()}
     assert all(len(m["colors"]) == 17 and m["title"] for m in told.values())
 
 

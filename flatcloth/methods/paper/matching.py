@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flatcloth.core.compiled import njit
 from flatcloth.core.config import FlatteningConfig
-from flatcloth.core.geometry import directions_across, height_m, z_angle_deg
+from flatcloth.core.geometry import height_m, horizontal_axes, z_angle_deg
 from flatcloth.core.types import FlattenedView, Float32, Float64, Progress, Rigid2, RotationAxis, no_progress
 from flatcloth.flattening.borders import SPACING_M
 from flatcloth.flattening.sampling import BENT_DEG
@@ -118,7 +118,7 @@ class Matcher:
     def _attributes(self, view: FlattenedView, axis: RotationAxis, texture: Float32) -> NDArray[np.void]:
         """Return what is compared of each pixel (H, W), NaN off the cloth."""
         angle = np.radians(mean_z_angle_deg(view, axis, 0.0, self.z_angle_smoothing_m))
-        place = view.xyz_m @ np.stack(directions_across(axis), axis=-1)
+        place = view.xyz_m @ np.stack(horizontal_axes(axis), axis=-1)
         fields = np.empty(view.shape, dtype=_ATTRIBUTES)
         fields["texture"], fields["height_m"] = texture, height_m(view.xyz_m, axis)
         fields["cos"], fields["sin"] = np.cos(angle), np.sin(angle)

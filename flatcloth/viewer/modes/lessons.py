@@ -24,6 +24,7 @@ from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.segmentation.result import Segmentation
+from flatcloth.validation.markers import KitTruth
 from flatcloth.viewer.protocol.picture import OtherSheet
 
 CM2 = 1e4
@@ -41,13 +42,13 @@ def _picture(parcel: Parcel, name: str, rgba: Uint8) -> None:
 # --- Fig. 2 ----------------------------------------------------------------------------------------
 
 
-def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis) -> Parcel:
-    """Return the drawing data of Fig. 2."""
+def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis, truth: KitTruth | None = None) -> Parcel:
+    """Return the drawing data of Fig. 2, with the error of each pixel if there is a truth."""
     parcel = Parcel()
     flattening = lesson.flattening
     surface = flattening.surface
     _picture(parcel, "image", _image(surface))
-    view = flattening.view
+    view = flattening.view if truth is None else truth.with_errors(flattening.view)
     parcel.values = {
         "view_index": lesson.view_index,
         "surface_px": int(surface.usable.sum()),
@@ -69,6 +70,9 @@ def flattening_parcel(lesson: FlatteningLesson, axis: RotationAxis) -> Parcel:
     _picture(parcel, "color", layers.rgba(view, "color", axis, 1))
     _picture(parcel, "height", layers.rgba(view, "height", axis, 1))
     _picture(parcel, "normal", _normals(view))
+    if view.error_m is not None:
+        _picture(parcel, "truth", layers.rgba(view, "truth", axis, 1))
+        parcel.array("error_mm", 1e3 * view.error_m, "float32")
     top, left = surface.frame.offset_rc
     valid = view.valid[..., None]
     parcel.array("source_rc", np.where(valid, np.rint(view.source_rc - (top, left)), -1), "int16")

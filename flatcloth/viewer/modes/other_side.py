@@ -26,7 +26,7 @@ from flatcloth.session.garment import DecideSeam
 from flatcloth.session.machine import Document
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.garment import SeamInfo, SeamPlaces, SidePlaces
-from flatcloth.viewer.protocol.picture import OtherSheet, Picture, outline_of
+from flatcloth.viewer.protocol.picture import OtherSheet, Picture, outline_of, truth_of
 from flatcloth.viewer.protocol.sent import Legend, Progress, typed
 from flatcloth.viewer.protocol.snapshot import layers_of_other
 from flatcloth.viewer.protocol.state import OtherSideInfo
@@ -137,7 +137,9 @@ class OtherSideController:
 
     def _laid_out(self, key: Hashable, document: Document, sides: JoinedSides, this: Sheet) -> OtherSheet:
         integration = self.both.integration
-        sheet = lay_out(sides.other)
+        sheet, truth = lay_out(sides.other), truth_of(integration.recording)
+        if truth is not None:
+            sheet = replace(sheet, view=truth.with_errors(sheet.view, sheet.piece))
         found = layers.legends(sheet.view, integration.axis, integration.recording.angles_deg)
         self._revision += 1
         return OtherSheet(

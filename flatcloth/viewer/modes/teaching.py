@@ -39,7 +39,7 @@ from flatcloth.viewer.modes.lessons import (
     sides_parcel,
     start_parcel,
 )
-from flatcloth.viewer.protocol.picture import OtherSheet
+from flatcloth.viewer.protocol.picture import OtherSheet, truth_of
 from flatcloth.viewer.worker import Worker, attempt
 
 PARTS = ("flattening", "start", "planning", "alignment", "sides", "garment", "seams", "check")
@@ -145,7 +145,8 @@ class TeachingRoutes:
         view = 0 if start is None else start
         match part:
             case "flattening":
-                parcel = flattening_parcel(teaching.flattening(view, parameters, progress), axis)
+                lesson = teaching.flattening(view, parameters, progress)
+                parcel = flattening_parcel(lesson, axis, truth_of(recording))
             case "planning":
                 parcel = planning_parcel(teaching.planning(view, parameters, progress), axis)
             case "start":

@@ -202,6 +202,7 @@ ACTIONS: tuple[Action, ...] = (
     Action("layer_incidence", "Incidence", ("6",), "Show the incidence angle of each pixel.", "view"),
     Action("layer_density", "Density", ("7",), "Show the density of the measurement.", "view"),
     Action("layer_place", "Uncertainty", ("8",), "Show the placement uncertainty of each pixel.", "view"),
+    Action("layer_truth", "Error", ("*",), "Show the error of each pixel by the recorded kit.", "view"),
     Action("fit", "Fit", ("f",), "Fit the whole flattened view into its pane.", "view"),
     Action("zoom_in", "Zoom in", ("+", "="), "Zoom in.", "view"),
     Action("zoom_out", "Zoom out", ("-",), "Zoom out.", "view"),

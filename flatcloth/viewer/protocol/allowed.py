@@ -66,45 +66,28 @@ def command_of(name: str, state: SessionState, arguments: Mapping[str, Any]) -> 
     raise KeyError(name)
 
 
-def why_not(name: str, state: SessionState) -> str | None:
+def _why_not(action: Action, state: SessionState | None) -> str | None:
     """Return why an action is not allowed now, or None if it is allowed."""
+    if state is None:
+        return ONLY_A_CAMERA if action.mode == "session" else None
+    name, document = action.name, state.document
     if name == "auto":
-        if state.phase is Phase.FINISHED:
-            return state.document.finished
-        return None
-    action = next(a for a in ACTIONS if a.name == name)
+        return document.finished if state.phase is Phase.FINISHED else None
     if action.mode == "capture":
         return NO_CAMERA
-    if action.group == "timeline":
-        return _why_not_timeline(name, state)
-    if action.group == "session":
-        return why_illegal(state, command_of(name, state, {}))
-    if action.group == "proposal" and state.document.pending is None:
-        return "There is no proposal to move; step first."
-    return None
-
-
-def _why_not_timeline(name: str, state: SessionState) -> str | None:
-    document = state.document
     if name == "play_views":
         return None if document.start_view is not None else "Nothing is flattened yet; step first."
     if name == "lowest_score":
         return None if document.accepted else "No view has been accepted yet."
+    if name == "reopen" and state.phase is Phase.COMPUTING:
+        return why_illegal(state, Reopen(0))
     if name == "reopen":
-        if state.phase is Phase.COMPUTING:
-            return why_illegal(state, Reopen(0))
         return None if document.reopenable_views else "There is no decision to reopen."
+    if action.group == "session":
+        return why_illegal(state, command_of(name, state, {}))
+    if action.group == "proposal" and document.pending is None:
+        return "There is no proposal to move; step first."
     return None
-
-
-def _description(action: Action, state: SessionState | None) -> str:
-    history = {} if state is None else {"undo": state.undo, "redo": state.redo}
-    items = history.get(action.name)
-    return f"{action.title}: {items[-1].name}." if items else action.description
-
-
-def _why_not_with_a_camera(action: Action) -> str | None:
-    return ONLY_A_CAMERA if action.mode == "session" else None
 
 
 def action_table(state: SessionState | None) -> tuple[Action, ...]:
@@ -112,11 +95,13 @@ def action_table(state: SessionState | None) -> tuple[Action, ...]:
 
     Without a state it is the table of a camera's page, which has no decisions.
     """
+    history = {} if state is None else {"undo": state.undo, "redo": state.redo}
+    last = {name: f"{items[-1].name}." for name, items in history.items() if items}
     return tuple(
         structs.replace(
             action,
-            description=_description(action, state),
-            why_not=_why_not_with_a_camera(action) if state is None else why_not(action.name, state),
+            description=f"{action.title}: {last[action.name]}" if action.name in last else action.description,
+            why_not=_why_not(action, state),
         )
         for action in ACTIONS
     )

@@ -40,6 +40,7 @@ class PixelValues(Sent, frozen=True):
     incidence_deg: float | None
     stretch: float | None
     placement_std_mm: float | None
+    error_mm: float | None
 
 
 class SourcePlace(Sent, frozen=True):

@@ -15,6 +15,7 @@ from msgspec import Meta, inspect
 
 from flatcloth.core.decoding import UNKNOWN, Finite, MisfitError, fitted, parse_json
 from flatcloth.core.errors import FlatclothError
+from flatcloth.rendering.layers import LayerName
 from flatcloth.session.journal import SheetSide
 from flatcloth.viewer.protocol.actions import REJECT_REASONS
 from flatcloth.viewer.protocol.fields import (
@@ -250,7 +251,7 @@ class SetAxis(Said, tag="axis", frozen=True, kw_only=True):
 class Look(Said, tag="look", frozen=True, kw_only=True):
     """Colour the 3D scene by a layer of the flattened view, with its colour map and window."""
 
-    layer: Literal["color", "height", "z_angle", "source", "stretch", "incidence", "density", "place"]
+    layer: LayerName
     map: Annotated[str, Meta(max_length=40)] | None = None
     low: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     high: Annotated[float, Meta(ge=0.0, le=1.0)] = 1.0

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Hashable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flatcloth.core.cache import Cache
 from flatcloth.core.errors import FlatclothError
 from flatcloth.core.geometry import height_m, z_angle_deg
-from flatcloth.core.types import Bool, FlattenedView, Floats, LaidPiece, Rigid2, RotationAxis, finite
+from flatcloth.core.types import Bool, FlattenedView, Float64, Floats, LaidPiece, Rigid2, RotationAxis, finite
 from flatcloth.engine.integration import Integration, Proposal
 from flatcloth.engine.sheet import Sheet, beyond, center_uv_m, label_of, outline_loops, overlay_on, sheet_of
 from flatcloth.engine.views import ViewCloud
 from flatcloth.grasping.visibility import Projection, Visibility, project
 from flatcloth.methods.answers import AlignmentScore, JoinedPiece, JoinedSides
 from flatcloth.methods.paper.merging import shows
+from flatcloth.recordings.base import Recording, fingerprint
 from flatcloth.rendering.layers import CONFLICT_M, difference, legends
 from flatcloth.session.journal import SheetSide
 from flatcloth.session.machine import Document, Pending
 from flatcloth.shape.shape import Change
+from flatcloth.validation.markers import KitTruth, found_markers, kit_of
 from flatcloth.viewer.protocol.answers import HoverAnswer, PixelValues, SourcePlace
 from flatcloth.viewer.protocol.messages import Hover
 from flatcloth.viewer.protocol.sent import UV, Legend, typed
@@ -156,6 +160,8 @@ def make_picture(
     angles_deg = integration.recording.angles_deg
     drawn = None if previous is None else previous.sheet
     sheet = sheet_of(integration.canonical(document), document, laid, drawn)
+    if sheet is not drawn and (truth := truth_of(integration.recording)) is not None:
+        sheet = replace(sheet, view=truth.with_errors(sheet.view, sheet.piece))
     same = previous if previous is not None and previous.sheet is sheet else None
     if same is not None:
         shape_legends = same.legends
@@ -176,6 +182,18 @@ def make_picture(
         overlay=overlay,
         sheet=sheet,
     )
+
+
+_SEEN: Cache[dict[int, Float64]] = Cache(200)
+"""The markers of views. Chosen: those of a few recordings."""
+
+
+def truth_of(recording: Recording) -> KitTruth | None:
+    """Return the truth of a recording with a kit, whose markers are found view by view."""
+    with suppress(FlatclothError):
+        kit, this = kit_of(recording), (recording.location, fingerprint(recording))
+        return KitTruth(kit, lambda n: _SEEN.get((*this, n), lambda: found_markers(recording[n].color, kit)))
+    return None
 
 
 _overlay_revisions = itertools.count(1)
@@ -328,7 +346,7 @@ def values_at(
         return None
     xyz = view.xyz_m[row, col].astype(np.float64)
     quality = [None] * 3 if view.quality is None else [finite(x) for x in view.quality[row, col].tolist()]
-    std_m = None if view.placement_std_m is None else float(view.placement_std_m[row, col])
+    std_m, error_m = (None if v is None else float(v[row, col]) for v in (view.placement_std_m, view.error_m))
     values = {
         "rc": [row, col],
         "uv_mm": [1000 * u_m, 1000 * v_m],
@@ -342,6 +360,7 @@ def values_at(
         "source_rc": [finite(x) for x in view.source_rc[row, col].tolist()],
         **dict(zip(("density_px_cm2", "incidence_deg", "stretch"), quality, strict=True)),
         "placement_std_mm": None if std_m is None else finite(1000 * std_m),
+        "error_mm": None if error_m is None else finite(1000 * error_m),
     }
     return typed(values, PixelValues)
 

@@ -14,7 +14,7 @@ from flatcloth.engine.sheet import Sheet, floating_file, label_of, other_floatin
 from flatcloth.engine.warmup import is_compiling
 from flatcloth.methods.answers import Hypothesis
 from flatcloth.rendering.colormaps import piece_color
-from flatcloth.rendering.layers import DIFFERENCES, LAYERS, difference_legend, hex_of
+from flatcloth.rendering.layers import DIFFERENCES, difference_legend, hex_of
 from flatcloth.rendering.pictures import grid_of
 from flatcloth.session.machine import Document, Pending, Propose, Reopen, SessionState, Start, why_illegal
 from flatcloth.viewer.protocol.allowed import action_table
@@ -193,7 +193,6 @@ def layers_of_shape(picture: Picture) -> Layers:
     """Return the layers of the shape, or of a frame, with the proposal on it."""
     return Layers(
         revision=picture.revision,
-        names=tuple(LAYERS),
         area_cm2=(picture.view.area_m2 if picture.sheet is None else picture.sheet.shape_m2) * 1e4,
         pieces=() if picture.sheet is None else _floating(picture.sheet),
         legends=picture.legends,
@@ -206,7 +205,6 @@ def layers_of_other(other: OtherSheet) -> Layers:
     """Return the layers of the other side; no proposal lies on it."""
     return Layers(
         revision=other.revision,
-        names=tuple(LAYERS),
         area_cm2=1e4 * other.sheet.shape_m2,
         pieces=_floating(other.sheet, other_floating_file),
         legends=other.legends,

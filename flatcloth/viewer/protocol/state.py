@@ -91,7 +91,6 @@ class Layers(Grid, frozen=True):
     """The pictures of the shape; ``revision`` is part of their addresses."""
 
     revision: int
-    names: tuple[str, ...]
     area_cm2: float
     pieces: tuple[FloatingPiece, ...]
     legends: dict[str, Legend]

@@ -14,7 +14,7 @@ from flatcloth.core.errors import FlatclothError
 from flatcloth.engine.integration import Integration
 from flatcloth.rendering import layers
 from flatcloth.rendering.colormaps import MAPS
-from flatcloth.rendering.layers import Appearance, Difference, difference
+from flatcloth.rendering.layers import Appearance, Difference
 from flatcloth.viewer import http
 from flatcloth.viewer.protocol.picture import Picture
 
@@ -53,58 +53,45 @@ class LayerRoutes:
             look = appearance_of(request.query_params)
         except FlatclothError as error:
             raise http.RefusedError(str(error), 400) from error
-        asked = request.path_params
-        name = asked.get("name") or request.query_params.get("layer", "color")
-        revision, overlay, kind = asked.get("revision"), asked.get("overlay"), asked.get("difference")
-        if (other := asked.get("other")) is not None:
-            return await http.made(lambda: self.other_png(name, other, look), gone=None)
-        return await http.made(lambda: self.png(name, look, revision, overlay, kind), gone=None)
-
-    def other_png(self, name: str, revision: int, look: Appearance = layers.PLAIN) -> bytes | None:
-        """Return a layer of the other side; None if it is outdated or unknown."""
-        key = "other", name, look, revision
-        if key in self._pngs:
-            return self._pngs.kept(key)
-        picture = self._picture()
-        other = None if picture is None else picture.other
-        if other is None or other.revision != revision or name not in layers.LAYERS:
-            return None
-        axis, n_views = self._integration.axis, len(self._integration.recording)
-        return self._pngs.put(key, layers.png(layers.rgba(other.view, name, axis, n_views, look)))
+        asked = dict(request.path_params)
+        name = asked.pop("name", None) or request.query_params.get("layer", "color")
+        return await http.made(lambda: self.png(name, look, **asked), gone=None)
 
     def png(
         self,
         name: str,
         look: Appearance = layers.PLAIN,
         revision: int | None = None,
-        overlay_revision: int | None = None,
-        kind: str | None = None,
+        overlay: int | None = None,
+        difference: str | None = None,
+        other: int | None = None,
     ) -> bytes | None:
         """Return a picture; None if it is outdated or unknown.
 
-        A layer of the shape at its ``revision``, of the proposal at ``overlay_revision``, in the colours of
-        the shape's, or with both revisions the map of a ``kind`` of difference between them.
+        A layer of the shape at its ``revision``, of the other side at its, of the proposal at the revision
+        ``overlay``, in the colours of the shape's, or with both revisions a map of a kind of ``difference``.
         """
-        key = name, look, revision, overlay_revision, kind
+        key = name, look, revision, overlay, difference, other
         if key in self._pngs:
             return self._pngs.kept(key)
-        picture = self._picture()
-        overlay = None if picture is None else picture.overlay
-        if picture is None or revision not in (None, picture.revision):
+        if (picture := self._picture()) is None or name not in layers.LAYERS:
             return None
-        if overlay_revision not in (None, overlay and overlay.revision):
-            return None
-        if name not in layers.LAYERS or kind not in (None, *layers.DIFFERENCES):
-            return None
-        axis, n_views = self._integration.axis, len(self._integration.recording)
-        if overlay is None or overlay_revision is None:
-            image = layers.rgba(picture.view, name, axis, n_views, look)
-        elif kind is None:
-            image = layers.rgba(overlay.view, name, axis, n_views, look, like=picture.view)
+        proposal, its_other = picture.overlay, picture.other
+        for asked, shown in ((revision, picture), (overlay, proposal), (other, its_other)):
+            if asked is not None and (shown is None or asked != shown.revision):
+                return None
+        axis, shape = self._integration.axis, picture.view
+        if difference is not None and proposal is not None:
+            if difference not in layers.DIFFERENCES:
+                return None
+            between = revision, overlay
+            found = self._differences.get(between, lambda: layers.difference(shape, proposal.view, axis))
+            image = layers.difference_rgba(found, difference, look)
         else:
-            between = (revision, overlay_revision)
-            found = self._differences.get(between, lambda: difference(picture.view, overlay.view, axis))
-            image = layers.difference_rgba(found, kind, look)
+            shown = its_other if other is not None else proposal if overlay is not None else picture
+            assert shown is not None  # its revision was compared
+            like, n_views = None if other is not None else shape, len(self._integration.recording)
+            image = layers.rgba(shown.view, name, axis, n_views, look, like=like)
         return self._pngs.put(key, layers.png(image))
 
 
