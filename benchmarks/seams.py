@@ -15,18 +15,18 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
-from scipy.special import expit, logsumexp
+from scipy.special import expit
 
 from benchmarks.inputs import measure_each
 from benchmarks.output import Options, Row
 from benchmarks.unattended import unattended
-from flatcloth.core.types import MIRROR, Bool, FlattenedView, Float64
+from flatcloth.core.types import MIRROR, FlattenedView, Float64
 from flatcloth.engine.both_sides import BothSides, one_side
 from flatcloth.engine.evaluation import Truth, look_up
 from flatcloth.engine.results.sides_truth import FAR_RELATED_M, NEAR_SEAM_M, OtherTruth
 from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
-from flatcloth.methods.robust.seams.configuration import weights_of
+from flatcloth.methods.robust.seams.configuration import Configuration, configured
 
 _HELD = 0.05
 """Weight that draws the coefficients to 0. Chosen: hardly."""
@@ -65,7 +65,7 @@ def rows_of(source: str) -> list[Row]:
             share = float((off_m[sets[n].members][known] < FAR_RELATED_M).mean()) if known.any() else None
             row["sets"].append({
                 "strength": round(sets[n].strength, 1),
-                "against": round(float(seam_links.contradicting(matches, sets[n], ends)[0].sum()), 1),
+                "against": round(seam_links.trust_against(matches, sets[n], ends), 1),
                 "probability": round(decided[n].probability, 4),
                 "joins": not decided[n].why,
                 "true_share": None if share is None else round(share, 2),
@@ -104,31 +104,27 @@ def _is_true(found: Row) -> bool | None:
     return None if share is None else share >= 0.5
 
 
-def _configurations(row: Row, odds: Float64) -> tuple[Bool, Float64, Bool]:
-    """Return the configurations (C, K) of the sets of a row, the logarithm of the probability of each (C,),
-    and which of them (C,) may be the true one.
-    """
+def _configured(row: Row, odds: Float64) -> Configuration:
+    """Return what all configurations of the sets of a row say, by the odds of a set and of cloth (4,)."""
     sets = np.array([(1.0, math.log(s["strength"]), math.log1p(s["against"])) for s in row["sets"]])
     false = {}
     for one, two, *evidence in row["between"]:
         joined = [expit(odds[3] - math.log1p(each)) for each in evidence if each is not None]
         false[one, two] = float(1.0 - np.prod(1.0 - np.array(joined)))
-    true, weight, _ = weights_of(sets @ odds[:3], false)
-    known = [(k, _is_true(s)) for k, s in enumerate(row["sets"]) if _is_true(s) is not None]
-    may_be = np.ones(len(true), dtype=np.bool_)
-    for k, is_true in known:
-        may_be &= true[:, k] == is_true
-    return true, weight - logsumexp(weight), may_be
+    return configured((sets @ odds[:3]).tolist(), false)
 
 
 def fitted(rows: Sequence[Row]) -> Float64:
     """Return the odds (4,), those of a set and of cloth, by which the rows are most probably as they are."""
+    known = [[(k, t) for k, s in enumerate(row["sets"]) if (t := _is_true(s)) is not None] for row in rows]
 
     def loss(odds: Float64) -> float:
-        shares = [_configurations(row, odds)[1:] for row in rows]
-        return _HELD * float(np.square(odds[1:3]).sum()) - sum(
-            float(logsumexp(weight[may_be])) if may_be.any() else math.log(1e-12) for weight, may_be in shares
-        )
+        total = _HELD * float(np.square(odds[1:3]).sum())
+        for row, those in zip(rows, known, strict=True):
+            found = _configured(row, odds)
+            right = [found.all_true[:, k] == is_true for k, is_true in those]
+            total -= math.log(float(found.chance[np.all(right, axis=0)].sum() if right else 1.0) + 1e-12)
+        return total
 
     found: Float64 = minimize(loss, np.array([-1.0, 1.5, -0.5, 0.0]), tol=1e-3).x
     return found
@@ -141,22 +137,13 @@ def page(rows: Sequence[Row]) -> str:
     for name in np.unique(garment):
         odds = fitted([row for row, of in zip(rows, garment, strict=True) if of != name])
         for row in (row for row, of in zip(rows, garment, strict=True) if of == name):
-            true, weight, _ = _configurations(row, odds)
-            for probability, each in zip(np.exp(weight) @ true, row["sets"], strict=True):
+            for probability, each in zip(_configured(row, odds).probability, row["sets"], strict=True):
                 if _is_true(each) is not None:
                     chance.append(float(probability))
                     is_true.append(bool(_is_true(each)))
                     today.append(each["probability"])
     p, y, now = np.array(chance), np.array(is_true), np.array(today)
     sure, unlikely = p > 0.9, p < 0.1
-    lines = "\n".join(
-        f"| {row['recording']} | " + " | ".join(
-            ", ".join(f"{s['probability']:.3g} ({s['strength']:.0f}, {s['against']:.0f})"
-                      for s in row["sets"] if _is_true(s) is kind)
-            for kind in (False, True)
-        ) + " |"
-        for row in rows
-    )  # fmt: skip
     constant, strength, against, joint = fitted(rows)
     brier, brier_now = (float(np.mean((each - y) ** 2)) for each in (p, now))
     return f"""# Seams: sets of places, true and false
@@ -166,11 +153,4 @@ set {constant:.2f}, {strength:.2f}, {against:.2f} (constant, strength, true edge
 {math.exp(joint):.2f} over 1 plus its evidence. For garments left out the Brier score is {brier:.3f}
 (by the constants in the source {brier_now:.3f}); of {sure.sum()} sets of .9 and more
 {y[sure].mean():.1%} are true, of {unlikely.sum()} of .1 and less {1 - y[unlikely].mean():.1%} are false.
-
-The probability of each set by the constants in the source, in brackets its strength and the true edges
-against it; the surest false set comes first.
-
-| recording | false sets | true sets |
-|---|---|---|
-{lines}
 """

@@ -16,12 +16,12 @@ from flatcloth.core.decoding import Finite, decoded
 from flatcloth.core.plain_files import read_plain
 from flatcloth.core.types import FlattenedView
 from flatcloth.engine.integration import Integration
-from flatcloth.engine.results.joints import joints_of
+from flatcloth.engine.results.joints import Joint, joints_of
 from flatcloth.engine.results.pixel_states import pixel_counts
 from flatcloth.engine.results.result import uncertainty
 from flatcloth.engine.segmenting import summary
 from flatcloth.engine.sheet import OTHER_FILE, SheetPiece, other_floating_file, sheet_of
-from flatcloth.methods.answers import JoinedSides, Seam
+from flatcloth.methods.answers import JoinedSides, OtherJoint, Seam
 from flatcloth.registration.registered import describe
 from flatcloth.session.document import Accepted, Document
 
@@ -48,10 +48,11 @@ def outcome_of(
     shape : FlattenedView, optional
         The shape as it is written, with placed pieces; by default the canonical view.
     """
-    canonical = integration.canonical(document)
+    canonical, cloth = integration.canonical(document), integration.cloth(document)
     shape = canonical.view if shape is None else shape
+    joints = [] if cloth is None else joints_of(cloth, decisions=document.garment.parts)
     pieces = sheet_of(canonical, document).pieces
-    angles = integration.recording.angles_deg
+    angles, masks = integration.recording.angles_deg, integration.views.masks
     accepted = [
         _accepted(added, angles[added.view_index], scores or {}, integration.accept_score)
         for added in document.accepted
@@ -75,10 +76,13 @@ def outcome_of(
         "floating_cm2": [round(1e4 * piece.view.area_m2, 1) for piece in pieces if piece.placed is None],
         "floating": [_floating(piece) for piece in pieces],
         **uncertainty(shape),
-        "joints": _joints(integration, document, shape.area_m2),
+        "joints": [
+            {**_joint(each, shape.area_m2), "views": [held.view_index for held in each.views]}
+            for each in joints
+        ],
         "pixels": pixel_counts(integration, document),
         **_cameras(integration, document),
-        **_segmentation(integration),
+        **({} if masks is None else {"segmentation": summary(masks.segmentation)}),
     }
 
 
@@ -106,26 +110,13 @@ def _floating(piece: SheetPiece) -> dict[str, Any]:
     }
 
 
-def _joints(integration: Integration, document: Document, area_m2: float) -> list[dict[str, Any]]:
-    """Return where parts of the shape hang on the rest by little evidence, the most doubtful first."""
-    cloth = integration.cloth(document)
-    found = [] if cloth is None else joints_of(cloth, decisions=document.garment.parts)
-    return [
-        {
-            "area_cm2": round(1e4 * joint.share * area_m2, 1),
-            "share": round(joint.share, 4),
-            "probability": round(joint.probability, 4),
-            "evidence": round(joint.evidence, 2),
-            "views": [held.view_index for held in joint.views],
-        }
-        for joint in found
-    ]
-
-
-def _segmentation(integration: Integration) -> dict[str, Any]:
-    """Return what the segmentation of a recording without masks found."""
-    masks = integration.views.masks
-    return {} if masks is None else {"segmentation": summary(masks.segmentation)}
+def _joint(joint: Joint | OtherJoint, area_m2: float) -> dict[str, Any]:
+    return {
+        "area_cm2": round(1e4 * joint.share * area_m2, 1),
+        "share": round(float(joint.share), 4),
+        "probability": round(joint.probability, 4),
+        "evidence": round(joint.evidence, 2),
+    }
 
 
 def _cameras(integration: Integration, document: Document) -> dict[str, Any]:
@@ -222,15 +213,7 @@ def sides_entry(sides: JoinedSides | str) -> dict[str, Any]:
             for n, piece in enumerate(floating, start=1)
         ],
         **uncertainty(view),
-        "joints": [
-            {
-                "area_cm2": round(1e4 * joint.area_m2, 1),
-                "share": round(joint.share, 4),
-                "probability": round(joint.probability, 4),
-                "evidence": round(joint.evidence, 2),
-            }
-            for joint in sides.weak
-        ],
+        "joints": [_joint(each, view.area_m2) for each in sides.weak],
         "seams": [_seam(seam) for seam in sides.seams],
     }
 

@@ -141,8 +141,7 @@ class SessionData:
 
     def file(self, name: str) -> bytes | None:
         """Return one file; None if the session has none of this name."""
-        make = self.files().get(name)
-        return None if make is None else make()
+        return make() if (make := self.files().get(name)) else None
 
 
 def is_floating_file(name: str) -> bool:

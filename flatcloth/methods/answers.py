@@ -316,15 +316,12 @@ class DoubtedJoint:
 class OtherJoint:
     """Where cloth of the other side hangs on the rest of both by little evidence.
 
-    ``area_m2`` of the other side is behind it, a ``share`` of all that is related to this side.
-    ``probability`` that it is joined rightly; ``xyz_m`` (K, 3) object frame, the middles of what joins it.
+    A ``share`` of the other side's main piece is behind it, with this ``probability`` joined rightly.
     """
 
-    area_m2: float
     share: float
     probability: float
     evidence: float
-    xyz_m: Float64
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -67,11 +67,8 @@ def apart(whole: Shape, parts: Sequence[Bool], upright: int) -> Shape:
     """Return a shape with each of ``parts`` (N,) of its nodes as a piece of its own, all laid out again."""
     of_part = np.array(parts)[:, whole.graph.pairs]
     joins = (of_part[:, :, 0] == of_part[:, :, 1]).all(axis=0)
-    seen = Observed(
-        nodes=whole.nodes, observations=whole.observations, object_from_camera=whole.object_from_camera
-    )
     laid = laid_out(whole.graph, whole.holds & joins, whole.vouched)
-    return _shape(seen, whole.graph, whole.links, laid, whole.vouched, upright, whole.scale)
+    return _shape(whole, whole.graph, whole.links, laid, whole.vouched, upright, whole.scale)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +123,7 @@ def laid_out(graph: Graph, used: Bool, vouched: Bool | None = None, *, overlap_c
 
 
 def _shape(
-    seen: Observed,
+    seen: Observed | Shape,
     graph: Graph,
     links: Links,
     laid: LaidOut,
@@ -148,13 +145,14 @@ def _shape(
     uv_m = scale * uv_of(z)
     uv_m[:, 0] += PIECES_APART_M * np.maximum(piece, 0)
     uv_m[piece < 0] = np.nan
-    # 9. Deviations: errors of pairs as smooth random fields, through the same equations; with a noisy sensor
-    #    also what a node itself is off, and joints that the sensor may have made.
+    # 9. Deviations: errors of pairs as smooth random fields, through the same equations; a noisy sensor's own
+    #    of each node, and joints that it may have made.
     std_m = deviations_m(laid.at, graph, np.where(main, 0, -1), ripples=ripples)
     if is_noisy:
         evidence = seen_often(np.where(laid.holds, graph.evidence, 0.0), graph.views)
-        doubt = doubt_m(graph.pairs, evidence, laid.piece == 0, laid.z)
-        std_m = np.hypot(std_m, np.hypot(PLACE_STD_M, doubt))
+        std_m = np.hypot(
+            np.hypot(std_m, PLACE_STD_M), doubt_m(graph.pairs, evidence, laid.piece == 0, laid.z)
+        )
     return Shape(
         nodes=seen.nodes,
         observations=seen.observations,
@@ -170,7 +168,7 @@ def _shape(
     )
 
 
-def _upright(seen: Observed, laid: LaidOut, upright: int) -> Complex128:
+def _upright(seen: Observed | Shape, laid: LaidOut, upright: int) -> Complex128:
     """Return the places (N,) with each piece turned upright, around the nodes that the same view shows.
 
     It is the view ``upright`` if it shows the piece, otherwise the one that shows most of it.

@@ -31,12 +31,11 @@ _REACH = 1.2
 """The item is so much larger than what is seen of it. Chosen: parts of shirts lie beyond its other end."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class WeakJoint:
     """A joint with little evidence: a ``part`` (N,) of the nodes, and what joins it to the rest.
 
-    ``across`` (K, 2) are the pairs that join it, the node of the part first, and ``evidence`` is that of all;
-    ``false`` the probability that they join it falsely.
+    Its pairs ``across`` (K, 2) have this ``evidence`` together, and join it falsely as probably as ``false``.
     """
 
     part: Bool
@@ -109,15 +108,9 @@ def weak_joints(pairs: Int32, evidence: Float64, own: Bool, reference: Bool | No
         behind = any(n <= k < n + size[n] for n in found)
         same = any(k <= n < k + size[k] and 2 * size[n] > size[k] for n in found)
         if k and not (behind or same):
-            part = np.zeros(len(own), dtype=np.bool_)
-            part[node[k : k + size[k]]] = True
-            across = pairs[(evidence > 0.0) & own[pairs].all(axis=1) & (part[pairs].sum(axis=1) == 1)]
-            found[k] = WeakJoint(
-                part=part,
-                across=np.where(part[across[:, :1]], across, across[:, ::-1]),
-                evidence=float(joins[k]),
-                false=float(false_share(joins[k])),
-            )
+            part = np.isin(np.arange(len(own)), node[k : k + size[k]])
+            across = pairs[(evidence > 0.0) & both_ends(own, pairs) & (part[pairs].sum(axis=1) == 1)]
+            found[k] = WeakJoint(part, across, float(joins[k]), float(false_share(joins[k])))
     return sorted(found.values(), key=lambda joint: -joint.false * np.count_nonzero(joint.part))
 
 

@@ -154,8 +154,8 @@ export class Looking extends PagePart {
   }
 
   /**
-   * Show the panel for a layer with its legend (null: it has no numbers). A frame of a camera has its own colours.
-   * Without a kit in the recording no error is known.
+   * Show the panel for a layer with its legend (null: it has no numbers). A frame of a camera has its own colours;
+   * without a kit no error is known.
    * @param {string} layer @param {Legend | null} [legend] @param {boolean} [hasKit]
    */
   show(layer, legend, hasKit = false) {
@@ -166,13 +166,11 @@ export class Looking extends PagePart {
     const ramp = legend?.kind === "ramp";
     const all = [...this.settings.entries()];
     const camera = this.page.hasCamera;
+    const layers = LAYERS.filter((one) => hasKit || one !== "truth");
     rebuild(panel, [layer, legend, hasKit, all, Object.keys(this.maps), this.scene.key], () => [
       !camera && [
         make("h2", "Layers"),
-        make(
-          "div.looks",
-          ...LAYERS.filter((one) => one !== "truth" || hasKit).map((one) => this.page.button(layerAction(one))),
-        ),
+        make("div.looks", ...layers.map((one) => this.page.button(layerAction(one)))),
       ],
       make("div.looks", ...Object.entries(SIGNS).map(([name, sign]) => this.page.button(name, sign))),
       button("Reset", () => this.reset(), {

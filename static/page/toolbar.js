@@ -34,8 +34,6 @@ const STEPS = [
 ]; // of the keys that move the proposal: mm, degrees
 const STEPS_TIP =
   "How far an arrow key moves the proposal, and [ or ] turns it; Shift: ten times as far. It can also be dragged.";
-/** Layers with a button of their own; Look has all. */
-const FIRST = ["color", "z_angle", "source", "place"];
 /** @type {Record<string, string>} */
 const SIGNS = { zoom_out: "−", zoom_in: "+" };
 
@@ -92,7 +90,8 @@ export class Toolbar extends PagePart {
   }
 
   buildLayers(/** @type {boolean} */ camera) {
-    const first = FIRST.filter((layer) => !camera || layer !== "place"); // a single view has no placement
+    // Look has all layers; a single view has no placement.
+    const first = ["color", "z_angle", "source", ...(camera ? [] : ["place"])];
     this.build("layers", [...new Set([...first, this.page.layer])].map(layerAction));
     this.build("look-tools", camera ? ["look"] : ["look", "turn_over"]);
   }

@@ -178,10 +178,7 @@ class FloatingEntry(Written, frozen=True):
 
 
 class JointEntry(Written, frozen=True):
-    """Where a part hangs on the rest by little evidence; ``probability`` that it does so rightly.
-
-    ``views`` that hold a part of this side, most pairs first.
-    """
+    """Where a part hangs on the rest by little evidence; ``probability`` that it does so rightly."""
 
     area_cm2: float
     share: float

@@ -173,7 +173,8 @@ class Departures(Method):
 
         Components of one view are different cloth: none is placed on another one.
         """
-        waiting = self._waiting(document, progress)
+        key = (document.start_view, document.accepted)
+        waiting = self._left.get(key, lambda: self._waiting(document, progress))
         good = [a for a in (*found, *waiting) if a.alignment.score.total >= self.accept_score]
         good = [a for a in good if a is not chosen and a.known_share < 1.0 - LEAST_COMPONENT_SHARE]
         placed = [*self.canonical(document).layers, chosen.part]
@@ -186,11 +187,7 @@ class Departures(Method):
         return tuple(also)
 
     def _waiting(self, document: Document, progress: Progress) -> list[Aligned]:
-        """Align the sizeable components of accepted views that are not placed yet (kept by document)."""
-        key = (document.start_view, document.accepted)
-        return self._left.get(key, lambda: self._aligned_waiting(document, progress))
-
-    def _aligned_waiting(self, document: Document, progress: Progress) -> list[Aligned]:
+        """Align the sizeable components of accepted views that are not placed yet."""
         canonical = self.canonical(document)
         placed = {(p.view_index, p.component) for p in canonical.layers}
         newest = self.angles_deg[document.accepted[-1].view_index] if document.accepted else 0.0

@@ -120,10 +120,10 @@ def _gaps(shape: Shape) -> list[tuple[NDArray[np.intp], NDArray[np.intp], float]
     is_noisy = any(seen.is_noisy for seen in shape.observations)
     weak = weak_joints(shape.graph.pairs, evidence, shape.placed) if is_noisy else []
     number = np.cumsum(shape.has_place) - 1
-    found = [
-        (number[joint.across[:, 0]], number[joint.across[:, 1]], joint.false * np.count_nonzero(joint.part))
-        for joint in weak
-    ]
+    found = list[tuple[NDArray[np.intp], NDArray[np.intp], float]]()
+    for joint in weak:
+        part, rest = number[joint.across].T
+        found.append((part, rest, joint.false * int(np.count_nonzero(joint.part))))
     if not floating.size:
         return found
     low, high = xyz[floating].min(axis=0) - TWO_ROWS_M, xyz[floating].max(axis=0) + TWO_ROWS_M

@@ -231,8 +231,10 @@ class Shapes:
             last = fixed[-1]
             rest = tuple(a for a in document.accepted if a is not last)
             without = self.of(replace(document, accepted=rest))
-            if _is_moved(self._seen, without, last, self._associated(without, last.view_index)):
-                return self._with_hand(document, fixed)
+            shown = self._associated(without, last.view_index)
+            own = self._seen.places(last.view_index, shown.rc).component == last.component
+            if not _fits(self._seen, without, last, shown).sum() > 0.5 * own.sum():
+                return self._with_hand(document, fixed)  # it is not placed where its cloth hangs
             freed = tuple(replace(a, fixed=False) if a is last else a for a in document.accepted)
             return self.of(replace(document, accepted=freed))
         assert document.start_view is not None
@@ -291,14 +293,6 @@ class Shapes:
         rc = np.rint(view.rc_from_uv(there)).astype(int)
         inside = rc[((rc >= 0) & (rc < view.shape)).all(axis=1)]
         return bool(view.valid[inside[:, 0], inside[:, 1]].any())
-
-
-def _is_moved(seen: RegisteredViews, made: Shape, added: Accepted, shown: Association) -> bool:
-    """Return whether a placement is another than that at which the component's cloth hangs."""
-    return (
-        not _fits(seen, made, added, shown).sum()
-        > 0.5 * (seen.places(added.view_index, shown.rc).component == added.component).sum()
-    )
 
 
 def _fits(seen: RegisteredViews, made: Shape, added: Accepted, shown: Association) -> Bool:

@@ -9,7 +9,6 @@ import pytest
 from made_up_sheets import STEP_M, observed, shape_of
 from made_up_tube import (
     COLUMN,
-    COLUMNS,
     EVERYTHING,
     OTHER,
     THIS,
@@ -178,35 +177,6 @@ def test_a_small_seam_that_lays_true_edges_on_the_other_sheet_joins_nothing_unle
     for edges, lower in ((few, 0.02), (at_rim, 0.0)):
         (again,) = seams(joined(THIS, other, other_at=at, ends=(with_hem[0], [Known(edges)])))
         assert (sure - again.probability > lower) == (lower > 0.0)
-
-
-@pytest.mark.parametrize(("evidence", "is_cut"), [(0.02, True), (500.0, False)])
-def test_cloth_whose_edges_contradict_a_seam_is_cut_off_if_little_joins_it(
-    evidence: float, is_cut: bool
-) -> None:
-    """A part that hangs elsewhere is joined to the left half: its hem would lie amid this side."""
-    left, right = COLUMN < 11, COLUMN > 18
-    seen = left | right
-    is_right = right[seen]
-    false = UV[seen] - np.outer(is_right * 8 * STEP_M, [1.0, 0.0])
-    own = false * MIRROR
-    seen_by = (~is_right, 1.0), (is_right, 1.0), (np.ones(len(own), dtype=bool), evidence)
-    views = [observed(own, which, n, evidence=sure) for n, (which, sure) in enumerate(seen_by)]
-    shape = shape_of(own, views)
-    xyz, normal = in_space(false, is_other=True)
-    shape = replace(shape, nodes=Nodes(xyz_m=xyz, normal=normal, weight=np.ones(len(own))))
-    flat = raster(shape, false, is_other=True)
-    to_right = (flat.uv_from_rc(np.argwhere(np.ones(flat.shape, dtype=bool))) * MIRROR)[:, 0] > 10.5 * STEP_M
-    xyz_m = flat.xyz_m + to_right.reshape(*flat.shape, 1) * np.float32([0.0, 0.0, 0.5])
-    hem = np.repeat(false[COLUMN[seen] == COLUMNS - 1], 100, axis=0) * MIRROR
-    ends = [Known(np.zeros((0, 2)), half_m=0.1)], [Known(hem)]
-    pieces = [raster(THIS, UV, is_other=False)], [replace(flat, xyz_m=xyz_m)]
-    found = other_of(join_sides(THIS, shape, pieces, ends))
-    (seam,) = seams(found)
-    assert found.is_related == is_cut == (not seam.why)
-    if is_cut:
-        assert (found.shape.piece[~is_right] == 0).mean() > 0.9
-        assert not (found.shape.piece[is_right] == 0).any()
 
 
 def test_a_floating_piece_of_this_side_and_its_back_are_one_piece() -> None:

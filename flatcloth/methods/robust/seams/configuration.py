@@ -23,37 +23,21 @@ MOST_SETS = 12
 class Configuration:
     """The most probable configuration, ``true`` (K,), and what all of them say.
 
-    ``probability`` (K,) that each set is true; ``needs`` the pairs of true sets that need a false joint in
-    the most probable one, ``false`` the probability of that joint for each pair.
+    ``all_true`` (2^K, K) are all of them, ``chance`` (2^K,) their probabilities; ``probability`` (K,) that
+    each set is true. ``needs`` the pairs of true sets that need a false joint in the most probable one,
+    ``false`` the probability of that joint for each pair.
     """
 
     true: Bool
+    all_true: Bool
+    chance: Float64
     probability: Float64
     needs: frozenset[tuple[int, int]]
     false: Mapping[tuple[int, int], float]
 
 
 def configured(log_odds: Sequence[float], false: Mapping[tuple[int, int], float]) -> Configuration:
-    """Return what all configurations of the sets of a pair of pieces say; arguments as :func:`weights_of`."""
-    true, weight, needs = weights_of(log_odds, false)
-    chance = np.exp(weight - weight.max())
-    chance /= chance.sum()
-    best = int(weight.argmax())
-    return Configuration(
-        true=true[best],
-        probability=chance @ true,
-        needs=frozenset(pair for pair, needed in needs.items() if needed[best]),
-        false={
-            pair: float(chance @ np.where(needed, 1.0, false[pair] * ~true[:, pair].all(axis=1)))
-            for pair, needed in needs.items()
-        },
-    )
-
-
-def weights_of(
-    log_odds: Sequence[float], false: Mapping[tuple[int, int], float]
-) -> tuple[Bool, Float64, dict[tuple[int, int], Bool]]:
-    """Return all configurations of the sets of a pair of pieces.
+    """Return what all configurations of the sets of a pair of pieces say.
 
     Parameters
     ----------
@@ -62,19 +46,10 @@ def weights_of(
     false : mapping
         For each two sets (n, k), n < k, that place the pieces differently: the probability that the cloth
         between them, of either side, joins falsely.
-
-    Returns
-    -------
-    true : (2^K, K) bool
-        Which sets are true.
-    weight : (2^K,) float64
-        Logarithm of the probability, up to a constant.
-    needs : mapping
-        For each two sets (n, k) the configurations (2^K,) in which they need a false joint.
     """
     count = len(log_odds)
     true = (np.arange(2**count)[:, None] >> np.arange(count)) & 1 > 0
-    weight: Float64 = true @ np.asarray(log_odds, dtype=np.float64)
+    weight = true @ np.asarray(log_odds, dtype=np.float64)
     needs: dict[tuple[int, int], Bool] = {}
     for k in range(count):
         # A true set needs one joint to be false, the most doubtful one; none if it agrees with a true one.
@@ -84,4 +59,17 @@ def weights_of(
             needs[n, k] = alone & true[:, n]
             alone = alone & ~true[:, n]
             weight[needs[n, k]] += np.log(max(false[n, k], 1e-300)) - np.log1p(-false[n, k])
-    return true, weight, needs
+    chance = np.exp(weight - weight.max())
+    chance /= chance.sum()
+    best = int(weight.argmax())
+    return Configuration(
+        true=true[best],
+        all_true=true,
+        chance=chance,
+        probability=chance @ true,
+        needs=frozenset(pair for pair, needed in needs.items() if needed[best]),
+        false={
+            pair: float(chance @ np.where(needed, 1.0, false[pair] * ~true[:, pair].all(axis=1)))
+            for pair, needed in needs.items()
+        },
+    )

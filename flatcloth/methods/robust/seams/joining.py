@@ -129,7 +129,6 @@ def join_sides(
     n, m = len(this.nodes), len(other.nodes)
     evidence = _doubted(graph, laid.holds, (n, m), link_of_seam, true, joints)
     both, joint_std_m, weak = _on_plane(this, graph, laid, evidence)
-    area_m2 = other.node_area_m2 * np.count_nonzero(both.piece[n : n + m] == 0)
     check()
     return Seamed(
         floating=tuple(nodes_on(this, piece) for piece in pieces[0][1:]),
@@ -142,15 +141,9 @@ def join_sides(
         links=tuple(links),
         joints=tuple(_of_this_side(this, joint) for joint in joints if joint.side == 0),
         weak=tuple(
-            OtherJoint(
-                area_m2=other.node_area_m2 * behind,
-                share=other.node_area_m2 * behind / area_m2,
-                probability=1.0 - joint.false,
-                evidence=joint.evidence,
-                xyz_m=graph.xyz_m[joint.across].mean(axis=1),
-            )
+            OtherJoint(share=share, probability=1.0 - joint.false, evidence=joint.evidence)
             for joint in weak
-            if (behind := np.count_nonzero(joint.part[n : n + m]))
+            if (share := joint.part[n : n + m].sum() / max((both.piece[n : n + m] == 0).sum(), 1))
         ),
     )
 

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.special import expit, logit
+from scipy.special import logit
 
 from flatcloth.core.geometry import fit_rigid2, refit_rigid2
 from flatcloth.core.graphs import cut_between
@@ -34,7 +34,8 @@ _LOG_ODDS = (-1.18, 1.56, -0.69)
 more than the true edges that it lays on the other sheet's cloth. Fitted, with the next, to what 225 pairs of
 pieces of 60 recordings truly are (``python -m benchmarks seams``)."""
 _FALSE_ODDS = 1.34
-"""Cloth between two true sets joins falsely with these odds over 1 plus its evidence. Fitted."""
+"""Cloth between two true sets joins falsely with these odds over 1 plus its evidence. Fitted (as before, by
+``python -m benchmarks seams``)."""
 _SURE_ODDS = logit(SURE)
 _WELL_SEEN = 0.75
 """Trust of a true edge that counts: more than three views faced it. By definition of the trust; fewer may
@@ -153,8 +154,8 @@ def linked(
 
     Two true sets that place one piece of the other side differently on one piece of this side need cloth
     between them, of either side, that joins falsely: of all configurations the most probable one is taken
-    (``configuration.py``). A set that lays true edges on the middle of the other sheet's cloth is false, or
-    the cloth between it and these edges joins falsely. This side is not taken apart here.
+    (``configuration.py``). True edges of one sheet in the middle of the other's cloth speak against a set.
+    This side is not taken apart here.
 
     Parameters
     ----------
@@ -202,7 +203,7 @@ def _decided(
     ends: tuple[Sequence[Ends], Sequence[Ends]],
 ) -> tuple[list[SeamLink], list[SideJoint]]:
     """Return the sets between two pieces as they are true or not, and the joints between those that are."""
-    judged = [_log_odds(cloth[1], matches, link, ends, at[1]) for link in links]
+    judged = [_log_odds(matches, link, ends) for link in links]
     between = {
         (n, k): [
             joint_between(side, cloth[side], *(at[side][links[x].members] for x in (n, k))) for side in (0, 1)
@@ -211,16 +212,13 @@ def _decided(
         if not agree(matches, links[n], links[k])
     }
     false = {pair: 1.0 - math.prod(1.0 - each.false for each in both) for pair, both in between.items()}
-    found = configured([odds for odds, _ in judged], false)
+    found = configured([odds for _, odds in judged], false)
     is_true = found.true & (found.probability > SURE)
     decided, joints = list(links), list[SideJoint]()
-    for n, (odds, joint) in enumerate(judged):
-        before = _by_strength(links[n])
-        why = _CONTRADICTS if odds > _SURE_ODDS else _EDGES if before > _SURE_ODDS else _FEW
+    for n, (alone, odds) in enumerate(judged):
+        why = _CONTRADICTS if odds > _SURE_ODDS else _EDGES if alone > _SURE_ODDS else _FEW
         why = "" if is_true[n] else why
         decided[n] = replace(links[n], why=why, probability=float(found.probability[n]))
-        if joint is not None and is_true[n]:
-            joints.append(joint)
     for pair, both in between.items():
         if not is_true[list(pair)].all():
             continue
@@ -234,37 +232,14 @@ def _decided(
     return decided, joints
 
 
-def _by_strength(link: SeamLink) -> float:
-    """Return the logarithm of the odds that a set is true, by its strength."""
-    certain = -math.log(np.finfo(np.float64).eps)
-    return certain if link.is_kept else _LOG_ODDS[0] + _LOG_ODDS[1] * math.log(link.strength)
-
-
 def _log_odds(
-    cloth: Cloth,
-    matches: Matches,
-    link: SeamLink,
-    ends: tuple[Sequence[Ends], Sequence[Ends]],
-    at_other: Int64,
-) -> tuple[float, SideJoint | None]:
-    """Return the logarithm of the odds that a set is true.
-
-    Also the joint between it and the true edges that it lays on the other sheet, None without such edges, and
-    how probably that is false: then the edges do not speak against the set.
-    """
-    alone = _by_strength(link)
-    trust, places = contradicting(matches, link, ends)
-    if not trust.size or link.is_kept:
-        return alone, None
-    there = node_at(cloth.shape, places)
-    own = cloth.shape.piece[there] == link.other_piece
-    if not own.any():
-        return alone, None
-    against = alone + _LOG_ODDS[2] * math.log1p(float(trust[own].sum()))
-    joint = joint_between(1, cloth, at_other[link.members], there[own])
-    apart = alone + math.log(max(joint.false, 1e-12))
-    chance = float(expit(apart - against))
-    return float(np.logaddexp(against, apart)), replace(joint, false=chance, is_false=chance > SURE)
+    matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], Sequence[Ends]]
+) -> tuple[float, float]:
+    """Return the logarithm of the odds that a set is true: by its strength, and by true edges against it."""
+    if link.is_kept:
+        return (-math.log(np.finfo(np.float64).eps),) * 2
+    alone = _LOG_ODDS[0] + _LOG_ODDS[1] * math.log(link.strength)
+    return alone, alone + _LOG_ODDS[2] * math.log1p(trust_against(matches, link, ends))
 
 
 class Cloth:
@@ -298,23 +273,17 @@ def joint_between(side: int, cloth: Cloth, one: Int64, other: Int64) -> SideJoin
     return SideJoint(side=side, piece=piece, part=part, evidence=evidence, false=false)
 
 
-def contradicting(
-    matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], Sequence[Ends]]
-) -> tuple[Float64, Float64]:
-    """Return the trust (K,) of true edges that a set lays on the other sheet's cloth, and their places.
+def trust_against(matches: Matches, link: SeamLink, ends: tuple[Sequence[Ends], Sequence[Ends]]) -> float:
+    """Return the trust of all true edges that a set lays on the other sheet's cloth.
 
-    Both sheets end at the same seams and hems, necklines apart. Places (K, 2) are on the other side's plane.
+    Both sheets end at the same seams and hems, necklines apart.
     """
-    pieces = [int(np.bincount(matches.pieces[link.members, side]).argmax()) for side in (0, 1)]
-    own, its = ends[0][pieces[0]], ends[1][pieces[1]]
+    own, its = (ends[side][int(np.bincount(matches.pieces[link.members, side]).argmax())] for side in (0, 1))
     motion = matches.motion(link.members)
-    at_other = motion.inverse().apply(own.edge_uv_m) * MIRROR
-    at_this = motion.apply(its.edge_uv_m * MIRROR)
-    uv_m = np.concatenate([at_other, its.edge_uv_m])
+    at_other, at_this = motion.inverse().apply(own.edge_uv_m) * MIRROR, motion.apply(its.edge_uv_m * MIRROR)
     trust = np.concatenate([own.edge_trust, its.edge_trust])
     depth_m = np.concatenate([its.depth_at(at_other), own.depth_at(at_this)])
-    against = (trust > _WELL_SEEN) & (depth_m > MOST_DRIFT_M)
-    return trust[against], uv_m[against]
+    return float(trust[(trust > _WELL_SEEN) & (depth_m > MOST_DRIFT_M)].sum())
 
 
 def _renumbered(link: SeamLink, piece: Int32) -> SeamLink:
