@@ -34,7 +34,7 @@ _LOG_ODDS = (-1.18, 1.56, -0.69)
 more than the true edges that it lays on the other sheet's cloth. Fitted, with the next, to what 225 pairs of
 pieces of 60 recordings truly are (``python -m benchmarks seams``)."""
 _FALSE_ODDS = 1.34
-"""Cloth between two true sets joins falsely with these odds over 1 plus its evidence (benchmarks/seams.py)."""
+"""Odds, over 1 plus its evidence, that cloth between two true sets joins falsely (benchmarks/seams.py)."""
 _SURE_ODDS = logit(SURE)
 _WELL_SEEN = 0.75
 """Trust of a true edge that counts: more than three views faced it. By definition of the trust; fewer may
