@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from scipy.special import expit
 
 from benchmarks.inputs import measure_each
-from benchmarks.output import Options, Row
+from benchmarks.output import Options, Row, recordings_of, save_page
 from benchmarks.unattended import unattended
 from flatcloth.core.types import MIRROR, FlattenedView, Float64
 from flatcloth.engine.both_sides import BothSides, one_side
@@ -28,13 +28,14 @@ from flatcloth.methods.robust.method import RobustMethod
 from flatcloth.methods.robust.seams import links as seam_links
 from flatcloth.methods.robust.seams.configuration import Configuration, configured
 
-_HELD = 0.05
-"""Weight that draws the coefficients to 0. Chosen: hardly."""
+_HELD = 0.05  # weight that draws the coefficients to 0: hardly
 
 
 def run(options: Options) -> None:
     """Measure and print; write ``results/seams.json`` and ``.md`` unless ``quick``."""
-    measure_each("seams", rows_of, options, ordered=worst_first, page=page)
+    rows = measure_each("seams", rows_of, options, ordered=worst_first)
+    if not options.quick:
+        save_page("seams", page(rows), recordings_of(rows))
 
 
 def rows_of(source: str) -> list[Row]:
@@ -95,8 +96,8 @@ def _true_at(pieces: Sequence[FlattenedView], truth: Truth, uv_m: Float64) -> Fl
 
 def worst_first(rows: Sequence[Row]) -> list[Row]:
     """Return the rows by the surest false set."""
-    return sorted(rows, key=lambda row: -max((s["probability"] for s in row["sets"] if _is_true(s) is False),
-                                             default=0.0))  # fmt: skip
+    false = [[-s["probability"] for s in row["sets"] if _is_true(s) is False] for row in rows]
+    return [rows[n] for n in sorted(range(len(rows)), key=lambda n: min(false[n], default=0.0))]
 
 
 def _is_true(found: Row) -> bool | None:
@@ -133,16 +134,15 @@ def fitted(rows: Sequence[Row]) -> Float64:
 def page(rows: Sequence[Row]) -> str:
     """Return the Markdown page."""
     garment = np.array([row["recording"].partition("-")[0] for row in rows])
-    chance, is_true, today = [], [], []
+    told = []
     for name in np.unique(garment):
-        odds = fitted([row for row, of in zip(rows, garment, strict=True) if of != name])
-        for row in (row for row, of in zip(rows, garment, strict=True) if of == name):
+        odds = fitted([rows[n] for n in np.flatnonzero(garment != name)])
+        for row in (rows[n] for n in np.flatnonzero(garment == name)):
             for probability, each in zip(_configured(row, odds).probability, row["sets"], strict=True):
                 if _is_true(each) is not None:
-                    chance.append(float(probability))
-                    is_true.append(bool(_is_true(each)))
-                    today.append(each["probability"])
-    p, y, now = np.array(chance), np.array(is_true), np.array(today)
+                    told.append((float(probability), bool(_is_true(each)), each["probability"]))
+    p, y, now = np.array(told, dtype=np.float64).T
+    y = y > 0.5
     sure, unlikely = p > 0.9, p < 0.1
     constant, strength, against, joint = fitted(rows)
     brier, brier_now = (float(np.mean((each - y) ** 2)) for each in (p, now))

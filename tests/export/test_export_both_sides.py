@@ -143,8 +143,9 @@ def test_the_report_says_how_many_seams_are_kept_by_decisions() -> None:
     seam = {"joins": True, "decided": None, "length_mm": 200, "probability": 0.985}
     kept, cut = {**seam, "decided": "keep", "probability": 1.0}, {**seam, "joins": False, "decided": "cut"}
     entry = {"area_cm2": 900.0, "is_related": True, "floating": [], "seams": [seam, kept, kept, cut]}
-    (line,) = other_side_lines(entry)
+    line, doubt = other_side_lines(entry | {"joints": [{"area_cm2": 90.0, "share": 0.1, "probability": 0.9}]})
+    assert doubt.startswith("90 cm2, 10% of the other side, hang on one joint that is right")
     along = "Other side: 900 cm2, joined along {} cm of seams, the surest right with a probability of {}"
     assert line.startswith(f"{along.format(60, '100.0%')}. 2 of its seams are kept")
-    (line,) = other_side_lines({**entry, "seams": [seam]})
+    (line,) = other_side_lines({**entry, "joints": [], "seams": [seam]})
     assert line == f"{along.format(20, '98.5%')}."

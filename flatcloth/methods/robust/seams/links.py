@@ -212,7 +212,7 @@ def _decided(
     }
     false = {pair: 1.0 - math.prod(1.0 - each.false for each in both) for pair, both in between.items()}
     found = configured([odds for _, odds in judged], false)
-    is_true = found.true & (found.probability > SURE)
+    is_true = found.true
     decided, joints = list(links), list[SideJoint]()
     for n, (alone, odds) in enumerate(judged):
         why = _CONTRADICTS if odds > _SURE_ODDS else _EDGES if alone > _SURE_ODDS else _FEW
